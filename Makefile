@@ -1,0 +1,38 @@
+# Two commands: `make demo` and `make test`. Both make their environment from pyproject.toml when it is missing.
+PYTHON ?= python3
+VENV ?= .venv
+BIN := $(VENV)/bin
+
+.PHONY: demo test lint types data clean
+
+demo: $(VENV)/.installed
+	$(BIN)/yeastfit fit data/synthetic/demo --out out/demo --truth
+
+test: $(VENV)/.installed-test lint types
+	$(BIN)/python -m pytest
+
+lint: $(VENV)/.installed-test
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+
+types: $(VENV)/.installed-test
+	$(BIN)/mypy yeastfit tests
+
+# the data sets, from their stated seeds and parameters
+data: $(VENV)/.installed
+	$(BIN)/yeastfit synthesize --recipe data/synthetic/recipes.toml --out data/synthetic
+
+$(VENV)/.made:
+	$(PYTHON) -m venv $(VENV)
+	touch $@
+
+$(VENV)/.installed: $(VENV)/.made pyproject.toml
+	$(BIN)/pip install --quiet --disable-pip-version-check --editable .
+	touch $@
+
+$(VENV)/.installed-test: $(VENV)/.made pyproject.toml
+	$(BIN)/pip install --quiet --disable-pip-version-check --editable '.[test]'
+	touch $@ $(VENV)/.installed
+
+clean:
+	rm -rf out build *.egg-info .mypy_cache .ruff_cache .pytest_cache

@@ -1,0 +1,37 @@
+"""Statistics of the black-and-white image of a simulated colony, as a micrograph's are taken: not differentiable."""
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Shaped
+
+from yeastfit.measure.smooth import node_statistics
+from yeastfit.measure.statistics import measure_mask
+from yeastfit.model.cells import level_set
+from yeastfit.model.simulate import Snapshot
+
+SHAPE_STATISTICS = ("compactness", "radius", "area", "perimeter", "outer_perimeter", "outer_compactness")
+
+
+class HardStatistics(eqx.Module):
+    """Records {g ≤ 0} while the model runs; `finish` measures it with scikit-image. Lengths in L0.
+
+    extent: side of the square around the origin that is looked at. spacing: its pixel size.
+    """
+
+    extent: float = eqx.field(static=True)
+    spacing: float = eqx.field(static=True, default=0.1)
+
+    def __call__(self, snapshot: Snapshot) -> dict[str, Shaped[Array, "..."]]:
+        """The image and what only nodes can tell."""
+        points = round(self.extent / self.spacing) + 1
+        g = level_set(snapshot.cells, snapshot.relaxation, -0.5 * self.spacing * (points - 1), self.spacing, points)
+        return {"mask": g <= 0, **node_statistics(snapshot)}
+
+    def finish(self, observed: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+        """Statistics by name, of the shape of the ensemble and its sample times."""
+        masks = observed["mask"]
+        batch = masks.shape[:-2]
+        shapes = [measure_mask(mask, self.spacing) for mask in masks.reshape(-1, *masks.shape[-2:])]
+        measured = {name: np.array([getattr(s, name) for s in shapes]).reshape(batch) for name in SHAPE_STATISTICS}
+        return {**measured, **{name: values for name, values in observed.items() if name != "mask"}}

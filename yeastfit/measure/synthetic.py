@@ -1,0 +1,340 @@
+"""Bright-field photographs of simulated colonies, with the mask they should give. Not differentiable.
+
+`coverage` turns ellipses into what each pixel holds, `photograph` turns that into grey values, `write_micrograph` into
+a file that states its pixel size. The light that a pixel passes is
+
+    T = 1 - φ + φ exp(-a),    a = (base + depth t + rim max(1 - t, 0)) (1 + ε),    t = thickness / φ
+
+with φ its covered part, t the mean number of cell layers there and ε a smooth random field: Beer-Lambert, with a rim
+for the light that the steep flank of a single cell bends out of the objective and a texture for what cells contain.
+Within a pixel light adds; absorbance does not. The photograph is
+
+    I = round(D · (G * (L T)) + noise),    L = background (1 + ½ gradient s - curvature d²), scaled to its mean
+
+with G a Gaussian blur, D dust, s = x cos α + y sin α and d the distance from the lamp's centre, lengths in half sides
+of the image; α and that centre, within 0.3 of the image's, are random.
+
+Blur moves the level of half contrast inwards on a curved edge, where the contrast is flat by π σ² for a whole outline:
+4 % of a cell of 10 by 7 px at σ = 0.9 px. The rim offsets most of that, as the dark outline of a real cell does: at
+0.75 µm per pixel, half the median contrast 2 to 4 px inside a mask gives its area with a bias of -2 % for a cell of
+7.5 by 5.4 µm (100 pictures, deviation 3 %, most of it the mask's own pixels), 0 to 1.5 % for colonies of 30 to 100.
+
+Background, unevenness, noise and dust follow the photographs of Li et al. 2024 (off-lattice model of filamentous
+yeast), taken at 1.55 µm per pixel; contrast and blur are those of a stronger objective, which shows single cells.
+"""
+
+import hashlib
+import os
+import uuid
+from dataclasses import dataclass
+from io import BytesIO
+from math import hypot, isfinite, pi
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from scipy import ndimage
+
+from yeastfit.errors import InputError
+
+Array = npt.NDArray[Any]
+Floats = npt.NDArray[np.float64]
+Mask = npt.NDArray[np.bool_]
+Pixels = npt.NDArray[np.uint8]
+
+KINDS = ("tiff", "imagej", "ome")
+MAX_SAMPLES = 32_768  # along a side of the fine grid, which holds one byte a sample: 1 GiB
+CLEARANCE = 4.0  # px between a speck of dust and the colony
+LAMP = 0.3  # half sides: how far the lamp's centre may lie from the image's, along x and y
+
+
+# ------------------------------------------------------------------------------------------------------------- coverage
+
+
+def coverage(
+    centres: Array,
+    directions: Array,
+    half_lengths: Array,
+    half_widths: Array,
+    extent: float,
+    pixel_size: float,
+    supersample: int = 5,
+) -> tuple[Floats, Floats]:
+    """Per pixel, the part in the union of ellipses r² = (u/p)² + (v/q)² ≤ 1, and the mean of Σ √max(1 - r², 0).
+
+    centres [n, 2] (x, y), half_lengths p [n], half_widths q [n], extent and pixel_size are in one unit (µm); directions
+    [n, 2] are unit vectors along p. A cell of no length or width covers nothing; what lies outside is cut off. Means
+    are over `supersample`² points a pixel; with an odd number of them no pixel is half covered exactly, a tie that
+    `true_mask` counts as colony and that makes a mask of single cells 2 % too large at 4² points.
+
+    Returns fraction, in [0, 1], and thickness, in cell layers. Both are [rows, columns], round(extent / pixel_size) a
+    side, centred on the origin, rows downwards (along -y), columns along x. A pixel is exactly `pixel_size` wide, so an
+    `extent` that is no multiple of it changes by up to half a pixel. Raises `InputError` where shapes differ, a value
+    is not finite or a length negative, directions are no unit vectors, or the image would be empty or enormous.
+    """
+    cells = _checked_cells(centres, directions, half_lengths, half_widths)
+    side = _checked_side(extent, pixel_size, supersample)
+    # x of the columns, and -y of the rows
+    axis = (np.arange(side * supersample) + 0.5) * (pixel_size / supersample) - 0.5 * side * pixel_size
+    covered = np.zeros((axis.size, axis.size), dtype=bool)
+    thickness = np.zeros((side, side))
+    for x, y, cos, sin, p, q in cells:
+        rows = _span(-y, hypot(p * sin, q * cos), side, pixel_size)
+        columns = _span(x, hypot(p * cos, q * sin), side, pixel_size)
+        fine_rows, fine_columns = (slice(s.start * supersample, s.stop * supersample) for s in (rows, columns))
+        up, right = -axis[fine_rows, None] - y, axis[None, fine_columns] - x
+        r2 = ((cos * right + sin * up) / p) ** 2 + ((cos * up - sin * right) / q) ** 2
+        covered[fine_rows, fine_columns] |= r2 <= 1
+        thickness[rows, columns] += _pixel_means(np.sqrt(np.maximum(1 - r2, 0)), supersample)
+    return _pixel_means(covered, supersample), thickness
+
+
+def true_mask(fraction: Array) -> Mask:
+    """Pixels that are colony, fraction ≥ ½: what a segmentation of the photograph should find."""
+    return np.asarray(_finite("fraction", fraction, (None, None)) >= 0.5)
+
+
+def _span(centre: float, reach: float, side: int, pixel_size: float) -> slice:
+    """Pixels of one axis within `reach` of `centre`; empty outside the image."""
+    middle = 0.5 * side
+    first, last = np.floor((centre - reach) / pixel_size + middle), np.ceil((centre + reach) / pixel_size + middle)
+    return slice(int(np.clip(first, 0, side)), int(np.clip(last, 0, side)))
+
+
+def _pixel_means(samples: Array, supersample: int) -> Floats:
+    rows, columns = (size // supersample for size in samples.shape)
+    means = samples.reshape(rows, supersample, columns, supersample).mean((1, 3), dtype=np.float64)
+    return np.asarray(means, dtype=np.float64)
+
+
+def _checked_cells(centres: Array, directions: Array, half_lengths: Array, half_widths: Array) -> Floats:
+    """x, y, direction, p and q [n, 6] of the cells that cover something."""
+    centres = _finite("centres", centres, (None, 2))
+    count = len(centres)
+    directions = _finite("directions", directions, (count, 2))
+    lengths = [_finite("half_lengths", half_lengths, (count,)), _finite("half_widths", half_widths, (count,))]
+    for name, values in zip(("half_lengths", "half_widths"), lengths, strict=True):
+        if (values < 0).any():
+            raise InputError(f"{name}: got {values.min():g}, need lengths of at least 0")
+    exists = np.minimum(*lengths) > 0
+    norms = np.hypot(*directions[exists].T)
+    if (off := np.abs(norms - 1) > 1e-4).any():
+        raise InputError(f"directions: got a vector of length {norms[off][0]:g}, need unit vectors")
+    return np.column_stack([centres, directions, *lengths])[exists]
+
+
+def _checked_side(extent: float, pixel_size: float, supersample: int) -> int:
+    """Pixels along a side."""
+    for name, value in (("extent", extent), ("pixel_size", pixel_size)):
+        _require_positive(name, value)
+    if not isinstance(supersample, int) or isinstance(supersample, bool) or supersample < 1:
+        raise InputError(f"supersample: got {supersample!r}, need a whole number of at least 1")
+    side, largest = extent / pixel_size, MAX_SAMPLES // supersample
+    if not 0.5 < side <= largest:
+        raise InputError(
+            f"extent: got {extent:g}, {side:.3g} pixels of {pixel_size:g} a side, need 1 to {largest} at supersample "
+            f"{supersample}"
+        )
+    return round(side)
+
+
+def _finite(name: str, values: Array, shape: tuple[int | None, ...]) -> Floats:
+    """An array of double precision; None in `shape` stands for any size."""
+    array = np.asarray(values)
+    wanted = f"[{', '.join('any' if size is None else str(size) for size in shape)}]"
+    if array.dtype.kind not in "buif" or len(shape) != array.ndim:
+        raise InputError(f"{name}: got shape {list(array.shape)} of {array.dtype}, need numbers {wanted}")
+    if any(size not in (None, held) for size, held in zip(shape, array.shape, strict=True)):
+        raise InputError(f"{name}: got shape {list(array.shape)}, need {wanted}")
+    array = array.astype(np.float64)
+    if shape == (None, None) and not array.size:
+        raise InputError(f"{name}: got shape {list(array.shape)}, need at least one pixel")
+    if bad := int((~np.isfinite(array)).sum()):
+        raise InputError(f"{name}: {bad} of {array.size} values are NaN or infinite, need finite ones")
+    return array
+
+
+def _require_positive(name: str, value: float) -> None:
+    if isinstance(value, bool) or not isfinite(value) or value <= 0:
+        raise InputError(f"{name}: got {value!r}, need a finite length above 0")
+
+
+# ----------------------------------------------------------------------------------------------------------- photograph
+
+
+@dataclass(frozen=True)
+class Optics:
+    """Light, lens, sensor and dust (module docstring); plausible ranges in brackets.
+
+    background: mean grey level of an empty field, of 255 (120 to 200).
+    gradient: relative change of the light from one side of the image to the other (0 to 0.1).
+    curvature: relative fall of the light at half a side from the lamp's centre (0 to 0.05).
+    blur: standard deviation of the blur, µm (0.3 to 1.5).
+    base: absorbance wherever there is a cell, natural logarithm (0.2 to 0.8).
+    depth: absorbance of every cell layer on top of that (0 to 0.3).
+    rim: absorbance of the flanks of a single cell on top of those, at its edge (0 to 0.3).
+    texture: relative standard deviation of the absorbance inside cells, granular as cytoplasm is (0 to 0.3).
+    grain: width of that texture's grains, the standard deviation of a Gaussian, µm (0.3 to 1.5).
+    noise: standard deviation of a pixel, grey levels (1 to 4).
+    specks: mean number of specks of dust in an image, Poisson (0 to 4); none touches the colony.
+    speck_radius: smallest and largest radius of a speck, µm (0.5 to 2).
+    speck_darkness: smallest and largest part of the light that the middle of a speck takes, 0 to 1 (0.05 to 0.5).
+
+    Raises `InputError` where a value is not finite or is negative, or a range not smallest first.
+    """
+
+    background: float = 155.0
+    gradient: float = 0.06
+    curvature: float = 0.03
+    blur: float = 0.65
+    base: float = 0.42
+    depth: float = 0.12
+    rim: float = 0.2
+    texture: float = 0.12
+    grain: float = 0.6
+    noise: float = 2.5
+    specks: float = 3.0
+    speck_radius: tuple[float, float] = (0.7, 1.4)
+    speck_darkness: tuple[float, float] = (0.1, 0.35)
+
+    def __post_init__(self) -> None:
+        largest = {"background": 255.0, "gradient": 0.5, "curvature": 0.1, "speck_darkness": 1.0}
+        for name, value in vars(self).items():
+            limit = largest.get(name, float("inf"))
+            pair = name.startswith("speck_")
+            bounds = value if isinstance(value, tuple) else (value,)
+            numbers = len(bounds) == 1 + pair and all(isinstance(each, int | float) for each in bounds)
+            if not (numbers and all(map(isfinite, bounds)) and 0 <= bounds[0] <= bounds[-1] <= limit):
+                what = "smallest and largest" if pair else "a number"
+                upper = f" and at most {limit:g}" if isfinite(limit) else ""
+                raise InputError(f"optics {name}: got {value!r}, need {what}, finite, at least 0{upper}")
+
+
+DEFAULT = Optics()
+
+
+def photograph(
+    fraction: Array, thickness: Array, pixel_size: float, rng: np.random.Generator, optics: Optics = DEFAULT
+) -> Pixels:
+    """The 8-bit photograph I [rows, columns] of a `coverage`: the module docstring has the equations.
+
+    pixel_size is in µm. The same state of `rng` gives the same picture: light, texture, noise and dust are drawn from
+    it in this order, so leaving out dust changes nothing else. Raises `InputError` for a fraction outside [0, 1], a
+    negative thickness, shapes that differ, or NaN.
+    """
+    _require_positive("pixel_size", pixel_size)
+    fraction = _finite("fraction", fraction, (None, None))
+    thickness = _finite("thickness", thickness, fraction.shape)
+    if fraction.min() < 0 or fraction.max() > 1:
+        raise InputError(f"fraction: got {fraction.min():g} to {fraction.max():g}, need values from 0 to 1")
+    if thickness.min() < 0:
+        raise InputError(f"thickness: got {thickness.min():g}, need layers of at least 0")
+    light = _light(fraction.shape, rng, optics)
+    light *= _transmitted(fraction, thickness, _texture(fraction.shape, pixel_size, rng, optics), optics)
+    image = ndimage.gaussian_filter(light, optics.blur / pixel_size, mode="nearest")
+    noise = optics.noise * rng.standard_normal(image.shape)
+    image = image * _dust(fraction, pixel_size, rng, optics) + noise
+    return np.clip(np.rint(image), 0, 255).astype(np.uint8)
+
+
+def _texture(shape: tuple[int, ...], pixel_size: float, rng: np.random.Generator, optics: Optics) -> Floats:
+    """1 + ε of the module docstring, at least 0."""
+    width = optics.grain / pixel_size
+    grains = ndimage.gaussian_filter(rng.standard_normal(shape), width, mode="wrap")
+    return np.asarray(np.maximum(1 + optics.texture * grains / max(grains.std(), 1e-12), 0))
+
+
+def _transmitted(fraction: Floats, thickness: Floats, texture: Floats, optics: Optics) -> Floats:
+    """T of the module docstring."""
+    layers = np.divide(thickness, fraction, out=np.zeros_like(fraction), where=fraction > 0)
+    absorbance = optics.base + optics.depth * layers + optics.rim * np.maximum(1 - layers, 0)
+    return np.asarray(1 - fraction + fraction * np.exp(-absorbance * texture))
+
+
+def _light(shape: tuple[int, ...], rng: np.random.Generator, optics: Optics) -> Floats:
+    """L of the module docstring."""
+    angle = rng.uniform(0, 2 * pi)
+    lamp_x, lamp_y = rng.uniform(-LAMP, LAMP, 2)
+    rows, columns = ((2 * np.arange(size) + 1 - size) / max(shape) for size in shape)
+    x, y = columns[None, :], rows[:, None]
+    tilt = 0.5 * optics.gradient * (x * np.cos(angle) + y * np.sin(angle))
+    light = 1 + tilt - optics.curvature * ((x - lamp_x) ** 2 + (y - lamp_y) ** 2)
+    return np.asarray(optics.background * light / light.mean())
+
+
+def _dust(fraction: Floats, pixel_size: float, rng: np.random.Generator, optics: Optics) -> Floats:
+    """The light D that specks pass. Each lies in the image, `CLEARANCE` from the colony, or is left out for no room."""
+    passed = np.ones(fraction.shape)
+    down, right = (np.minimum(np.arange(size), np.arange(size)[::-1]) for size in fraction.shape)
+    border = 1 + np.minimum(down[:, None], right[None, :])
+    free = ndimage.distance_transform_edt(fraction == 0) if fraction.any() else np.full(fraction.shape, np.inf)
+    for _ in range(rng.poisson(optics.specks)):
+        radius = rng.uniform(*optics.speck_radius) / pixel_size
+        darkness = rng.uniform(*optics.speck_darkness)
+        angle, flatness, pick = rng.uniform((0, 0.6, 0), (pi, 1, 1))
+        places = np.flatnonzero((free > 2 * radius + CLEARANCE) & (border > 2 * radius))
+        if places.size and radius:
+            row, column = divmod(int(places[int(pick * places.size)]), fraction.shape[1])
+            passed *= _speck(fraction.shape, row, column, angle, radius, flatness, darkness)
+    return passed
+
+
+def _speck(
+    shape: tuple[int, ...], row: int, column: int, angle: float, radius: float, flatness: float, darkness: float
+) -> Floats:
+    """1 - darkness exp(-d⁴), 1 from d = 2 on: d the distance in radii (px), which are shorter by flatness across."""
+    down, right = np.arange(shape[0])[:, None] - row, np.arange(shape[1])[None, :] - column
+    along, across = right * np.cos(angle) + down * np.sin(angle), down * np.cos(angle) - right * np.sin(angle)
+    distance = np.hypot(along, across / flatness) / radius
+    return np.asarray(1 - np.where(distance < 2, darkness * np.exp(-(np.minimum(distance, 2) ** 4)), 0))
+
+
+# ---------------------------------------------------------------------------------------------------------------- files
+
+
+def write_micrograph(path: str | Path, pixels: Array, pixel_size: float, kind: str = "tiff") -> None:
+    """An 8-bit image [rows, columns] as a TIFF file that states its `pixel_size`, in µm, in one of three ways.
+
+    kind "tiff": resolution in pixels per centimetre, deflated; "imagej": ImageJ's unit and resolution; "ome": OME-XML
+    with PhysicalSizeX and PhysicalSizeY, deflated. The file appears whole or not at all, replaces one of that name, and
+    the same image makes the same bytes. Raises `InputError` for another kind, other pixels or a missing folder.
+    """
+    path = Path(path)
+    _require_positive("pixel_size", pixel_size)
+    if kind not in KINDS:
+        raise InputError(f"kind: got {kind!r}, need one of {', '.join(KINDS)}")
+    if pixels.dtype != np.uint8 or pixels.ndim != 2 or not pixels.size:
+        raise InputError(f"pixels: got shape {list(pixels.shape)} of {pixels.dtype}, need uint8 [rows, columns]")
+    if not path.parent.is_dir():
+        raise InputError(f"{path}: {path.parent} is no folder, need one that exists")
+    partial = path.with_name(f".{path.name}.{os.getpid()}.partial")
+    try:
+        partial.write_bytes(_encoded(pixels, pixel_size, kind))
+        os.replace(partial, path)
+    finally:
+        partial.unlink(missing_ok=True)
+
+
+def _encoded(pixels: Array, pixel_size: float, kind: str) -> bytes:
+    import tifffile
+
+    options: dict[str, Any] = {"photometric": "minisblack", "software": "yeastfit"}
+    if kind == "tiff":
+        per_centimetre = 1e4 / pixel_size
+        options |= {"resolution": (per_centimetre, per_centimetre), "resolutionunit": "CENTIMETER", "metadata": None}
+    elif kind == "imagej":
+        options |= {"resolution": (1 / pixel_size, 1 / pixel_size), "metadata": {"unit": "micron", "axes": "YX"}}
+    else:
+        # tifffile's identifier would be random; one made from the image is as unique
+        digest = hashlib.sha256(pixels.tobytes() + repr((pixels.shape, pixel_size)).encode()).hexdigest()
+        identifier = uuid.uuid5(uuid.NAMESPACE_OID, digest)
+        sizes = {"PhysicalSizeX": pixel_size, "PhysicalSizeY": pixel_size}
+        units = {"PhysicalSizeXUnit": "µm", "PhysicalSizeYUnit": "µm"}
+        options["metadata"] = {"axes": "YX", "UUID": f"urn:uuid:{identifier}", **sizes, **units}
+    if kind != "imagej":
+        options["compression"] = "zlib"
+    buffer = BytesIO()
+    with tifffile.TiffWriter(buffer, imagej=kind == "imagej", ome=kind == "ome") as writer:
+        writer.write(pixels, **options)
+    return buffer.getvalue()

@@ -1,0 +1,133 @@
+"""Elliptical cells, their union as a level set, and the biomass (source 2.14 - 2.20; MODEL.md section 3.1 - 3.3).
+
+A cell is the edge between a node and its parent: p = ½|x_child − x_parent|, q = λ7 p, and in its own frame
+f = (u/p)² + (v/q)² − 1 = r² − 1, dimensionless. Hard union: g = min_k f_k. Relaxed, with weights w_k in [0, 1]:
+
+    g = −s log Σ_k w_k exp(−f_k / s) = −1 − s log Σ_k w_k exp(−r_k² / s),
+
+a sum of anisotropic Gaussians, hence local: only r² ≤ `Relaxation.reach` is ever evaluated. Each cell covers its bounding
+box with square patches of PATCH² grid points; the patches of all cells form one list that is worked off in chunks, so the
+work follows the area of the cells, and no cell is cut however stretched it is.
+"""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float, Int
+
+from yeastfit.model.colony import Colony
+from yeastfit.model.numerics import largest_in_ensemble
+from yeastfit.model.relaxation import Relaxation
+
+PATCH = 8  # grid points along a patch: one cell is 2 to 3 patches wide at the source's spacing
+OUTSIDE = 4.0  # r² of the hard union where there is no cell
+FAR = 80.0  # r²/s where the relaxed union stops: exp(-80) is the smallest a single-precision float holds safely
+
+
+class Cells(eqx.Module):
+    """Ellipses of all slots but the first; slots without a cell have weight 0."""
+
+    centres: Float[Array, "cell 2"]
+    directions: Float[Array, "cell 2"]
+    half_lengths: Float[Array, " cell"]
+    half_widths: Float[Array, " cell"]
+    weights: Float[Array, " cell"]
+
+
+def cells_of(colony: Colony, aspect_ratio: Float[Array, ""], shortest: float = 1e-3) -> Cells:
+    """The cells of a colony. Differentiable; half lengths below `shortest` (L0) are raised to it.
+
+    A newborn cell of length δ = 0.01 is longer than that; only coincident nodes are not, and theirs has no direction.
+    """
+    child = colony.positions[1:]
+    parent = colony.positions[jnp.maximum(colony.parents[1:], 0)]
+    edge = child - parent
+    squared = jnp.sum(edge**2, axis=-1)
+    exists = (colony.weights[1:] > 0) & (squared > (2 * shortest) ** 2)
+    length = jnp.sqrt(jnp.where(exists, squared, 1.0))
+    half_length = jnp.where(exists, 0.5 * length, shortest)
+    return Cells(
+        centres=0.5 * (child + parent),
+        directions=jnp.where(exists[:, None], edge / length[:, None], jnp.array([1.0, 0.0], edge.dtype)),
+        half_lengths=half_length,
+        half_widths=aspect_ratio * half_length,
+        weights=colony.weights[1:],
+    )
+
+
+def level_set(cells: Cells, relaxation: Relaxation, origin: float, spacing: float, points: int) -> Float[Array, "x y"]:
+    """g on the square grid x_i = origin + i·spacing, i < points; negative inside the colony.
+
+    Far from every cell g is the largest value the union can tell: s·FAR − 1 relaxed, OUTSIDE − 1 hard.
+    Differentiable in the cells when relaxed; hard, almost everywhere.
+    """
+    s = relaxation.union
+    reach = relaxation.reach
+    first, counts = _patches(cells, reach, origin, spacing, points)
+    ends = jnp.cumsum(counts[:, 0] * counts[:, 1])
+    chunk = min(512, max(64, cells.weights.shape[0]))
+    margin = PATCH  # a patch may stick out by less than this
+    # what is accumulated: Σ w exp(−r²/s) from 0, or, hard, min r² from OUTSIDE
+    grid = jnp.full((points + 2 * margin,) * 2, OUTSIDE if s is None else 0.0, cells.centres.dtype)
+
+    def add_chunk(i: Int[Array, ""], grid: Float[Array, "x y"]) -> Float[Array, "x y"]:
+        item = i * chunk + jnp.arange(chunk)
+        cell = jnp.minimum(jnp.searchsorted(ends, item, side="right"), ends.shape[0] - 1)
+        local = item - (ends[cell] - counts[cell, 0] * counts[cell, 1])
+        corner = first[cell] + PATCH * jnp.stack([local // counts[cell, 1], local % counts[cell, 1]], axis=-1)
+        r2 = _squared_radius(jax.tree.map(lambda leaf: leaf[cell], cells), corner, origin, spacing)
+        beyond = (item >= ends[-1])[:, None]  # scatter drops what starts outside the padded grid
+        corner = jnp.where(beyond, points + 2 * margin, corner + margin)
+        if s is None:
+            return jax.lax.scatter_min(grid, corner, r2, _WINDOWS, mode=_DROP)
+        blob = cells.weights[cell][:, None, None] * jnp.exp(-jnp.minimum(r2 / s, FAR))
+        return jax.lax.scatter_add(grid, corner, blob, _WINDOWS, mode=_DROP)
+
+    trips = largest_in_ensemble((ends[-1] + chunk - 1) // chunk)
+    total = jax.lax.fori_loop(0, trips, add_chunk, grid)[margin:-margin, margin:-margin]
+    return total - 1.0 if s is None else -1.0 - s * jnp.log(total + jnp.exp(-FAR))
+
+
+def biomass(g: Float[Array, "x y"], metabolic_rate: Float[Array, ""]) -> Float[Array, "x y"]:
+    """b = λ6 max(−g, 0) (source 2.14)."""
+    return metabolic_rate * jnp.maximum(-g, 0.0)
+
+
+_WINDOWS = jax.lax.ScatterDimensionNumbers(
+    update_window_dims=(1, 2), inserted_window_dims=(), scatter_dims_to_operand_dims=(0, 1)
+)
+_DROP = jax.lax.GatherScatterMode.FILL_OR_DROP
+
+
+def _patches(
+    cells: Cells, reach: Float[Array, ""] | float, origin: float, spacing: float, points: int
+) -> tuple[Int[Array, "cell 2"], Int[Array, "cell 2"]]:
+    """First grid index and number of patches, per axis, which cover {r² ≤ reach} of each cell on the grid;
+    none at weight 0.
+
+    The ellipse's extent along x is √(p² cos²θ + q² sin²θ), and likewise along y.
+    """
+    cells = jax.lax.stop_gradient(cells)
+    across = cells.directions[:, ::-1]
+    extent = jnp.sqrt(
+        jax.lax.stop_gradient(jnp.asarray(reach))
+        * ((cells.half_lengths[:, None] * cells.directions) ** 2 + (cells.half_widths[:, None] * across) ** 2)
+    )
+    first = jnp.ceil(jnp.clip((cells.centres - extent - origin) / spacing, 0, points)).astype(int)
+    last = jnp.floor(jnp.clip((cells.centres + extent - origin) / spacing, -1, points - 1)).astype(int)
+    counts = jnp.where(cells.weights[:, None] > 0, (jnp.maximum(last - first + 1, 0) + PATCH - 1) // PATCH, 0)
+    return first, counts
+
+
+def _squared_radius(
+    cells: Cells, corner: Int[Array, "patch 2"], origin: float, spacing: float
+) -> Float[Array, "patch a b"]:
+    """r² = (u/p)² + (v/q)² on the grid points of one patch per cell."""
+    offsets = jnp.arange(PATCH)
+    dx = origin + spacing * (corner[:, :1] + offsets) - cells.centres[:, :1]
+    dy = origin + spacing * (corner[:, 1:] + offsets) - cells.centres[:, 1:]
+    along = cells.directions / cells.half_lengths[:, None]
+    across = cells.directions / cells.half_widths[:, None]
+    u = (along[:, :1] * dx)[:, :, None] + (along[:, 1:] * dy)[:, None, :]
+    v = (across[:, :1] * dy)[:, None, :] - (across[:, 1:] * dx)[:, :, None]
+    return u**2 + v**2

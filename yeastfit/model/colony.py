@@ -1,0 +1,71 @@
+"""The state of a colony: a tree of nodes in a nutrient field (MODEL.md section 2)."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int, UInt32
+
+from yeastfit.model.numerics import Numerics
+
+
+class Colony(eqx.Module):
+    """Fixed capacity; slots from `count` on are empty (weight 0, position 0, parent -1).
+
+    Cell k is the edge from node k to its parent; node 0 has none, so there is one cell fewer than nodes.
+    Lineages are random keys: the root's is the member's key, a child's is its parent's folded with the mitosis event,
+    so that a draw belongs to a lineage and not to an array slot. `step` counts time steps done.
+    """
+
+    positions: Float[Array, "node 2"]
+    parents: Int[Array, " node"]
+    weights: Float[Array, " node"]
+    lineages: UInt32[Array, "node 2"]
+    count: Int[Array, ""]
+    nutrient: Float[Array, "x y"]
+    step: Int[Array, ""]
+    problems: "Problems"
+
+    @property
+    def alive(self) -> Bool[Array, " node"]:
+        """Which slots hold a node."""
+        return jnp.arange(self.parents.shape[0]) < self.count
+
+
+class Problems(eqx.Module):
+    """What went wrong so far, sticky: each True once it has happened. A result carries and reports them."""
+
+    capacity_reached: Bool[Array, ""]
+    left_domain: Bool[Array, ""]
+    unstable: Bool[Array, ""]
+    not_finite: Bool[Array, ""]
+
+    MEANINGS = {
+        "capacity_reached": "births were cut because every node slot was taken: raise capacity or end earlier",
+        "left_domain": "a node came within one cell of the domain's edge: raise domain or end earlier",
+        "unstable": "Δt · elasticity · (degree + 1) reached 2, where forward Euler oscillates: lower dt",
+        "not_finite": "positions or nutrient are not finite: lower dt",
+    }
+
+    @staticmethod
+    def none() -> "Problems":
+        """Nothing yet."""
+        return Problems(*(jnp.zeros((), bool),) * 4)
+
+
+def start(key: Array, numerics: Numerics) -> Colony:
+    """Two nodes at ±½(cos Θ, sin Θ), Θ uniform on [0, 2π), in nutrient c = 1 (source 2.9, 2.11)."""
+    capacity, points = int(numerics.capacity), numerics.points
+    angle_key, *roots = jax.random.split(key, 3)
+    angle = jax.random.uniform(angle_key, maxval=2 * jnp.pi)
+    half = 0.5 * jnp.stack([jnp.cos(angle), jnp.sin(angle)])
+    empty = jnp.zeros((capacity, 2), angle.dtype)
+    return Colony(
+        positions=empty.at[0].set(half).at[1].set(-half),
+        parents=jnp.full(capacity, -1).at[1].set(0),
+        weights=jnp.zeros(capacity, angle.dtype).at[:2].set(1.0),
+        lineages=jnp.zeros((capacity, 2), jnp.uint32).at[:2].set(jnp.stack([jax.random.key_data(r) for r in roots])),
+        count=jnp.asarray(2),
+        nutrient=jnp.ones((points, points), angle.dtype),
+        step=jnp.asarray(0),
+        problems=Problems.none(),
+    )

@@ -1,0 +1,92 @@
+"""Grid, time step and capacity: how the model is solved, as opposed to what it says."""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, fields
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, PyTree
+
+from yeastfit.errors import InputError
+
+MEMBER = "member"  # the name of the ensemble axis inside `trajectory`
+
+
+@dataclass(frozen=True)
+class Numerics:
+    """Resolution of one simulation; lengths in L0, times in 1/μ*. Defaults are the source's.
+
+    domain: side of the square, centred on the origin. spacing: h of the nutrient grid; domain / spacing is a whole
+    number. dt: Δt of forward Euler and Crank–Nicolson. capacity: largest number of nodes. bud_distance: δ, how far from
+    its parent a child appears. Hashable: a change recompiles.
+    """
+
+    domain: float = 40.0
+    spacing: float = 0.1
+    dt: float = 0.02
+    capacity: int = 500
+    bud_distance: float = 0.01
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if isinstance(value, bool) or not isinstance(value, int | float) or not 0 < value < math.inf:
+                raise InputError(f"{field.name} is {value!r}, it must be a number above 0")
+        if self.capacity != int(self.capacity) or self.capacity < 2:
+            raise InputError(f"capacity is {self.capacity!r}, it must be a whole number of nodes, at least 2")
+        intervals = self.domain / self.spacing
+        if abs(intervals - round(intervals)) > 1e-6 * intervals or round(intervals) < 4:
+            raise InputError(
+                f"domain / spacing is {self.domain:g} / {self.spacing:g} = {intervals:g}, "
+                "it must be a whole number of at least 4 grid intervals"
+            )
+
+    @property
+    def points(self) -> int:
+        """Grid points along one side, boundary included."""
+        return round(self.domain / self.spacing) + 1
+
+    @property
+    def steps_per_event(self) -> int:
+        """Δn = ⌈1/Δt⌉, guarded against the last bit of 1/Δt."""
+        return math.ceil(1.0 / self.dt - 1e-9)
+
+    def axis(self) -> Float[Array, " point"]:
+        """Coordinates of the grid points along one side."""
+        return -0.5 * self.domain + self.spacing * jnp.arange(self.points)
+
+    def step_of(self, time: float) -> int:
+        """The step that ends at (or nearest to) a time."""
+        return round(time / self.dt)
+
+
+def largest_in_ensemble(value: Array) -> Array:
+    """The largest value over the members of the ensemble that is being traced.
+
+    Trip counts of inner loops go through here: every member then does the same number of iterations (idle ones change
+    nothing) and a batched loop keeps an unbatched condition, without which each iteration would copy the whole state.
+    """
+    try:
+        return jax.lax.pmax(value, MEMBER)
+    except NameError:  # not inside an ensemble
+        return value
+
+
+def map_members(one: Callable[..., PyTree], *batched: PyTree) -> PyTree:
+    """`one` for every member: vectorised, and shared out over all local devices; results along the first axis.
+
+    What a member computes does not depend on how many others there are. On a CPU, `jax_num_cpu_devices` makes as many
+    devices as there are cores.
+    """
+    devices = jax.local_devices()
+    members = jax.tree.leaves(batched)[0].shape[0]
+    shares = min(len(devices), members)
+    surplus = -members % shares
+    padded = jax.tree.map(lambda leaf: jnp.concatenate([leaf, leaf[:1].repeat(surplus, axis=0)]), batched)
+    mesh = jax.sharding.Mesh(np.array(devices[:shares]), ("device",))
+    split = jax.sharding.PartitionSpec("device")
+    run = jax.vmap(one, axis_name=MEMBER)
+    shared = jax.shard_map(run, mesh=mesh, in_specs=split, out_specs=split, check_vma=False)
+    return jax.tree.map(lambda leaf: leaf[:members], shared(*padded))

@@ -1,0 +1,107 @@
+"""The seven dimensionless parameters λ1..λ7 (source table 2.3) and the scales that give them units."""
+
+import math
+from dataclasses import dataclass
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from yeastfit.errors import InputError
+
+
+@dataclass(frozen=True)
+class ParameterInfo:
+    """What is known about one parameter: `plausible` is the range a fit searches, `largest` the admissible maximum."""
+
+    symbol: str
+    meaning: str
+    plausible: tuple[float, float]
+    default: float
+    largest: float = math.inf
+
+
+PARAMETERS: dict[str, ParameterInfo] = {
+    "diffusivity": ParameterInfo("λ1", "nutrient diffusion, D / (μ* L0²)", (0.01, 10.0), 0.1),
+    "elasticity": ParameterInfo("λ2", "spring stiffness of a cell, K / (η μ*)", (0.5, 50.0), 5.0),
+    "repulsivity": ParameterInfo("λ3", "contact force, F / (η μ* L0)", (0.02, 50.0), 5.0),
+    "repulsion_radius": ParameterInfo("λ4", "contact radius, R / L0", (0.1, 0.5), 0.5, 0.5),
+    "mobility": ParameterInfo("λ5", "drift along the nutrient gradient, γ c0 / (η μ* L0²)", (0.02, 20.0), 1.0),
+    "metabolic_rate": ParameterInfo("λ6", "nutrient uptake, r / μ*", (0.05, 20.0), 1.0),
+    "aspect_ratio": ParameterInfo("λ7", "minor over major axis of a cell", (0.2, 1.0), 0.73, 1.0),
+}
+NAMES: tuple[str, ...] = tuple(PARAMETERS)
+
+
+def _as_float(value: object) -> Array:
+    if not isinstance(value, jax.Array | np.ndarray | np.generic | float | int) or isinstance(value, bool):
+        raise InputError(f"a parameter must be a number or an array of numbers, got {value!r}")
+    return jnp.asarray(value, dtype=jnp.result_type(float))
+
+
+class Parameters(eqx.Module):
+    """λ1..λ7, dimensionless, each a scalar or one value per ensemble member.
+
+    Defaults are the source's values. Admissible: finite, not negative; `repulsion_radius` at most 0.5,
+    `aspect_ratio` in (0, 1]. `PARAMETERS` gives symbol, meaning and plausible range of each.
+    Differentiable in every field. Raises `InputError` where a concrete value is not admissible.
+    """
+
+    diffusivity: Float[Array, "*member"] = eqx.field(converter=_as_float, default=0.1)
+    elasticity: Float[Array, "*member"] = eqx.field(converter=_as_float, default=5.0)
+    repulsivity: Float[Array, "*member"] = eqx.field(converter=_as_float, default=5.0)
+    repulsion_radius: Float[Array, "*member"] = eqx.field(converter=_as_float, default=0.5)
+    mobility: Float[Array, "*member"] = eqx.field(converter=_as_float, default=1.0)
+    metabolic_rate: Float[Array, "*member"] = eqx.field(converter=_as_float, default=1.0)
+    aspect_ratio: Float[Array, "*member"] = eqx.field(converter=_as_float, default=0.73)
+
+    def __check_init__(self) -> None:
+        for name, info in PARAMETERS.items():
+            value = getattr(self, name)
+            if isinstance(value, jax.core.Tracer):
+                continue
+            concrete = np.asarray(value)
+            smallest_ok = concrete > 0 if name in ("repulsion_radius", "aspect_ratio") else concrete >= 0
+            # 1e-6: single precision may round an admissible maximum up by its last bit
+            bad = ~(np.isfinite(concrete) & smallest_ok & (concrete <= info.largest * (1 + 1e-6)))
+            if bad.any():
+                limit = f"in (0, {info.largest:g}]" if math.isfinite(info.largest) else "finite and at least 0"
+                raise InputError(f"{name} ({info.symbol}) is {concrete[bad].flat[0]:g}, it must be {limit}")
+
+    def asdict(self) -> dict[str, float | list[float]]:
+        """Plain numbers by name, for tables and JSON."""
+        return {name: np.asarray(getattr(self, name), dtype=float).tolist() for name in NAMES}
+
+    def replace(self, **values: object) -> "Parameters":
+        """A copy with some fields changed."""
+        unknown = sorted(set(values) - set(NAMES))
+        if unknown:
+            raise InputError(f"unknown parameter {unknown[0]!r}, expected one of {', '.join(NAMES)}")
+        return Parameters(**{name: values.get(name, getattr(self, name)) for name in NAMES})  # type: ignore[arg-type]
+
+
+@dataclass(frozen=True)
+class Scales:
+    """Units of the model, data and not constants: another species has others (source section 2.6).
+
+    length: L0, mean cell length in µm. rate: μ*, maximal growth rate per hour; one time unit is 1/μ* hours.
+    """
+
+    length: float = 7.5
+    rate: float = 0.46
+
+    def __post_init__(self) -> None:
+        for name in ("length", "rate"):
+            value = getattr(self, name)
+            if not (isinstance(value, int | float) and math.isfinite(value) and value > 0):
+                raise InputError(f"scale {name} is {value!r}, it must be a number above 0")
+
+    def hours(self, time: float) -> float:
+        """Model time to hours."""
+        return time / self.rate
+
+    def time(self, hours: float) -> float:
+        """Hours to model time."""
+        return hours * self.rate

@@ -1,0 +1,61 @@
+"""Every smoothing width of the model in one object, and the hard limit (MODEL.md section 5).
+
+| hard rule                   | relaxed rule                                   | width      |
+|-----------------------------|------------------------------------------------|------------|
+| union of cells, min_k f_k   | -s log Σ_k w_k exp(-f_k / s)                   | `union`    |
+| contact, H(λ4 - r)          | ramp: 0 for r ≥ λ4, rising to 1 at r = λ4 - w  | `contact`  |
+| indicator of {g ≤ 0}        | ½ + ½ tanh(-g / K)                             | `boundary` |
+| ⌈·⌉ births                  | fractional births that last                    | `births`   |
+"""
+
+from typing import Literal
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from yeastfit.errors import InputError
+
+
+def _as_width(value: float | Array | None) -> Array | None:
+    """None and 0 are the hard rule, anything else a width."""
+    if value is None or (isinstance(value, int | float) and value == 0):
+        return None
+    return jnp.asarray(value, dtype=jnp.result_type(float)) if isinstance(value, int | float) else value
+
+
+class Relaxation(eqx.Module):
+    """Smoothing widths; a width of None (or 0) selects the hard rule for that law.
+
+    union: s of smoothmin, in units of the dimensionless f. contact: w of the contact ramp, in L0.
+    boundary: K of the smoothed indicator, in units of f. births: "fractional" or "whole".
+    turning: share of the derivative of a contact's direction that derivatives see, in [0, 1]; no value depends on it.
+    1 is exact; but a compressed contact is unstable across its direction, so exact derivatives of one colony grow without
+    bound, and an ensemble's mean derivative is estimated with far less scatter from a smaller share, at some bias.
+    """
+
+    union: Float[Array, ""] | None = eqx.field(converter=_as_width, default=0.05)
+    contact: Float[Array, ""] | None = eqx.field(converter=_as_width, default=0.1)
+    boundary: Float[Array, ""] | None = eqx.field(converter=_as_width, default=0.2)
+    births: Literal["fractional", "whole"] = eqx.field(static=True, default="fractional")
+    turning: Float[Array, ""] = eqx.field(converter=jnp.asarray, default=1.0)
+
+    def __check_init__(self) -> None:
+        for name in ("union", "contact", "boundary"):
+            value = getattr(self, name)
+            if value is None or isinstance(value, jax.core.Tracer):
+                continue
+            if not (jnp.isfinite(value) & (value > 0)).all():
+                raise InputError(f"relaxation width {name} is {value}, it must be above 0, or None for the hard rule")
+        if self.births not in ("fractional", "whole"):
+            raise InputError(f"births is {self.births!r}, it must be 'fractional' or 'whole'")
+
+    @property
+    def reach(self) -> Float[Array, ""] | float:
+        """r² = f + 1 beyond which a cell leaves no trace: e⁻¹² of the union's boundary value, tanh saturated to e⁻⁹."""
+        r2 = 1.0 if self.union is None else 1.0 + 12.0 * self.union
+        return r2 if self.boundary is None else jnp.maximum(r2, 1.0 + 4.5 * self.boundary)
+
+
+HARD = Relaxation(union=None, contact=None, boundary=None, births="whole")

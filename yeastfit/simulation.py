@@ -1,0 +1,208 @@
+"""`simulate`: one colony or an ensemble, and the result that holds everything about the run."""
+
+import json
+import time as clock
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any, Protocol, runtime_checkable
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, PyTree
+
+from yeastfit.errors import InputError
+from yeastfit.measure.hard import HardStatistics
+from yeastfit.measure.smooth import SmoothStatistics
+from yeastfit.model.colony import Colony, Problems
+from yeastfit.model.numerics import Numerics, map_members
+from yeastfit.model.parameters import NAMES, Parameters, Scales
+from yeastfit.model.relaxation import Relaxation
+from yeastfit.model.simulate import Snapshot, trajectory
+
+
+@runtime_checkable
+class Observer(Protocol):
+    """What is recorded at the sample times: traced and batched; then `finish`, on the host, makes statistics of it."""
+
+    def __call__(self, snapshot: Snapshot) -> PyTree:
+        """Of one colony at one time."""
+
+    def finish(self, observed: Any) -> dict[str, np.ndarray]:
+        """Of the whole ensemble."""
+
+
+@dataclass(frozen=True)
+class Simulation:
+    """Result of `simulate`. Arrays have the keys' batch axis first, if there was one, then the sample times.
+
+    times: model time, 1/μ*. statistics: by name, lengths in L0. colony: the last state of every member.
+    """
+
+    times: Float[np.ndarray, " sample"]
+    statistics: dict[str, np.ndarray]
+    colony: Colony
+    parameters: Parameters
+    relaxation: Relaxation
+    numerics: Numerics
+    scales: Scales
+    seconds: float
+
+    @property
+    def problems(self) -> dict[str, int]:
+        """How many members ran into each of `Problems`; empty when all went well."""
+        counts = {name: int(np.sum(getattr(self.colony.problems, name))) for name in Problems.MEANINGS}
+        return {name: count for name, count in counts.items() if count}
+
+    @property
+    def capacity_reached(self) -> np.ndarray:
+        """Whether births were cut because every node slot was taken, per member."""
+        return np.asarray(self.colony.problems.capacity_reached)
+
+    def warnings(self) -> list[str]:
+        """The problems in words."""
+        members = int(np.size(self.capacity_reached))
+        return [f"{count} of {members} colonies: {Problems.MEANINGS[name]}" for name, count in self.problems.items()]
+
+    def rows(self) -> list[dict[str, float]]:
+        """Tidy table: one row per member and sample time, lengths in L0 and in µm."""
+        length = self.scales.length
+        units = {"radius": length, "mean_radius": length, "perimeter": length, "area": length**2}
+        curves = {name: np.atleast_2d(values) for name, values in self.statistics.items()}
+        table = []
+        for member in range(next(iter(curves.values())).shape[0]):
+            for k, time in enumerate(self.times):
+                row: dict[str, float] = {"member": member, "time": float(time), "hours": self.scales.hours(float(time))}
+                row |= {name: float(values[member, k]) for name, values in curves.items()}
+                row |= {f"{name}_um{'2' * (name == 'area')}": row[name] * unit for name, unit in units.items()}
+                table.append(row)
+        return table
+
+    def save(self, path: str | Path) -> None:
+        """Curves, last states and configuration in one NumPy archive."""
+        arrays: dict[str, Any] = {f"statistics/{name}": values for name, values in self.statistics.items()}
+        arrays |= {f"colony/{name}": getattr(self.colony, name) for name in _COLONY_ARRAYS}
+        arrays |= {f"problems/{name}": getattr(self.colony.problems, name) for name in Problems.MEANINGS}
+        arrays |= {f"parameters/{name}": getattr(self.parameters, name) for name in NAMES}
+        widths = {name: _number(getattr(self.relaxation, name)) for name in ("union", "contact", "boundary", "turning")}
+        configuration = {
+            "numerics": asdict(self.numerics),
+            "scales": asdict(self.scales),
+            "relaxation": {**widths, "births": self.relaxation.births},
+            "seconds": self.seconds,
+        }
+        np.savez_compressed(path, times=self.times, configuration=json.dumps(configuration), **arrays)
+
+    @staticmethod
+    def load(path: str | Path) -> "Simulation":
+        """What `save` wrote."""
+        with np.load(path) as archive:
+            groups: dict[str, dict[str, np.ndarray]] = {}
+            for key in archive.files:
+                group, _, name = key.partition("/")
+                groups.setdefault(group, {})[name] = archive[key]
+        configuration = json.loads(str(groups["configuration"][""]))
+        problems = Problems(**{name: jnp.asarray(values) for name, values in groups["problems"].items()})
+        states = {name: jnp.asarray(values) for name, values in groups["colony"].items()}
+        return Simulation(
+            times=groups["times"][""],
+            statistics=groups["statistics"],
+            colony=Colony(**states, problems=problems),
+            parameters=Parameters(**groups["parameters"]),  # type: ignore[arg-type]
+            relaxation=Relaxation(**configuration["relaxation"]),
+            numerics=Numerics(**configuration["numerics"]),
+            scales=Scales(**configuration["scales"]),
+            seconds=configuration["seconds"],
+        )
+
+
+_COLONY_ARRAYS = ("positions", "parents", "weights", "lineages", "count", "nutrient", "step")
+
+
+def member_keys(seed: int | Array, members: int) -> Array:
+    """Keys of an ensemble: member i's is the seed's folded with i, whatever the number of members."""
+    key = jax.random.key(seed) if isinstance(seed, int | np.integer) else seed
+    if members < 1:
+        raise InputError(f"members is {members!r}, an ensemble needs at least 1")
+    return jax.vmap(partial(jax.random.fold_in, key))(jnp.arange(members))
+
+
+def simulate(
+    parameters: Parameters,
+    keys: Array,
+    *,
+    times: Float[Any, " sample"],
+    numerics: Numerics | None = None,
+    relaxation: Relaxation | None = None,
+    observe: Observer | None = None,
+    scales: Scales | None = None,
+) -> Simulation:
+    """Grow one colony (`keys` one random key) or an ensemble (`keys` an array of them, see `member_keys`).
+
+    parameters: λ, shared by all members or with one value per member in some fields. times: rising, in model units,
+    at least one step and at least one step apart; each is rounded to a whole number of steps. observe: what to record;
+    by default smooth statistics for a relaxed model and scikit-image's for a hard one (`relaxation=HARD`). Everything
+    that is not a shape can change without recompiling: λ, keys, widths and the values of times.
+
+    Returns a `Simulation`; its `warnings()` are what a user should see. Raises `InputError`. For derivatives, use
+    `yeastfit.model.simulate.trajectory`, which this wraps and which jax transforms.
+    """
+    numerics = numerics or Numerics()
+    relaxation = Relaxation() if relaxation is None else relaxation
+    if observe is None:
+        hard = relaxation.boundary is None
+        observe = (HardStatistics if hard else SmoothStatistics)(extent=numerics.domain, spacing=numerics.spacing)
+    steps = sample_steps(times, numerics)
+    single = keys.ndim == 0
+    keys = keys[None] if single else keys
+    began = clock.perf_counter()
+    batched = _per_member(parameters, keys.shape[0])
+    colony, observed = jax.block_until_ready(_run(batched, keys, steps, relaxation, numerics, observe))
+    if single:
+        colony, observed = jax.tree.map(lambda leaf: leaf[0], (colony, observed))
+    statistics = observe.finish(jax.tree.map(np.asarray, observed))
+    return Simulation(
+        times=np.asarray(steps) * numerics.dt,
+        statistics=statistics,
+        colony=colony,
+        parameters=parameters,
+        relaxation=relaxation,
+        numerics=numerics,
+        scales=scales or Scales(),
+        seconds=clock.perf_counter() - began,
+    )
+
+
+def sample_steps(times: Any, numerics: Numerics) -> Array:
+    """Times to step numbers, checked."""
+    values = np.atleast_1d(np.asarray(times, dtype=float))
+    steps = np.rint(values / numerics.dt).astype(int)
+    if values.ndim != 1 or not np.isfinite(values).all() or steps[0] < 1 or (np.diff(steps) < 1).any():
+        raise InputError(
+            f"times is {np.array2string(values, precision=4, threshold=8)}, it must rise from at least "
+            f"dt = {numerics.dt:g} with at least dt between two times"
+        )
+    return jnp.asarray(steps)
+
+
+@eqx.filter_jit
+def _run(
+    parameters: Parameters, keys: Array, steps: Array, relaxation: Relaxation, numerics: Numerics, observe: Callable
+) -> tuple[Colony, PyTree]:
+    return map_members(lambda p, k: trajectory(p, k, steps, relaxation, numerics, observe), parameters, keys)
+
+
+def _per_member(parameters: Parameters, members: int) -> Parameters:
+    """λ with one value per member in every field."""
+    for name in NAMES:
+        shape = getattr(parameters, name).shape
+        if shape not in ((), (members,)):
+            raise InputError(f"{name} has shape {shape}, it must be one number or one per member, ({members},)")
+    return jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (members,)), parameters)
+
+
+def _number(width: Array | None) -> float | None:
+    return None if width is None else float(width)

@@ -1,0 +1,81 @@
+"""What is left on disk: tables, JSON and the manifest of a run, each written whole or not at all."""
+
+import csv
+import hashlib
+import json
+import os
+import platform
+import sys
+import tempfile
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import jax
+import numpy as np
+
+PACKAGES = ("yeastfit", "jax", "equinox", "optimistix", "numpy", "scipy", "scikit-image", "matplotlib", "tifffile")
+
+
+def versions() -> dict[str, str]:
+    """Versions of Python and of the packages a result depends on."""
+    return {"python": platform.python_version(), **{name: version(name) for name in PACKAGES}}
+
+
+@contextmanager
+def written_whole(path: str | Path) -> Iterator[Path]:
+    """A temporary path beside `path` that takes its name once all went well, and is removed otherwise."""
+    path = Path(path)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.stem}-", suffix=path.suffix)
+    os.close(handle)
+    temporary = Path(name)
+    try:
+        yield temporary
+        temporary.chmod(0o644)
+        temporary.replace(path)
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def write_table(path: str | Path, rows: Sequence[dict[str, Any]]) -> None:
+    """Rows as CSV with one header; all rows have the columns of the first."""
+    with written_whole(path) as temporary, temporary.open("w", newline="") as file:
+        writer = csv.DictWriter(file, fieldnames=list(rows[0]), lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(rows)
+
+
+def write_json(path: str | Path, data: Any) -> None:
+    """Plain data and arrays as JSON; what is not finite becomes null."""
+    with written_whole(path) as temporary:
+        temporary.write_text(json.dumps(_plain(data), indent=2, allow_nan=False) + "\n")
+
+
+def write_manifest(folder: str | Path, *, command: str, seed: int | None, inputs: Sequence[str | Path], **more: Any) -> None:
+    """`manifest.json`: what made this folder - command, seed, versions, device and the SHA-256 of every input."""
+    device = jax.devices()[0]
+    manifest = {
+        "command": command,
+        "arguments": sys.argv[1:],
+        "seed": seed,
+        "versions": versions(),
+        "device": {"kind": device.device_kind, "platform": device.platform, "count": jax.device_count()},
+        "inputs": {str(path): hashlib.sha256(Path(path).read_bytes()).hexdigest() for path in inputs},
+        **more,
+    }
+    write_json(Path(folder) / "manifest.json", manifest)
+
+
+def _plain(data: Any) -> Any:
+    if isinstance(data, dict):
+        return {str(key): _plain(value) for key, value in data.items()}
+    if isinstance(data, list | tuple):
+        return [_plain(value) for value in data]
+    if isinstance(data, np.ndarray | np.generic | jax.Array):
+        return _plain(np.asarray(data).tolist())
+    if isinstance(data, float) and not np.isfinite(data):
+        return None
+    return data
