@@ -17,7 +17,7 @@ from jaxtyping import Array, Float, PyTree
 from yeastfit.errors import InputError
 from yeastfit.measure.hard import HardStatistics
 from yeastfit.measure.smooth import SmoothStatistics
-from yeastfit.model.colony import Colony, Problems
+from yeastfit.model.colony import PROBLEMS, Colony, Problems
 from yeastfit.model.numerics import Numerics, map_members
 from yeastfit.model.parameters import NAMES, Parameters, Scales
 from yeastfit.model.relaxation import Relaxation
@@ -54,7 +54,7 @@ class Simulation:
     @property
     def problems(self) -> dict[str, int]:
         """How many members ran into each of `Problems`; empty when all went well."""
-        counts = {name: int(np.sum(getattr(self.colony.problems, name))) for name in Problems.MEANINGS}
+        counts = {name: int(np.sum(getattr(self.colony.problems, name))) for name in PROBLEMS}
         return {name: count for name, count in counts.items() if count}
 
     @property
@@ -65,7 +65,7 @@ class Simulation:
     def warnings(self) -> list[str]:
         """The problems in words."""
         members = int(np.size(self.capacity_reached))
-        return [f"{count} of {members} colonies: {Problems.MEANINGS[name]}" for name, count in self.problems.items()]
+        return [f"{count} of {members} colonies: {PROBLEMS[name]}" for name, count in self.problems.items()]
 
     def rows(self) -> list[dict[str, float]]:
         """Tidy table: one row per member and sample time, lengths in L0 and in µm."""
@@ -85,7 +85,7 @@ class Simulation:
         """Curves, last states and configuration in one NumPy archive."""
         arrays: dict[str, Any] = {f"statistics/{name}": values for name, values in self.statistics.items()}
         arrays |= {f"colony/{name}": getattr(self.colony, name) for name in _COLONY_ARRAYS}
-        arrays |= {f"problems/{name}": getattr(self.colony.problems, name) for name in Problems.MEANINGS}
+        arrays |= {f"problems/{name}": getattr(self.colony.problems, name) for name in PROBLEMS}
         arrays |= {f"parameters/{name}": getattr(self.parameters, name) for name in NAMES}
         widths = {name: _number(getattr(self.relaxation, name)) for name in ("union", "contact", "boundary", "turning")}
         configuration = {
@@ -111,7 +111,7 @@ class Simulation:
             times=groups["times"][""],
             statistics=groups["statistics"],
             colony=Colony(**states, problems=problems),
-            parameters=Parameters(**groups["parameters"]),  # type: ignore[arg-type]
+            parameters=Parameters(**groups["parameters"]),
             relaxation=Relaxation(**configuration["relaxation"]),
             numerics=Numerics(**configuration["numerics"]),
             scales=Scales(**configuration["scales"]),

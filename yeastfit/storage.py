@@ -54,7 +54,9 @@ def write_json(path: str | Path, data: Any) -> None:
         temporary.write_text(json.dumps(_plain(data), indent=2, allow_nan=False) + "\n")
 
 
-def write_manifest(folder: str | Path, *, command: str, seed: int | None, inputs: Sequence[str | Path], **more: Any) -> None:
+def write_manifest(
+    folder: str | Path, *, command: str, seed: int | None, inputs: Sequence[str | Path], **more: Any
+) -> None:
     """`manifest.json`: what made this folder - command, seed, versions, device and the SHA-256 of every input."""
     device = jax.devices()[0]
     manifest = {

@@ -1,0 +1,1 @@
+"""From numbers to parameters: targets, fits and their errors."""

@@ -26,15 +26,12 @@ def check_free(free: Sequence[str]) -> tuple[str, ...]:
 
 def to_free(parameters: Parameters, free: tuple[str, ...]) -> Float[Array, " free"]:
     """z of the free parameters; each must lie inside its plausible range."""
-    values = []
     for name in free:
         low, high = PARAMETERS[name].plausible
         value = float(getattr(parameters, name))
         if not low < value < high:
             raise InputError(f"{name} is {value:g}, a free parameter starts inside ({low:g}, {high:g})")
-        share = jnp.log(value / low) / jnp.log(high / low)
-        values.append(jnp.log(share) - jnp.log1p(-share))
-    return jnp.stack(values)
+    return free_of_log(jnp.log(jnp.stack([getattr(parameters, name) for name in free])), free)
 
 
 def from_free(z: Float[Array, " free"], free: tuple[str, ...], fixed: Parameters) -> Parameters:
@@ -43,7 +40,19 @@ def from_free(z: Float[Array, " free"], free: tuple[str, ...], fixed: Parameters
     return fixed.replace(**{name: jnp.exp(log_values[i]) for i, name in enumerate(free)})
 
 
-def log_of_free(z: Float[Array, " free"], free: tuple[str, ...]) -> Float[Array, " free"]:
+def log_of_free(z: Float[Array, "... free"], free: tuple[str, ...]) -> Float[Array, "... free"]:
     """log λ of the free parameters. Differentiable."""
-    low, high = (jnp.log(jnp.array([PARAMETERS[name].plausible[end] for name in free])) for end in (0, 1))
+    low, high = log_range(free)
     return low + (high - low) * jax.nn.sigmoid(z)
+
+
+def free_of_log(log_values: Float[Array, "... free"], free: tuple[str, ...]) -> Float[Array, "... free"]:
+    """z of log λ, the inverse of `log_of_free`; infinite at the ends of the range."""
+    low, high = log_range(free)
+    return jnp.log(log_values - low) - jnp.log(high - log_values)
+
+
+def log_range(free: tuple[str, ...]) -> tuple[Float[Array, " free"], Float[Array, " free"]]:
+    """log a and log b of the free parameters' plausible ranges."""
+    low, high = (jnp.log(jnp.array([PARAMETERS[name].plausible[end] for name in free])) for end in (0, 1))
+    return low, high

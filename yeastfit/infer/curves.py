@@ -23,8 +23,8 @@ class Curves(eqx.Module):
     """Curves of chosen statistics at chosen steps, of every member of an ensemble with fixed keys.
 
     Means over members are differentiable in z: the derivative of the mean is estimated as the mean of the members'
-    derivatives, each cut where it is an outlier (`OUTLIER`), because a single colony's derivative may grow without bound
-    along a chaotic path while the ensemble's does not.
+    derivatives, each cut where it is an outlier (`OUTLIER`), because a single colony's derivative may grow without
+    bound along a chaotic path while the ensemble's does not.
     """
 
     names: tuple[str, ...] = eqx.field(static=True)

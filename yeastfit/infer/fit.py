@@ -5,18 +5,22 @@ The mean curves m(λ) of an ensemble with fixed keys are fitted to target means 
     minimise (m(λ) + d − y)ᵀ W (m(λ) + d − y),
 
 with optimistix's Levenberg–Marquardt in unconstrained variables (`bijection`). m is the relaxed model's, which has
-derivatives; d = m_hard(λ̂) − m(λ̂) is what the relaxation, and the fit's coarser time step, change at the estimate of the
-round before, so that the curves compared with the data at λ̂ are the hard model's (a defect correction, as in space
-mapping; Bandler et al. 1994). Rounds: a scout over the plausible box; a fit with a small ensemble and d = 0; then rounds
-with the full ensemble and d renewed until λ̂ moves by less than its standard errors.
+derivatives; d = m_hard(λ₀) − m(λ₀) is what the relaxation, and the fit's coarser time step, change at the estimate λ₀
+of the round before (a defect correction, as in space mapping, Bandler et al. 1994, doi:10.1109/22.339794). Rounds: a
+scout over the plausible box (`surface.scout`); then, in turn, a study of the hard model around the estimate
+(`local_study`: m_hard, its derivative J, the covariance S of one colony's curves) and a fit with d from it. The study
+also gives the Gauss–Newton step of the hard model,
 
-Covariance. One colony's curves scatter with a covariance S, taken from the hard ensemble and scaled to the measured
-scatter. The mean of R replicates compared with E simulated colonies has Σ = S (1/R + 1/E) + measurement error. With
-J the derivative of m, W the weights and Ĵ the Jacobian in use, which has Monte-Carlo noise of its own,
+    Δ = A⁻¹ JᵀW (y − m_hard),    A = JᵀWJ;
 
-    cov log λ̂ = A⁻¹ Ĵᵀ W Σ W Ĵ A⁻ᵀ,    A = ĴᵀWJ,
+from the second on, the rounds end where Δ is small against its standard error, and the last Δ is applied, so that the
+estimate is the hard model's. One colony's curves scatter with S, scaled to the measured scatter; the mean of R
+replicates compared with the study's has Σ = S (1/R + its error) + measurement error, W is the inverse of Σ with
+correlations shrunk, and
 
-A from two independent halves of the ensemble, in whose product that noise averages out.
+    cov log λ̂ = A⁻¹ JᵀW Σ WJ A⁻ᵀ,
+
+with A from two independent halves of the study, in whose product the Monte-Carlo noise of J averages out.
 """
 
 import json
@@ -31,11 +35,11 @@ import jax.numpy as jnp
 import numpy as np
 import optimistix as optx
 from jaxtyping import Array, Float
-from scipy.stats import qmc
 
 from yeastfit.errors import InputError
-from yeastfit.infer.bijection import check_free, from_free, log_of_free, to_free
-from yeastfit.infer.curves import Curves, robust_mean
+from yeastfit.infer.bijection import check_free, free_of_log, from_free, log_of_free, log_range, to_free
+from yeastfit.infer.curves import Curves
+from yeastfit.infer.surface import Local, local_study, scout
 from yeastfit.infer.targets import Targets
 from yeastfit.measure.smooth import SmoothStatistics
 from yeastfit.model.numerics import Numerics
@@ -54,32 +58,35 @@ DEFAULT_FREE = ("mobility", "metabolic_rate", "aspect_ratio")
 class FitSettings:
     """How a fit is computed. Defaults suit colonies of up to some hundred cells on two cores.
 
-    members: ensemble of the relaxed model, from whose two halves the errors come. scouts: points of the plausible box
-    looked at first. small: ensemble of the first fit. hard_members: ensemble of the hard model that d and S come from.
-    dt, spacing: of the relaxed model; contact: its ramp's width, which dt · repulsivity / contact < 1 asks for; turning:
-    see `Relaxation`. hard_dt: of the hard one. rounds: at most, with the full ensemble. max_steps: of Levenberg–Marquardt
-    in each. tolerance: on the change of log λ and of the residuals that counts as converged. measurement_error: relative
-    error of a measured mean that replicates do not average out. shrinkage: of correlations in the weights, because
-    differences between neighbouring times are where errors of a percent in the model weigh most.
+    members: ensemble of the relaxed model. scouts: colonies in each box of the scout. study: colonies of a study of the
+    hard model; spread: half width of its box in log λ. dt, spacing: of the relaxed model; contact: its ramp's width,
+    which dt · repulsivity / contact < 1 asks for; turning: see `Relaxation`. hard_dt: of the hard one. rounds: at most.
+    max_steps: of Levenberg–Marquardt in each. gain: of χ², below which an accepted step ends it; it also ends after
+    `patience` refused steps in a row, because a finite ensemble's mean is rough on the scale of its Monte-Carlo error.
+    measurement_error: relative error of a measured mean that replicates do not average out, half of its variance common
+    to all times. shrinkage: of correlations in the weights, because differences between neighbouring times are where
+    errors of a percent in the model weigh most. settled: Δ in standard errors.
     """
 
     members: int = 64
-    scouts: int = 128
-    small: int = 32
-    hard_members: int = 128
+    scouts: int = 256
+    study: int = 512
+    spread: float = 0.25
     dt: float = 0.02
     spacing: float = 0.2
     contact: float = 0.2
     turning: float = 0.5
-    hard_dt: float = 0.01
-    rounds: int = 3
-    max_steps: int = 12
-    tolerance: float = 0.01
+    hard_dt: float = 0.005
+    rounds: int = 4
+    max_steps: int = 8
+    gain: float = 0.3
+    patience: int = 2
     measurement_error: float = 0.01
     shrinkage: float = 0.2
+    settled: float = 1.5
 
     def __post_init__(self) -> None:
-        for name in ("members", "small", "hard_members", "scouts"):
+        for name in ("members", "study", "scouts"):
             if getattr(self, name) < 4 or getattr(self, name) % 2:
                 raise InputError(f"{name} is {getattr(self, name)}, it must be an even number of at least 4")
 
@@ -149,7 +156,7 @@ class Fit:
         """What `save` wrote."""
         data = json.loads(Path(path).read_text())
         nan = float("nan")
-        targets = {k: np.array(v) if isinstance(v, list) and k != "names" else v for k, v in data["targets"].items()}
+        targets: dict[str, Any] = {k: np.array(v) if isinstance(v, list) else v for k, v in data["targets"].items()}
         names = tuple(name for name in NAMES if data["parameters"][name]["free"])
         errors = {name: data["parameters"][name]["standard_error"] for name in names}
         return Fit(
@@ -157,7 +164,7 @@ class Fit:
             free=names,
             standard_errors={name: nan if error is None else error for name, error in errors.items()},
             covariance=np.array(data["covariance_of_logarithms"]["matrix"], dtype=float),
-            targets=Targets(**{**targets, "names": tuple(targets["names"])}),
+            targets=Targets(**{**targets, "names": tuple(data["targets"]["names"])}),
             fitted=np.array(data["fitted"]),
             curve_covariance=np.array(data["curve_covariance"]),
             settings=FitSettings(**data["settings"]),
@@ -228,52 +235,53 @@ class _Fitter:
         """All rounds."""
         began, settings = clock.perf_counter(), self.settings
         mean = self.targets.mean.ravel()
-        sd = np.sqrt(self._measured_variance() + (settings.measurement_error * mean) ** 2)
-        diagonal = np.diag(1.0 / sd)
-        z = self._scout(diagonal) if start is None else to_free(start, self.free)
-        self.progress("first fit", 0.1)
-        z, ended = self._minimise(z, settings.small, diagonal, np.zeros(self.y.size), "first fit")
+        z, ended = self._scout() if start is None else to_free(start, self.free), "nothing was wrong"
         for number in range(1, settings.rounds + 1):
-            share = 0.3 + 0.6 * (number - 1) / settings.rounds
-            self.progress(f"round {number}: hard ensemble", share)
-            defect, scatter = self._defect(z)
-            sigma = self._covariance(scatter)
+            share = 0.15 + 0.85 * (number - 1) / settings.rounds
+            self.progress(f"round {number}: study of the hard model", share)
+            log_values = np.asarray(log_of_free(z, self.free), dtype=float)
+            local = self._study(log_values)
+            sigma = self._covariance(local)
             weight = np.linalg.inv(self._shrunk(sigma))
-            whiten = np.linalg.cholesky(weight).T
-            before = z
-            self.progress(f"round {number}: fit", share + 0.1 / settings.rounds)
-            z, ended = self._minimise(z, settings.members, whiten, defect, f"round {number}")
-            covariance, cut = self._errors(z, weight, sigma)
-            moved = np.abs(log_of_free(z, self.free) - log_of_free(before, self.free)) / np.sqrt(np.diag(covariance))
-            if (moved < 0.5).all():
+            step, covariance = _gauss_newton(local, mean - local.mean, weight, sigma)
+            settled = number > 1 and bool((np.abs(step) < settings.settled * np.sqrt(np.diag(covariance))).all())
+            residual = local.mean - mean
+            self._record(f"round {number}, hard model", float(residual @ weight @ residual), z)
+            if settled or number == settings.rounds:
                 break
-        self.progress("hard ensemble at the estimate", 0.95)
-        fitted, _ = self._hard_mean(z)
-        residual = fitted - mean
+            self.progress(f"round {number}: fit", share + 0.3 / settings.rounds)
+            z, ended = self._corrected_fit(z, local, np.linalg.cholesky(weight).T, f"round {number}")
+        inside = (np.abs(step) < settings.spread).all()
+        if inside:
+            z = free_of_log(jnp.asarray(self._inside(log_values + step), self.y.dtype), self.free)
+        fitted = local.mean + local.jacobian @ step * inside
+        self._record("estimate", float((fitted - mean) @ weight @ (fitted - mean)), z)
         return self._result(
             z,
             ended=ended,
-            settled=bool((moved < 0.5).all()),
+            settled=settled,
             covariance=covariance,
-            cut=cut,
             fitted=fitted,
             sigma=sigma,
-            chi_square=float(residual @ np.linalg.solve(sigma, residual)),
+            chi_square=float((fitted - mean) @ np.linalg.solve(sigma, fitted - mean)),
             seconds=clock.perf_counter() - began,
         )
 
-    def _scout(self, whiten: np.ndarray) -> Array:
-        """The best of a low-discrepancy set of points in the middle of the plausible box, by one colony each."""
-        self.progress("scouting the plausible box", 0.0)
-        count = self.settings.scouts
-        shares = qmc.Sobol(len(self.free), rng=self.seed).random(count)
-        # z of ±2 is the middle 76 % of the range, on its logarithmic scale
-        z = jnp.asarray(4.0 * shares - 2.0, self.y.dtype)
-        curves = self._simulate(self.relaxed, z, count)
-        cost = np.sum(((curves - self.y) @ whiten.T) ** 2, axis=1)
-        best = int(np.nanargmin(np.where(np.isfinite(cost), cost, np.inf)))
-        self._record("scout", float(cost[best]), z[best])
-        return z[best]
+    def _scout(self) -> Array:
+        """A start anywhere in the plausible box, from response surfaces of the relaxed model."""
+        targets, keys = self.targets, member_keys(self.seed, self.settings.scouts)
+        mean = targets.mean.ravel()
+        self.simulations += 3 * len(keys)
+        log_values = scout(
+            self.relaxed,
+            mean,
+            # the relaxation's bias, a few percent, weighs here too: half of it is left to the rounds
+            np.full(mean.size, max(0.02, self.settings.measurement_error)),
+            np.tile(targets.replicates, len(targets.names)),
+            keys,
+            lambda number: self.progress(f"scouting, box {number + 1} of 3", 0.05 * number),
+        )
+        return free_of_log(jnp.asarray(self._inside(log_values), self.y.dtype), self.free)
 
     def _minimise(
         self, z: Array, members: int, whiten: np.ndarray, defect: np.ndarray, stage: str
@@ -285,71 +293,62 @@ class _Fitter:
         def residuals(z: Array, _: Any) -> tuple[Array, None]:
             return matrix @ (self.relaxed.mean(z, keys) + shift), None
 
-        solver: Any = optx.LevenbergMarquardt(rtol=self.settings.tolerance, atol=self.settings.tolerance)
+        solver: Any = optx.LevenbergMarquardt(rtol=1e-3, atol=1e-3)
         shape = jax.ShapeDtypeStruct(self.y.shape, z.dtype)
-        common = {"fn": residuals, "args": None, "options": {}, "tags": frozenset()}
+        common: dict[str, Any] = {"fn": residuals, "args": None, "options": {}, "tags": frozenset()}
         state = solver.init(y=z, f_struct=shape, aux_struct=None, **common)
+        before = np.inf
         for _ in range(self.settings.max_steps):
             z, state, _ = solver.step(y=z, state=state, **common)
             self.simulations += members
-            self._record(stage, float(jnp.sum(state.f_info.residual**2)), z)
+            cost = float(jnp.sum(state.f_info.residual**2))
+            refused = int(state.num_steps_since_acceptance)
+            if not refused:
+                self._record(stage, cost, z)
             done, result = solver.terminate(y=z, state=state, **common)
             if result != optx.RESULTS.successful:
-                return z, f"the optimiser failed: {optx.RESULTS[result]}"
-            if done:
+                return z, f"the optimiser failed: {optx.RESULTS[result]}"  # type: ignore[misc]
+            if done or refused == self.settings.patience or (not refused and before - cost < self.settings.gain):
                 return z, "converged"
+            before = cost
         return z, f"the step limit of {self.settings.max_steps} was reached"
 
     def _simulate(self, curves: Curves, z: Array, members: int) -> np.ndarray:
         self.simulations += members
         return np.asarray(curves.members(z, member_keys(self.seed, members)), dtype=float)
 
-    def _hard_mean(self, z: Array) -> tuple[np.ndarray, np.ndarray]:
-        members = self._simulate(self.hard, z, self.settings.hard_members)
-        return members.mean(axis=0), np.cov(members.T)
+    def _study(self, log_values: np.ndarray) -> Local:
+        """The hard model around a point, with colonies that the fits do not use."""
+        keys = member_keys(self.seed, self.settings.study)
+        self.simulations += len(keys)
+        return local_study(self.hard, self._inside(log_values), keys, self.settings.spread)
 
-    def _defect(self, z: Array) -> tuple[np.ndarray, np.ndarray]:
-        """m_hard − m at z, m of the very ensemble that is fitted; and the covariance of one hard colony's curves."""
-        hard, scatter = self._hard_mean(z)
-        return hard - self._simulate(self.relaxed, z, self.settings.members).mean(axis=0), scatter
+    def _inside(self, log_values: np.ndarray) -> np.ndarray:
+        """log λ at least 1e-3 inside its plausible range, where z is finite."""
+        low, high = (np.asarray(end, dtype=float) for end in log_range(self.free))
+        return np.clip(log_values, low + 1e-3, high - 1e-3)
 
-    def _measured_variance(self) -> np.ndarray:
-        return (self.targets.scatter**2 / self.targets.replicates).ravel()
+    def _corrected_fit(self, z: Array, local: Local, whiten: np.ndarray, stage: str) -> tuple[Array, str]:
+        """A fit of the relaxed model with its defect at z, as the ensemble that is fitted has it."""
+        relaxed = self._simulate(self.relaxed, z, self.settings.members).mean(axis=0)
+        return self._minimise(z, self.settings.members, whiten, local.mean - relaxed, stage)
 
-    def _covariance(self, scatter: np.ndarray) -> np.ndarray:
-        """Σ: the model's covariance of one colony scaled, statistic by statistic, to the measured scatter, plus errors."""
-        targets = self.targets
+    def _covariance(self, local: Local) -> np.ndarray:
+        """Σ: the model's covariance of one colony, scaled by statistic to the measured scatter, plus errors."""
+        targets, scatter = self.targets, local.scatter
         mean = targets.mean.ravel()
         count = len(targets.times)
         model = np.diag(scatter).reshape(-1, count).mean(axis=1)
         ratio = np.sqrt((targets.scatter**2).mean(axis=1) / model).repeat(count)
         replicates = np.sqrt(np.tile(targets.replicates, len(targets.names)))
         data = scatter * np.outer(ratio, ratio) / np.outer(replicates, replicates)
-        sigma = data + scatter / self.settings.hard_members
         error = self.settings.measurement_error * mean
         same = np.kron(np.eye(len(targets.names)), np.ones((count, count)))
-        # half of the variance common to all times of a statistic, half for each by itself
-        return sigma + 0.5 * same * np.outer(error, error) + 0.5 * np.diag(error**2)
+        return data + local.mean_error * scatter + 0.5 * same * np.outer(error, error) + 0.5 * np.diag(error**2)
 
     def _shrunk(self, sigma: np.ndarray) -> np.ndarray:
         kept = 1.0 - self.settings.shrinkage
         return kept * sigma + (1.0 - kept) * np.diag(np.diag(sigma))
-
-    def _errors(self, z: Array, weight: np.ndarray, sigma: np.ndarray) -> tuple[np.ndarray, float]:
-        """Covariance of log λ̂ (see above), and the share of members' derivatives that were outliers."""
-        keys = member_keys(self.seed, self.settings.members)
-        scale = np.asarray(jax.jacfwd(lambda z: log_of_free(z, self.free))(z), dtype=float)
-        _, tangents = self.relaxed.members_with_tangents(z, keys)
-        self.simulations += self.settings.members
-        means = [robust_mean(tangents[k::2]) for k in (0, 1)]
-        first, second = (np.asarray(jacobian, dtype=float) @ np.linalg.inv(scale) for jacobian, _ in means)
-        share_cut = float(np.mean([cut for _, cut in means]))
-        cross = first.T @ weight @ second
-        a = 0.5 * (cross + cross.T)
-        used = 0.5 * weight @ (first + second)
-        if np.linalg.eigvalsh(a).min() <= 0:
-            return np.full_like(a, np.nan), share_cut
-        return np.linalg.solve(a, np.linalg.solve(a, used.T @ sigma @ used).T), share_cut
 
     def _record(self, stage: str, cost: float, z: Array) -> None:
         values = from_free(z, self.free, self.fixed).asdict()
@@ -362,7 +361,6 @@ class _Fitter:
         ended: str,
         settled: bool,
         covariance: np.ndarray,
-        cut: float,
         fitted: np.ndarray,
         sigma: np.ndarray,
         chi_square: float,
@@ -370,26 +368,28 @@ class _Fitter:
     ) -> Fit:
         parameters = from_free(z, self.free, self.fixed)
         errors = {
-            name: float(getattr(parameters, name)) * float(np.sqrt(covariance[i, i])) for i, name in enumerate(self.free)
+            name: float(getattr(parameters, name)) * float(np.sqrt(covariance[i, i]))
+            for i, name in enumerate(self.free)
         }
         warnings = []
         freedom = self.targets.mean.size - len(self.free)
         if chi_square > freedom + 4 * np.sqrt(2 * freedom):
-            warnings.append(f"the model does not reach the data: chi-square {chi_square:.0f} on {freedom} degrees of freedom")
-        if cut > 0.2:
-            warnings.append(f"{cut:.0%} of the members' derivatives were outliers: standard errors are uncertain")
+            warnings.append(
+                f"the model does not reach the data: chi-square {chi_square:.0f} on {freedom} degrees of freedom"
+            )
         if not np.isfinite(covariance).all():
             warnings.append("the data do not determine all free parameters: no standard errors, fix one of them")
-        converged = ended == "converged" and settled and bool(np.isfinite(fitted).all())
-        if ended == "converged":
-            ended = "converged" if settled else f"not settled after {self.settings.rounds} rounds"
+        converged = settled and bool(np.isfinite(fitted).all())
+        status = "converged"
+        if not converged:
+            status = f"not settled after {self.settings.rounds} rounds; in the last fit {ended}"
         return Fit(
             parameters=parameters,
             free=self.free,
             standard_errors=errors,
             covariance=covariance,
             converged=converged,
-            status=ended,
+            status=status,
             chi_square=chi_square,
             targets=self.targets,
             fitted=fitted.reshape(self.targets.mean.shape),
@@ -403,3 +403,15 @@ class _Fitter:
         )
 
 
+def _gauss_newton(
+    local: Local, residual: np.ndarray, weight: np.ndarray, sigma: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Δ log λ and its covariance (see above), which is nan where the two halves do not agree on a direction."""
+    first, second = local.halves
+    cross = first.T @ weight @ second
+    a = 0.5 * (cross + cross.T)
+    used = weight @ local.jacobian
+    if np.linalg.eigvalsh(a).min() <= 0:
+        return np.linalg.lstsq(used.T @ local.jacobian, used.T @ residual)[0], np.full_like(a, np.nan)
+    spread = np.linalg.solve(a, used.T)
+    return spread @ residual, spread @ sigma @ spread.T

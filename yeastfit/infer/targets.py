@@ -6,6 +6,12 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from yeastfit.errors import InputError
+from yeastfit.measure.dataset import Dataset
+from yeastfit.measure.series import Measured, replicate_curves, smooth_statistics
+from yeastfit.model.parameters import Scales
+
+SPACING = 0.1  # L0, the grid on which shapes are compared: 0.75 µm for yeast
+SMOOTHING = 0.15  # L0, the blur both undergo, which makes them indifferent to how a pixel on the edge was called
 
 
 @dataclass(frozen=True)
@@ -61,3 +67,24 @@ class Targets:
             raise InputError(f"{replicates.min()} replicate at one of the times, at least 2 are needed for a scatter")
         mean, scatter = np.nanmean(stacked, axis=1), np.nanstd(stacked, axis=1, ddof=1)
         return Targets(tuple(curves), np.asarray(times), mean, scatter, replicates, spacing, smoothing, extent)
+
+    @staticmethod
+    def from_dataset(
+        dataset: Dataset,
+        measured: list[Measured],
+        *,
+        names: tuple[str, ...] = ("compactness", "radius"),
+        scales: Scales | None = None,
+        spacing: float = SPACING,
+        smoothing: float = SMOOTHING,
+    ) -> "Targets":
+        """Curves of a data set's masks, measured as `SmoothStatistics` measures a simulation; lengths in L0."""
+        scales = scales or Scales()
+        rows, extent = [], 0.0
+        for one in measured:
+            pixel = one.micrograph.pixel_size / scales.length
+            rows.append(smooth_statistics(one.segmentation.mask, pixel, spacing=spacing, smoothing=smoothing))
+            extent = max(extent, one.shape.max_radius / scales.length)
+        curves, hours = replicate_curves(dataset, rows, names)
+        times = np.array([scales.time(hour) for hour in hours])
+        return Targets.from_replicates(curves, times, spacing=spacing, smoothing=smoothing, extent=extent)

@@ -1,0 +1,1 @@
+"""From an image or a simulated colony to numbers."""

@@ -1,7 +1,6 @@
 """Statistics of the black-and-white image of a simulated colony, as a micrograph's are taken: not differentiable."""
 
 import equinox as eqx
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Shaped
 

@@ -1,12 +1,12 @@
 """Statistics of a shape that a gradient can pass through (MODEL.md section 4).
 
-A shape is an indicator φ in [0, 1] on a square grid: of a level set, φ = ½ + ½ tanh(−g/K) (source A.2, equation 8), or of
-a micrograph, its mask. Both are blurred by one Gaussian of width `smoothing`, then
+A shape is an indicator φ in [0, 1] on a square grid: of a level set, φ = ½ + ½ tanh(−g/K) (source A.2, equation 8), or
+of a micrograph, its mask. Both are blurred by one Gaussian of width `smoothing`, then
 
     A = ∬ φ,    P = ∬ |∇φ| (co-area formula, all boundaries),    C = P² / (4πA),    radius = ∬ φ |x − x̄| / A.
 
-A perimeter depends on pixel size, blur and estimator; an image and a model that go through the same function at the same
-spacing and smoothing can be compared. Blurring closes gaps narrower than about 2 · `smoothing` in both.
+A perimeter depends on pixel size, blur and estimator; an image and a model that go through the same function at the
+same spacing and smoothing can be compared. Blurring closes gaps narrower than about 2 · `smoothing` in both.
 """
 
 import equinox as eqx
@@ -41,7 +41,7 @@ class SmoothStatistics(eqx.Module):
 
 
 def node_statistics(snapshot: Snapshot) -> dict[str, Float[Array, ""]]:
-    """What nodes tell and a picture does not: μ, the number of cells and d̄, the mean distance of nodes from the origin."""
+    """What only nodes tell: μ, the number of cells and d̄, the mean distance of nodes from the origin."""
     weights = snapshot.colony.weights
     total = jnp.sum(weights)
     return {
@@ -86,7 +86,7 @@ def smooth_shape(phi: Float[Array, "x y"], spacing: float, smoothing: float) -> 
 
 
 def gaussian_blur(phi: Float[Array, "x y"], sigma: float) -> Float[Array, "x y"]:
-    """Separable Gaussian of `sigma` pixels, cut at 4 sigma and normalised, zero outside; grows by the cut on each side."""
+    """Separable Gaussian of `sigma` pixels, cut at 4 sigma, zero outside; the array grows by the cut on each side."""
     if sigma == 0:
         return phi
     half = int(np.ceil(4 * sigma))

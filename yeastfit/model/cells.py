@@ -5,9 +5,9 @@ f = (u/p)² + (v/q)² − 1 = r² − 1, dimensionless. Hard union: g = min_k f_
 
     g = −s log Σ_k w_k exp(−f_k / s) = −1 − s log Σ_k w_k exp(−r_k² / s),
 
-a sum of anisotropic Gaussians, hence local: only r² ≤ `Relaxation.reach` is ever evaluated. Each cell covers its bounding
-box with square patches of PATCH² grid points; the patches of all cells form one list that is worked off in chunks, so the
-work follows the area of the cells, and no cell is cut however stretched it is.
+a sum of anisotropic Gaussians, hence local: only r² ≤ `Relaxation.reach` is ever evaluated. Each cell covers its
+bounding box with square patches of PATCH² grid points; the patches of all cells form one list that is worked off in
+chunks, so the work follows the area of the cells, and no cell is cut however stretched it is.
 """
 
 import equinox as eqx
@@ -102,10 +102,10 @@ _DROP = jax.lax.GatherScatterMode.FILL_OR_DROP
 def _patches(
     cells: Cells, reach: Float[Array, ""] | float, origin: float, spacing: float, points: int
 ) -> tuple[Int[Array, "cell 2"], Int[Array, "cell 2"]]:
-    """First grid index and number of patches, per axis, which cover {r² ≤ reach} of each cell on the grid;
-    none at weight 0.
+    """First grid index and number of patches, per axis, that cover {r² ≤ reach} of each cell.
 
-    The ellipse's extent along x is √(p² cos²θ + q² sin²θ), and likewise along y.
+    Cells of weight 0 and parts beyond the grid get none. The ellipse's extent along x is √(p² cos²θ + q² sin²θ), and
+    likewise along y.
     """
     cells = jax.lax.stop_gradient(cells)
     across = cells.directions[:, ::-1]

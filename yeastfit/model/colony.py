@@ -39,13 +39,6 @@ class Problems(eqx.Module):
     unstable: Bool[Array, ""]
     not_finite: Bool[Array, ""]
 
-    MEANINGS = {
-        "capacity_reached": "births were cut because every node slot was taken: raise capacity or end earlier",
-        "left_domain": "a node came within one cell of the domain's edge: raise domain or end earlier",
-        "unstable": "Δt · elasticity · (degree + 1) reached 2, where forward Euler oscillates: lower dt",
-        "not_finite": "positions or nutrient are not finite: lower dt",
-    }
-
     @staticmethod
     def none() -> "Problems":
         """Nothing yet."""
@@ -69,3 +62,12 @@ def start(key: Array, numerics: Numerics) -> Colony:
         step=jnp.asarray(0),
         problems=Problems.none(),
     )
+
+
+PROBLEMS = {
+    "capacity_reached": "births were cut because every node slot was taken: raise capacity or end earlier",
+    "left_domain": "a node came within one cell of the domain's edge: raise domain or end earlier",
+    "unstable": "Δt · elasticity · (degree + 1) reached 2, where forward Euler oscillates: lower dt",
+    "not_finite": "positions or nutrient are not finite: lower dt",
+}
+"""What each field of `Problems` means, and what to do about it."""

@@ -33,9 +33,10 @@ PARAMETERS: dict[str, ParameterInfo] = {
     "aspect_ratio": ParameterInfo("λ7", "minor over major axis of a cell", (0.2, 1.0), 0.73, 1.0),
 }
 NAMES: tuple[str, ...] = tuple(PARAMETERS)
+Value = float | Array | np.ndarray | np.generic
 
 
-def _as_float(value: object) -> Array:
+def _as_float(value: Value) -> Array:
     if not isinstance(value, jax.Array | np.ndarray | np.generic | float | int) or isinstance(value, bool):
         raise InputError(f"a parameter must be a number or an array of numbers, got {value!r}")
     return jnp.asarray(value, dtype=jnp.result_type(float))
@@ -49,13 +50,31 @@ class Parameters(eqx.Module):
     Differentiable in every field. Raises `InputError` where a concrete value is not admissible.
     """
 
-    diffusivity: Float[Array, "*member"] = eqx.field(converter=_as_float, default=0.1)
-    elasticity: Float[Array, "*member"] = eqx.field(converter=_as_float, default=5.0)
-    repulsivity: Float[Array, "*member"] = eqx.field(converter=_as_float, default=5.0)
-    repulsion_radius: Float[Array, "*member"] = eqx.field(converter=_as_float, default=0.5)
-    mobility: Float[Array, "*member"] = eqx.field(converter=_as_float, default=1.0)
-    metabolic_rate: Float[Array, "*member"] = eqx.field(converter=_as_float, default=1.0)
-    aspect_ratio: Float[Array, "*member"] = eqx.field(converter=_as_float, default=0.73)
+    diffusivity: Float[Array, "*member"]
+    elasticity: Float[Array, "*member"]
+    repulsivity: Float[Array, "*member"]
+    repulsion_radius: Float[Array, "*member"]
+    mobility: Float[Array, "*member"]
+    metabolic_rate: Float[Array, "*member"]
+    aspect_ratio: Float[Array, "*member"]
+
+    def __init__(
+        self,
+        diffusivity: Value = 0.1,
+        elasticity: Value = 5.0,
+        repulsivity: Value = 5.0,
+        repulsion_radius: Value = 0.5,
+        mobility: Value = 1.0,
+        metabolic_rate: Value = 1.0,
+        aspect_ratio: Value = 0.73,
+    ) -> None:
+        self.diffusivity = _as_float(diffusivity)
+        self.elasticity = _as_float(elasticity)
+        self.repulsivity = _as_float(repulsivity)
+        self.repulsion_radius = _as_float(repulsion_radius)
+        self.mobility = _as_float(mobility)
+        self.metabolic_rate = _as_float(metabolic_rate)
+        self.aspect_ratio = _as_float(aspect_ratio)
 
     def __check_init__(self) -> None:
         for name, info in PARAMETERS.items():
@@ -74,12 +93,12 @@ class Parameters(eqx.Module):
         """Plain numbers by name, for tables and JSON."""
         return {name: np.asarray(getattr(self, name), dtype=float).tolist() for name in NAMES}
 
-    def replace(self, **values: object) -> "Parameters":
+    def replace(self, **values: Value) -> "Parameters":
         """A copy with some fields changed."""
         unknown = sorted(set(values) - set(NAMES))
         if unknown:
             raise InputError(f"unknown parameter {unknown[0]!r}, expected one of {', '.join(NAMES)}")
-        return Parameters(**{name: values.get(name, getattr(self, name)) for name in NAMES})  # type: ignore[arg-type]
+        return Parameters(**{name: values.get(name, getattr(self, name)) for name in NAMES})
 
 
 @dataclass(frozen=True)

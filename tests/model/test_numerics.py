@@ -1,0 +1,56 @@
+"""Grid, time step, capacity, and members shared out over devices."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from helpers import wrong_types
+
+from yeastfit.errors import InputError
+from yeastfit.model.numerics import Numerics, largest_in_ensemble, map_members
+
+
+@pytest.mark.parametrize("name", ["domain", "spacing", "dt", "capacity", "bud_distance"])
+@pytest.mark.parametrize("value", [0.0, -1.0, float("nan"), float("inf"), True, "1"])
+def test_a_value_that_is_no_number_above_zero_is_named(name: str, value: object) -> None:
+    with wrong_types(), pytest.raises(InputError, match=f"{name} is {value!r}, it must be a number above 0"):
+        Numerics(**{name: value})  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("capacity", [1, 2.5])
+def test_capacity_is_a_whole_number_of_at_least_two(capacity: float) -> None:
+    with wrong_types(), pytest.raises(InputError, match=f"capacity is {capacity}, it must be a whole number"):
+        Numerics(capacity=capacity)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(("domain", "spacing"), [(10.0, 0.3), (0.3, 0.1)])
+def test_the_domain_is_a_whole_number_of_intervals(domain: float, spacing: float) -> None:
+    with pytest.raises(InputError, match=rf"domain / spacing is {domain:g} / {spacing:g} = .* at least 4"):
+        Numerics(domain=domain, spacing=spacing)
+
+
+def test_the_grid_ends_on_both_edges() -> None:
+    numerics = Numerics(domain=40.0, spacing=0.1)
+    assert numerics.points == 401
+    np.testing.assert_allclose(numerics.axis()[jnp.array([0, 200, -1])], [-20.0, 0.0, 20.0], atol=4e-6)
+
+
+@pytest.mark.parametrize(
+    ("dt", "steps"), [(0.02, 50), (0.01, 100), (1 / 49, 49), (0.3, 4), (0.03, 34), (1.0, 1), (2.0, 1)]
+)
+def test_an_event_comes_every_ceil_of_one_over_dt_steps(dt: float, steps: int) -> None:
+    assert Numerics(dt=dt).steps_per_event == steps
+
+
+@pytest.mark.parametrize("members", [1, 2, 5])
+def test_every_member_is_mapped_once_and_in_order(members: int) -> None:
+    squares = map_members(lambda x: {"square": x**2}, jnp.arange(float(members)))
+    assert squares["square"].tolist() == [float(i**2) for i in range(members)]
+
+
+def test_a_trip_count_is_the_largest_of_the_members_of_one_device() -> None:
+    assert int(largest_in_ensemble(jnp.asarray(3))) == 3
+    shares = min(len(jax.local_devices()), 6)
+    trips = map_members(largest_in_ensemble, jnp.arange(6)).reshape(shares, -1)
+    largest = np.arange(6).reshape(shares, -1).max(axis=1, keepdims=True)
+    assert (np.asarray(trips) == largest).all()

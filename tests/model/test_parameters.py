@@ -1,0 +1,85 @@
+"""λ1..λ7: what is admissible, what is said when it is not, and the scales."""
+
+import math
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from helpers import wrong_types
+
+from yeastfit.errors import InputError
+from yeastfit.model.parameters import NAMES, PARAMETERS, Parameters, Scales
+
+
+def test_defaults_are_those_of_the_table_and_lie_in_the_plausible_range() -> None:
+    for name, info in PARAMETERS.items():
+        assert float(getattr(Parameters(), name)) == pytest.approx(info.default)
+        low, high = info.plausible
+        assert 0 < low <= info.default <= high <= info.largest
+    assert [info.symbol for info in PARAMETERS.values()] == [f"λ{i}" for i in range(1, 8)]
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("value", [-0.5, math.nan, math.inf])
+def test_a_bad_value_is_named_with_its_parameter(name: str, value: float) -> None:
+    with pytest.raises(InputError, match=rf"{name} \({PARAMETERS[name].symbol}\) is {value:g}, it must be"):
+        Parameters(**{name: value})  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(("name", "value"), [("repulsion_radius", 0.51), ("aspect_ratio", 1.01)])
+def test_upper_bounds(name: str, value: float) -> None:
+    with pytest.raises(InputError, match=f"{name} .* is {value:g}, it must be in"):
+        Parameters(**{name: value})  # type: ignore[arg-type]
+    assert Parameters(**{name: PARAMETERS[name].largest}) is not None  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("name", ["repulsion_radius", "aspect_ratio"])
+def test_lengths_of_zero_are_refused_and_rates_of_zero_are_not(name: str) -> None:
+    with pytest.raises(InputError, match=f"{name} .* is 0, it must be in"):
+        Parameters(**{name: 0.0})  # type: ignore[arg-type]
+    assert float(Parameters(mobility=0.0).mobility) == 0  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("value", ["5", None, True, [1.0]])
+def test_only_numbers_and_arrays_are_parameters(value: object) -> None:
+    with wrong_types(), pytest.raises(InputError, match="must be a number or an array of numbers"):
+        Parameters(mobility=value)  # type: ignore[arg-type]
+
+
+def test_one_bad_member_is_found() -> None:
+    with pytest.raises(InputError, match=r"mobility \(λ5\) is -2"):
+        Parameters(mobility=np.array([1.0, -2.0, 3.0]))  # type: ignore[arg-type]
+
+
+def test_replace_changes_one_field_and_knows_its_names() -> None:
+    changed = Parameters(elasticity=7.0).replace(mobility=2.0)  # type: ignore[arg-type]
+    assert changed.asdict() == pytest.approx(Parameters().asdict() | {"elasticity": 7.0, "mobility": 2.0})
+    with pytest.raises(InputError, match="unknown parameter 'motility', expected one of diffusivity"):
+        changed.replace(motility=1.0)
+
+
+def test_as_dictionary_and_back_with_values_per_member() -> None:
+    parameters = Parameters(metabolic_rate=np.array([0.5, 1.5]))  # type: ignore[arg-type]
+    again = Parameters(**{name: np.asarray(value) for name, value in parameters.asdict().items()})  # type: ignore[arg-type]
+    assert again.metabolic_rate.shape == (2,)
+    assert again.asdict() == parameters.asdict()
+
+
+def test_differentiable_in_every_field(double: None) -> None:
+    def product(vector: jax.Array) -> jax.Array:
+        parameters = Parameters(*jnp.unstack(vector))
+        return jnp.prod(jnp.stack([getattr(parameters, name) for name in NAMES]))
+
+    vector = jnp.array([info.default for info in PARAMETERS.values()])
+    np.testing.assert_allclose(jax.jit(jax.grad(product))(vector), jnp.prod(vector) / vector, rtol=1e-14)
+
+
+def test_scales_convert_and_refuse() -> None:
+    scales = Scales(length=5.0, rate=0.5)
+    assert scales.hours(2.0) == 4.0
+    assert scales.time(scales.hours(3.7)) == pytest.approx(3.7)
+    assert Scales().hours(1.0) == pytest.approx(2.174, abs=5e-4)
+    for value in (0.0, -1.0, math.nan, math.inf, "7.5"):
+        with wrong_types(), pytest.raises(InputError, match=f"scale length is {value!r}"):
+            Scales(length=value)  # type: ignore[arg-type]

@@ -1,0 +1,5 @@
+"""`python -m yeastfit` is the command `yeastfit`."""
+
+from yeastfit.cli import main
+
+main()

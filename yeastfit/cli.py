@@ -1,0 +1,330 @@
+"""The command line: a thin file over the library. Every run leaves `manifest.json`; bad input ends with exit code 2."""
+
+import os
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Annotated, Any
+
+import jax
+import numpy as np
+import typer
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.table import Table
+
+from yeastfit import plot
+from yeastfit.errors import InputError, PixelSizeError
+from yeastfit.infer.fit import DEFAULT_FREE, Fit, FitSettings
+from yeastfit.infer.fit import fit as run_fit
+from yeastfit.infer.targets import Targets
+from yeastfit.measure.dataset import read_dataset
+from yeastfit.measure.images import read_image
+from yeastfit.measure.segmentation import segment
+from yeastfit.measure.series import Measured, measure_dataset, measure_file
+from yeastfit.model.numerics import Numerics
+from yeastfit.model.parameters import NAMES, PARAMETERS, Parameters, Scales
+from yeastfit.model.relaxation import HARD, Relaxation
+from yeastfit.simulation import member_keys
+from yeastfit.simulation import simulate as run_simulation
+from yeastfit.storage import write_manifest, write_table
+from yeastfit.synthesis import read_recipes, write_mask
+from yeastfit.synthesis import synthesize as make_dataset
+
+app = typer.Typer(no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False, help=__doc__)
+out, err = Console(), Console(stderr=True)
+
+Out = Annotated[Path, typer.Option("--out", help="Folder for the results; made if missing.", show_default=False)]
+Seed = Annotated[int, typer.Option("--seed", min=0, help="Random seed: same seed, same result.")]
+Rate = Annotated[float, typer.Option("--rate", help="Maximal growth rate μ* per hour; the unit of time is 1/μ*.")]
+Length = Annotated[float, typer.Option("--length", help="Cell length L0 in µm: the model's unit of length.")]
+
+
+def _option(name: str) -> Any:
+    info = PARAMETERS[name]
+    text = f"{info.symbol}: {info.meaning}; plausible {info.plausible[0]:g} to {info.plausible[1]:g}."
+    return typer.Option(f"--{name.replace('_', '-')}", help=text, rich_help_panel="Model parameters (dimensionless)")
+
+
+Diffusivity = Annotated[float, _option("diffusivity")]
+Elasticity = Annotated[float, _option("elasticity")]
+Repulsivity = Annotated[float, _option("repulsivity")]
+RepulsionRadius = Annotated[float, _option("repulsion_radius")]
+Mobility = Annotated[float, _option("mobility")]
+MetabolicRate = Annotated[float, _option("metabolic_rate")]
+AspectRatio = Annotated[float, _option("aspect_ratio")]
+DEFAULT = {name: info.default for name, info in PARAMETERS.items()}
+
+
+@app.command()
+def simulate(
+    folder: Out,
+    diffusivity: Diffusivity = DEFAULT["diffusivity"],
+    elasticity: Elasticity = DEFAULT["elasticity"],
+    repulsivity: Repulsivity = DEFAULT["repulsivity"],
+    repulsion_radius: RepulsionRadius = DEFAULT["repulsion_radius"],
+    mobility: Mobility = DEFAULT["mobility"],
+    metabolic_rate: MetabolicRate = DEFAULT["metabolic_rate"],
+    aspect_ratio: AspectRatio = DEFAULT["aspect_ratio"],
+    members: Annotated[int, typer.Option(help="How many colonies to grow.")] = 4,
+    time: Annotated[float, typer.Option(help="How long, in model units of 1/μ* (2.17 hours by default).")] = 10.0,
+    every: Annotated[float, typer.Option(help="Model time between two rows of the table.")] = 0.2,
+    hard: Annotated[bool, typer.Option("--hard/--relaxed", help="Exact rules, or the differentiable ones.")] = False,
+    dt: Annotated[float, typer.Option(help="Time step.")] = 0.02,
+    spacing: Annotated[float, typer.Option(help="Grid spacing in cell lengths L0.")] = 0.1,
+    domain: Annotated[float, typer.Option(help="Side of the square dish in L0.")] = 40.0,
+    capacity: Annotated[int, typer.Option(help="Largest number of nodes (cells + 1).")] = 500,
+    rate: Rate = Scales.rate,
+    length: Length = Scales.length,
+    seed: Seed = 0,
+) -> None:
+    """Grow colonies and write their statistics over time (curves.csv) and pictures.
+
+    curves.csv has a row for each colony and time. Lengths are in cell lengths L0; columns that end in _um are in µm.
+    """
+    values = [diffusivity, elasticity, repulsivity, repulsion_radius, mobility, metabolic_rate, aspect_ratio]
+    parameters = Parameters().replace(**dict(zip(NAMES, values, strict=True)))
+    numerics = Numerics(domain=domain, spacing=spacing, dt=dt, capacity=capacity)
+    if not 0 < every <= time:
+        raise InputError(f"every is {every:g}, it must be above 0 and at most the time, {time:g}")
+    times = np.unique(np.append(np.arange(1, int(time / every + 1e-9) + 1) * every, time))
+    keys = member_keys(seed, members)
+    relaxation = HARD if hard else Relaxation()
+    with _progress("growing colonies") as advance:
+        result = run_simulation(
+            parameters, keys, times=times, numerics=numerics, relaxation=relaxation, scales=Scales(length, rate)
+        )
+        write_table(folder / "curves.csv", result.rows())
+        result.save(folder / "simulation.npz")
+        plot.save(plot.curves(result), folder / "curves.png")
+        for member in range(members):
+            advance(member + 1, members)
+            plot.save(plot.colony(result, member), folder / f"colony_{member}.png")
+    _warn(result.warnings())
+    configuration = {"parameters": parameters.asdict(), "hard": hard, "numerics": vars(numerics), "members": members}
+    more = {"configuration": configuration, "seconds": result.seconds}
+    write_manifest(folder, command="simulate", seed=seed, inputs=[], **more)
+    count = result.statistics["cell_count"][:, -1]
+    out.print(
+        f"{members} colonies to t = {result.times[-1]:g} ({result.scales.hours(float(result.times[-1])):.1f} h): "
+        f"{count.mean():.1f} cells on average, in {result.seconds:.1f} s. Results in {folder}"
+    )
+
+
+@app.command()
+def measure(
+    files: Annotated[list[Path], typer.Argument(help="Micrographs: TIFF, OME-TIFF, PNG, JPEG.", show_default=False)],
+    folder: Out,
+    pixel_size: Annotated[
+        float | None, typer.Option(help="µm per pixel, for all files; otherwise each file must say it.")
+    ] = None,
+) -> None:
+    """Outline the colony in each micrograph and measure it (measurements.csv, lengths in µm).
+
+    Also writes the mask of each file as masks/NAME.png, and overlays/NAME.png to check the outline by eye.
+    """
+    stems = [path.stem for path in files]
+    twice = next((stem for stem in stems if stems.count(stem) > 1), None)
+    if twice:
+        raise InputError(f"two files are called {twice!r}, their masks would overwrite each other: measure them apart")
+    measured, failures = [], []
+    with _progress("measuring") as advance:
+        for number, path in enumerate(files):
+            try:
+                measured.append(_measure_one(path, pixel_size, folder))
+            except InputError as error:
+                failures.append(str(error))
+            advance(number + 1, len(files))
+    (folder / "measurements.csv").unlink(missing_ok=True)
+    if measured:
+        write_table(folder / "measurements.csv", [one.row() for one in measured])
+        _warn([f"{m.micrograph.path.name}: {w}" for m in measured for w in m.segmentation.warnings])
+        inputs = [one.micrograph.path for one in measured]
+        write_manifest(folder, command="measure", seed=None, inputs=inputs, failed=failures)
+        out.print(f"{len(measured)} of {len(files)} micrographs measured. Results in {folder}")
+    if failures:
+        _fail(failures)
+
+
+def _measure_one(path: Path, pixel_size: float | None, folder: Path) -> Measured:
+    """Measure one file and write its mask and overlay; these also where only the size of a pixel is missing."""
+    try:
+        measured = measure_file(path, pixel_size)
+    except PixelSizeError:
+        pixels = read_image(path)
+        _write_outline(path, pixels, segment(pixels, name=str(path)).mask, "no pixel size: not measured", None, folder)
+        raise
+    shape, doubts = measured.shape, "; ".join(measured.segmentation.warnings)
+    title = f"area {shape.area:.4g} µm², compactness {shape.compactness:.3g}" + (f" - {doubts}" if doubts else "")
+    micrograph = measured.micrograph
+    _write_outline(path, micrograph.pixels, measured.segmentation.mask, title, micrograph.pixel_size, folder)
+    return measured
+
+
+def _write_outline(
+    path: Path, pixels: np.ndarray, mask: np.ndarray, title: str, pixel_size: float | None, folder: Path
+) -> None:
+    for part in ("masks", "overlays"):
+        (folder / part).mkdir(parents=True, exist_ok=True)
+    write_mask(folder / "masks" / f"{path.stem}.png", mask)
+    plot.save(plot.overlay(pixels, mask, f"{path.name}: {title}", pixel_size), folder / "overlays" / f"{path.stem}.png")
+
+
+@app.command()
+def synthesize(
+    folder: Out,
+    recipe: Annotated[Path, typer.Option(help="TOML file with one table per data set.", show_default=False)],
+    only: Annotated[list[str] | None, typer.Option(help="Name of a data set in it; all by default.")] = None,
+    seed: Annotated[int | None, typer.Option(min=0, help="Instead of the recipe's seed.")] = None,
+) -> None:
+    """Make synthetic micrographs with known parameters: one data set, OUT/NAME, for each table of the recipe.
+
+    A data set holds photographs, a manifest, and under truth/ what was put in.
+    """
+    from dataclasses import replace
+
+    recipes = read_recipes(recipe)
+    unknown = sorted(set(only or ()) - set(recipes))
+    if unknown:
+        raise InputError(f"{recipe}: no data set {unknown[0]!r}, there are {', '.join(recipes)}")
+    for name in only or recipes:
+        chosen = recipes[name] if seed is None else replace(recipes[name], seed=seed)
+        with _progress(name) as advance:
+            make_dataset(chosen, folder / name, advance)
+        write_manifest(folder / name / "truth", command="synthesize", seed=chosen.seed, inputs=[recipe])
+        out.print(f"{name}: {chosen.replicates} colonies at {len(chosen.hours)} times in {folder / name}")
+
+
+@app.command()
+def fit(
+    dataset: Annotated[Path, typer.Argument(help="Folder with manifest.csv and micrographs.", show_default=False)],
+    folder: Out,
+    free: Annotated[str, typer.Option(help="Parameters to fit, by name, with commas.")] = ",".join(DEFAULT_FREE),
+    diffusivity: Diffusivity = DEFAULT["diffusivity"],
+    elasticity: Elasticity = DEFAULT["elasticity"],
+    repulsivity: Repulsivity = DEFAULT["repulsivity"],
+    repulsion_radius: RepulsionRadius = DEFAULT["repulsion_radius"],
+    mobility: Mobility = DEFAULT["mobility"],
+    metabolic_rate: MetabolicRate = DEFAULT["metabolic_rate"],
+    aspect_ratio: AspectRatio = DEFAULT["aspect_ratio"],
+    statistics: Annotated[
+        str, typer.Option(help="Curves to fit, with commas: compactness, radius, area, perimeter.")
+    ] = "compactness,radius",
+    rate: Rate = Scales.rate,
+    length: Length = Scales.length,
+    truth: Annotated[bool, typer.Option("--truth", help="Print the true parameters beside, if known.")] = False,
+    seed: Seed = 0,
+) -> None:
+    """Measure a data set of micrographs and fit model parameters to its curves (fit.json).
+
+    Parameters that are not free are held at the values given here.
+    """
+    values = [diffusivity, elasticity, repulsivity, repulsion_radius, mobility, metabolic_rate, aspect_ratio]
+    fixed = Parameters().replace(**dict(zip(NAMES, values, strict=True)))
+    scales = Scales(length, rate)
+    (folder / "fit.json").unlink(missing_ok=True)
+    frames = read_dataset(dataset)
+    with _progress("measuring micrographs") as advance:
+        measured = measure_dataset(frames, advance)
+    names = tuple(name.strip() for name in statistics.split(","))
+    targets = Targets.from_dataset(frames, measured, names=names, scales=scales)
+    _write_targets(folder, frames.frames, measured, targets, scales)
+    with _stages() as stage:
+        chosen = tuple(name.strip().replace("-", "_") for name in free.split(","))
+        result = run_fit(targets, free=chosen, fixed=fixed, seed=seed, settings=FitSettings(), progress=stage)
+    known = _truth(dataset) if truth else None
+    plot.save(plot.fit(result, scales.hours(1.0), known), folder / "fit.png")
+    plot.save(plot.convergence(result), folder / "convergence.png")
+    result.save(folder / "fit.json")
+    inputs = [frames.manifest, *(frame.path for frame in frames.frames)]
+    write_manifest(folder, command="fit", seed=seed, inputs=inputs, seconds=result.seconds)
+    _warn([f"{m.micrograph.path.name}: {w}" for m in measured for w in m.segmentation.warnings])
+    _warn(result.warnings)
+    _print_fit(result, known, folder)
+    if not result.converged:
+        raise typer.Exit(1)
+
+
+def _write_targets(folder: Path, frames: Any, measured: list[Measured], targets: Targets, scales: Scales) -> None:
+    """What the fit sees: the measurements, the curves and a contact sheet."""
+    rows = [
+        {"replicate": frame.replicate, "hours": frame.hours, **one.row()}
+        for frame, one in zip(frames, measured, strict=True)
+    ]
+    write_table(folder / "measurements.csv", rows)
+    curves = [
+        {"statistic": name, "time": time, "hours": scales.hours(time), "replicates": count, "mean": mean, "scatter": sd}
+        for k, name in enumerate(targets.names)
+        for time, count, mean, sd in zip(
+            targets.times, targets.replicates, targets.mean[k], targets.scatter[k], strict=True
+        )
+    ]
+    write_table(folder / "targets.csv", curves)
+    titles = [f"{frame.replicate}, {frame.hours:g} h" for frame in frames]
+    plot.save(plot.contact_sheet(measured, titles), folder / "micrographs.png")
+
+
+def _truth(dataset: Path) -> dict[str, float] | None:
+    import json
+
+    path = dataset / "truth" / "parameters.json"
+    return {name: json.loads(path.read_text())[name] for name in NAMES} if path.is_file() else None
+
+
+def _print_fit(result: Fit, known: dict[str, float] | None, folder: Path) -> None:
+    table = Table("parameter", "fitted", "standard error", *(["true", "(fitted - true) / error"] if known else []))
+    for name, value in result.parameters.asdict().items():
+        error = result.standard_errors.get(name)
+        cells = [name, f"{value:.4g}", "fixed" if error is None else f"{error:.2g} ({error / value:.1%})"]  # type: ignore[operator]
+        if known:
+            cells += [f"{known[name]:.4g}", "" if error is None else f"{(value - known[name]) / error:+.1f}"]  # type: ignore[operator]
+        table.add_row(*cells)
+    out.print(table)
+    out.print(
+        f"{result.status}; chi-square {result.chi_square:.1f} on {result.degrees_of_freedom} degrees of freedom; "
+        f"{result.simulations} simulated colonies in {result.seconds:.0f} s. Results in {folder}"
+    )
+
+
+@contextmanager
+def _progress(what: str) -> Iterator[Callable[[int, int], None]]:
+    """A bar on a terminal, nothing elsewhere."""
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+    with Progress(*columns, console=err, disable=not err.is_terminal, transient=True) as bar:
+        task = bar.add_task(what, total=None)
+        yield lambda done, total: bar.update(task, completed=done, total=total)
+
+
+@contextmanager
+def _stages() -> Iterator[Callable[[str, float], None]]:
+    """What a fit is doing: a bar on a terminal, nothing elsewhere."""
+    columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
+    with Progress(*columns, console=err, disable=not err.is_terminal, transient=True) as bar:
+        task = bar.add_task("fitting", total=1.0)
+        yield lambda what, share: bar.update(task, description=what, completed=share)
+
+
+def _warn(lines: list[str]) -> None:
+    for line in lines:
+        err.print(f"warning: {line}", markup=False, highlight=False, soft_wrap=True)
+
+
+def _fail(lines: list[str]) -> None:
+    for line in lines:
+        err.print(f"error: {line}", markup=False, highlight=False, soft_wrap=True)
+    raise typer.Exit(2)
+
+
+def main() -> None:
+    """Entry point of `yeastfit`."""
+    # one JAX device per core, over which ensembles are shared out
+    jax.config.update("jax_num_cpu_devices", os.cpu_count() or 1)
+    try:
+        app()
+    except InputError as error:
+        err.print(f"error: {error}", markup=False, highlight=False, soft_wrap=True)
+        sys.exit(2)
+    except KeyboardInterrupt:
+        err.print("interrupted")
+        sys.exit(130)

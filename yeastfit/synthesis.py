@@ -1,0 +1,166 @@
+"""Synthetic data sets: hard-model colonies, photographed, with the truth kept beside them.
+
+A data set is made from a `Recipe` alone, so that its seed and parameters say everything:
+
+    manifest.csv            what a fit reads (`measure.dataset`)
+    images/                 the photographs
+    truth/parameters.json   λ by name, scales, numerics, optics, seed; a fit never opens this folder
+    truth/masks/            what segmentation should find
+    truth/curves.csv        statistics of every true mask in µm, and what only the model knows
+"""
+
+import shutil
+import tomllib
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, field, fields
+from pathlib import Path
+from typing import Any
+
+import equinox as eqx
+import numpy as np
+from jaxtyping import Array
+
+from yeastfit.errors import InputError
+from yeastfit.measure.smooth import node_statistics
+from yeastfit.measure.statistics import measure_mask
+from yeastfit.measure.synthetic import Optics, coverage, photograph, true_mask, write_micrograph
+from yeastfit.model.cells import Cells
+from yeastfit.model.numerics import Numerics
+from yeastfit.model.parameters import Parameters, Scales
+from yeastfit.model.relaxation import HARD
+from yeastfit.model.simulate import Snapshot
+from yeastfit.simulation import member_keys, simulate
+from yeastfit.storage import versions, write_json, write_table
+
+MASK_COLUMNS = ("area", "perimeter", "outer_perimeter", "compactness", "outer_compactness", "radius", "max_radius")
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """Everything a synthetic data set is made from.
+
+    parameters: λ by name. seed: of colonies and photographs. hours: when each of `replicates` colonies is photographed.
+    pixel_size: µm. extent: side of a photograph, µm. kind: of file, see `write_micrograph`.
+    """
+
+    parameters: dict[str, float]
+    seed: int
+    hours: tuple[float, ...]
+    replicates: int = 10
+    pixel_size: float = 0.75
+    extent: float = 120.0
+    kind: str = "tiff"
+    numerics: Numerics = field(default_factory=lambda: Numerics(domain=24.0, spacing=0.1, dt=0.005, capacity=256))
+    scales: Scales = field(default_factory=Scales)
+    optics: Optics = field(default_factory=Optics)
+
+
+def read_recipes(path: str | Path) -> dict[str, Recipe]:
+    """Recipes by name from a TOML file: one table each, with the fields of `Recipe`."""
+    path = Path(path)
+    try:
+        tables = tomllib.loads(path.read_text())
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        raise InputError(f"{path}: not a TOML file of recipes ({error})") from None
+    return {name: _recipe(table, f"{path}, [{name}]") for name, table in tables.items()}
+
+
+def _recipe(table: Any, where: str) -> Recipe:
+    known = {each.name for each in fields(Recipe)}
+    if not isinstance(table, dict) or set(table) - known or {"parameters", "seed", "hours"} - set(table):
+        raise InputError(f"{where}: expected parameters, seed and hours, and at most {', '.join(sorted(known))}")
+    kinds = {"numerics": Numerics, "scales": Scales, "optics": Optics}
+    try:
+        nested = {key: kind(**table[key]) for key, kind in kinds.items() if key in table}
+        return Recipe(**{**table, **nested, "hours": tuple(table["hours"])})
+    except TypeError as error:
+        raise InputError(f"{where}: {error}") from None
+
+
+class _CellRecorder(eqx.Module):
+    """Keeps the ellipses of every sampled step, to be photographed at any resolution."""
+
+    def __call__(self, snapshot: Snapshot) -> tuple[Cells, dict[str, Array]]:
+        return snapshot.cells, node_statistics(snapshot)
+
+    def finish(self, observed: tuple[Cells, dict[str, np.ndarray]]) -> dict[str, np.ndarray]:
+        cells, nodes = observed
+        return {**nodes, **{f"cells/{each.name}": getattr(cells, each.name) for each in fields(cells)}}
+
+
+def synthesize(recipe: Recipe, folder: str | Path, progress: Callable[[int, int], None] | None = None) -> None:
+    """Make the data set in `folder`, which is replaced as a whole. Same recipe, same bytes.
+
+    Raises `InputError` where a colony meets the edge of its photograph or any problem of the model.
+    """
+    folder = Path(folder)
+    times = [recipe.scales.time(hours) for hours in recipe.hours]
+    run = simulate(
+        Parameters().replace(**recipe.parameters),
+        member_keys(recipe.seed, recipe.replicates),
+        times=times,
+        numerics=recipe.numerics,
+        relaxation=HARD,
+        observe=_CellRecorder(),
+        scales=recipe.scales,
+    )
+    if run.problems:
+        raise InputError(f"recipe for {folder.name}: {run.warnings()[0]}")
+    partial = folder.with_name(f".{folder.name}-partial")
+    shutil.rmtree(partial, ignore_errors=True)
+    rows, curves = [], []
+    total = recipe.replicates * len(recipe.hours)
+    for member in range(recipe.replicates):
+        for k, hours in enumerate(recipe.hours):
+            name = f"colony{member + 1:02d}_{hours:04.1f}h"
+            shape = _photograph(recipe, run.statistics, member, k, partial, name)
+            nodes = {key: float(run.statistics[key][member, k]) for key in ("growth_rate", "cell_count", "mean_radius")}
+            nodes["mean_radius"] *= recipe.scales.length
+            curves.append({"replicate": member + 1, "hours": hours, **shape, **nodes})
+            file = f"images/{name}.tif"
+            rows.append({"file": file, "replicate": member + 1, "hours": hours, "um_per_pixel": recipe.pixel_size})
+            if progress:
+                progress(len(rows), total)
+    write_table(partial / "truth" / "curves.csv", curves)
+    parameters = Parameters().replace(**recipe.parameters).asdict()
+    write_json(partial / "truth" / "parameters.json", {**parameters, "recipe": asdict(recipe), "versions": versions()})
+    write_table(partial / "manifest.csv", rows)
+    shutil.rmtree(folder, ignore_errors=True)
+    partial.rename(folder)
+
+
+def _photograph(
+    recipe: Recipe, statistics: dict[str, np.ndarray], member: int, k: int, folder: Path, name: str
+) -> dict[str, float]:
+    """One photograph and its true mask on disk, and the mask's statistics."""
+    cells = {key.partition("/")[2]: values[member, k] for key, values in statistics.items() if key.startswith("cells/")}
+    kept = cells["weights"] > 0
+    length = recipe.scales.length
+    fraction, thickness = coverage(
+        length * cells["centres"][kept],
+        cells["directions"][kept],
+        length * cells["half_lengths"][kept],
+        length * cells["half_widths"][kept],
+        recipe.extent,
+        recipe.pixel_size,
+    )
+    mask = true_mask(fraction)
+    if mask[[0, -1]].any() or mask[:, [0, -1]].any():
+        raise InputError(
+            f"extent is {recipe.extent:g} µm, colony {member + 1} reaches the edge at {recipe.hours[k]:g} h"
+        )
+    rng = np.random.default_rng([recipe.seed, member, k])
+    pixels = photograph(fraction, thickness, recipe.pixel_size, rng, recipe.optics)
+    for part in ("images", "truth/masks"):
+        (folder / part).mkdir(parents=True, exist_ok=True)
+    write_micrograph(folder / "images" / f"{name}.tif", pixels, recipe.pixel_size, recipe.kind)
+    write_mask(folder / "truth" / "masks" / f"{name}.png", mask)
+    shape = measure_mask(mask, recipe.pixel_size)
+    return {column: getattr(shape, column) for column in MASK_COLUMNS}
+
+
+def write_mask(path: Path, mask: np.ndarray) -> None:
+    """A mask as a one-bit PNG, colony white."""
+    from PIL import Image
+
+    Image.fromarray(mask).save(path, optimize=True)
