@@ -12,6 +12,7 @@ from yeastfit.model.cells import FAR, OUTSIDE, Cells, biomass, cells_of, level_s
 from yeastfit.model.numerics import Numerics
 from yeastfit.model.relaxation import HARD, Relaxation
 
+FLOOR = pytest.mark.xfail(strict=True, reason="far from cells g = s FAR - 1: too low for a small s or a large boundary")
 NUMERICS = Numerics(domain=8.0, spacing=0.1, capacity=25)
 
 
@@ -19,10 +20,6 @@ NUMERICS = Numerics(domain=8.0, spacing=0.1, capacity=25)
 def union(cells: Cells, relaxation: Relaxation, numerics: Numerics = NUMERICS) -> Array:
     """g on the nutrient's grid."""
     return level_set(cells, relaxation, -0.5 * numerics.domain, numerics.spacing, numerics.points)
-
-
-def widths(**values: float) -> Relaxation:
-    return Relaxation(**{name: jnp.asarray(value) for name, value in values.items()})  # type: ignore[arg-type]
 
 
 def squared_radii(cells: Cells, numerics: Numerics = NUMERICS) -> np.ndarray:
@@ -66,7 +63,7 @@ def test_level_set_of_one_cell_is_f(relaxation: Relaxation, angle: float, double
     assert (g[~near] >= np.minimum(f[~near], float(relaxation.reach) - 1.0)).all()
 
 
-@pytest.mark.parametrize("relaxation", [HARD, Relaxation(), widths(union=0.5, boundary=1.0)], ids=str)
+@pytest.mark.parametrize("relaxation", [HARD, Relaxation(), Relaxation(union=0.5, boundary=1.0)], ids=str)
 @pytest.mark.parametrize("seed", range(3))
 def test_no_cell_is_cut(seed: int, relaxation: Relaxation, double: None) -> None:
     """Against all cells on the whole grid: what is left out is no more than what lies beyond `reach`."""
@@ -82,8 +79,9 @@ def test_no_cell_is_cut(seed: int, relaxation: Relaxation, double: None) -> None
     s = float(relaxation.union)
     exact = np.einsum("k,kxy->xy", cells.weights, np.exp(-r2 / s))
     left_out = exact - np.exp(-(g + 1.0) / s)
-    assert left_out.max() <= r2.shape[0] * np.exp(-float(relaxation.reach) / s)
-    assert left_out.min() >= -1e-12 - (r2.shape[0] + 1) * np.exp(-FAR)
+    rounding = 1e-12 * exact + 25 * np.exp(-FAR)
+    assert (left_out <= 24 * np.exp(-float(relaxation.reach) / s) + rounding).all()
+    assert (left_out >= -rounding).all()
 
 
 @pytest.mark.parametrize("relaxation", [HARD, Relaxation()], ids=["hard", "relaxed"])
@@ -105,28 +103,28 @@ def test_far_from_every_cell() -> None:
 @pytest.mark.parametrize("s", [0.4, 0.2, 0.1, 0.05, 0.025])
 def test_relaxed_union_of_n_cells_lies_within_s_log_n_below_the_hard_one(s: float, double: None) -> None:
     cells = eqx.tree_at(lambda c: c.weights, crowd(1), jnp.ones(24))
-    hard, relaxed = squared_radii(cells).min(axis=0) - 1.0, np.asarray(union(cells, widths(union=s)))
+    hard, relaxed = squared_radii(cells).min(axis=0) - 1.0, np.asarray(union(cells, Relaxation(union=s)))
     near = hard <= 0.5
     assert (relaxed - hard)[near].max() <= 1e-5  # e⁻¹² · s · n is left out at reach
     assert (relaxed - hard)[near].min() >= -s * np.log(24)
     assert (relaxed - hard)[near].min() < -0.1 * s  # and cells do meet
 
 
-@pytest.mark.xfail(strict=True, reason="exp(-FAR) is a floor at g = s FAR - 1, which is inside the colony for s < 1/FAR")
+@FLOOR
 @pytest.mark.parametrize("s", [0.01, 0.002])
 def test_the_hard_union_is_the_limit_however_small_the_width(s: float, double: None) -> None:
     cells = cells_of(colony_of(pair(1.0), numerics=NUMERICS), jnp.asarray(0.7))
-    hard, relaxed = np.asarray(union(cells, HARD)), np.asarray(union(cells, widths(union=s)))
+    hard, relaxed = np.asarray(union(cells, HARD)), np.asarray(union(cells, Relaxation(union=s)))
     assert ((hard <= 0) == (relaxed <= 0)).all()
 
 
-@pytest.mark.parametrize(("s", "boundary"), [(0.05, 0.2), (0.02, 0.2), (0.05, 1.0)])
+@pytest.mark.parametrize(
+    ("s", "boundary"), [(0.05, 0.2), pytest.param(0.02, 0.2, marks=FLOOR), pytest.param(0.05, 1.0, marks=FLOOR)]
+)
 def test_far_from_every_cell_the_smoothed_indicator_vanishes(s: float, boundary: float) -> None:
     """The background's area on the source's domain is less than a hundredth of one cell's."""
-    if s * FAR - 1.0 < 3.5 * boundary:
-        pytest.xfail("exp(-FAR) is a floor at g = s FAR - 1, which a wide boundary or a narrow union sees")
     cells = cells_of(colony_of(pair(1.0), numerics=NUMERICS), jnp.asarray(0.7))
-    g = float(union(cells, widths(union=s, boundary=boundary))[0, 0])
+    g = float(union(cells, Relaxation(union=s, boundary=boundary))[0, 0])
     assert (0.5 - 0.5 * np.tanh(g / boundary)) * 40.0**2 < 0.01 * np.pi / 4 * 0.7
 
 

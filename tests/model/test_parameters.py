@@ -24,21 +24,21 @@ def test_defaults_are_those_of_the_table_and_lie_in_the_plausible_range() -> Non
 @pytest.mark.parametrize("value", [-0.5, math.nan, math.inf])
 def test_a_bad_value_is_named_with_its_parameter(name: str, value: float) -> None:
     with pytest.raises(InputError, match=rf"{name} \({PARAMETERS[name].symbol}\) is {value:g}, it must be"):
-        Parameters(**{name: value})  # type: ignore[arg-type]
+        Parameters(**{name: value})
 
 
 @pytest.mark.parametrize(("name", "value"), [("repulsion_radius", 0.51), ("aspect_ratio", 1.01)])
 def test_upper_bounds(name: str, value: float) -> None:
     with pytest.raises(InputError, match=f"{name} .* is {value:g}, it must be in"):
-        Parameters(**{name: value})  # type: ignore[arg-type]
-    assert Parameters(**{name: PARAMETERS[name].largest}) is not None  # type: ignore[arg-type]
+        Parameters(**{name: value})
+    assert Parameters(**{name: PARAMETERS[name].largest}) is not None
 
 
 @pytest.mark.parametrize("name", ["repulsion_radius", "aspect_ratio"])
 def test_lengths_of_zero_are_refused_and_rates_of_zero_are_not(name: str) -> None:
     with pytest.raises(InputError, match=f"{name} .* is 0, it must be in"):
-        Parameters(**{name: 0.0})  # type: ignore[arg-type]
-    assert float(Parameters(mobility=0.0).mobility) == 0  # type: ignore[arg-type]
+        Parameters(**{name: 0.0})
+    assert float(Parameters(mobility=0.0).mobility) == 0
 
 
 @pytest.mark.parametrize("value", ["5", None, True, [1.0]])
@@ -49,19 +49,19 @@ def test_only_numbers_and_arrays_are_parameters(value: object) -> None:
 
 def test_one_bad_member_is_found() -> None:
     with pytest.raises(InputError, match=r"mobility \(λ5\) is -2"):
-        Parameters(mobility=np.array([1.0, -2.0, 3.0]))  # type: ignore[arg-type]
+        Parameters(mobility=np.array([1.0, -2.0, 3.0]))
 
 
 def test_replace_changes_one_field_and_knows_its_names() -> None:
-    changed = Parameters(elasticity=7.0).replace(mobility=2.0)  # type: ignore[arg-type]
+    changed = Parameters(elasticity=7.0).replace(mobility=2.0)
     assert changed.asdict() == pytest.approx(Parameters().asdict() | {"elasticity": 7.0, "mobility": 2.0})
     with pytest.raises(InputError, match="unknown parameter 'motility', expected one of diffusivity"):
         changed.replace(motility=1.0)
 
 
 def test_as_dictionary_and_back_with_values_per_member() -> None:
-    parameters = Parameters(metabolic_rate=np.array([0.5, 1.5]))  # type: ignore[arg-type]
-    again = Parameters(**{name: np.asarray(value) for name, value in parameters.asdict().items()})  # type: ignore[arg-type]
+    parameters = Parameters(metabolic_rate=np.array([0.5, 1.5]))
+    again = Parameters(**{name: np.asarray(value) for name, value in parameters.asdict().items()})
     assert again.metabolic_rate.shape == (2,)
     assert again.asdict() == parameters.asdict()
 

@@ -33,7 +33,7 @@ def test_a_bad_rule_for_births_is_named() -> None:
 @pytest.mark.parametrize(("union", "boundary"), [(0.05, 0.2), (0.5, 0.2), (0.1, None), (None, 0.2)])
 def test_beyond_reach_neither_union_nor_boundary_leaves_a_trace(union: float | None, boundary: float | None) -> None:
     """A cell's share of the union's boundary value is e⁻¹² there, and the smoothed indicator e⁻⁹."""
-    relaxation = Relaxation(union=union, boundary=boundary)  # type: ignore[arg-type]
+    relaxation = Relaxation(union=union, boundary=boundary)
     f = float(relaxation.reach) - 1.0
     if union is not None:
         assert np.exp(-f / union) <= np.exp(-12.0) * (1 + 1e-5)
@@ -54,5 +54,5 @@ def test_widths_are_traced_so_that_their_values_never_recompile() -> None:
         return jnp.asarray(relaxation.reach)
 
     for width in (0.05, 0.1, 0.4):
-        reach(Relaxation(union=width, contact=width, boundary=width, turning=width))  # type: ignore[arg-type]
+        reach(Relaxation(union=width, contact=width, boundary=width, turning=width))
     assert len(traces) == 1

@@ -5,22 +5,23 @@ The mean curves m(λ) of an ensemble with fixed keys are fitted to target means 
     minimise (m(λ) + d − y)ᵀ W (m(λ) + d − y),
 
 with optimistix's Levenberg–Marquardt in unconstrained variables (`bijection`). m is the relaxed model's, which has
-derivatives; d = m_hard(λ₀) − m(λ₀) is what the relaxation, and the fit's coarser time step, change at the estimate λ₀
-of the round before (a defect correction, as in space mapping, Bandler et al. 1994, doi:10.1109/22.339794). Rounds: a
-scout over the plausible box (`surface.scout`); then, in turn, a study of the hard model around the estimate
-(`local_study`: m_hard, its derivative J, the covariance S of one colony's curves) and a fit with d from it. The study
-also gives the Gauss–Newton step of the hard model,
+derivatives; d is what the relaxation, and the fit's coarser time step, change at the estimate of the round before (a
+defect correction, as in space mapping, Bandler et al. 1994, doi:10.1109/22.339794). The stages:
 
-    Δ = A⁻¹ JᵀW (y − m_hard),    A = JᵀWJ;
+1. a scout over the plausible box (`surface.scout`);
+2. a study of the hard model around its result (`surface.study`): mean curves m_hard as a surface over a box in log λ,
+   the covariance S of one colony's curves, and d = m_hard − m at the surface's best point, where
+3. the fit of the relaxed model starts;
+4. a study around its result, whose surface is minimised, so that the estimate is the hard model's; and another one
+   where the best point is not well inside the box.
 
-from the second on, the rounds end where Δ is small against its standard error, and the last Δ is applied, so that the
-estimate is the hard model's. One colony's curves scatter with S, scaled to the measured scatter; the mean of R
-replicates compared with the study's has Σ = S (1/R + its error) + measurement error, W is the inverse of Σ with
-correlations shrunk, and
+One colony's curves scatter with S, scaled to the measured scatter; the mean of R replicates compared with the study's
+has Σ = S (1/R + its error) + measurement error. W is the inverse of Σ with correlations shrunk. With J the derivative
+of m_hard in log λ, whose Monte-Carlo error has the covariance S_kl G_ij,
 
-    cov log λ̂ = A⁻¹ JᵀW Σ WJ A⁻ᵀ,
+    cov log λ̂ = A⁻¹ JᵀW Σ WJ A⁻¹,    A = JᵀWJ − tr(WS) G,
 
-with A from two independent halves of the study, in whose product the Monte-Carlo noise of J averages out.
+where the last term takes out what that error adds to JᵀWJ on average.
 """
 
 import json
@@ -39,7 +40,7 @@ from jaxtyping import Array, Float
 from yeastfit.errors import InputError
 from yeastfit.infer.bijection import check_free, free_of_log, from_free, log_of_free, log_range, to_free
 from yeastfit.infer.curves import Curves
-from yeastfit.infer.surface import Local, local_study, scout
+from yeastfit.infer.surface import Surface, scout, study
 from yeastfit.infer.targets import Targets
 from yeastfit.measure.smooth import SmoothStatistics
 from yeastfit.model.numerics import Numerics
@@ -58,32 +59,33 @@ DEFAULT_FREE = ("mobility", "metabolic_rate", "aspect_ratio")
 class FitSettings:
     """How a fit is computed. Defaults suit colonies of up to some hundred cells on two cores.
 
-    members: ensemble of the relaxed model. scouts: colonies in each box of the scout. study: colonies of a study of the
-    hard model; spread: half width of its box in log λ. dt, spacing: of the relaxed model; contact: its ramp's width,
-    which dt · repulsivity / contact < 1 asks for; turning: see `Relaxation`. hard_dt: of the hard one. rounds: at most.
-    max_steps: of Levenberg–Marquardt in each. gain: of χ², below which an accepted step ends it; it also ends after
-    `patience` refused steps in a row, because a finite ensemble's mean is rough on the scale of its Monte-Carlo error.
-    measurement_error: relative error of a measured mean that replicates do not average out, half of its variance common
-    to all times. shrinkage: of correlations in the weights, because differences between neighbouring times are where
-    errors of a percent in the model weigh most. settled: Δ in standard errors.
+    members: ensemble of the relaxed model. scouts: colonies in each box of the scout. study: colonies of a study of
+    the hard model; spread: half width of its box in log λ. dt, spacing: of the relaxed model; contact: its ramp's
+    width, which dt · repulsivity / contact < 1 asks for; turning: see `Relaxation`. hard_dt: of the hard one.
+    studies: at most. max_steps: of Levenberg–Marquardt. gain: of χ², below which an accepted step ends it; it also
+    ends after `patience` refused steps in a row, because a finite ensemble's mean is rough on the scale of its
+    Monte-Carlo error. measurement_error: relative error of a measured mean that replicates do not average out, half
+    of its variance common to all times. shrinkage: of correlations in the weights, because differences between
+    neighbouring times are where errors of a percent in the model weigh most. inside: share of the box in which the
+    last study's best point must lie.
     """
 
     members: int = 64
     scouts: int = 256
     study: int = 512
-    spread: float = 0.25
+    spread: float = 0.5
     dt: float = 0.02
     spacing: float = 0.2
     contact: float = 0.2
     turning: float = 0.5
-    hard_dt: float = 0.005
-    rounds: int = 4
+    hard_dt: float = 0.01
+    studies: int = 4
     max_steps: int = 8
     gain: float = 0.3
     patience: int = 2
     measurement_error: float = 0.01
     shrinkage: float = 0.2
-    settled: float = 1.5
+    inside: float = 0.7
 
     def __post_init__(self) -> None:
         for name in ("members", "study", "scouts"):
@@ -232,35 +234,34 @@ class _Fitter:
         return Curves(targets.names, self.free, numerics, observe, self.fixed, relaxation, steps)
 
     def run(self, start: Parameters | None) -> Fit:
-        """All rounds."""
+        """All stages."""
         began, settings = clock.perf_counter(), self.settings
         mean = self.targets.mean.ravel()
-        z, ended = self._scout() if start is None else to_free(start, self.free), "nothing was wrong"
-        for number in range(1, settings.rounds + 1):
-            share = 0.15 + 0.85 * (number - 1) / settings.rounds
-            self.progress(f"round {number}: study of the hard model", share)
-            log_values = np.asarray(log_of_free(z, self.free), dtype=float)
-            local = self._study(log_values)
-            sigma = self._covariance(local)
-            weight = np.linalg.inv(self._shrunk(sigma))
-            step, covariance = _gauss_newton(local, mean - local.mean, weight, sigma)
-            settled = number > 1 and bool((np.abs(step) < settings.settled * np.sqrt(np.diag(covariance))).all())
-            residual = local.mean - mean
-            self._record(f"round {number}, hard model", float(residual @ weight @ residual), z)
-            if settled or number == settings.rounds:
+        z = self._scout() if start is None else to_free(start, self.free)
+        ended = "no fit was made"
+        for number in range(1, settings.studies + 1):
+            self.progress(f"study {number} of the hard model", 0.25 if number == 1 else 0.6 + 0.1 * number)
+            surface = self._study(z)
+            log_values = surface.centre
+            for _ in range(2):  # weights at the centre first, then at the best point
+                sigma = self._covariance(surface, log_values)
+                weight = np.linalg.inv(self._shrunk(sigma))
+                whiten = np.linalg.cholesky(weight).T
+                log_values = self._inside(surface.minimise(whiten, mean))
+            fitted = surface.mean(log_values)
+            z = free_of_log(jnp.asarray(log_values, self.y.dtype), self.free)
+            self._record(f"study {number}", float((fitted - mean) @ weight @ (fitted - mean)), z)
+            settled = bool((np.abs(log_values - surface.centre) < settings.inside * surface.reach).all())
+            if number == 1:
+                self.progress("fitting the relaxed model", 0.4)
+                z, ended = self._corrected_fit(z, fitted, whiten)
+            elif settled:
                 break
-            self.progress(f"round {number}: fit", share + 0.3 / settings.rounds)
-            z, ended = self._corrected_fit(z, local, np.linalg.cholesky(weight).T, f"round {number}")
-        inside = (np.abs(step) < settings.spread).all()
-        if inside:
-            z = free_of_log(jnp.asarray(self._inside(log_values + step), self.y.dtype), self.free)
-        fitted = local.mean + local.jacobian @ step * inside
-        self._record("estimate", float((fitted - mean) @ weight @ (fitted - mean)), z)
         return self._result(
             z,
             ended=ended,
             settled=settled,
-            covariance=covariance,
+            covariance=_covariance_of_estimate(surface, log_values, weight, sigma),
             fitted=fitted,
             sigma=sigma,
             chi_square=float((fitted - mean) @ np.linalg.solve(sigma, fitted - mean)),
@@ -317,25 +318,26 @@ class _Fitter:
         self.simulations += members
         return np.asarray(curves.members(z, member_keys(self.seed, members)), dtype=float)
 
-    def _study(self, log_values: np.ndarray) -> Local:
-        """The hard model around a point, with colonies that the fits do not use."""
+    def _study(self, z: Array) -> Surface:
+        """The hard model around a point."""
         keys = member_keys(self.seed, self.settings.study)
         self.simulations += len(keys)
-        return local_study(self.hard, self._inside(log_values), keys, self.settings.spread)
+        log_values = self._inside(np.asarray(log_of_free(z, self.free), dtype=float))
+        return study(self.hard, log_values, keys, self.settings.spread)
 
     def _inside(self, log_values: np.ndarray) -> np.ndarray:
         """log λ at least 1e-3 inside its plausible range, where z is finite."""
         low, high = (np.asarray(end, dtype=float) for end in log_range(self.free))
         return np.clip(log_values, low + 1e-3, high - 1e-3)
 
-    def _corrected_fit(self, z: Array, local: Local, whiten: np.ndarray, stage: str) -> tuple[Array, str]:
-        """A fit of the relaxed model with its defect at z, as the ensemble that is fitted has it."""
+    def _corrected_fit(self, z: Array, hard: np.ndarray, whiten: np.ndarray) -> tuple[Array, str]:
+        """A fit of the relaxed model from z with its defect there, as the ensemble that is fitted has it."""
         relaxed = self._simulate(self.relaxed, z, self.settings.members).mean(axis=0)
-        return self._minimise(z, self.settings.members, whiten, local.mean - relaxed, stage)
+        return self._minimise(z, self.settings.members, whiten, hard - relaxed, "relaxed model")
 
-    def _covariance(self, local: Local) -> np.ndarray:
+    def _covariance(self, surface: Surface, log_values: np.ndarray) -> np.ndarray:
         """Σ: the model's covariance of one colony, scaled by statistic to the measured scatter, plus errors."""
-        targets, scatter = self.targets, local.scatter
+        targets, scatter = self.targets, surface.scatter
         mean = targets.mean.ravel()
         count = len(targets.times)
         model = np.diag(scatter).reshape(-1, count).mean(axis=1)
@@ -344,7 +346,12 @@ class _Fitter:
         data = scatter * np.outer(ratio, ratio) / np.outer(replicates, replicates)
         error = self.settings.measurement_error * mean
         same = np.kron(np.eye(len(targets.names)), np.ones((count, count)))
-        return data + local.mean_error * scatter + 0.5 * same * np.outer(error, error) + 0.5 * np.diag(error**2)
+        return (
+            data
+            + surface.mean_error(log_values) * scatter
+            + 0.5 * same * np.outer(error, error)
+            + 0.5 * np.diag(error**2)
+        )
 
     def _shrunk(self, sigma: np.ndarray) -> np.ndarray:
         kept = 1.0 - self.settings.shrinkage
@@ -382,7 +389,7 @@ class _Fitter:
         converged = settled and bool(np.isfinite(fitted).all())
         status = "converged"
         if not converged:
-            status = f"not settled after {self.settings.rounds} rounds; in the last fit {ended}"
+            status = f"not settled after {self.settings.studies} studies; the fit before them: {ended}"
         return Fit(
             parameters=parameters,
             free=self.free,
@@ -403,15 +410,13 @@ class _Fitter:
         )
 
 
-def _gauss_newton(
-    local: Local, residual: np.ndarray, weight: np.ndarray, sigma: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Δ log λ and its covariance (see above), which is nan where the two halves do not agree on a direction."""
-    first, second = local.halves
-    cross = first.T @ weight @ second
-    a = 0.5 * (cross + cross.T)
-    used = weight @ local.jacobian
+def _covariance_of_estimate(
+    surface: Surface, log_values: np.ndarray, weight: np.ndarray, sigma: np.ndarray
+) -> np.ndarray:
+    """cov log λ̂ (see above); nan where a direction is not told from the noise of the derivatives: no data see it."""
+    jacobian, error = surface.jacobian(log_values)
+    a = jacobian.T @ weight @ jacobian - np.trace(weight @ surface.scatter) * error
     if np.linalg.eigvalsh(a).min() <= 0:
-        return np.linalg.lstsq(used.T @ local.jacobian, used.T @ residual)[0], np.full_like(a, np.nan)
-    spread = np.linalg.solve(a, used.T)
-    return spread @ residual, spread @ sigma @ spread.T
+        return np.full_like(a, np.nan)
+    spread = np.linalg.solve(a, jacobian.T @ weight)
+    return spread @ sigma @ spread.T

@@ -1,18 +1,21 @@
 """Response surfaces: mean curves as polynomials in log λ, by regression over colonies with different λ.
 
 They need no derivative, so they work for the hard model, whose colonies have none while their mean does; they do not
-care about chaos; and one ensemble gives the mean at its centre, its derivative and the scatter of single colonies
-(Box & Wilson 1951). Two uses: `local_study` around an estimate, and `scout`, which narrows a box from the whole
-plausible range.
+care about chaos; and one ensemble gives the mean, its derivative and the scatter of single colonies (Box & Wilson 1951,
+doi:10.1111/j.2517-6161.1951.tb00067.x). Two uses: `study` of a box around an estimate, and `scout`, which narrows a box
+from the whole plausible range.
 """
 
 from collections.abc import Callable
 from itertools import combinations_with_replacement
 from math import comb
+from typing import Any
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
+import optimistix as optx
 from jaxtyping import Array, Float
 from scipy.stats import qmc
 
@@ -21,41 +24,62 @@ from yeastfit.infer.bijection import free_of_log, log_range
 from yeastfit.infer.curves import Curves
 
 Points = Float[np.ndarray, "point free"]
+LogValues = Float[np.ndarray, " free"]
 
 
-class Local(eqx.Module):
-    """What an ensemble spread around a point says of the curves there.
+class Surface(eqx.Module):
+    """Mean curves over a box in log λ, centre ± reach, as a polynomial in u = (log λ − centre) / reach.
 
-    halves: the derivatives from two independent halves of the ensemble. scatter: covariance of one colony's curves.
-    mean_error: variance of the mean, as a share of that.
+    scatter: covariance of one colony's curves. information: (XᵀX)⁻¹ of the regression.
     """
 
-    mean: Float[np.ndarray, " curve"]
-    jacobian: Float[np.ndarray, "curve free"]
-    halves: Float[np.ndarray, "2 curve free"]
+    centre: LogValues
+    reach: LogValues
+    degree: int = eqx.field(static=True)
+    coefficients: Float[np.ndarray, "feature curve"]
     scatter: Float[np.ndarray, "curve curve"]
-    mean_error: float
+    information: Float[np.ndarray, "feature feature"]
+
+    def mean(self, log_values: LogValues) -> Float[np.ndarray, " curve"]:
+        """The mean curves at a point."""
+        return self._features(log_values) @ self.coefficients
+
+    def mean_error(self, log_values: LogValues) -> float:
+        """Variance of that mean, as a share of one colony's."""
+        x = self._features(log_values)
+        return float(x @ self.information @ x)
+
+    def jacobian(self, log_values: LogValues) -> tuple[Float[np.ndarray, "curve free"], Float[np.ndarray, "free free"]]:
+        """The derivative J of the mean in log λ, and G: one row of J has the covariance S_kk G, S the scatter."""
+        u = jnp.asarray((log_values - self.centre) / self.reach)
+        slopes = np.asarray(jax.jacfwd(lambda u: features(u[None], self.degree)[0])(u), dtype=float) / self.reach
+        return self.coefficients.T @ slopes, slopes.T @ self.information @ slopes
+
+    def minimise(self, whiten: np.ndarray, target: np.ndarray) -> LogValues:
+        """log λ in the box where |whiten (mean − target)|² is least: Levenberg–Marquardt in v, u = tanh v."""
+        coefficients, matrix = jnp.asarray(self.coefficients @ whiten.T), jnp.asarray(whiten @ target)
+
+        def residuals(v: Array, _: Any) -> Array:
+            return features(jnp.tanh(v)[None], self.degree)[0] @ coefficients - matrix
+
+        solver: Any = optx.LevenbergMarquardt(rtol=1e-4, atol=1e-4)
+        zero = jnp.zeros(len(self.reach))
+        v = optx.least_squares(residuals, solver, zero, max_steps=200, throw=False).value
+        return self.centre + self.reach * np.tanh(np.asarray(v, dtype=float))
+
+    def _features(self, log_values: LogValues) -> Float[np.ndarray, " feature"]:
+        return np.asarray(features(((log_values - self.centre) / self.reach)[None], self.degree)[0], dtype=float)
 
 
-def local_study(curves: Curves, log_values: Float[np.ndarray, " free"], keys: Array, half_width: float) -> Local:
-    """Mean curves and their derivative in log λ at a point, from members spread over a box around it.
+def study(curves: Curves, log_values: LogValues, keys: Array, half_width: float) -> Surface:
+    """The quadratic surface over a box around a point, smaller where the plausible range ends sooner.
 
-    half_width: of the box, less where the plausible range ends sooner. A quadratic is fitted, so that the mean has no
-    bias from curvature.
+    Cubic terms would cost most of the precision of the derivative, with which they are correlated.
     """
     low, high = plausible(curves)
     reach = np.minimum(half_width, 0.9 * np.minimum(log_values - low, high - log_values))
     units, values = _sample(curves, log_values, reach, keys)
-    coefficients, scatter, information = _regress(units, values, 2)
-    derivative = slice(1, 1 + len(reach))
-    halves = [_regress(units[k::2], values[k::2], 2)[0][derivative].T / reach for k in (0, 1)]
-    return Local(
-        mean=coefficients[0],
-        jacobian=coefficients[derivative].T / reach,
-        halves=np.stack(halves),
-        scatter=scatter,
-        mean_error=float(information[0, 0]),
-    )
+    return Surface(log_values, reach, 2, *_regress(units, values, 2))
 
 
 def scout(
@@ -79,7 +103,7 @@ def scout(
         reach = width * (high - low)
         centre = np.clip(centre, low + reach, high - reach)
         units, values = _sample(curves, centre, reach, keys, positive=True)
-        degree = 3 if 4 * comb(len(reach) + 3, 3) <= len(units) else 2
+        degree = 3 if 4 * comb(len(reach) + 3, 3) <= len(units) else 2  # four colonies or more to a coefficient
         coefficients, scatter, _ = _regress(units, np.log(values), degree)
         sigma = scatter / np.sqrt(np.outer(replicates, replicates)) + np.diag(relative_error**2)
         tries = 2.0 * qmc.Sobol(len(reach), rng=number).random(4096) - 1.0
@@ -89,13 +113,13 @@ def scout(
     return centre
 
 
-def features(units: Points, degree: int) -> Float[np.ndarray, "point feature"]:
-    """Monomials up to a degree: 1, then the variables, then their products."""
-    columns = [np.ones(len(units))]
+def features(units: Any, degree: int) -> Any:
+    """Monomials [point, feature] up to a degree: 1, the variables, their products. Of NumPy's or JAX's arrays."""
+    columns = [units[:, 0] * 0.0 + 1.0]
     for order in range(1, degree + 1):
         for chosen in combinations_with_replacement(range(units.shape[1]), order):
-            columns.append(np.prod(units[:, chosen], axis=1))
-    return np.column_stack(columns)
+            columns.append(units[:, np.array(chosen)].prod(axis=1))
+    return (jnp if isinstance(units, jax.Array) else np).stack(columns, axis=1)
 
 
 def plausible(curves: Curves) -> tuple[Float[np.ndarray, " free"], Float[np.ndarray, " free"]]:

@@ -8,6 +8,7 @@ direction and no force between them. Forward Euler is stable while Δt λ2 (degr
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float, Int
 
 from yeastfit.model.colony import Colony
@@ -78,6 +79,8 @@ def contact_law(
 
 def _turned(direction: Float[Array, "*pair"], relaxation: Relaxation) -> Float[Array, "*pair"]:
     """The direction of a contact, of whose derivative only the share `turning` is kept."""
+    if relaxation.turning is None:
+        return direction
     fixed = jax.lax.stop_gradient(direction)
     return fixed + relaxation.turning * (direction - fixed)
 
@@ -97,7 +100,7 @@ def nutrient_at(colony: Colony, numerics: Numerics) -> Float[Array, " node"]:
     return jnp.sum(weights * colony.nutrient[corner[:, 0, None] + _DI, corner[:, 1, None] + _DJ], axis=1)
 
 
-_DI, _DJ = jnp.array([0, 0, 1, 1]), jnp.array([0, 1, 0, 1])
+_DI, _DJ = np.array([0, 0, 1, 1]), np.array([0, 1, 0, 1])
 
 
 def _bilinear(

@@ -31,16 +31,16 @@ class Relaxation(eqx.Module):
     union: s of smoothmin, in units of the dimensionless f. contact: w of the contact ramp, in L0.
     boundary: K of the smoothed indicator, in units of f. births: "fractional" or "whole".
     turning: share of the derivative of a contact's direction that derivatives see, in [0, 1]; no value depends on
-    it. 1 is exact; but a compressed contact is unstable across its direction, so exact derivatives of one colony
-    grow without bound, and an ensemble's mean derivative is estimated with far less scatter from a smaller share,
-    at some bias.
+    it. None and 1 are exact; but a compressed contact is unstable across its direction, so exact derivatives of one
+    colony grow without bound, and an ensemble's mean derivative is estimated with far less scatter from a smaller
+    share, at some bias.
     """
 
     union: Float[Array, ""] | None
     contact: Float[Array, ""] | None
     boundary: Float[Array, ""] | None
     births: Literal["fractional", "whole"] = eqx.field(static=True)
-    turning: Float[Array, ""]
+    turning: Float[Array, ""] | None
 
     def __init__(
         self,
@@ -48,11 +48,11 @@ class Relaxation(eqx.Module):
         contact: float | Array | None = 0.1,
         boundary: float | Array | None = 0.2,
         births: Literal["fractional", "whole"] = "fractional",
-        turning: float | Array = 1.0,
+        turning: float | Array | None = None,
     ) -> None:
         self.union, self.contact, self.boundary = _as_width(union), _as_width(contact), _as_width(boundary)
         self.births = births
-        self.turning = jnp.asarray(turning, jnp.result_type(float))
+        self.turning = None if turning is None else jnp.asarray(turning, jnp.result_type(float))
 
     def __check_init__(self) -> None:
         for name in ("union", "contact", "boundary"):
