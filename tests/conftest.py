@@ -9,7 +9,7 @@ from jaxtyping import install_import_hook
 
 jax.config.update("jax_num_cpu_devices", 2)
 jax.config.update("jax_debug_nans", False)
-install_import_hook("yeastfit", "beartype.beartype")
+install_import_hook("yeastfit", "typechecking.check")
 
 
 @pytest.fixture

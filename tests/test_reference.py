@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+
 from reference.colony import (
     Colony,
     Floats,
@@ -105,7 +106,7 @@ def test_sampling_is_exact_for_bilinear_fields_and_their_slopes() -> None:
 def test_level_set_of_a_disc() -> None:
     numerics = Numerics(domain=4.0, spacing=0.02)
     positions, parents = pair(1.0)
-    g = level_set(positions + [0.4, -0.3], parents, Parameters(aspect_ratio=1.0), numerics)
+    g = level_set(positions + np.array([0.4, -0.3]), parents, Parameters(aspect_ratio=1.0), numerics)
     x, y = np.meshgrid(numerics.grid - 0.4, numerics.grid + 0.3, indexing="ij")
     exact = (x**2 + y**2) / 0.25 - 1.0
     seen = np.isfinite(g)
@@ -223,7 +224,7 @@ def test_coincident_nodes_do_not_push() -> None:
 
 def test_a_node_outside_the_domain_is_an_error() -> None:
     positions, parents = pair(1.0)
-    colony = Colony(positions + [3.9, 0.0], parents, np.ones((SMALL.size, SMALL.size)))
+    colony = Colony(positions + np.array([3.9, 0.0]), parents, np.ones((SMALL.size, SMALL.size)))
     with pytest.raises(ValueError, match="node 0 left the domain"):
         step(colony, Parameters(), SMALL, fixed_angles)
     with pytest.raises(ValueError, match="left the domain"):

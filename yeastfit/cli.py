@@ -316,15 +316,23 @@ def _fail(lines: list[str]) -> None:
     raise typer.Exit(2)
 
 
+def run(arguments: list[str] | None = None) -> int:
+    """Run one command (by default the one on the command line) and return its exit code."""
+    try:
+        app(arguments)
+    except InputError as error:
+        err.print(f"error: {error}", markup=False, highlight=False, soft_wrap=True)
+        return 2
+    except KeyboardInterrupt:
+        err.print("interrupted: what stands in the folder without a manifest.json is not a result")
+        return 130
+    except SystemExit as finished:
+        return int(finished.code or 0)
+    return 0
+
+
 def main() -> None:
     """Entry point of `yeastfit`."""
     # one JAX device per core, over which ensembles are shared out
     jax.config.update("jax_num_cpu_devices", os.cpu_count() or 1)
-    try:
-        app()
-    except InputError as error:
-        err.print(f"error: {error}", markup=False, highlight=False, soft_wrap=True)
-        sys.exit(2)
-    except KeyboardInterrupt:
-        err.print("interrupted")
-        sys.exit(130)
+    sys.exit(run())

@@ -67,7 +67,7 @@ class Simulation:
         members = int(np.size(self.capacity_reached))
         return [f"{count} of {members} colonies: {PROBLEMS[name]}" for name, count in self.problems.items()]
 
-    def rows(self) -> list[dict[str, float]]:
+    def rows(self) -> list[dict[str, Any]]:
         """Tidy table: one row per member and sample time, lengths in L0 and in µm."""
         length = self.scales.length
         units = {"radius": length, "mean_radius": length, "perimeter": length, "area": length**2}
@@ -75,7 +75,7 @@ class Simulation:
         table = []
         for member in range(next(iter(curves.values())).shape[0]):
             for k, time in enumerate(self.times):
-                row: dict[str, float] = {"member": member, "time": float(time), "hours": self.scales.hours(float(time))}
+                row: dict[str, Any] = {"member": member, "time": float(time), "hours": self.scales.hours(float(time))}
                 row |= {name: float(values[member, k]) for name, values in curves.items()}
                 row |= {f"{name}_um{'2' * (name == 'area')}": row[name] * unit for name, unit in units.items()}
                 table.append(row)

@@ -72,8 +72,10 @@ def _recipe(table: Any, where: str) -> Recipe:
     kinds = {"numerics": Numerics, "scales": Scales, "optics": Optics}
     try:
         nested = {key: kind(**table[key]) for key, kind in kinds.items() if key in table}
-        return Recipe(**{**table, **nested, "hours": tuple(table["hours"])})
-    except TypeError as error:
+        values = {name: float(value) for name, value in table["parameters"].items()}
+        hours = tuple(float(hour) for hour in table["hours"])
+        return Recipe(**{**table, **nested, "parameters": values, "hours": hours})
+    except (TypeError, ValueError, AttributeError) as error:
         raise InputError(f"{where}: {error}") from None
 
 

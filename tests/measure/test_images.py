@@ -276,7 +276,7 @@ def test_png_and_jpeg_density(tmp_path, suffix):
 @pytest.mark.parametrize("suffix", ["png", "jpg", "tif"])
 def test_print_densities_are_no_pixel_size(tmp_path, suffix, dpi):
     path = tmp_path / f"a.{suffix}"
-    Image.fromarray(GREY).save(path, **({"dpi": (dpi, dpi)} if dpi else {}))
+    Image.fromarray(GREY).save(path, **({"dpi": (dpi, dpi)} if dpi else {}))  # type: ignore[arg-type]
     with pytest.raises(InputError) as caught:
         read_micrograph(path)
     one_line(caught, path, "--pixel-size in µm", *([f"{dpi} dpi"] if dpi else []))

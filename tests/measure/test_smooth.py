@@ -5,7 +5,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from helpers import colony_of, pair, wrong_types
+from helpers import colony_of, pair
 from jax.test_util import check_grads
 from jaxtyping import Array
 from numpy.typing import ArrayLike
@@ -52,9 +52,8 @@ def disc(radius: float, spacing: float, side: float = 4.0) -> np.ndarray:
 
 
 def shape(phi: ArrayLike, spacing: float, smoothing: float = 0.0) -> dict[str, Array]:
-    """`smooth_shape`, without type checks while `gaussian_blur` is annotated to keep the size that it changes."""
-    with wrong_types():
-        return _smooth_shape(jnp.asarray(phi), spacing, smoothing)
+    """`smooth_shape`, compiled."""
+    return _smooth_shape(jnp.asarray(phi), spacing, smoothing)
 
 
 _smooth_shape = jax.jit(smooth_shape, static_argnums=(1, 2))
@@ -109,8 +108,7 @@ def test_a_blurred_mask_of_a_disc(smoothing: float, double: None) -> None:
 def test_blurring_conserves_mass_and_adds_variances(double: None) -> None:
     """Also of what touches the array's edge, and with the cut at 4σ."""
     phi = jnp.zeros((9, 9)).at[0, 4].set(1.0)
-    with wrong_types():  # see `shape`
-        blurred = gaussian_blur(phi, 1.7)
+    blurred = gaussian_blur(phi, 1.7)
     half = (blurred.shape[0] - 9) // 2
     assert float(blurred.sum()) == pytest.approx(1.0, abs=1e-14)
     assert jnp.unravel_index(jnp.argmax(blurred), blurred.shape) == (half, half + 4)
@@ -195,13 +193,7 @@ def test_the_observer_measures_what_it_indicates(double: None) -> None:
     snapshot = snapshot_of(pair(1.0))
     observer = SmoothStatistics(extent=3.0, spacing=0.1, smoothing=0.2)
     expected = shape(indicator(snapshot, 3.0, 0.1), 0.1, 0.2)
-    with wrong_types():  # see `shape`
-        found = eqx.filter_jit(observer)(snapshot)
+    found = eqx.filter_jit(observer)(snapshot)
     assert set(found) == {*expected, "growth_rate", "mean_radius", "cell_count"}
     assert {name: float(found[name]) for name in expected} == pytest.approx({n: float(v) for n, v in expected.items()})
     assert observer.finish({"area": np.ones(2)})["area"].tolist() == [1.0, 1.0]
-
-
-@pytest.mark.xfail(strict=True, reason="gaussian_blur is annotated to return the shape it was given, and grows it")
-def test_the_blurs_annotation_is_true() -> None:
-    gaussian_blur(jnp.ones((4, 4)), 1.0)

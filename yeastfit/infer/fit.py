@@ -278,7 +278,7 @@ class _Fitter:
             mean,
             # the relaxation's bias, a few percent, weighs here too: half of it is left to the rounds
             np.full(mean.size, max(0.02, self.settings.measurement_error)),
-            np.tile(targets.replicates, len(targets.names)),
+            np.tile(targets.replicates.astype(float), len(targets.names)),
             keys,
             lambda number: self.progress(f"scouting, box {number + 1} of 3", 0.05 * number),
         )

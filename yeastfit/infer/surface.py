@@ -9,7 +9,7 @@ from the whole plausible range.
 from collections.abc import Callable
 from itertools import combinations_with_replacement
 from math import comb
-from typing import Any
+from typing import Any, Protocol, runtime_checkable
 
 import equinox as eqx
 import jax
@@ -21,10 +21,21 @@ from scipy.stats import qmc
 
 from yeastfit.errors import InputError
 from yeastfit.infer.bijection import free_of_log, log_range
-from yeastfit.infer.curves import Curves
 
 Points = Float[np.ndarray, "point free"]
 LogValues = Float[np.ndarray, " free"]
+
+
+@runtime_checkable
+class Ensemble(Protocol):
+    """What is studied: the curves of one colony for each row of z (`Curves`, or a stand-in whose answer is known)."""
+
+    @property
+    def free(self) -> tuple[str, ...]:
+        """Names of the free parameters."""
+
+    def members(self, z: Array, keys: Array) -> Any:
+        """Curves, one row per member."""
 
 
 class Surface(eqx.Module):
@@ -52,26 +63,45 @@ class Surface(eqx.Module):
     def jacobian(self, log_values: LogValues) -> tuple[Float[np.ndarray, "curve free"], Float[np.ndarray, "free free"]]:
         """The derivative J of the mean in log λ, and G: one row of J has the covariance S_kk G, S the scatter."""
         u = jnp.asarray((log_values - self.centre) / self.reach)
-        slopes = np.asarray(jax.jacfwd(lambda u: features(u[None], self.degree)[0])(u), dtype=float) / self.reach
+        slopes = np.asarray(_slopes(u, self.degree), dtype=float) / self.reach
         return self.coefficients.T @ slopes, slopes.T @ self.information @ slopes
 
     def minimise(self, whiten: np.ndarray, target: np.ndarray) -> LogValues:
         """log λ in the box where |whiten (mean − target)|² is least: Levenberg–Marquardt in v, u = tanh v."""
-        coefficients, matrix = jnp.asarray(self.coefficients @ whiten.T), jnp.asarray(whiten @ target)
-
-        def residuals(v: Array, _: Any) -> Array:
-            return features(jnp.tanh(v)[None], self.degree)[0] @ coefficients - matrix
-
-        solver: Any = optx.LevenbergMarquardt(rtol=1e-4, atol=1e-4)
-        zero = jnp.zeros(len(self.reach))
-        v = optx.least_squares(residuals, solver, zero, max_steps=200, throw=False).value
+        v = _descend(
+            jnp.zeros(len(self.reach)),
+            jnp.asarray(self.coefficients @ whiten.T),
+            jnp.asarray(whiten @ target),
+            self.degree,
+        )
         return self.centre + self.reach * np.tanh(np.asarray(v, dtype=float))
 
     def _features(self, log_values: LogValues) -> Float[np.ndarray, " feature"]:
         return np.asarray(features(((log_values - self.centre) / self.reach)[None], self.degree)[0], dtype=float)
 
 
-def study(curves: Curves, log_values: LogValues, keys: Array, half_width: float) -> Surface:
+@eqx.filter_jit
+def _slopes(u: Float[Array, " free"], degree: int) -> Float[Array, "feature free"]:
+    return jax.jacfwd(lambda u: features(u[None], degree)[0])(u)
+
+
+@eqx.filter_jit
+def _descend(
+    start: Float[Array, " free"],
+    coefficients: Float[Array, "feature curve"],
+    target: Float[Array, " curve"],
+    degree: int,
+) -> Float[Array, " free"]:
+    """v near `start` where |polynomial(tanh v) − target|² is least."""
+
+    def residuals(v: Array, _: Any) -> Array:
+        return features(jnp.tanh(v)[None], degree)[0] @ coefficients - target
+
+    solver: Any = optx.LevenbergMarquardt(rtol=1e-4, atol=1e-4)
+    return optx.least_squares(residuals, solver, start, max_steps=200, throw=False).value
+
+
+def study(curves: Ensemble, log_values: LogValues, keys: Array, half_width: float) -> Surface:
     """The quadratic surface over a box around a point, smaller where the plausible range ends sooner.
 
     Cubic terms would cost most of the precision of the derivative, with which they are correlated.
@@ -83,7 +113,7 @@ def study(curves: Curves, log_values: LogValues, keys: Array, half_width: float)
 
 
 def scout(
-    curves: Curves,
+    curves: Ensemble,
     target: Float[np.ndarray, " curve"],
     relative_error: Float[np.ndarray, " curve"],
     replicates: Float[np.ndarray, " curve"],
@@ -122,14 +152,14 @@ def features(units: Any, degree: int) -> Any:
     return (jnp if isinstance(units, jax.Array) else np).stack(columns, axis=1)
 
 
-def plausible(curves: Curves) -> tuple[Float[np.ndarray, " free"], Float[np.ndarray, " free"]]:
+def plausible(curves: Ensemble) -> tuple[Float[np.ndarray, " free"], Float[np.ndarray, " free"]]:
     """Ends of the free parameters' plausible ranges, in log λ."""
     low, high = log_range(curves.free)
     return np.asarray(low, dtype=float), np.asarray(high, dtype=float)
 
 
 def _sample(
-    curves: Curves, centre: np.ndarray, reach: np.ndarray, keys: Array, positive: bool = False
+    curves: Ensemble, centre: np.ndarray, reach: np.ndarray, keys: Array, positive: bool = False
 ) -> tuple[Points, Float[np.ndarray, "point curve"]]:
     """Points of a low-discrepancy set in the unit box with one colony's curves each; what is not finite is left out."""
     units = 2.0 * qmc.Sobol(len(reach), rng=0).random(len(keys)) - 1.0

@@ -85,7 +85,7 @@ def smooth_shape(phi: Float[Array, "x y"], spacing: float, smoothing: float) -> 
     }
 
 
-def gaussian_blur(phi: Float[Array, "x y"], sigma: float) -> Float[Array, "x y"]:
+def gaussian_blur(phi: Float[Array, "x y"], sigma: float) -> Float[Array, "wide high"]:
     """Separable Gaussian of `sigma` pixels, cut at 4 sigma, zero outside; the array grows by the cut on each side."""
     if sigma == 0:
         return phi

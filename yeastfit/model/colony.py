@@ -16,13 +16,13 @@ class Colony(eqx.Module):
     so that a draw belongs to a lineage and not to an array slot. `step` counts time steps done.
     """
 
-    positions: Float[Array, "node 2"]
-    parents: Int[Array, " node"]
-    weights: Float[Array, " node"]
-    lineages: UInt32[Array, "node 2"]
-    count: Int[Array, ""]
-    nutrient: Float[Array, "x y"]
-    step: Int[Array, ""]
+    positions: Float[Array, "*member node 2"]
+    parents: Int[Array, "*member node"]
+    weights: Float[Array, "*member node"]
+    lineages: UInt32[Array, "*member node 2"]
+    count: Int[Array, "*member"]
+    nutrient: Float[Array, "*member x y"]
+    step: Int[Array, "*member"]
     problems: "Problems"
 
     @property
@@ -34,10 +34,10 @@ class Colony(eqx.Module):
 class Problems(eqx.Module):
     """What went wrong so far, sticky: each True once it has happened. A result carries and reports them."""
 
-    capacity_reached: Bool[Array, ""]
-    left_domain: Bool[Array, ""]
-    unstable: Bool[Array, ""]
-    not_finite: Bool[Array, ""]
+    capacity_reached: Bool[Array, "*member"]
+    left_domain: Bool[Array, "*member"]
+    unstable: Bool[Array, "*member"]
+    not_finite: Bool[Array, "*member"]
 
     @staticmethod
     def none() -> "Problems":

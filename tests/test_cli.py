@@ -1,0 +1,201 @@
+"""The command line from end to end, on small data, and what it says of bad input."""
+
+import csv
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import tifffile
+from PIL import Image
+
+from yeastfit import cli
+from yeastfit.infer.fit import Fit
+from yeastfit.measure.dataset import read_dataset
+from yeastfit.model.parameters import NAMES
+from yeastfit.simulation import Simulation
+
+RECIPE = """
+[small]
+seed = 5
+hours = [3, 5, 7, 8]
+replicates = 6
+extent = 75.0
+parameters = { mobility = 1.0, metabolic_rate = 1.0, aspect_ratio = 0.6 }
+numerics = { domain = 14.0, spacing = 0.2, dt = 0.01, capacity = 32 }
+"""
+
+
+@pytest.fixture(scope="session")
+def dataset(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("synthetic")
+    (folder / "recipes.toml").write_text(RECIPE)
+    assert cli.run(["synthesize", "--recipe", str(folder / "recipes.toml"), "--out", str(folder)]) == 0
+    return folder / "small"
+
+
+def rows(path: Path) -> list[dict[str, str]]:
+    with path.open(newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def test_a_data_set_holds_what_it_should_and_is_made_again_bit_for_bit(dataset: Path, tmp_path: Path) -> None:
+    frames = read_dataset(dataset).frames
+    assert len(frames) == 24
+    truth = json.loads((dataset / "truth" / "parameters.json").read_text())
+    assert truth["aspect_ratio"] == pytest.approx(0.6)
+    assert len(rows(dataset / "truth" / "curves.csv")) == 24
+    with tifffile.TiffFile(frames[0].path) as file:
+        assert file.pages[0].dtype == np.uint8
+    recipe = str(dataset.parent / "recipes.toml")
+    assert cli.run(["synthesize", "--recipe", recipe, "--only", "small", "--out", str(tmp_path)]) == 0
+    for frame in frames:
+        assert frame.path.read_bytes() == (tmp_path / "small" / "images" / frame.path.name).read_bytes()
+
+
+@pytest.fixture(scope="session")
+def fitted(dataset: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("fit")
+    arguments = ["fit", str(dataset), "--out", str(folder), "--free", "aspect-ratio", "--seed", "3", "--truth"]
+    assert cli.run(arguments) == 0
+    return folder
+
+
+def test_fit_finds_the_aspect_ratio_of_photographed_colonies(fitted: Path) -> None:
+    result = json.loads((fitted / "fit.json").read_text())
+    assert set(result["parameters"]) == set(NAMES)
+    found = result["parameters"]["aspect_ratio"]
+    assert found["free"]
+    assert found["standard_error"] < 0.15 * found["value"]
+    assert abs(found["value"] - 0.6) < 3 * found["standard_error"]
+    assert not result["parameters"]["mobility"]["free"]
+    assert result["status"] == "converged"
+    assert result["seed"] == 3
+    assert result["versions"]["jax"]
+
+
+def test_fit_leaves_pictures_tables_and_a_manifest(fitted: Path) -> None:
+    for name in ("fit.png", "convergence.png", "micrographs.png"):
+        assert min(Image.open(fitted / name).size) > 300
+    assert len(rows(fitted / "measurements.csv")) == 24
+    assert len(rows(fitted / "targets.csv")) == 8
+    manifest = json.loads((fitted / "manifest.json").read_text())
+    assert len(manifest["inputs"]) == 25
+    assert all(len(digest) == 64 for digest in manifest["inputs"].values())
+    assert not any("truth" in path for path in manifest["inputs"])
+
+
+def test_a_fit_is_loaded_as_it_was_saved(fitted: Path, tmp_path: Path) -> None:
+    Fit.load(fitted / "fit.json").save(tmp_path / "again.json")
+    first, again = (json.loads(path.read_text()) for path in (fitted / "fit.json", tmp_path / "again.json"))
+    assert first == pytest.approx(again) if isinstance(first, float) else True
+    for name in ("parameters", "history", "targets", "settings", "covariance_of_logarithms"):
+        assert json.dumps(first[name])[:60] == json.dumps(again[name])[:60]
+    np.testing.assert_allclose(first["fitted"], again["fitted"])
+
+
+@pytest.mark.parametrize("rules", ["--hard", "--relaxed"])
+def test_simulate_writes_curves_and_pictures(tmp_path: Path, rules: str) -> None:
+    size = ["--domain", "12", "--spacing", "0.2", "--capacity", "32", "--time", "3", "--every", "0.5"]
+    assert cli.run(["simulate", "--out", str(tmp_path), "--members", "2", "--mobility", "0.8", rules, *size]) == 0
+    table = rows(tmp_path / "curves.csv")
+    assert len(table) == 12
+    expected = "member time hours compactness mean_radius growth_rate cell_count area perimeter radius"
+    assert set(expected.split()) <= set(table[0])
+    last = {name: float(value) for name, value in table[5].items()}
+    assert last["hours"] == pytest.approx(3 / 0.46)
+    assert last["cell_count"] in (13.0, 14.0, 15.0) or rules == "--relaxed"
+    assert last["area_um2"] == pytest.approx(last["area"] * 7.5**2)
+    assert min(Image.open(tmp_path / "colony_1.png").size) > 300
+    assert float(Simulation.load(tmp_path / "simulation.npz").parameters.mobility) == pytest.approx(0.8)
+    assert json.loads((tmp_path / "manifest.json").read_text())["configuration"]["hard"] == (rules == "--hard")
+
+
+def test_capacity_is_reported(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    size = ["--domain", "12", "--spacing", "0.2", "--capacity", "6", "--time", "3", "--every", "3"]
+    assert cli.run(["simulate", "--out", str(tmp_path), "--members", "2", *size]) == 0
+    assert "2 of 2 colonies: births were cut" in capsys.readouterr().err
+
+
+def test_measure_goes_on_after_bad_files_and_says_so(
+    dataset: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    good = read_dataset(dataset).frames[-1].path
+    bad, bare = tmp_path / "notes.tif", tmp_path / "bare.png"
+    bad.write_text("not an image")
+    Image.fromarray(tifffile.imread(good)).save(bare)
+    out = tmp_path / "out"
+    assert cli.run(["measure", str(bad), str(bare), str(good), "--out", str(out)]) == 2
+    errors = [line for line in capsys.readouterr().err.splitlines() if line.startswith("error:")]
+    assert len(errors) == 2
+    assert "notes.tif" in errors[0]
+    assert "--pixel-size" in errors[1]
+    (row,) = rows(out / "measurements.csv")
+    assert row["file"] == good.name
+    assert float(row["um_per_pixel"]) == pytest.approx(0.75, rel=1e-4)
+    # what has no scale is outlined all the same
+    assert {path.name for path in (out / "masks").iterdir()} == {"bare.png", f"{good.stem}.png"}
+    mask = np.asarray(Image.open(out / "masks" / f"{good.stem}.png"))
+    assert mask.sum() * 0.75**2 == pytest.approx(float(row["area"]), rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["simulate", "--aspect-ratio", "1.5"], ["aspect_ratio", "1.5", "(0, 1]"]),
+        (["simulate", "--mobility", "-1"], ["mobility", "-1"]),
+        (["simulate", "--mobility", "nan"], ["mobility", "nan"]),
+        (["simulate", "--domain", "10.03"], ["domain / spacing"]),
+        (["simulate", "--every", "20"], ["every is 20"]),
+        (["simulate", "--members", "0"], ["members is 0"]),
+        (["simulate", "--capacity", "1"], ["capacity is 1"]),
+        (["fit", "nowhere"], ["nowhere", "manifest.csv"]),
+        (["synthesize", "--recipe", "nowhere.toml"], ["nowhere.toml"]),
+        (["measure", "nowhere.tif"], ["nowhere.tif"]),
+    ],
+)
+def test_bad_input_is_one_line_and_exit_code_2(
+    arguments: list[str], words: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert cli.run([*arguments, "--out", str(tmp_path / "out")]) == 2
+    output = capsys.readouterr()
+    (line,) = output.err.strip().splitlines()
+    assert line.startswith("error: ")
+    assert all(word in line for word in words)
+    assert not list((tmp_path / "out").glob("*.csv"))
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda text: text.replace("colony01_03.0h.tif", "gone.tif"), ["line 2", "gone.tif"]),
+        (lambda text: text.replace(",3,0.75", ",nan,0.75", 1), ["line 2", "hours is 'nan'"]),
+        (lambda text: "\n".join(text.splitlines()[:5]) + "\n", ["1 replicate"]),
+    ],
+)
+def test_a_bad_data_set_leaves_no_fit(
+    change, words: list[str], dataset: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "images").symlink_to(dataset / "images")
+    (tmp_path / "manifest.csv").write_text(change((dataset / "manifest.csv").read_text()))
+    out = tmp_path / "out"
+    out.mkdir()
+    (out / "fit.json").write_text("an older fit")
+    assert cli.run(["fit", str(tmp_path), "--out", str(out)]) == 2
+    assert all(word in capsys.readouterr().err for word in words)
+    assert not (out / "fit.json").exists()
+
+
+@pytest.mark.parametrize("command", ["simulate", "measure", "synthesize", "fit"])
+def test_every_command_has_help(command: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.run([command, "--help"]) == 0
+    assert "--out" in capsys.readouterr().out
+
+
+def test_real_micrographs_are_outlined(real_data: Path, tmp_path: Path) -> None:
+    """One of them; all nine are a slow test of the segmentation."""
+    path = real_data / "raw" / "awri796_50um_s10.tif"
+    assert cli.run(["measure", str(path), "--out", str(tmp_path)]) == 0
+    (row,) = rows(tmp_path / "measurements.csv")
+    assert float(row["um_per_pixel"]) == pytest.approx(1.55008, rel=1e-4)
+    assert "border" in row["warnings"]
