@@ -34,6 +34,11 @@ def dataset(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder / "small"
 
 
+def smallest_side(path: Path) -> int:
+    with Image.open(path) as image:
+        return min(image.size)
+
+
 def rows(path: Path) -> list[dict[str, str]]:
     with path.open(newline="") as file:
         return list(csv.DictReader(file))
@@ -76,7 +81,7 @@ def test_fit_finds_the_aspect_ratio_of_photographed_colonies(fitted: Path) -> No
 
 def test_fit_leaves_pictures_tables_and_a_manifest(fitted: Path) -> None:
     for name in ("fit.png", "convergence.png", "micrographs.png"):
-        assert min(Image.open(fitted / name).size) > 300
+        assert smallest_side(fitted / name) > 300
     assert len(rows(fitted / "measurements.csv")) == 24
     assert len(rows(fitted / "targets.csv")) == 8
     manifest = json.loads((fitted / "manifest.json").read_text())
@@ -106,7 +111,7 @@ def test_simulate_writes_curves_and_pictures(tmp_path: Path, rules: str) -> None
     assert last["hours"] == pytest.approx(3 / 0.46)
     assert last["cell_count"] in (13.0, 14.0, 15.0) or rules == "--relaxed"
     assert last["area_um2"] == pytest.approx(last["area"] * 7.5**2)
-    assert min(Image.open(tmp_path / "colony_1.png").size) > 300
+    assert smallest_side(tmp_path / "colony_1.png") > 300
     assert float(Simulation.load(tmp_path / "simulation.npz").parameters.mobility) == pytest.approx(0.8)
     assert json.loads((tmp_path / "manifest.json").read_text())["configuration"]["hard"] == (rules == "--hard")
 
@@ -135,7 +140,8 @@ def test_measure_goes_on_after_bad_files_and_says_so(
     assert float(row["um_per_pixel"]) == pytest.approx(0.75, rel=1e-4)
     # what has no scale is outlined all the same
     assert {path.name for path in (out / "masks").iterdir()} == {"bare.png", f"{good.stem}.png"}
-    mask = np.asarray(Image.open(out / "masks" / f"{good.stem}.png"))
+    with Image.open(out / "masks" / f"{good.stem}.png") as image:
+        mask = np.asarray(image)
     assert mask.sum() * 0.75**2 == pytest.approx(float(row["area"]), rel=1e-3)
 
 
@@ -169,7 +175,7 @@ def test_bad_input_is_one_line_and_exit_code_2(
     ("change", "words"),
     [
         (lambda text: text.replace("colony01_03.0h.tif", "gone.tif"), ["line 2", "gone.tif"]),
-        (lambda text: text.replace(",3,0.75", ",nan,0.75", 1), ["line 2", "hours is 'nan'"]),
+        (lambda text: text.replace(",3.0,0.75", ",nan,0.75", 1), ["line 2", "hours is 'nan'"]),
         (lambda text: "\n".join(text.splitlines()[:5]) + "\n", ["1 replicate"]),
     ],
 )
@@ -182,7 +188,8 @@ def test_a_bad_data_set_leaves_no_fit(
     out.mkdir()
     (out / "fit.json").write_text("an older fit")
     assert cli.run(["fit", str(tmp_path), "--out", str(out)]) == 2
-    assert all(word in capsys.readouterr().err for word in words)
+    error = capsys.readouterr().err
+    assert all(word in error for word in words)
     assert not (out / "fit.json").exists()
 
 

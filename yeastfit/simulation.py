@@ -2,7 +2,7 @@
 
 import json
 import time as clock
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
@@ -22,6 +22,7 @@ from yeastfit.model.numerics import Numerics, map_members
 from yeastfit.model.parameters import NAMES, Parameters, Scales
 from yeastfit.model.relaxation import Relaxation
 from yeastfit.model.simulate import Snapshot, trajectory
+from yeastfit.storage import written_whole
 
 
 @runtime_checkable
@@ -94,7 +95,8 @@ class Simulation:
             "relaxation": {**widths, "births": self.relaxation.births},
             "seconds": self.seconds,
         }
-        np.savez_compressed(path, times=self.times, configuration=json.dumps(configuration), **arrays)
+        with written_whole(path) as temporary, temporary.open("wb") as file:  # a file keeps its name as given
+            np.savez_compressed(file, times=self.times, configuration=json.dumps(configuration), **arrays)
 
     @staticmethod
     def load(path: str | Path) -> "Simulation":
@@ -134,7 +136,7 @@ def simulate(
     parameters: Parameters,
     keys: Array,
     *,
-    times: Float[Any, " sample"],
+    times: Sequence[Any] | np.ndarray | Array,
     numerics: Numerics | None = None,
     relaxation: Relaxation | None = None,
     observe: Observer | None = None,
@@ -176,11 +178,12 @@ def simulate(
     )
 
 
-def sample_steps(times: Any, numerics: Numerics) -> Array:
+def sample_steps(times: Sequence[Any] | np.ndarray | Array, numerics: Numerics) -> Array:
     """Times to step numbers, checked."""
     values = np.atleast_1d(np.asarray(times, dtype=float))
-    steps = np.rint(values / numerics.dt).astype(int)
-    if values.ndim != 1 or not np.isfinite(values).all() or steps[0] < 1 or (np.diff(steps) < 1).any():
+    sound = values.ndim == 1 and values.size > 0 and bool(np.isfinite(values).all())
+    steps = np.rint((values if sound else np.zeros(1)) / numerics.dt).astype(int)
+    if not sound or steps[0] < 1 or (np.diff(steps) < 1).any():
         raise InputError(
             f"times is {np.array2string(values, precision=4, threshold=8)}, it must rise from at least "
             f"dt = {numerics.dt:g} with at least dt between two times"

@@ -203,9 +203,6 @@ def test_derivative_of_births(double: None) -> None:
     assert np.flatnonzero(slope).tolist() == [np.flatnonzero(value)[-1]]
 
 
-@pytest.mark.xfail(
-    strict=True, reason="slots are counted by rank: where the last bits of the cumsum fall, one is skipped"
-)
 def test_no_slot_is_skipped_whatever_the_last_bits_of_a_running_sum() -> None:
     """Nodes fill the slots below `count`, each with a weight, also where the last to bud weigh next to nothing."""
     rng = np.random.default_rng(0)

@@ -25,6 +25,12 @@ def test_a_bad_width_is_named(name: str, value: float) -> None:
         Relaxation(**{name: value})  # type: ignore[arg-type]
 
 
+def test_a_union_too_narrow_for_single_precision_is_named() -> None:
+    with pytest.raises(InputError, match=r"relaxation width union is 0.0078125, it must be at least 0.0125"):
+        Relaxation(union=0.0078125)
+    assert Relaxation(union=0.0125).union is not None
+
+
 def test_a_bad_rule_for_births_is_named() -> None:
     with wrong_types(), pytest.raises(InputError, match="births is 'half', it must be 'fractional' or 'whole'"):
         Relaxation(births="half")  # type: ignore[arg-type]

@@ -40,7 +40,6 @@ def precise() -> Iterator[None]:
     with jax.enable_x64(True), pytest.MonkeyPatch.context() as patch:
         patch.setattr(nutrient_module, "TOLERANCE", 1e-13)
         yield
-    jax.clear_caches()  # until `test_double_precision_leaves_single_precision_alone` passes
 
 
 # --- the hard step -------------------------------------------------------------------------------------------------
@@ -225,9 +224,6 @@ def test_every_statistic_depends_on_every_parameter(slopes: dict[str, np.ndarray
     assert (np.abs(slopes["cell_count"][1]) > 1e-6).all()
 
 
-@pytest.mark.xfail(
-    strict=True, reason="jax keeps the int64 of forces._DI, a NumPy array without a dtype", raises=TypeError
-)
 def test_double_precision_leaves_single_precision_alone() -> None:
     """Both can be traced in one process, one after the other."""
 

@@ -102,5 +102,5 @@ def gaussian_blur(phi: Float[Array, "x y"], sigma: float) -> Float[Array, "wide 
 def _norm(x: Float[Array, "..."], y: Float[Array, "..."]) -> Float[Array, "..."]:
     """√(x² + y²), with derivative 0 at 0."""
     squared = x**2 + y**2
-    positive = squared > 0
-    return jnp.where(positive, jnp.sqrt(jnp.where(positive, squared, 1.0)), 0.0)
+    zero = squared == 0  # not `> 0`: nan stays nan
+    return jnp.where(zero, 0.0, jnp.sqrt(jnp.where(zero, 1.0, squared)))

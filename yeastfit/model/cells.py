@@ -3,7 +3,7 @@
 A cell is the edge between a node and its parent: p = ½|x_child − x_parent|, q = λ7 p, and in its own frame
 f = (u/p)² + (v/q)² − 1 = r² − 1, dimensionless. Hard union: g = min_k f_k. Relaxed, with weights w_k in [0, 1]:
 
-    g = −s log Σ_k w_k exp(−f_k / s) = −1 − s log Σ_k w_k exp(−r_k² / s),
+    g = −s log Σ_k w_k exp(−f_k / s),    f = r² − 1,
 
 a sum of anisotropic Gaussians, hence local: only r² ≤ `Relaxation.reach` is ever evaluated. Each cell covers its
 bounding box with square patches of PATCH² grid points; the patches of all cells form one list that is worked off in
@@ -20,8 +20,8 @@ from yeastfit.model.numerics import largest_in_ensemble
 from yeastfit.model.relaxation import Relaxation
 
 PATCH = 8  # grid points along a patch: one cell is 2 to 3 patches wide at the source's spacing
-OUTSIDE = 4.0  # r² of the hard union where there is no cell
-FAR = 80.0  # r²/s where the relaxed union stops: exp(-80) is the smallest a single-precision float holds safely
+FAR = 1e3  # g where no cell reaches: outside for every width
+LARGEST = 80.0  # |f|/s that enters: beyond, exp leaves single precision. s of at least 1/LARGEST keeps f = −1 exact
 
 
 class Cells(eqx.Module):
@@ -58,7 +58,7 @@ def cells_of(colony: Colony, aspect_ratio: Float[Array, ""], shortest: float = 1
 def level_set(cells: Cells, relaxation: Relaxation, origin: float, spacing: float, points: int) -> Float[Array, "x y"]:
     """g on the square grid x_i = origin + i·spacing, i < points; negative inside the colony.
 
-    Far from every cell g is the largest value the union can tell: s·FAR − 1 relaxed, OUTSIDE − 1 hard.
+    Where no cell reaches, g is FAR.
     Differentiable in the cells when relaxed; hard, almost everywhere.
     """
     s = relaxation.union
@@ -67,25 +67,28 @@ def level_set(cells: Cells, relaxation: Relaxation, origin: float, spacing: floa
     ends = jnp.cumsum(counts[:, 0] * counts[:, 1])
     chunk = min(512, max(64, cells.weights.shape[0]))
     margin = PATCH  # a patch may stick out by less than this
-    # what is accumulated: Σ w exp(−r²/s) from 0, or, hard, min r² from OUTSIDE
-    grid = jnp.full((points + 2 * margin,) * 2, OUTSIDE if s is None else 0.0, cells.centres.dtype)
+    # what is accumulated: Σ w exp(−f/s) from 0, or, hard, min f from FAR
+    grid = jnp.full((points + 2 * margin,) * 2, FAR if s is None else 0.0, cells.centres.dtype)
 
     def add_chunk(i: Int[Array, ""], grid: Float[Array, "x y"]) -> Float[Array, "x y"]:
         item = i * chunk + jnp.arange(chunk)
         cell = jnp.minimum(jnp.searchsorted(ends, item, side="right"), ends.shape[0] - 1)
         local = item - (ends[cell] - counts[cell, 0] * counts[cell, 1])
         corner = first[cell] + PATCH * jnp.stack([local // counts[cell, 1], local % counts[cell, 1]], axis=-1)
-        r2 = _squared_radius(jax.tree.map(lambda leaf: leaf[cell], cells), corner, origin, spacing)
+        f = -1.0 + _squared_radius(jax.tree.map(lambda leaf: leaf[cell], cells), corner, origin, spacing)
         beyond = (item >= ends[-1])[:, None]  # scatter drops what starts outside the padded grid
         corner = jnp.where(beyond, points + 2 * margin, corner + margin)
         if s is None:
-            return jax.lax.scatter_min(grid, corner, r2, _WINDOWS, mode=_DROP)
-        blob = cells.weights[cell][:, None, None] * jnp.exp(-jnp.minimum(r2 / s, FAR))
+            return jax.lax.scatter_min(grid, corner, f, _WINDOWS, mode=_DROP)
+        blob = cells.weights[cell][:, None, None] * jnp.exp(-jnp.minimum(f / s, LARGEST))
         return jax.lax.scatter_add(grid, corner, blob, _WINDOWS, mode=_DROP)
 
     trips = largest_in_ensemble((ends[-1] + chunk - 1) // chunk)
     total = jax.lax.fori_loop(0, trips, add_chunk, grid)[margin:-margin, margin:-margin]
-    return total - 1.0 if s is None else -1.0 - s * jnp.log(total + jnp.exp(-FAR))
+    if s is None:
+        return total
+    reached = total > 0
+    return jnp.where(reached, -s * jnp.log(jnp.where(reached, total, 1.0)), FAR)
 
 
 def biomass(g: Float[Array, "x y"], metabolic_rate: Float[Array, ""]) -> Float[Array, "x y"]:

@@ -100,7 +100,8 @@ def nutrient_at(colony: Colony, numerics: Numerics) -> Float[Array, " node"]:
     return jnp.sum(weights * colony.nutrient[corner[:, 0, None] + _DI, corner[:, 1, None] + _DJ], axis=1)
 
 
-_DI, _DJ = np.array([0, 0, 1, 1]), np.array([0, 1, 0, 1])
+# corners of a grid square; 32 bits, or jax would keep NumPy's 64 in single precision
+_DI, _DJ = np.array([0, 0, 1, 1], np.int32), np.array([0, 1, 0, 1], np.int32)
 
 
 def _bilinear(

@@ -39,6 +39,7 @@ def bud(
     wanted = births(mu, jnp.sum(colony.weights), relaxation)
     child_weights = jnp.clip(wanted - (jnp.cumsum(ranked) - ranked), 0.0, ranked)
     wanted_count = jnp.sum(child_weights > 0)
+    order = jnp.cumsum(child_weights > 0) - 1
     room = capacity - colony.count
 
     event = colony.step // numerics.steps_per_event
@@ -46,9 +47,8 @@ def bud(
     angles = budding_angles(lineages).astype(fed.dtype)
     offsets = numerics.bud_distance * jnp.stack([jnp.cos(angles), jnp.sin(angles)], axis=-1)
 
-    # child j of the ranking goes to slot count + j; the unborn to slot `capacity`, which scatter drops
-    j = jnp.arange(capacity)
-    slot = jnp.where((child_weights > 0) & (j < room), colony.count + j, capacity)
+    # children take the next slots in the order of their parents; the unborn slot `capacity`, which scatter drops
+    slot = jnp.where((child_weights > 0) & (order < room), colony.count + order, capacity)
     problems = colony.problems
     full = problems.capacity_reached | (wanted_count > room)
     return Colony(

@@ -28,7 +28,7 @@ def _as_width(value: float | Array | None) -> Array | None:
 class Relaxation(eqx.Module):
     """Smoothing widths; a width of None (or 0) selects the hard rule for that law.
 
-    union: s of smoothmin, in units of the dimensionless f. contact: w of the contact ramp, in L0.
+    union: s of smoothmin, in units of the dimensionless f, at least 0.0125. contact: w of the contact ramp, in L0.
     boundary: K of the smoothed indicator, in units of f. births: "fractional" or "whole".
     turning: share of the derivative of a contact's direction that derivatives see, in [0, 1]; no value depends on
     it. None and 1 are exact; but a compressed contact is unstable across its direction, so exact derivatives of one
@@ -61,6 +61,11 @@ class Relaxation(eqx.Module):
                 continue
             if not (jnp.isfinite(value) & (value > 0)).all():
                 raise InputError(f"relaxation width {name} is {value}, it must be above 0, or None for the hard rule")
+        if isinstance(self.union, jax.Array) and not isinstance(self.union, jax.core.Tracer) and self.union < 0.0125:
+            raise InputError(
+                f"relaxation width union is {float(self.union):.4g}, it must be at least 0.0125, where exp(1 / union) still "
+                "fits single precision, or None for the hard rule"
+            )
         if self.births not in ("fractional", "whole"):
             raise InputError(f"births is {self.births!r}, it must be 'fractional' or 'whole'")
 
