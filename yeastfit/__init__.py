@@ -1,6 +1,10 @@
 """yeastfit: yeast colonies in JAX - simulated, measured in micrographs, and fitted."""
 
 from yeastfit.errors import InputError
+from yeastfit.infer.fit import Fit, FitSettings, fit
+from yeastfit.infer.targets import Targets
+from yeastfit.measure.dataset import Dataset, read_dataset
+from yeastfit.measure.series import measure_dataset, measure_file
 from yeastfit.model.numerics import Numerics
 from yeastfit.model.parameters import PARAMETERS, Parameters, Scales
 from yeastfit.model.relaxation import HARD, Relaxation
@@ -10,12 +14,20 @@ __version__ = "0.1.0"
 __all__ = [
     "HARD",
     "PARAMETERS",
+    "Dataset",
+    "Fit",
+    "FitSettings",
     "InputError",
     "Numerics",
     "Parameters",
     "Relaxation",
     "Scales",
     "Simulation",
+    "Targets",
+    "fit",
+    "measure_dataset",
+    "measure_file",
     "member_keys",
+    "read_dataset",
     "simulate",
 ]
