@@ -63,8 +63,8 @@ class Relaxation(eqx.Module):
                 raise InputError(f"relaxation width {name} is {value}, it must be above 0, or None for the hard rule")
         if isinstance(self.union, jax.Array) and not isinstance(self.union, jax.core.Tracer) and self.union < 0.0125:
             raise InputError(
-                f"relaxation width union is {float(self.union):.4g}, it must be at least 0.0125, where exp(1 / union) still "
-                "fits single precision, or None for the hard rule"
+                f"relaxation width union is {float(self.union):.4g}, it must be at least 0.0125, where exp(1 / union) "
+                "still fits single precision, or None for the hard rule"
             )
         if self.births not in ("fractional", "whole"):
             raise InputError(f"births is {self.births!r}, it must be 'fractional' or 'whole'")
