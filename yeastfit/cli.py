@@ -119,6 +119,7 @@ def measure(
     pixel_size: Annotated[
         float | None, typer.Option(help="µm per pixel, for all files; otherwise each file must say it.")
     ] = None,
+    seed: Annotated[int, typer.Option(min=0, help="Kept in the manifest only: measuring draws nothing.")] = 0,
 ) -> None:
     """Outline the colony in each micrograph and measure it (measurements.csv, lengths in µm).
 
@@ -141,7 +142,7 @@ def measure(
         write_table(folder / "measurements.csv", [one.row() for one in measured])
         _warn([f"{m.micrograph.path.name}: {w}" for m in measured for w in m.segmentation.warnings])
         inputs = [one.micrograph.path for one in measured]
-        write_manifest(folder, command="measure", seed=None, inputs=inputs, failed=failures)
+        write_manifest(folder, command="measure", seed=seed, inputs=inputs, failed=failures)
         out.print(f"{len(measured)} of {len(files)} micrographs measured. Results in {folder}")
     if failures:
         _fail(failures)

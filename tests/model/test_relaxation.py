@@ -26,8 +26,8 @@ def test_a_bad_width_is_named(name: str, value: float) -> None:
 
 
 def test_a_union_too_narrow_for_single_precision_is_named() -> None:
-    with pytest.raises(InputError, match=r"relaxation width union is 0.0078125, it must be at least 0.0125"):
-        Relaxation(union=0.0078125)
+    with pytest.raises(InputError, match=r"relaxation width union is 0.01, it must be at least 0.0125"):
+        Relaxation(union=0.01)
     assert Relaxation(union=0.0125).union is not None
 
 
