@@ -80,7 +80,8 @@ def level_set(cells: Cells, relaxation: Relaxation, origin: float, spacing: floa
         corner = jnp.where(beyond, points + 2 * margin, corner + margin)
         if s is None:
             return jax.lax.scatter_min(grid, corner, f, _WINDOWS, mode=_DROP)
-        blob = cells.weights[cell][:, None, None] * jnp.exp(-jnp.minimum(f / s, LARGEST))
+        near = f < LARGEST * s
+        blob = jnp.where(near, cells.weights[cell][:, None, None] * jnp.exp(-jnp.where(near, f, 0.0) / s), 0.0)
         return jax.lax.scatter_add(grid, corner, blob, _WINDOWS, mode=_DROP)
 
     trips = largest_in_ensemble((ends[-1] + chunk - 1) // chunk)

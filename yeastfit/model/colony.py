@@ -26,9 +26,9 @@ class Colony(eqx.Module):
     problems: "Problems"
 
     @property
-    def alive(self) -> Bool[Array, " node"]:
+    def alive(self) -> Bool[Array, "*member node"]:
         """Which slots hold a node."""
-        return jnp.arange(self.parents.shape[0]) < self.count
+        return jnp.arange(self.parents.shape[-1]) < self.count[..., None]
 
 
 class Problems(eqx.Module):
