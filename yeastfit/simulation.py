@@ -18,7 +18,7 @@ from yeastfit.errors import InputError
 from yeastfit.measure.hard import HardStatistics
 from yeastfit.measure.smooth import SmoothStatistics
 from yeastfit.model.colony import PROBLEMS, Colony, Problems
-from yeastfit.model.numerics import Numerics, map_members
+from yeastfit.model.numerics import Numerics, map_members, on_one_device
 from yeastfit.model.parameters import NAMES, Parameters, Scales
 from yeastfit.model.relaxation import Relaxation
 from yeastfit.model.simulate import Snapshot, trajectory
@@ -162,7 +162,7 @@ def simulate(
     keys = keys[None] if single else keys
     began = clock.perf_counter()
     batched = _per_member(parameters, keys.shape[0])
-    colony, observed = jax.block_until_ready(_run(batched, keys, steps, relaxation, numerics, observe))
+    colony, observed = on_one_device(_run(batched, keys, steps, relaxation, numerics, observe))
     if single:
         colony, observed = jax.tree.map(lambda leaf: leaf[0], (colony, observed))
     statistics = observe.finish(jax.tree.map(np.asarray, observed))

@@ -10,7 +10,7 @@ from jaxtyping import Array, Float, Int
 
 from yeastfit.infer.bijection import from_free
 from yeastfit.measure.smooth import SmoothStatistics
-from yeastfit.model.numerics import Numerics, map_members
+from yeastfit.model.numerics import Numerics, map_members, on_one_device
 from yeastfit.model.parameters import Parameters
 from yeastfit.model.relaxation import Relaxation
 from yeastfit.model.simulate import trajectory
@@ -43,13 +43,13 @@ class Curves(eqx.Module):
 
     def members(self, z: Float[Array, "... free"], keys: Array) -> Float[Array, "member curve"]:
         """All members, with one z for all or one for each."""
-        return jnp.concatenate([_members(self, *block)[:size] for *block, size in _blocks(z, keys)])
+        return jnp.concatenate([on_one_device(_members(self, *block))[:size] for *block, size in _blocks(z, keys)])
 
     def members_with_tangents(
         self, z: Float[Array, " free"], keys: Array
     ) -> tuple[Float[Array, "member curve"], Float[Array, "member free curve"]]:
         """All members, and their derivatives in z."""
-        blocks = [(_with_tangents(self, *block), size) for *block, size in _blocks(z, keys)]
+        blocks = [(on_one_device(_with_tangents(self, *block)), size) for *block, size in _blocks(z, keys)]
         values, tangents = ([block[k][:size] for block, size in blocks] for k in (0, 1))
         return jnp.concatenate(values), jnp.concatenate(tangents)
 

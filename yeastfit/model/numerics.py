@@ -75,18 +75,28 @@ def largest_in_ensemble(value: Array) -> Array:
 
 
 def map_members(one: Callable[..., PyTree], *batched: PyTree) -> PyTree:
-    """`one` for every member: vectorised, and shared out over all local devices; results along the first axis.
+    """`one` for every member: vectorised, and shared out over the local devices where they divide the members evenly.
 
-    What a member computes does not depend on how many others there are. On a CPU, `jax_num_cpu_devices` makes as many
+    What a member computes does not depend on how many others there are, and devices never wait for each other. Results
+    stay where they were made: `on_one_device` brings them together. On a CPU, `jax_num_cpu_devices` makes as many
     devices as there are cores.
     """
     devices = jax.local_devices()
     members = jax.tree.leaves(batched)[0].shape[0]
-    shares = min(len(devices), members)
-    surplus = -members % shares
-    padded = jax.tree.map(lambda leaf: jnp.concatenate([leaf, leaf[:1].repeat(surplus, axis=0)]), batched)
+    shares = max(n for n in range(1, len(devices) + 1) if members % n == 0)
     mesh = jax.sharding.Mesh(np.array(devices[:shares]), ("device",))
     split = jax.sharding.PartitionSpec("device")
     run = jax.vmap(one, axis_name=MEMBER)
-    shared = jax.shard_map(run, mesh=mesh, in_specs=split, out_specs=split, check_vma=False)
-    return jax.tree.map(lambda leaf: leaf[:members], shared(*padded))
+    return jax.shard_map(run, mesh=mesh, in_specs=split, out_specs=split, check_vma=False)(*batched)
+
+
+def on_one_device(tree: PyTree) -> PyTree:
+    """Arrays spread over devices, copied to the first one.
+
+    Any operation on a spread array makes the devices meet, and on a CPU that waits for every core and gives up after 40
+    seconds; a copy does not.
+    """
+    first = jax.local_devices()[0]
+    return jax.tree.map(
+        lambda leaf: leaf if isinstance(leaf, jax.core.Tracer) else jax.device_put(np.asarray(leaf), first), tree
+    )
