@@ -153,7 +153,8 @@ def troubled() -> dict[float, Simulation]:
     numerics = Numerics(domain=8.0, spacing=0.4, dt=0.05, capacity=10)
     parameters = Parameters(elasticity=np.array([5.0, 20.0, 5.0, 1e30]), mobility=np.array([1.0, 1.0, 60.0, 1.0]))
     return {
-        t: simulate(parameters, member_keys(0, 4), times=np.array([t]), numerics=numerics) for t in (0.05, 2.5, 3.5)
+        t: simulate(parameters, member_keys(0, 4), times=np.array([t]), numerics=numerics, throw=False)
+        for t in (0.05, 2.5, 3.5)
     }
 
 
@@ -183,6 +184,40 @@ def test_problems_are_reported(
     assert any(
         warning.startswith(f"{flags.sum()} of 4 colonies:") and words in warning for warning in result.warnings()
     )
+
+
+def test_a_time_step_too_large_for_the_springs_is_an_error_that_says_which_would_do() -> None:
+    """Two nodes have degree 1, so Δt λ2 · 2 < 2: at dt = 0.1 an elasticity of 10 is the first to fail."""
+    numerics = Numerics(domain=8.0, spacing=0.4, dt=0.1, capacity=10)
+    with pytest.raises(InputError, match=r"dt is 0.1, too large for the springs: .* dt below 0.0833"):
+        simulate(Parameters(elasticity=np.array([5.0, 12.0])), member_keys(0, 2), times=[0.1], numerics=numerics)
+    sound = simulate(Parameters(elasticity=9.9), member_keys(0, 2), times=[0.1], numerics=numerics)
+    assert not sound.problems
+
+
+def test_a_popular_parent_makes_springs_too_stiff_for_a_step_that_a_small_colony_stood() -> None:
+    """Degrees grow with the colony: the same Δt holds at first, and at 230 nodes, of degree 6, no longer does."""
+    numerics = Numerics(domain=24.0, spacing=0.2, dt=0.05, capacity=400)
+    stiff = Parameters(elasticity=6.0)
+    assert "unstable" not in simulate(stiff, member_keys(0, 1), times=[3.0], numerics=numerics).problems
+    with pytest.raises(InputError, match=r"dt is 0.05, too large for the springs"):
+        simulate(stiff, member_keys(0, 1), times=[8.0], numerics=numerics)
+
+
+def test_a_state_that_is_not_finite_is_an_error() -> None:
+    with pytest.raises(InputError, match=r"dt is 0.05 and positions or nutrient became not finite"):
+        simulate(
+            Parameters(repulsivity=1e38, mobility=1e38, elasticity=1e-3),
+            member_keys(0, 1),
+            times=[3.0],
+            numerics=Numerics(domain=8.0, spacing=0.4, dt=0.05, capacity=10),
+        )
+
+
+def test_a_diffusivity_beyond_what_single_precision_solves_is_named() -> None:
+    numerics = Numerics(domain=8.0, spacing=0.1, capacity=10)
+    with pytest.raises(InputError, match=r"diffusivity · dt / spacing² is 20, .* up to 8"):
+        simulate(Parameters(diffusivity=10.0), member_keys(0, 1), times=[0.1], numerics=numerics)
 
 
 def test_capacity_is_reported_per_member(troubled: dict[float, Simulation]) -> None:

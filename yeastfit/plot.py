@@ -49,9 +49,8 @@ def colony(simulation: "Simulation", member: int = 0, width: float | None = None
     reach = float(np.abs(np.asarray(state.positions)[alive]).max()) + 2.0
     width = min(numerics.domain, width or 2 * reach)
     points = 801
-    g = level_set(
-        cells_of(state, parameters.aspect_ratio), simulation.relaxation, -width / 2, width / (points - 1), points
-    )
+    cells, relaxation = cells_of(state, parameters.aspect_ratio), simulation.relaxation
+    g = level_set(cells, relaxation.union, relaxation.union_reach, -width / 2, width / (points - 1), points)
     half = 0.5 * width * length
     figure = Figure(figsize=(9.5, 4.4), layout="constrained")
     left, right = figure.subplots(1, 2, sharex=True, sharey=True)

@@ -18,7 +18,9 @@ from yeastfit.errors import InputError
 from yeastfit.measure.hard import HardStatistics
 from yeastfit.measure.smooth import SmoothStatistics
 from yeastfit.model.colony import PROBLEMS, Colony, Problems
+from yeastfit.model.forces import stiffness
 from yeastfit.model.numerics import Numerics, map_members, on_one_device
+from yeastfit.model.nutrient import check_alpha
 from yeastfit.model.parameters import NAMES, Parameters, Scales
 from yeastfit.model.relaxation import Relaxation
 from yeastfit.model.simulate import Snapshot, trajectory
@@ -141,6 +143,7 @@ def simulate(
     relaxation: Relaxation | None = None,
     observe: Observer | None = None,
     scales: Scales | None = None,
+    throw: bool = True,
 ) -> Simulation:
     """Grow one colony (`keys` one random key) or an ensemble (`keys` an array of them, see `member_keys`).
 
@@ -149,20 +152,24 @@ def simulate(
     by default smooth statistics for a relaxed model and scikit-image's for a hard one (`relaxation=HARD`). Everything
     that is not a shape can change without recompiling: λ, keys, widths and the values of times.
 
-    Returns a `Simulation`; its `warnings()` are what a user should see. Raises `InputError`. For derivatives, use
-    `yeastfit.model.simulate.trajectory`, which this wraps and which jax transforms.
+    Returns a `Simulation`; its `warnings()` are what a user should see. Raises `InputError`, also where dt turns out
+    too large for the springs or a state is not finite, unless `throw` is False: then these are warnings too. For
+    derivatives, use `yeastfit.model.simulate.trajectory`, which this wraps and which jax transforms.
     """
     numerics = numerics or Numerics()
     relaxation = Relaxation() if relaxation is None else relaxation
     if observe is None:
         hard = relaxation.boundary is None
         observe = (HardStatistics if hard else SmoothStatistics)(extent=numerics.domain, spacing=numerics.spacing)
+    check_alpha(parameters.diffusivity, numerics)
     steps = sample_steps(times, numerics)
     single = keys.ndim == 0
     keys = keys[None] if single else keys
     began = clock.perf_counter()
     batched = _per_member(parameters, keys.shape[0])
     colony, observed = on_one_device(_run(batched, keys, steps, relaxation, numerics, observe))
+    if throw:
+        _check_steps(colony, batched, numerics)
     if single:
         colony, observed = jax.tree.map(lambda leaf: leaf[0], (colony, observed))
     statistics = observe.finish(jax.tree.map(np.asarray, observed))
@@ -205,6 +212,18 @@ def _per_member(parameters: Parameters, members: int) -> Parameters:
         if shape not in ((), (members,)):
             raise InputError(f"{name} has shape {shape}, it must be one number or one per member, ({members},)")
     return jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (members,)), parameters)
+
+
+def _check_steps(colony: Colony, parameters: Parameters, numerics: Numerics) -> None:
+    """Raises where what was computed follows from the time step and not from the model."""
+    if np.any(colony.problems.unstable):
+        needed = 2.0 / np.max(parameters.elasticity * jax.vmap(stiffness)(colony))
+        raise InputError(
+            f"dt is {numerics.dt:g}, too large for the springs: forward Euler needs dt · elasticity · (degree + 1) "
+            f"below 2 and the colonies grown here dt below {needed:.3g}"
+        )
+    if np.any(colony.problems.not_finite):
+        raise InputError(f"dt is {numerics.dt:g} and positions or nutrient became not finite: lower dt")
 
 
 def _number(width: Array | None) -> float | None:

@@ -183,7 +183,7 @@ def test_statistics_of_one_cell(double: None) -> None:
 
 def test_without_a_boundary_width_the_indicator_is_the_mask() -> None:
     snapshot = snapshot_of(pair(2 * P), relaxation=HARD)
-    phi = indicator(snapshot, 4.0, 0.1)
+    phi = indicator(snapshot, 41, 0.1)
     assert set(np.unique(phi)) == {0.0, 1.0}
     assert phi.shape == (41, 41)
     assert float(phi.sum()) * 0.01 == pytest.approx(np.pi * P * Q, rel=0.03)  # a mask of 140 pixels
@@ -192,7 +192,7 @@ def test_without_a_boundary_width_the_indicator_is_the_mask() -> None:
 def test_the_observer_measures_what_it_indicates(double: None) -> None:
     snapshot = snapshot_of(pair(1.0))
     observer = SmoothStatistics(extent=3.0, spacing=0.1, smoothing=0.2)
-    expected = shape(indicator(snapshot, 3.0, 0.1), 0.1, 0.2)
+    expected = shape(indicator(snapshot, 31, 0.1), 0.1, 0.2)
     found = eqx.filter_jit(observer)(snapshot)
     assert set(found) == {*expected, "growth_rate", "mean_radius", "cell_count"}
     assert {name: float(found[name]) for name in expected} == pytest.approx({n: float(v) for n, v in expected.items()})

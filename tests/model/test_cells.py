@@ -18,7 +18,8 @@ NUMERICS = Numerics(domain=8.0, spacing=0.1, capacity=25)
 @eqx.filter_jit
 def union(cells: Cells, relaxation: Relaxation, numerics: Numerics = NUMERICS) -> Array:
     """g on the nutrient's grid."""
-    return level_set(cells, relaxation, -0.5 * numerics.domain, numerics.spacing, numerics.points)
+    origin = -0.5 * numerics.domain
+    return level_set(cells, relaxation.union, relaxation.reach, origin, numerics.spacing, numerics.points)
 
 
 def squared_radii(cells: Cells, numerics: Numerics = NUMERICS) -> np.ndarray:

@@ -12,9 +12,10 @@ from jaxtyping import Array
 from numpy.typing import ArrayLike
 from scipy import sparse
 
+from yeastfit.errors import InputError
 from yeastfit.model import nutrient as nutrient_module
 from yeastfit.model.numerics import Numerics
-from yeastfit.model.nutrient import nutrient_step, sweeps
+from yeastfit.model.nutrient import check_alpha, nutrient_step, sweeps
 
 SMALL = Numerics(domain=6.0, spacing=0.2, dt=0.05)
 
@@ -103,7 +104,7 @@ def test_maximum_principle(seed: int) -> None:
     assert 0.0 < c.min() < c.max() <= 1.0
 
 
-@pytest.mark.parametrize("alpha", [1e-3, 0.2, 1.0, 10.0])
+@pytest.mark.parametrize("alpha", [1e-3, 0.2, 1.0, 10.0, 300.0])
 def test_relative_residual(alpha: float, double: None) -> None:
     """At most 1e-6 of the increment's right-hand side, which is far less of the whole system's."""
     numerics = Numerics(domain=8.0, spacing=0.2, dt=0.02)
@@ -121,6 +122,33 @@ def test_relative_residual(alpha: float, double: None) -> None:
     increment = (numerics.dt * operator @ c.ravel())[inside]
     assert np.linalg.norm(residual) <= 1e-6 * np.linalg.norm(increment)
     assert np.linalg.norm(residual) > 1e-10 * np.linalg.norm(increment)  # an honest measurement, not a vacuous one
+
+
+@pytest.mark.parametrize("alpha", [1e-3, 0.2, 2.0, nutrient_module.LARGEST_ALPHA])
+def test_single_precision_holds_the_residual_up_to_the_alpha_it_is_admitted_for(alpha: float) -> None:
+    """Of the whole system, from nutrient that a disc has eaten from; twice that α does not, and is refused."""
+    numerics = Numerics(domain=10.0, spacing=0.1, dt=0.02)
+    x, y = grid(numerics)
+    b = np.where(x**2 + y**2 < 4.0, np.random.default_rng(0).uniform(size=x.shape), 0.0).astype(np.float32)
+
+    def worst(alpha: float) -> float:
+        diffusivity = np.float32(alpha * numerics.spacing**2 / numerics.dt)
+        operator = float(diffusivity) / numerics.spacing**2 * laplacian(numerics.points) - sparse.diags_array(b.ravel())
+        inside = np.pad(np.ones((numerics.points - 2,) * 2, bool), 1).ravel()
+        advance, c, residuals = stepper(numerics), np.ones_like(b), []
+        for _ in range(20):
+            old, c = c, np.asarray(advance(c, b, diffusivity))
+            right = (old.ravel() + 0.5 * numerics.dt * operator @ old.ravel().astype(float))[inside]
+            left = (c.ravel() - 0.5 * numerics.dt * operator @ c.ravel().astype(float))[inside]
+            residuals.append(np.linalg.norm(left - right) / np.linalg.norm(right))
+        return float(max(residuals))
+
+    assert worst(alpha) <= 1e-6
+    if alpha == nutrient_module.LARGEST_ALPHA:
+        assert worst(2 * alpha) > 1e-6
+        with pytest.raises(InputError, match="single precision"):
+            check_alpha(jnp.asarray(2 * alpha * numerics.spacing**2 / numerics.dt), numerics)
+    check_alpha(jnp.asarray(alpha * numerics.spacing**2 / numerics.dt), numerics)
 
 
 def test_number_of_sweeps() -> None:

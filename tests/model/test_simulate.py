@@ -91,7 +91,8 @@ def comparison(request: pytest.FixtureRequest) -> Comparison:
 @eqx.filter_jit
 def _compiled_step(colony: Colony, parameters: Parameters, relaxation: Relaxation) -> tuple[Colony, Snapshot, Array]:
     after, snapshot = step(colony, parameters, relaxation, NUMERICS)
-    return after, snapshot, level_set(snapshot.cells, relaxation, -6.0, 0.2, NUMERICS.points)
+    g = level_set(snapshot.cells, relaxation.union, relaxation.union_reach, -6.0, 0.2, NUMERICS.points)
+    return after, snapshot, g
 
 
 def _hard_step(colony: Colony, parameters: Parameters) -> tuple[Colony, np.ndarray, float]:

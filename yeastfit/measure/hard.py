@@ -23,8 +23,9 @@ class HardStatistics(eqx.Module):
 
     def __call__(self, snapshot: Snapshot) -> dict[str, Shaped[Array, "..."]]:
         """The image and what only nodes can tell."""
-        points = round(self.extent / self.spacing) + 1
-        g = level_set(snapshot.cells, snapshot.relaxation, -0.5 * self.spacing * (points - 1), self.spacing, points)
+        points, relaxation = round(self.extent / self.spacing) + 1, snapshot.relaxation
+        origin = -0.5 * self.spacing * (points - 1)
+        g = level_set(snapshot.cells, relaxation.union, relaxation.union_reach, origin, self.spacing, points)
         return {"mask": g <= 0, **node_statistics(snapshot)}
 
     def finish(self, observed: dict[str, np.ndarray]) -> dict[str, np.ndarray]:

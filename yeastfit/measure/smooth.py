@@ -17,6 +17,7 @@ from jaxtyping import Array, Float
 
 from yeastfit.model.cells import level_set
 from yeastfit.model.simulate import Snapshot
+from yeastfit.model.window import extent_of_cells, on_window
 
 
 class SmoothStatistics(eqx.Module):
@@ -32,8 +33,13 @@ class SmoothStatistics(eqx.Module):
 
     def __call__(self, snapshot: Snapshot) -> dict[str, Float[Array, ""]]:
         """Statistics by name (source table 3.1)."""
-        phi = indicator(snapshot, self.extent, self.spacing)
-        return {**smooth_shape(phi, self.spacing, self.smoothing), **node_statistics(snapshot)}
+
+        def shape(points: int, snapshot: Snapshot) -> dict[str, Float[Array, ""]]:
+            return smooth_shape(indicator(snapshot, points, self.spacing), self.spacing, self.smoothing)
+
+        extent = extent_of_cells(snapshot.cells, snapshot.relaxation.reach)
+        shapes = on_window(shape, extent, self.spacing, round(self.extent / self.spacing) + 1, snapshot)
+        return {**shapes, **node_statistics(snapshot)}
 
     def finish(self, observed: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
         """Nothing is left to do."""
@@ -51,13 +57,13 @@ def node_statistics(snapshot: Snapshot) -> dict[str, Float[Array, ""]]:
     }
 
 
-def indicator(snapshot: Snapshot, extent: float, spacing: float) -> Float[Array, "x y"]:
-    """φ of the colony's level set on a square of the given side around the origin."""
-    points = round(extent / spacing) + 1
-    g = level_set(snapshot.cells, snapshot.relaxation, -0.5 * spacing * (points - 1), spacing, points)
-    if snapshot.relaxation.boundary is None:
+def indicator(snapshot: Snapshot, points: int, spacing: float) -> Float[Array, "x y"]:
+    """φ of the colony's level set on a square of so many grid points a side around the origin."""
+    relaxation, origin = snapshot.relaxation, -0.5 * spacing * (points - 1)
+    g = level_set(snapshot.cells, relaxation.union, relaxation.reach, origin, spacing, points)
+    if relaxation.boundary is None:
         return (g <= 0).astype(g.dtype)
-    return 0.5 + 0.5 * jnp.tanh(-g / snapshot.relaxation.boundary)
+    return 0.5 + 0.5 * jnp.tanh(-g / relaxation.boundary)
 
 
 def smooth_shape(phi: Float[Array, "x y"], spacing: float, smoothing: float) -> dict[str, Float[Array, ""]]:

@@ -5,7 +5,7 @@ f = (u/p)² + (v/q)² − 1 = r² − 1, dimensionless. Hard union: g = min_k f_
 
     g = −s log Σ_k w_k exp(−f_k / s),    f = r² − 1,
 
-a sum of anisotropic Gaussians, hence local: only r² ≤ `Relaxation.reach` is ever evaluated. Each cell covers its
+a sum of anisotropic Gaussians, hence local: only r² ≤ `reach` is ever evaluated. Each cell covers its
 bounding box with square patches of PATCH² grid points; the patches of all cells form one list that is worked off in
 chunks, so the work follows the area of the cells, and no cell is cut however stretched it is.
 """
@@ -17,7 +17,6 @@ from jaxtyping import Array, Float, Int
 
 from yeastfit.model.colony import Colony
 from yeastfit.model.numerics import largest_in_ensemble
-from yeastfit.model.relaxation import Relaxation
 
 PATCH = 8  # grid points along a patch: one cell is 2 to 3 patches wide at the source's spacing
 FAR = 1e3  # g where no cell reaches: outside for every width
@@ -55,14 +54,20 @@ def cells_of(colony: Colony, aspect_ratio: Float[Array, ""], shortest: float = 1
     )
 
 
-def level_set(cells: Cells, relaxation: Relaxation, origin: float, spacing: float, points: int) -> Float[Array, "x y"]:
+def level_set(
+    cells: Cells,
+    union: Float[Array, ""] | None,
+    reach: Float[Array, ""] | float,
+    origin: float,
+    spacing: float,
+    points: int,
+) -> Float[Array, "x y"]:
     """g on the square grid x_i = origin + i·spacing, i < points; negative inside the colony.
 
-    Where no cell reaches, g is FAR.
+    union: s, or None for the hard union. reach: r² = f + 1 up to which a cell counts; where none does, g is FAR.
     Differentiable in the cells when relaxed; hard, almost everywhere.
     """
-    s = relaxation.union
-    reach = relaxation.reach
+    s = union
     first, counts = _patches(cells, reach, origin, spacing, points)
     ends = jnp.cumsum(counts[:, 0] * counts[:, 1])
     chunk = min(512, max(64, cells.weights.shape[0]))

@@ -42,6 +42,14 @@ def springs(colony: Colony) -> Float[Array, "node 2"]:
     return on_child.at[parent].add(-colony.weights[:, None] * push)
 
 
+def stiffness(colony: Colony) -> Float[Array, ""]:
+    """Largest w_i + Σ_j A_ij w_j of any node, its degree + 1 in the hard model: Euler needs Δt λ2 times it below 2."""
+    joined = (colony.parents >= 0) & colony.alive
+    parent = jnp.maximum(colony.parents, 0)
+    pulled_by = colony.weights + jnp.where(joined, colony.weights[parent], 0.0)
+    return jnp.max(pulled_by.at[parent].add(jnp.where(joined, colony.weights, 0.0)))
+
+
 def contact(colony: Colony, radius: Float[Array, ""], relaxation: Relaxation) -> Float[Array, "node 2"]:
     """Σ_{j≠i} w_j H(λ4 − r_ij) e_ij over all pairs, joined ones included; relaxed, a ramp inside the radius.
 

@@ -75,19 +75,25 @@ def largest_in_ensemble(value: Array) -> Array:
 
 
 def map_members(one: Callable[..., PyTree], *batched: PyTree) -> PyTree:
-    """`one` for every member: vectorised, and shared out over the local devices where they divide the members evenly.
+    """`one` for every member, shared out over the local devices where they divide the members evenly.
 
-    What a member computes does not depend on how many others there are, and devices never wait for each other. Results
-    stay where they were made: `on_one_device` brings them together. On a CPU, `jax_num_cpu_devices` makes as many
-    devices as there are cores.
+    On a CPU the members of a device run one after the other, each in its core's cache; on an accelerator they run
+    together. What a member computes does not depend on how many others there are, and devices never wait for each
+    other. Results stay where they were made: `on_one_device` brings them together. `jax_num_cpu_devices` makes as many
+    devices of a CPU as it has cores.
     """
     devices = jax.local_devices()
     members = jax.tree.leaves(batched)[0].shape[0]
     shares = max(n for n in range(1, len(devices) + 1) if members % n == 0)
     mesh = jax.sharding.Mesh(np.array(devices[:shares]), ("device",))
     split = jax.sharding.PartitionSpec("device")
-    run = jax.vmap(one, axis_name=MEMBER)
-    return jax.shard_map(run, mesh=mesh, in_specs=split, out_specs=split, check_vma=False)(*batched)
+
+    def share(*batched: PyTree) -> PyTree:
+        if devices[0].platform == "cpu":
+            return jax.lax.map(lambda member: one(*member), batched)
+        return jax.vmap(one, axis_name=MEMBER)(*batched)
+
+    return jax.shard_map(share, mesh=mesh, in_specs=split, out_specs=split, check_vma=False)(*batched)
 
 
 def on_one_device(tree: PyTree) -> PyTree:

@@ -12,11 +12,24 @@ The matrix is symmetric and diagonally dominant. With its diagonal taken out, it
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
+from yeastfit.errors import InputError
 from yeastfit.model.numerics import Numerics, largest_in_ensemble
 
 TOLERANCE = 1e-6  # relative residual of the solve
+LARGEST_ALPHA = 8.0  # in single precision: above, rounding c alone leaves a larger residual of the step than TOLERANCE
+
+
+def check_alpha(diffusivity: Float[Array, "*member"], numerics: Numerics) -> None:
+    """Raises `InputError` where single precision cannot hold the step to `TOLERANCE`; double holds it for every α."""
+    alpha = float(np.max(diffusivity)) * numerics.dt / numerics.spacing**2
+    if diffusivity.dtype == jnp.float32 and alpha > LARGEST_ALPHA:
+        raise InputError(
+            f"diffusivity · dt / spacing² is {alpha:.3g}, single precision solves the nutrient to {TOLERANCE:g} up to "
+            f"{LARGEST_ALPHA:g}: lower dt, raise spacing, or set jax_enable_x64"
+        )
 
 
 def nutrient_step(

@@ -70,10 +70,14 @@ class Relaxation(eqx.Module):
             raise InputError(f"births is {self.births!r}, it must be 'fractional' or 'whole'")
 
     @property
+    def union_reach(self) -> Float[Array, ""] | float:
+        """r² = f + 1 beyond which a cell leaves no trace in {g < 0}: e⁻¹² of the union's boundary value."""
+        return 1.0 if self.union is None else 1.0 + 12.0 * self.union
+
+    @property
     def reach(self) -> Float[Array, ""] | float:
-        """r² = f + 1 beyond which a cell leaves no trace: e⁻¹² of the union's boundary value, tanh saturated to e⁻⁹."""
-        r2 = 1.0 if self.union is None else 1.0 + 12.0 * self.union
-        return r2 if self.boundary is None else jnp.maximum(r2, 1.0 + 4.5 * self.boundary)
+        """r² beyond which it leaves none in the smoothed indicator either: tanh is saturated to e⁻⁹."""
+        return self.union_reach if self.boundary is None else jnp.maximum(self.union_reach, 1.0 + 4.5 * self.boundary)
 
 
 HARD = Relaxation(union=None, contact=None, boundary=None, births="whole")

@@ -1,0 +1,126 @@
+"""The part of the grid that a step works on: which it is, and that the rest would not have changed."""
+
+from itertools import pairwise
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from helpers import colony_of, pair
+from jaxtyping import Array
+
+from yeastfit import Numerics, Parameters, Relaxation
+from yeastfit.model import window
+from yeastfit.model.cells import Cells, cells_of
+from yeastfit.model.colony import Colony, start
+from yeastfit.model.simulate import eaten, step
+from yeastfit.model.window import extent_of_cells, extent_of_change, on_window, windows
+
+NUMERICS = Numerics(domain=24.0, spacing=0.1, capacity=60)
+
+
+@pytest.mark.parametrize("points", [5, 48, 49, 68, 69, 70, 401, 402, 5657])
+def test_squares_rise_to_the_whole_grid_and_share_its_centre(points: int) -> None:
+    sizes = windows(points)
+    assert sizes[-1] == points
+    assert list(sizes) == sorted(set(sizes))
+    assert all((points - size) % 2 == 0 for size in sizes)
+    assert len(sizes) <= window.MOST
+    assert all(large < 1.5 * small for small, large in pairwise(sizes))
+
+
+@pytest.mark.parametrize("extent", [0.0, 2.4, 5.01, 9.0, 14.0, 20.0, 21.0, np.inf])
+def test_the_smallest_square_that_reaches_is_taken(extent: float) -> None:
+    taken = on_window(jnp.asarray, jnp.asarray(extent), 0.1, 401)
+    assert int(taken) == min([n for n in windows(401) if 0.05 * (n - 1) >= extent], default=401)
+
+
+def test_members_that_run_together_take_the_largest_they_need() -> None:
+    together = jax.vmap(lambda e: on_window(jnp.asarray, e, 0.1, 401), axis_name="member")(jnp.array([0.0, 9.0, 3.0]))
+    assert len(set(np.asarray(together).tolist())) == 1
+    assert int(together[0]) == int(on_window(jnp.asarray, jnp.asarray(9.0), 0.1, 401))
+
+
+def test_extent_of_cells(double: None) -> None:
+    """The farthest point of an ellipse that lies along an axis; an empty slot has none."""
+    cells: Cells = cells_of(colony_of(pair(2.0, 0.0, (3.0, -0.5)), numerics=NUMERICS), jnp.asarray(0.5))
+    assert float(extent_of_cells(cells, 1.0)) == pytest.approx(4.0)
+    assert float(extent_of_cells(cells, 4.0)) == pytest.approx(5.0)
+    assert float(extent_of_cells(eqx.tree_at(lambda c: c.weights, cells, jnp.zeros_like(cells.weights)), 1.0)) == 0.0
+
+
+@pytest.mark.parametrize("value", [0.9, 1.1, 1.0 - 3e-7])
+def test_extent_of_change_sees_every_point_that_is_not_one(value: float) -> None:
+    ones = jnp.ones((41, 41))
+    margin = 0.1 * window.MARGIN
+    assert float(extent_of_change(ones, 0.1)) == pytest.approx(margin)
+    for i, j in ((20, 35), (5, 20), (33, 7)):
+        found = float(extent_of_change(ones.at[i, j].set(value), 0.1))
+        assert found == pytest.approx(0.1 * max(abs(i - 20), abs(j - 20)) + margin, rel=1e-5)
+
+
+@pytest.fixture(params=[False, True], ids=["single", "double"])
+def precision(request: pytest.FixtureRequest) -> bool:
+    if request.param:
+        request.getfixturevalue("double")
+    return bool(request.param)
+
+
+@pytest.mark.parametrize("relaxation", [Relaxation(), Relaxation(None, None, None, "whole")], ids=["relaxed", "hard"])
+def test_what_is_left_out_would_not_have_changed(
+    precision: bool, relaxation: Relaxation, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Over two events, against steps on the whole grid: the nutrient to the rounding of 110 steps."""
+
+    def grown(most: int) -> tuple[Colony, list[float]]:
+        monkeypatch.setattr(window, "MOST", most)
+        compiled = eqx.filter_jit(lambda c: step(c, Parameters(), relaxation, NUMERICS)[0])
+        colony, taken = start(jax.random.key(4), NUMERICS), []
+        for _ in range(110):
+            taken.append(float(extent_of_change(colony.nutrient, NUMERICS.spacing)))
+            colony = compiled(colony)
+        return colony, taken
+
+    ours, extents = grown(7)
+    whole, _ = grown(1)
+    assert extents[0] < 1.0
+    assert 2.4 < extents[-1] < 12.0  # the smallest square was left, and the whole grid never taken
+    # a difference in the last bit may grow tenfold over a hundred steps
+    bound = 1e-13 if precision else 1e-6
+    np.testing.assert_allclose(ours.nutrient, whole.nutrient, rtol=0.0, atol=bound)
+    np.testing.assert_allclose(ours.positions, whole.positions, rtol=0.0, atol=30 * bound)
+
+
+def test_nutrient_of_any_kind_is_stepped_wherever_it_is() -> None:
+    """A hole in the nutrient far from every cell fills up; it would not on a square that held the cells only."""
+    colony = start(jax.random.key(0), NUMERICS)
+    hole = colony.nutrient.at[20:30, 20:30].set(0.2)
+    cells = cells_of(colony, jnp.asarray(0.7))
+
+    def after(nutrient: Array) -> np.ndarray:
+        return np.asarray(eaten(nutrient, cells, Parameters(), Relaxation(), NUMERICS))
+
+    changed = np.abs(after(hole) - np.asarray(hole))[15:35, 15:35]
+    assert changed.max() > 1e-2
+
+
+def test_no_derivative_is_lost_at_the_squares_edge(double: None, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of the nutrient by diffusivity and by metabolic rate, against steps on the whole grid."""
+    colony = start(jax.random.key(2), NUMERICS)
+
+    def grown(log_rates: Array) -> Array:
+        parameters = Parameters(diffusivity=jnp.exp(log_rates[0]), metabolic_rate=jnp.exp(log_rates[1]))
+
+        def once(colony: Colony, _: None) -> tuple[Colony, None]:
+            return step(colony, parameters, Relaxation(), NUMERICS)[0], None
+
+        return jax.lax.scan(once, colony, None, length=30)[0].nutrient
+
+    def slopes(most: int) -> np.ndarray:
+        monkeypatch.setattr(window, "MOST", most)
+        return np.asarray(jax.jit(jax.jacfwd(lambda rates: grown(rates)))(jnp.log(jnp.array([0.1, 1.0]))))
+
+    whole = slopes(1)
+    assert (np.abs(whole).max(axis=(0, 1)) > 1e-2).all()
+    np.testing.assert_allclose(slopes(7), whole, rtol=0.0, atol=1e-13)

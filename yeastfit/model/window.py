@@ -1,0 +1,53 @@
+"""The part of the grid where anything happens.
+
+Away from the colony nothing eats, and the nutrient is 1 to the last bit. A step therefore works on the smallest of a
+few squares around the origin, each `GROWTH` times the next smaller one, that holds every cell and all nutrient that
+differs from 1; what it leaves out would not have changed. The squares are static, which one is taken is data.
+"""
+
+from collections.abc import Callable
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float, Int, PyTree
+
+from yeastfit.model.cells import Cells
+from yeastfit.model.numerics import largest_in_ensemble
+
+SMALLEST = 49  # grid points along the smallest square: below, a smaller one saves nothing
+GROWTH = 1.4
+MOST = 7  # squares; each is compiled
+MARGIN = 3  # grid points of nutrient 1 along the inside of a square: its edge does not change while there are any
+
+
+def windows(points: int) -> tuple[int, ...]:
+    """Grid points along each square, rising to all of them; all odd or all even, so that they share their centre."""
+    sizes = [points]
+    while len(sizes) < MOST and sizes[0] / GROWTH >= SMALLEST:
+        smaller = int(sizes[0] / GROWTH)
+        sizes.insert(0, smaller - (points - smaller) % 2)
+    return tuple(sizes)
+
+
+def extent_of_cells(cells: Cells, reach: Float[Array, ""] | float) -> Float[Array, ""]:
+    """Largest |coordinate| of any point with r² ≤ reach of any cell; no cell is wider than it is long."""
+    ends = jnp.max(jnp.abs(cells.centres), axis=-1) + jnp.sqrt(jnp.asarray(reach)) * cells.half_lengths
+    return jnp.max(jnp.where(cells.weights > 0, ends, 0.0))
+
+
+def extent_of_change(nutrient: Float[Array, "x y"], spacing: float) -> Float[Array, ""]:
+    """Largest |coordinate| of any grid point whose nutrient is not 1, and `MARGIN` spacings more."""
+    change = jnp.abs(1.0 - nutrient)
+    changed = jnp.maximum(jnp.max(change, axis=0), jnp.max(change, axis=1)) > jnp.finfo(nutrient.dtype).eps
+    steps = jnp.abs(jnp.arange(nutrient.shape[0]) - 0.5 * (nutrient.shape[0] - 1))
+    return spacing * (jnp.max(jnp.where(changed, steps, 0.0)) + MARGIN)
+
+
+def on_window(
+    law: Callable[..., PyTree], extent: Float[Array, ""], spacing: float, points: int, *args: PyTree
+) -> PyTree:
+    """`law(n, *args)` for the smallest of `windows(points)` of n points that reaches `extent` on all sides."""
+    sizes = windows(points)
+    halves = spacing * 0.5 * (jnp.asarray(sizes) - 1)
+    index: Int[Array, ""] = largest_in_ensemble(jnp.sum(halves[:-1] < jax.lax.stop_gradient(extent)))
+    return jax.lax.switch(index, [lambda *args, n=n: law(n, *args) for n in sizes], *args)
