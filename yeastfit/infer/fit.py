@@ -8,9 +8,9 @@ with optimistix's Levenberg–Marquardt in unconstrained variables (`bijection`)
 derivatives; d is what the relaxation, and the fit's coarser time step, change at the estimate of the round before (a
 defect correction, as in space mapping, Bandler et al. 1994, doi:10.1109/22.339794). The stages:
 
-1. a scout over the plausible box (`surface.scout`);
-2. a study of the hard model around its result (`surface.study`): mean curves m_hard as a surface over a box in log λ,
-   the covariance S of one colony's curves, and d = m_hard − m at the surface's best point, where
+1. a scout over the plausible box (`surface.scout`), which comes back with several places;
+2. a study of the hard model around each (`surface.study`): mean curves m_hard as a surface over a box in log λ, the
+   covariance S of one colony's curves, and d = m_hard − m at the surface's best point; from the lowest of these points
 3. the fit of the relaxed model starts;
 4. a study around its result, whose surface is minimised, so that the estimate is the hard model's; and another one
    where the best point is not well inside the box.
@@ -59,9 +59,10 @@ DEFAULT_FREE = ("mobility", "metabolic_rate", "aspect_ratio")
 class FitSettings:
     """How a fit is computed. Defaults suit colonies of up to some hundred cells on two cores.
 
-    members: ensemble of the relaxed model. scouts: colonies in each box of the scout. study: colonies of a study of
-    the hard model; spread: half width of its box in log λ. dt, spacing: of the relaxed model; contact: its ramp's
-    width, which dt · repulsivity / contact < 1 asks for; turning: see `Relaxation`. hard_dt: of the hard one.
+    members: ensemble of the relaxed model. scouts: colonies in each box of the scout; starts: places it comes back
+    with. study: colonies of a study of the hard model; spread: half width of its box in log λ. dt, spacing: of the
+    relaxed model; contact: its ramp's width, which dt · repulsivity / contact < 1 asks for; turning: see `Relaxation`.
+    hard_dt: of the hard one.
     studies: at most. max_steps: of Levenberg–Marquardt. gain: of χ², below which an accepted step ends it; it also
     ends after `patience` refused steps in a row, because a finite ensemble's mean is rough on the scale of its
     Monte-Carlo error. measurement_error: relative error of a measured mean that replicates do not average out, half
@@ -72,6 +73,7 @@ class FitSettings:
 
     members: int = 64
     scouts: int = 256
+    starts: int = 3
     study: int = 512
     spread: float = 0.5
     dt: float = 0.02
@@ -91,6 +93,9 @@ class FitSettings:
         for name in ("members", "study", "scouts"):
             if getattr(self, name) < 4 or getattr(self, name) % 2:
                 raise InputError(f"{name} is {getattr(self, name)}, it must be an even number of at least 4")
+        for name, least in (("starts", 1), ("studies", 2)):
+            if getattr(self, name) < least:
+                raise InputError(f"{name} is {getattr(self, name)}, it must be at least {least}")
 
 
 @dataclass(frozen=True)
@@ -236,53 +241,57 @@ class _Fitter:
     def run(self, start: Parameters | None) -> Fit:
         """All stages."""
         began, settings = clock.perf_counter(), self.settings
-        mean = self.targets.mean.ravel()
-        z = self._scout() if start is None else to_free(start, self.free)
-        ended = "no fit was made"
-        for number in range(1, settings.studies + 1):
-            self.progress(f"study {number} of the hard model", 0.25 if number == 1 else 0.6 + 0.1 * number)
-            surface = self._study(z)
-            log_values = surface.centre
-            for _ in range(2):  # weights at the centre first, then at the best point
-                sigma = self._covariance(surface, log_values)
-                weight = np.linalg.inv(self._shrunk(sigma))
-                whiten = np.linalg.cholesky(weight).T
-                log_values = self._inside(surface.minimise(whiten, mean))
-            fitted = surface.mean(log_values)
-            z = free_of_log(jnp.asarray(log_values, self.y.dtype), self.free)
-            self._record(f"study {number}", float((fitted - mean) @ weight @ (fitted - mean)), z)
-            settled = bool((np.abs(log_values - surface.centre) < settings.inside * surface.reach).all())
-            if number == 1:
-                self.progress("fitting the relaxed model", 0.4)
-                z, ended = self._corrected_fit(z, fitted, whiten)
-            elif settled:
+        starts = self._scout() if start is None else [np.asarray(log_of_free(to_free(start, self.free), self.free))]
+        studied = []
+        for number, log_values in enumerate(starts, start=1):
+            self.progress(f"study of start {number} of {len(starts)}, hard model", 0.25 + 0.15 * number / len(starts))
+            studied.append(self._estimate(log_values, f"study of start {number}"))
+        first = min(studied, key=lambda estimate: estimate.cost)
+        self.progress("fitting the relaxed model", 0.4)
+        z, ended = self._corrected_fit(first)
+        for number in range(2, settings.studies + 1):
+            self.progress(f"study {number} of the hard model", 0.6 + 0.1 * number)
+            last = self._estimate(np.asarray(log_of_free(z, self.free), dtype=float), f"study {number}")
+            z = self._free(last.log_values)
+            if last.settled(settings.inside):
                 break
-        return self._result(
-            z,
-            ended=ended,
-            settled=settled,
-            covariance=_covariance_of_estimate(surface, log_values, weight, sigma),
-            fitted=fitted,
-            sigma=sigma,
-            chi_square=float((fitted - mean) @ np.linalg.solve(sigma, fitted - mean)),
-            seconds=clock.perf_counter() - began,
-        )
+        return self._result(z, last, ended, seconds=clock.perf_counter() - began)
 
-    def _scout(self) -> Array:
-        """A start anywhere in the plausible box, from response surfaces of the relaxed model."""
-        targets, keys = self.targets, member_keys(self.seed, self.settings.scouts)
+    def _scout(self) -> list[np.ndarray]:
+        """Where to start in the plausible box, from response surfaces of the relaxed model."""
+        targets, settings, keys = self.targets, self.settings, member_keys(self.seed, self.settings.scouts)
         mean = targets.mean.ravel()
-        self.simulations += 3 * len(keys)
-        log_values = scout(
+
+        def scouting(number: int) -> None:
+            self.progress(f"scouting, box {number + 1} of 3", 0.08 * number)
+            self.simulations += len(keys)
+
+        return scout(
             self.relaxed,
             mean,
             # the relaxation's bias, a few percent, weighs here too: half of it is left to the rounds
-            np.full(mean.size, max(0.02, self.settings.measurement_error)),
+            np.full(mean.size, max(0.02, settings.measurement_error)),
             np.tile(targets.replicates.astype(float), len(targets.names)),
             keys,
-            lambda number: self.progress(f"scouting, box {number + 1} of 3", 0.05 * number),
+            scouting,
+            starts=settings.starts,
         )
-        return free_of_log(jnp.asarray(self._inside(log_values), self.y.dtype), self.free)
+
+    def _estimate(self, log_values: np.ndarray, stage: str) -> "_Estimate":
+        """Where the hard model's surface around a point is lowest; weights at the centre first, then at that point."""
+        surface, mean = self._study(log_values), self.targets.mean.ravel()
+        log_values = surface.centre
+        for _ in range(2):
+            sigma = self._covariance(surface, log_values)
+            weight = np.linalg.inv(self._shrunk(sigma))
+            log_values = self._inside(surface.minimise(np.linalg.cholesky(weight).T, mean))
+        fitted = surface.mean(log_values)
+        cost = float((fitted - mean) @ weight @ (fitted - mean))
+        self._record(stage, cost, self._free(log_values))
+        return _Estimate(surface, log_values, fitted, sigma, weight, cost)
+
+    def _free(self, log_values: np.ndarray) -> Array:
+        return free_of_log(jnp.asarray(log_values, self.y.dtype), self.free)
 
     def _minimise(
         self, z: Array, members: int, whiten: np.ndarray, defect: np.ndarray, stage: str
@@ -318,22 +327,23 @@ class _Fitter:
         self.simulations += members
         return np.asarray(curves.members(z, member_keys(self.seed, members)), dtype=float)
 
-    def _study(self, z: Array) -> Surface:
+    def _study(self, log_values: np.ndarray) -> Surface:
         """The hard model around a point."""
         keys = member_keys(self.seed, self.settings.study)
         self.simulations += len(keys)
-        log_values = self._inside(np.asarray(log_of_free(z, self.free), dtype=float))
-        return study(self.hard, log_values, keys, self.settings.spread)
+        return study(self.hard, self._inside(log_values), keys, self.settings.spread)
 
     def _inside(self, log_values: np.ndarray) -> np.ndarray:
         """log λ at least 1e-3 inside its plausible range, where z is finite."""
         low, high = (np.asarray(end, dtype=float) for end in log_range(self.free))
         return np.clip(log_values, low + 1e-3, high - 1e-3)
 
-    def _corrected_fit(self, z: Array, hard: np.ndarray, whiten: np.ndarray) -> tuple[Array, str]:
-        """A fit of the relaxed model from z with its defect there, as the ensemble that is fitted has it."""
-        relaxed = self._simulate(self.relaxed, z, self.settings.members).mean(axis=0)
-        return self._minimise(z, self.settings.members, whiten, hard - relaxed, "relaxed model")
+    def _corrected_fit(self, first: "_Estimate") -> tuple[Array, str]:
+        """A fit of the relaxed model from an estimate with its defect there, as the ensemble that is fitted has it."""
+        z, members = self._free(first.log_values), self.settings.members
+        relaxed = self._simulate(self.relaxed, z, members).mean(axis=0)
+        whiten = np.linalg.cholesky(first.weight).T
+        return self._minimise(z, members, whiten, first.fitted - relaxed, "relaxed model")
 
     def _covariance(self, surface: Surface, log_values: np.ndarray) -> np.ndarray:
         """Σ: the model's covariance of one colony, scaled by statistic to the measured scatter, plus errors."""
@@ -361,18 +371,10 @@ class _Fitter:
         values = from_free(z, self.free, self.fixed).asdict()
         self.history.append({"stage": stage, "cost": cost, **{name: values[name] for name in self.free}})
 
-    def _result(
-        self,
-        z: Array,
-        *,
-        ended: str,
-        settled: bool,
-        covariance: np.ndarray,
-        fitted: np.ndarray,
-        sigma: np.ndarray,
-        chi_square: float,
-        seconds: float,
-    ) -> Fit:
+    def _result(self, z: Array, last: "_Estimate", ended: str, seconds: float) -> Fit:
+        covariance = _covariance_of_estimate(last.surface, last.log_values, last.weight, last.sigma)
+        rest = last.fitted - self.targets.mean.ravel()
+        chi_square = float(rest @ np.linalg.solve(last.sigma, rest))
         parameters = from_free(z, self.free, self.fixed)
         errors = {
             name: float(getattr(parameters, name)) * float(np.sqrt(covariance[i, i]))
@@ -386,7 +388,7 @@ class _Fitter:
             )
         if not np.isfinite(covariance).all():
             warnings.append("the data do not determine all free parameters: no standard errors, fix one of them")
-        converged = settled and bool(np.isfinite(fitted).all())
+        converged = last.settled(self.settings.inside) and bool(np.isfinite(last.fitted).all())
         status = "converged"
         if not converged:
             status = f"not settled after {self.settings.studies} studies; the fit before them: {ended}"
@@ -399,8 +401,8 @@ class _Fitter:
             status=status,
             chi_square=chi_square,
             targets=self.targets,
-            fitted=fitted.reshape(self.targets.mean.shape),
-            curve_covariance=sigma,
+            fitted=last.fitted.reshape(self.targets.mean.shape),
+            curve_covariance=last.sigma,
             history=self.history,
             simulations=self.simulations,
             seed=self.seed,
@@ -408,6 +410,22 @@ class _Fitter:
             seconds=seconds,
             warnings=warnings,
         )
+
+
+@dataclass(frozen=True)
+class _Estimate:
+    """The lowest point of a surface: m_hard there, Σ, W and the weighted squares."""
+
+    surface: Surface
+    log_values: np.ndarray
+    fitted: np.ndarray
+    sigma: np.ndarray
+    weight: np.ndarray
+    cost: float
+
+    def settled(self, inside: float) -> bool:
+        """Whether the point lies well inside the surface's box."""
+        return bool((np.abs(self.log_values - self.surface.centre) < inside * self.surface.reach).all())
 
 
 def _covariance_of_estimate(

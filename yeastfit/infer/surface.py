@@ -22,6 +22,9 @@ from scipy.stats import qmc
 from yeastfit.errors import InputError
 from yeastfit.infer.bijection import free_of_log, log_range
 
+SLACK = 16.0  # of χ² above a surface's lowest point: what a scout takes for a fit about as good
+APART = 0.3  # of a box's half width, in one parameter at least, between two places where a scout goes on
+
 Points = Float[np.ndarray, "point free"]
 LogValues = Float[np.ndarray, " free"]
 
@@ -120,27 +123,50 @@ def scout(
     keys: Array,
     progress: Callable[[int], None],
     widths: tuple[float, ...] = (0.4, 0.16, 0.064),
-) -> Float[np.ndarray, " free"]:
-    """log λ near the best fit, by response surfaces of the logarithms of the curves over boxes that narrow.
+    starts: int = 1,
+) -> list[LogValues]:
+    """log λ near the best fits, by response surfaces of the logarithms of the curves over boxes that narrow.
 
-    widths: half widths of the boxes, as shares of the plausible range. A surface's residual covariance, which holds the
-    scatter of colonies and the surface's own misfit, and the data's relative error weigh the distance to the target.
+    widths: half widths of the boxes, as shares of the plausible range. starts: how many places the first box may be
+    left for, spread over all that fits about as well there: along a valley a few hundred colonies do not tell which end
+    is lower. Places that meet again become one. A surface's residual covariance, which holds the scatter of colonies and
+    the surface's own misfit, and the data's relative error weigh the distance to the target.
     """
     low, high = plausible(curves)
-    centre = 0.5 * (low + high)
-    for number, width in enumerate(widths):
-        progress(number)
-        reach = width * (high - low)
+
+    def lowest(centre: LogValues, reach: LogValues, count: int) -> list[LogValues]:
         centre = np.clip(centre, low + reach, high - reach)
         units, values = _sample(curves, centre, reach, keys, positive=True)
         degree = 3 if 4 * comb(len(reach) + 3, 3) <= len(units) else 2  # four colonies or more to a coefficient
         coefficients, scatter, _ = _regress(units, np.log(values), degree)
         sigma = scatter / np.sqrt(np.outer(replicates, replicates)) + np.diag(relative_error**2)
-        tries = 2.0 * qmc.Sobol(len(reach), rng=number).random(4096) - 1.0
+        tries = 2.0 * qmc.Sobol(len(reach), rng=0).random(4096) - 1.0
         distance = features(tries, degree) @ coefficients - np.log(target)
         cost = np.sum(distance * np.linalg.solve(sigma, distance.T).T, axis=1)
-        centre = centre + reach * tries[np.argmin(cost)]
-    return centre
+        best = tries[np.argmin(cost)]
+        return [centre + reach * unit for unit in _spread(best, tries[cost < cost.min() + SLACK], count)]
+
+    places = [0.5 * (low + high)]
+    for number, width in enumerate(widths):
+        reach, found = width * (high - low), list[LogValues]()
+        for place in places:
+            progress(number)
+            for new in lowest(place, reach, 1 if number else starts):
+                if all((np.abs(new - old) > 0.2 * reach).any() for old in found):
+                    found.append(new)
+        places = found
+    return places
+
+
+def _spread(first: LogValues, others: Points, count: int) -> list[LogValues]:
+    """`first` and up to count − 1 of the others, each the farthest from all before, while any is as far as `APART`."""
+    chosen = [first]
+    while len(chosen) < count:
+        gap = np.min([np.abs(others - place).max(axis=1) for place in chosen], axis=0)
+        if gap.max() < APART:
+            break
+        chosen.append(others[np.argmax(gap)])
+    return chosen
 
 
 def features(units: Any, degree: int) -> Any:
