@@ -110,7 +110,7 @@ def test_a_scout_with_several_starts_finds_both_ends_of_a_valley() -> None:
             noise = 0.01 * np.random.default_rng(0).standard_normal((len(keys), 4))
             return np.exp(np.stack([x**2, y, x**2 + y, x**2 - y], axis=1) + noise)
 
-    x, y = 0.5, 0.1
+    x, y = 1.2, 0.1
     target = np.exp(np.array([x**2, y, x**2 + y, x**2 - y]))
     found = scout(
         Even(0.0, 0.0),

@@ -128,9 +128,9 @@ def scout(
     """log λ near the best fits, by response surfaces of the logarithms of the curves over boxes that narrow.
 
     widths: half widths of the boxes, as shares of the plausible range. starts: how many places the first box may be
-    left for, spread over all that fits about as well there: along a valley a few hundred colonies do not tell which end
-    is lower. Places that meet again become one. A surface's residual covariance, which holds the scatter of colonies and
-    the surface's own misfit, and the data's relative error weigh the distance to the target.
+    left for, spread over all that fits about as well there: along a valley a few hundred colonies do not tell which
+    end is lower. Places that meet again become one. A surface's residual covariance, which holds the scatter of
+    colonies and the surface's own misfit, and the data's relative error weigh the distance to the target.
     """
     low, high = plausible(curves)
 
