@@ -394,8 +394,9 @@ def run(
 ) -> list[dict[str, Any]]:
     """Grow one colony to `time`; statistics at the steps nearest to the sample times, in increasing order.
 
-    Every record also has `time`, `step` and `capacity_reached`: whether capacity has cut the births of any event
-    so far. A sample at time 0 describes the starting cells. All angles come from `rng`, the first cell's first.
+    Every record also has `time`, `step`, `image` ({g <= 0}) and `capacity_reached`: whether capacity has cut the births
+    of any event so far. A sample at time 0 describes the starting cells. All angles come from `rng`, the first cell's
+    first.
     """
     last = round(time / numerics.dt)
     wanted = {round(moment / numerics.dt) for moment in sample_times}
@@ -411,7 +412,7 @@ def run(
 
     def record(g: Floats, growth_rate: float | None = None) -> None:
         values: dict[str, Any] = {"time": colony.step * numerics.dt, "step": colony.step, "capacity_reached": reached}
-        records.append(values | statistics(colony, g, numerics, growth_rate))
+        records.append(values | statistics(colony, g, numerics, growth_rate) | {"image": g <= 0.0})
 
     if 0 in wanted:
         record(level_set(colony.positions, colony.parents, parameters, numerics))
