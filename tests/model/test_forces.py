@@ -67,7 +67,7 @@ def test_contact_of_one_pair(distance: float, hard: float, ramp: float, double: 
     """H(λ4 − r) e, or the ramp of width 0.1 inside λ4 = 0.4, times the weight of the other; nothing at λ4 itself."""
     e, radius = np.array([1.0, 0.0]), jnp.asarray(0.4)
     colony = colony_of([[distance, 0.0], [0.0, 0.0]], weights=[1.0, 0.4], numerics=SMALL)
-    for strength, relaxation in ((hard, HARD), (ramp, Relaxation())):
+    for strength, relaxation in ((hard, HARD), (ramp, Relaxation(contact=0.1))):
         expected = np.outer([0.4 * strength, -strength, 0.0, 0.0], e)
         np.testing.assert_allclose(touch(colony, radius, relaxation), expected, atol=1e-7)  # the width's last bit
 

@@ -164,7 +164,7 @@ def test_start() -> None:
 def _short_run(log_values: Array) -> tuple[Colony, dict[str, Array]]:
     """About eight nodes, observed after the first and after the second event."""
     parameters = Parameters(*jnp.unstack(jnp.exp(log_values)))
-    return trajectory(parameters, jax.random.key(1), jnp.asarray(SAMPLES), Relaxation(), SHORT, OBSERVE)
+    return trajectory(parameters, jax.random.key(1), jnp.asarray(SAMPLES), Relaxation(contact=0.1), SHORT, OBSERVE)
 
 
 @pytest.fixture(scope="module")
@@ -193,7 +193,7 @@ def differences(at: Array) -> dict[str, np.ndarray]:
 
 def test_a_trajectory_repeats_the_step(at: Array) -> None:
     parameters, colony = Parameters(*jnp.unstack(jnp.exp(at))), start(jax.random.key(1), SHORT)
-    one = eqx.filter_jit(lambda c: step(c, parameters, Relaxation(), SHORT))
+    one = eqx.filter_jit(lambda c: step(c, parameters, Relaxation(contact=0.1), SHORT))
     observed = []
     for number in range(1, SAMPLES[-1] + 1):
         colony, snapshot = one(colony)

@@ -28,8 +28,9 @@ def _as_width(value: float | Array | None) -> Array | None:
 class Relaxation(eqx.Module):
     """Smoothing widths; a width of None (or 0) selects the hard rule for that law.
 
-    union: s of smoothmin, in units of the dimensionless f, at least 0.0125. contact: w of the contact ramp, in L0.
-    boundary: K of the smoothed indicator, in units of f. births: "fractional" or "whole".
+    union: s of smoothmin, in units of the dimensionless f, at least 0.0125. contact: w of the contact ramp, in L0: it
+    does not chatter while Δt λ3 / w is at most 1. boundary: K of the smoothed indicator, in units of f. births:
+    "fractional" or "whole". The defaults keep the bias small (docs/convergence.md); derivatives want wider ones.
     turning: share of the derivative of a contact's direction that derivatives see, in [0, 1]; no value depends on
     it. None and 1 are exact; but a compressed contact is unstable across its direction, so exact derivatives of one
     colony grow without bound, and an ensemble's mean derivative is estimated with far less scatter from a smaller
@@ -44,8 +45,8 @@ class Relaxation(eqx.Module):
 
     def __init__(
         self,
-        union: float | Array | None = 0.05,
-        contact: float | Array | None = 0.1,
+        union: float | Array | None = 0.025,
+        contact: float | Array | None = 0.05,
         boundary: float | Array | None = 0.2,
         births: Literal["fractional", "whole"] = "fractional",
         turning: float | Array | None = None,
