@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV ?= .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo test lint types data clean
+.PHONY: demo test lint types data notebooks clean
 
 demo: $(VENV)/.installed
 	$(BIN)/yeastfit fit data/synthetic/demo --out out/demo --truth
@@ -16,11 +16,15 @@ lint: $(VENV)/.installed-test
 	$(BIN)/ruff format --check .
 
 types: $(VENV)/.installed-test
-	$(BIN)/mypy yeastfit tests
+	$(BIN)/mypy yeastfit tests benchmarks
 
 # the data sets, from their stated seeds and parameters
 data: $(VENV)/.installed
 	$(BIN)/yeastfit synthesize --recipe data/synthetic/recipes.toml --out data/synthetic
+
+# the notebooks in full size, outputs and all, about 7 minutes on two cores
+notebooks: $(VENV)/.installed-test
+	JUPYTER_PREFER_ENV_PATH=1 $(BIN)/jupyter-execute --inplace --kernel_name=python3 --timeout=-1 notebooks/*.ipynb
 
 $(VENV)/.made:
 	$(PYTHON) -m venv $(VENV)
