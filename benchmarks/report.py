@@ -1,0 +1,153 @@
+"""The one shape of every benchmark: `python -m benchmarks.NAME [--quick] [--json FILE]`.
+
+A benchmark is a module with a function `run(report, quick)`, which measures and calls
+
+    report.add("speed", 14.2, "×", target=12)                   # a Figure; at least the target
+    report.add("compile time", 9.1, "s", target=15, at_least=False)
+    report.table("against nodes", [{"nodes": 100, "ms": 1.2}])  # rows of numbers behind the figures
+    report.stage("ensembles")                                   # what is going on, on standard error
+
+and a last line `if __name__ == "__main__": command("NAME", run)`. All is printed with the machine it was measured on,
+and written to FILE where asked; the exit status is 1 when a target is missed. A NaN misses any target.
+"""
+
+import os
+import platform
+import sys
+import time
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Annotated, Any
+
+import jax
+import numpy as np
+import typer
+from rich.console import Console
+from rich.table import Table
+
+import yeastfit
+from yeastfit.storage import write_json
+
+
+@dataclass(frozen=True)
+class Figure:
+    """One measured number; `target` is its bound from below (`at_least`) or from above, None where there is none."""
+
+    name: str
+    value: float
+    unit: str
+    target: float | None = None
+    at_least: bool = True
+    note: str = ""
+
+    @property
+    def met(self) -> bool | None:
+        """Whether the target is met, None without one."""
+        if self.target is None:
+            return None
+        return bool(self.value >= self.target if self.at_least else self.value <= self.target)
+
+
+@dataclass
+class Report:
+    """What one benchmark found, in the order in which it was added."""
+
+    name: str
+    quick: bool = False
+    figures: list[Figure] = field(default_factory=list)
+    tables: dict[str, list[dict[str, Any]]] = field(default_factory=dict)
+    began: float = field(default_factory=time.perf_counter)
+
+    def add(
+        self, name: str, value: float, unit: str, target: float | None = None, at_least: bool = True, note: str = ""
+    ) -> Figure:
+        """Add a `Figure`; `value` may be a NumPy or JAX scalar."""
+        self.figures.append(Figure(name, float(value), unit, target, at_least, note))
+        return self.figures[-1]
+
+    def table(self, title: str, rows: Sequence[dict[str, Any]]) -> None:
+        """Add a table: one dictionary per row, all with the columns of the first."""
+        self.tables[title] = list(rows)
+
+    def stage(self, text: str) -> None:
+        """Say what is measured next."""
+        print(f"[{time.perf_counter() - self.began:4.0f} s] {text}", file=sys.stderr, flush=True)
+
+    @property
+    def met(self) -> bool:
+        """Whether every target is met."""
+        return all(figure.met is not False for figure in self.figures)
+
+    def asdict(self) -> dict[str, Any]:
+        """Plain data: what `--json` writes."""
+        return {
+            "benchmark": self.name,
+            "quick": self.quick,
+            "met": self.met,
+            "seconds": time.perf_counter() - self.began,
+            "machine": machine(),
+            "figures": [{**asdict(figure), "met": figure.met} for figure in self.figures],
+            "tables": self.tables,
+        }
+
+    def print(self) -> None:
+        """Tables and figures on the terminal, with the machine above."""
+        console = Console(width=None if sys.stdout.isatty() else 150)
+        about = "; ".join(f"{key} {value}" for key, value in machine().items())
+        console.print(f"benchmarks.{self.name}{' --quick' if self.quick else ''}\n{about}", markup=False)
+        for heading, rows in self.tables.items():
+            table = Table(*rows[0], title=heading, title_justify="left")
+            for row in rows:
+                table.add_row(*(_text(value) for value in row.values()))
+            console.print(table)
+        table = Table("figure", "value", "unit", "target", "", "note")
+        for f in self.figures:
+            target = "" if f.target is None else f"{'≥' if f.at_least else '≤'} {f.target:g}"
+            verdict = {True: "[green]met[/]", False: "[bold red]MISSED[/]", None: ""}[f.met]
+            table.add_row(f.name, _text(f.value), f.unit, target, verdict, f.note)
+        console.print(table)
+
+
+def machine() -> dict[str, Any]:
+    """The machine and the versions that a time belongs to."""
+    info = Path("/proc/cpuinfo")
+    lines = info.read_text().splitlines() if info.is_file() else []
+    models = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
+    devices = jax.devices()
+    return {
+        "cpu": models[0] if models else platform.processor() or platform.machine(),
+        "cores": os.cpu_count(),
+        "device": f"{len(devices)} × {devices[0].device_kind} ({devices[0].platform})",
+        "precision": "double" if jax.config.read("jax_enable_x64") else "single",
+        "python": platform.python_version(),
+        **{package.__name__: package.__version__ for package in (yeastfit, jax, np)},
+    }
+
+
+def command(name: str, run: Callable[[Report, bool], None], arguments: list[str] | None = None) -> None:
+    """Run a benchmark from the command line (or from `arguments`) and leave with its exit status."""
+
+    def main(
+        quick: Annotated[bool, typer.Option("--quick", help="A rougher measurement within about a minute.")] = False,
+        json: Annotated[Path | None, typer.Option("--json", help="File for the figures.", show_default=False)] = None,
+    ) -> None:
+        report = Report(name, quick)
+        try:
+            run(report, quick)
+        finally:  # what was measured before a failure is still shown
+            report.print()
+        if json:
+            write_json(json, report.asdict())
+        raise typer.Exit(0 if report.met else 1)
+
+    with suppress(RuntimeError):  # JAX has its devices already
+        jax.config.update("jax_num_cpu_devices", os.cpu_count() or 1)  # as the command line of yeastfit does
+    app = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
+    app.command(help=sys.modules[run.__module__].__doc__)(main)
+    app(arguments, prog_name=f"python -m benchmarks.{name}")
+
+
+def _text(value: Any) -> str:
+    return f"{value:.4g}" if isinstance(value, float) else "" if value is None else str(value)
