@@ -52,10 +52,11 @@ class Figure:
 
 @dataclass
 class Report:
-    """What one benchmark found, in the order in which it was added."""
+    """What one benchmark found, in the order in which it was added; a page about it goes to the folder `docs`."""
 
     name: str
     quick: bool = False
+    docs: Path | None = None
     figures: list[Figure] = field(default_factory=list)
     tables: dict[str, list[dict[str, Any]]] = field(default_factory=dict)
     began: float = field(default_factory=time.perf_counter)
@@ -132,8 +133,9 @@ def command(name: str, run: Callable[[Report, bool], None], arguments: list[str]
     def main(
         quick: Annotated[bool, typer.Option("--quick", help="A rougher measurement within about a minute.")] = False,
         json: Annotated[Path | None, typer.Option("--json", help="File for the figures.", show_default=False)] = None,
+        docs: Annotated[Path | None, typer.Option("--docs", help="Folder for a page, where there is one.")] = None,
     ) -> None:
-        report = Report(name, quick)
+        report = Report(name, quick, docs)
         try:
             run(report, quick)
         finally:  # what was measured before a failure is still shown

@@ -82,11 +82,12 @@ def test_what_was_measured_before_a_failure_is_shown(tmp_path: Path, capsys: pyt
     assert not list(tmp_path.iterdir())
 
 
-def test_help_says_what_is_measured() -> None:
+@pytest.mark.parametrize("name", ["model", "convergence"])
+def test_help_says_what_is_measured(name: str) -> None:
     said = subprocess.run(
-        [sys.executable, "-m", "benchmarks.model", "--help"], cwd=ROOT, capture_output=True, text=True, check=True
+        [sys.executable, "-m", f"benchmarks.{name}", "--help"], cwd=ROOT, capture_output=True, text=True, check=True
     )
-    assert all(word in said.stdout for word in ("--quick", "--json", "python -m benchmarks.model", "Targets"))
+    assert all(word in said.stdout for word in ("--quick", "--json", f"python -m benchmarks.{name}", "Targets"))
 
 
 def test_a_placed_colony_is_a_tree_as_dense_and_as_spread_out_as_asked_for() -> None:
