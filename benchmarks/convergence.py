@@ -3,8 +3,8 @@
 λ = 0.1, 5, 5, 0.5, 1, 1, 0.7; ensembles of one set of keys on a domain of 24 L0, up to about 250 nodes at t = 8.5. One
 estimator measures all of them (K = 0.2 at 0.1 L0, no blur). A difference is that of two ensembles' means, with the
 standard error of its members' differences. Targets: the relaxed model at its default widths against the hard one with
-Δt → 0, at most 3 % for d̄, A and N and 5 % for C at every time, at Δt = 0.02 and 0.01. Beside them the order of convergence of one colony in
-double precision, where births and angles are the same for all Δt and h.
+Δt → 0, at most 3 % for d̄, A and N and 5 % for C at every time, at Δt = 0.02 and 0.01. Beside them the order of
+convergence of one colony in double precision, where births and angles are the same for all Δt and h.
 
 With --docs DIR, DIR/convergence.md and DIR/convergence.png are written anew. With --quick, ensembles are small and end
 at 60 nodes: their errors are larger than the targets and the verdict says little.
