@@ -313,6 +313,6 @@ def test_run_records_the_asked_times_and_reports_capacity() -> None:
     assert records[0]["growth_rate"] == 1.0
     assert 0.0 < records[-1]["growth_rate"] < records[1]["growth_rate"] < 1.0
     again = run(Parameters(), numerics, 3.0, np.random.default_rng(8), [3.0])
-    assert again == records[-1:]
+    np.testing.assert_equal(again, records[-1:])
     with pytest.raises(ValueError, match="sample times"):
         run(Parameters(), numerics, 1.0, np.random.default_rng(8), [1.1])
