@@ -36,7 +36,6 @@ from benchmarks.programs import (
     Program,
     further_steps,
     numerics_for,
-    onward,
     peak_memory,
     placed,
     samples,
@@ -48,7 +47,7 @@ from yeastfit.model.colony import Colony, start
 from yeastfit.model.nutrient import sweeps
 from yeastfit.model.parameters import Parameters
 from yeastfit.model.relaxation import Relaxation
-from yeastfit.model.simulate import step
+from yeastfit.model.simulate import step, trajectory
 
 NOMINAL = {"H200": 4.8e12, "H100": 3.35e12, "A100": 2.0e12}  # bytes per second on the data sheets (SXM cards)
 COLUMNS = ("points", "ms a step", "ms with statistics", "compile s", "arrays MB", "grown by MB", "process GB")
@@ -183,15 +182,16 @@ def _size(nodes: int, *like: Any) -> dict[str, float]:
     """20 steps, the last a mitosis event: time, arrays by XLA's count, and what the process grew by and came to."""
     jax.devices()
     before = peak_memory()
-    numerics, at = numerics_for(nodes), samples(20, 1)
-    colony = placed(nodes, *like)
+    numerics, colony = numerics_for(nodes), placed(nodes, *like)
+    at = samples(20, 1, int(colony.step))
     smooth = SmoothStatistics(numerics.domain, numerics.spacing)
     walls = []
     for observe in (lambda _: None, smooth):
-        program = Program.of(partial(onward, at=at, numerics=numerics, observe=observe), Parameters(**LAMBDA), colony)
+        rules = at, Relaxation(), numerics, observe
+        program = Program.of(lambda p, c, rules=rules: trajectory(p, c, *rules), Parameters(**LAMBDA), colony)
         program.timed(1)
         program.timed(3 if nodes < 10**5 else 1)
-        walls.append(1e3 * program.wall / at.size)
+        walls.append(1e3 * program.wall / at.steps.size)
     memory = program.memory / 1e6, (peak_memory() - before) / 1e6, peak_memory() / 1e9
     return {"nodes": nodes, **dict(zip(COLUMNS, (numerics.points, *walls, program.compile_time, *memory), strict=True))}
 

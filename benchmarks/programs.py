@@ -6,7 +6,6 @@ import sys
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from functools import partial
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -16,12 +15,11 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from yeastfit.measure.smooth import SmoothStatistics
-from yeastfit.model.cells import cells_of
 from yeastfit.model.colony import Colony, start
 from yeastfit.model.numerics import Numerics, map_members, on_one_device
 from yeastfit.model.parameters import NAMES, Parameters
 from yeastfit.model.relaxation import Relaxation
-from yeastfit.model.simulate import Observe, Snapshot, step, trajectory
+from yeastfit.model.simulate import Schedule, trajectory
 from yeastfit.simulation import member_keys
 
 LAMBDA = dict(zip(NAMES, (0.1, 5.0, 5.0, 0.5, 1.0, 1.0, 0.7), strict=True))
@@ -80,9 +78,9 @@ class Program:
 def whole_runs(members: int, every: int, steps: int = STEPS) -> Program:
     """An ensemble from its start, as `yeastfit.simulate` runs it; statistics every so many steps."""
 
-    def run(parameters: Parameters, keys: jax.Array, at: jax.Array) -> Any:
-        one = partial(trajectory, sample_steps=at, relaxation=Relaxation(), numerics=SOURCE, observe=STATISTICS)
-        return map_members(one, parameters, keys)
+    def run(parameters: Parameters, keys: jax.Array, at: Schedule) -> Any:
+        rules = Relaxation(), SOURCE, STATISTICS
+        return map_members(lambda p, k: trajectory(p, start(k, SOURCE), at, *rules), parameters, keys)
 
     return Program.of(run, _shared(members), member_keys(0, members), samples(steps, every))
 
@@ -90,31 +88,17 @@ def whole_runs(members: int, every: int, steps: int = STEPS) -> Program:
 def further_steps(grown: Colony, members: int, every: int, steps: int) -> Program:
     """So many more steps of a grown colony, the same for every member."""
 
-    def run(parameters: Parameters, colonies: Colony, at: jax.Array) -> Any:
-        return map_members(lambda p, c: onward(p, c, at, SOURCE, STATISTICS), parameters, colonies)
+    def run(parameters: Parameters, colonies: Colony, at: Schedule) -> Any:
+        rules = Relaxation(), SOURCE, STATISTICS
+        return map_members(lambda p, c: trajectory(p, c, at, *rules), parameters, colonies)
 
     colonies = jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (members, *leaf.shape)), grown)
-    return Program.of(run, _shared(members), colonies, samples(steps, every))
+    return Program.of(run, _shared(members), colonies, samples(steps, every, int(grown.step)))
 
 
-def onward(parameters: Parameters, colony: Colony, at: jax.Array, numerics: Numerics, observe: Observe) -> Any:
-    """`trajectory`, but from a colony that is there already."""
-    rules = parameters, Relaxation(), numerics
-
-    def to_sample(carry: tuple[Snapshot, jax.Array], last: jax.Array) -> Any:
-        snapshot, done = carry
-        snapshot = jax.lax.fori_loop(done, last, lambda _, before: step(before.colony, *rules)[1], snapshot)
-        return (snapshot, last), observe(snapshot)
-
-    cells = cells_of(colony, parameters.aspect_ratio)
-    first = Snapshot(cells, jnp.zeros((), colony.nutrient.dtype), colony, parameters, rules[1])
-    (snapshot, _), observed = jax.lax.scan(to_sample, (first, jnp.zeros_like(at[0])), at)
-    return snapshot.colony, observed
-
-
-def samples(steps: int, every: int) -> jax.Array:
-    """Every so many steps, and the last."""
-    return jnp.asarray(np.unique(np.append(np.arange(every, steps + 1, every), steps)))
+def samples(steps: int, every: int, since: int = 0) -> Schedule:
+    """Every so many steps, and the last, after those done already."""
+    return Schedule.of(since + np.unique(np.append(np.arange(every, steps + 1, every), steps)), since)
 
 
 def numerics_for(nodes: int) -> Numerics:

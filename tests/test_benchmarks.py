@@ -105,5 +105,5 @@ def test_a_placed_colony_is_a_tree_as_dense_and_as_spread_out_as_asked_for() -> 
 
 
 def test_the_last_step_is_always_a_sample() -> None:
-    assert samples(25, 10).tolist() == [10, 20, 25]
-    assert samples(20, 10).tolist() == [10, 20]
+    assert samples(25, 10).steps.tolist() == [10, 20, 25]
+    assert samples(20, 10).steps.tolist() == [10, 20]

@@ -17,9 +17,10 @@ from yeastfit import HARD, InputError, Numerics, Parameters, Relaxation, Scales,
 from yeastfit.measure.hard import HardStatistics
 from yeastfit.measure.smooth import SmoothStatistics
 from yeastfit.measure.statistics import measure_mask
+from yeastfit.model.colony import start
 from yeastfit.model.parameters import NAMES, PARAMETERS
-from yeastfit.model.simulate import Snapshot, trajectory
-from yeastfit.simulation import sample_steps
+from yeastfit.model.simulate import Schedule, Snapshot, trajectory
+from yeastfit.simulation import schedule_of
 
 SMALL = Numerics(domain=8.0, spacing=0.2, dt=0.02, capacity=32)
 TIMES = (1.2, 2.2, 3.2)
@@ -125,17 +126,17 @@ def test_more_sample_times_do_not_change_the_colony(five: Simulation) -> None:
 )
 def test_times_that_do_not_rise_are_named(times: tuple) -> None:
     with pytest.raises(InputError, match=r"times is \[.*\], it must rise from at least dt = 0.02"):
-        sample_steps(times, SMALL)
+        schedule_of(times, SMALL)
 
 
 @pytest.mark.parametrize("times", [(), (np.nan,), (1.0, np.inf)], ids=str)
 def test_times_that_are_missing_or_not_finite_are_named(times: tuple) -> None:
     with pytest.raises(InputError, match="times is"):
-        sample_steps(times, SMALL)
+        schedule_of(times, SMALL)
 
 
 def test_times_are_rounded_to_steps() -> None:
-    assert sample_steps([0.02, 0.049, 3.0], SMALL).tolist() == [1, 2, 150]
+    assert schedule_of([0.02, 0.049, 3.0], SMALL).steps.tolist() == [1, 2, 150]
 
 
 @pytest.mark.parametrize("members", [0, -3])
@@ -281,8 +282,8 @@ def test_derivatives_stay_finite_over_four_events_in_single_precision() -> None:
     def curves(log_values: Array) -> dict[str, Array]:
         parameters = Parameters(*jnp.unstack(jnp.exp(log_values)))
         numerics = Numerics(domain=8.0, spacing=0.2, dt=0.02, capacity=40)
-        steps, observe = jnp.array([110, 210]), SmoothStatistics(8.0, 0.2)
-        return trajectory(parameters, jax.random.key(2), steps, Relaxation(), numerics, observe)[1]
+        schedule, observe = Schedule.of([110, 210]), SmoothStatistics(8.0, 0.2)
+        return trajectory(parameters, start(jax.random.key(2), numerics), schedule, Relaxation(), numerics, observe)[1]
 
     slopes = jax.jit(jax.jacfwd(curves))(jnp.log(jnp.array([PARAMETERS[name].default for name in NAMES])))
     for name, values in slopes.items():

@@ -14,6 +14,7 @@ from yeastfit.measure.smooth import SmoothStatistics
 from yeastfit.model.numerics import Numerics
 from yeastfit.model.parameters import Parameters
 from yeastfit.model.relaxation import HARD, Relaxation
+from yeastfit.model.simulate import Schedule
 from yeastfit.simulation import member_keys, simulate
 
 TIMES = np.array([1.5, 2.5, 3.5, 3.9])
@@ -73,7 +74,7 @@ def small_curves() -> tuple[Curves, jax.Array, jax.Array]:
         SmoothStatistics(8.0, 0.1, 0.15),
         Parameters(),
         Relaxation(contact=0.2),
-        jnp.array([60, 110]),
+        Schedule.of([60, 110]),
     )
     return curves, to_free(Parameters(mobility=1.2, aspect_ratio=0.6), free), member_keys(0, 4)
 

@@ -6,14 +6,15 @@ from functools import partial
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Float
 
 from yeastfit.infer.bijection import from_free
 from yeastfit.measure.smooth import SmoothStatistics
+from yeastfit.model.colony import start
 from yeastfit.model.numerics import Numerics, map_members, on_one_device
 from yeastfit.model.parameters import Parameters
 from yeastfit.model.relaxation import Relaxation
-from yeastfit.model.simulate import trajectory
+from yeastfit.model.simulate import Schedule, trajectory
 
 BLOCK = 32  # members that run together
 OUTLIER = 5.0  # robust standard deviations at which a member's derivative is cut
@@ -33,12 +34,14 @@ class Curves(eqx.Module):
     observe: SmoothStatistics
     fixed: Parameters
     relaxation: Relaxation
-    steps: Int[Array, " time"]
+    schedule: Schedule
 
     def member(self, z: Float[Array, " free"], key: Array) -> Float[Array, " curve"]:
         """One colony's curves, statistic by statistic."""
         parameters = from_free(z, self.free, self.fixed)
-        _, observed = trajectory(parameters, key, self.steps, self.relaxation, self.numerics, self.observe)
+        _, observed = trajectory(
+            parameters, start(key, self.numerics), self.schedule, self.relaxation, self.numerics, self.observe
+        )
         return jnp.concatenate([observed[name] for name in self.names])
 
     def members(self, z: Float[Array, "... free"], keys: Array) -> Float[Array, "member curve"]:

@@ -46,7 +46,7 @@ from yeastfit.measure.smooth import SmoothStatistics
 from yeastfit.model.numerics import Numerics
 from yeastfit.model.parameters import NAMES, Parameters
 from yeastfit.model.relaxation import HARD, Relaxation
-from yeastfit.simulation import member_keys, sample_steps
+from yeastfit.simulation import member_keys, schedule_of
 from yeastfit.storage import versions, write_json
 
 Progress = Callable[[str, float], None]
@@ -235,8 +235,8 @@ class _Fitter:
         events = int(np.floor(targets.times[-1] + 1e-6))
         numerics = Numerics(domain=float(domain), spacing=settings.spacing, dt=dt, capacity=2 ** (events + 1))
         observe = SmoothStatistics(2.6 * targets.extent, targets.spacing, targets.smoothing)
-        steps = sample_steps(targets.times, numerics)
-        return Curves(targets.names, self.free, numerics, observe, self.fixed, relaxation, steps)
+        schedule = schedule_of(targets.times, numerics)
+        return Curves(targets.names, self.free, numerics, observe, self.fixed, relaxation, schedule)
 
     def run(self, start: Parameters | None) -> Fit:
         """All stages."""

@@ -17,6 +17,7 @@ from jaxtyping import Array, Float, Int
 
 from yeastfit.model.colony import Colony
 from yeastfit.model.numerics import largest_in_ensemble
+from yeastfit.model.sums import sum_of_terms
 
 PATCH = 8  # grid points along a patch: one cell is 2 to 3 patches wide at the source's spacing
 FAR = 1e3  # g where no cell reaches: outside for every width
@@ -72,10 +73,9 @@ def level_set(
     ends = jnp.cumsum(counts[:, 0] * counts[:, 1])
     chunk = min(512, max(64, cells.weights.shape[0]))
     margin = PATCH  # a patch may stick out by less than this
-    # what is accumulated: Σ w exp(−f/s) from 0, or, hard, min f from FAR
-    grid = jnp.full((points + 2 * margin,) * 2, FAR if s is None else 0.0, cells.centres.dtype)
 
-    def add_chunk(i: Int[Array, ""], grid: Float[Array, "x y"]) -> Float[Array, "x y"]:
+    def add_chunk(grid: Float[Array, "x y"], i: Int[Array, ""], args: tuple) -> Float[Array, "x y"]:
+        cells, s, first, counts, ends = args
         item = i * chunk + jnp.arange(chunk)
         cell = jnp.minimum(jnp.searchsorted(ends, item, side="right"), ends.shape[0] - 1)
         local = item - (ends[cell] - counts[cell, 0] * counts[cell, 1])
@@ -90,9 +90,13 @@ def level_set(
         return jax.lax.scatter_add(grid, corner, blob, _WINDOWS, mode=_DROP)
 
     trips = largest_in_ensemble((ends[-1] + chunk - 1) // chunk)
-    total = jax.lax.fori_loop(0, trips, add_chunk, grid)[margin:-margin, margin:-margin]
+    args = cells, s, first, counts, ends
+    # what is accumulated: Σ w exp(−f/s) from 0, or, hard, min f from FAR
+    grid = jnp.full((points + 2 * margin,) * 2, FAR if s is None else 0.0, cells.centres.dtype)
     if s is None:
-        return total
+        grid = jax.lax.fori_loop(0, trips, lambda i, grid: add_chunk(grid, i, args), grid)
+        return grid[margin:-margin, margin:-margin]
+    total = sum_of_terms(add_chunk, trips, grid, args)[margin:-margin, margin:-margin]
     reached = total > 0
     return jnp.where(reached, -s * jnp.log(jnp.where(reached, total, 1.0)), FAR)
 
@@ -132,11 +136,12 @@ def _squared_radius(
     cells: Cells, corner: Int[Array, "patch 2"], origin: float, spacing: float
 ) -> Float[Array, "patch a b"]:
     """r² = (u/p)² + (v/q)² on the grid points of one patch per cell."""
+    # r² = ((cos θ dx + sin θ dy) / p)² + ((cos θ dy − sin θ dx) / q)², multiplied out: rows, columns, one product
     offsets = jnp.arange(PATCH)
     dx = origin + spacing * (corner[:, :1] + offsets) - cells.centres[:, :1]
     dy = origin + spacing * (corner[:, 1:] + offsets) - cells.centres[:, 1:]
-    along = cells.directions / cells.half_lengths[:, None]
-    across = cells.directions / cells.half_widths[:, None]
-    u = (along[:, :1] * dx)[:, :, None] + (along[:, 1:] * dy)[:, None, :]
-    v = (across[:, :1] * dy)[:, None, :] - (across[:, 1:] * dx)[:, :, None]
-    return u**2 + v**2
+    cos, sin = cells.directions[:, :1], cells.directions[:, 1:]
+    along, across = cells.half_lengths[:, None] ** -2, cells.half_widths[:, None] ** -2
+    xx, yy = cos**2 * along + sin**2 * across, sin**2 * along + cos**2 * across
+    xy = 2.0 * cos * sin * (along - across)
+    return (xx * dx**2)[:, :, None] + (yy * dy**2)[:, None, :] + (xy * dx)[:, :, None] * dy[:, None, :]

@@ -15,6 +15,7 @@ from yeastfit.model.colony import Colony
 from yeastfit.model.numerics import Numerics, largest_in_ensemble
 from yeastfit.model.parameters import Parameters
 from yeastfit.model.relaxation import Relaxation
+from yeastfit.model.sums import sum_of_terms
 
 BIN = 0.5  # side of the bins contacts are searched in: no contact radius is larger
 LANES = 4  # candidates of one row of bins looked at together
@@ -59,21 +60,23 @@ def contact(colony: Colony, radius: Float[Array, ""], relaxation: Relaxation) ->
     """
     order, first, runs = _neighbour_runs(colony)
     x, y = jnp.unstack(colony.positions, axis=-1)
-    x_other, y_other, weights = x[order], y[order], colony.weights[order]
-
-    def add_lane(i: Int[Array, ""], force: tuple[Array, Array]) -> tuple[Array, Array]:
-        lane = i * LANES + jnp.arange(LANES)
-        other = jnp.minimum(first[:, :, None] + lane, order.shape[0] - 1)
-        dx, dy = x[:, None, None] - x_other[other], y[:, None, None] - y_other[other]
-        squared = dx**2 + dy**2
-        apart = (lane < runs[:, :, None]) & (squared > 0)
-        distance = jnp.sqrt(jnp.where(apart, squared, 1.0))
-        strength = jnp.where(apart, weights[other] * contact_law(distance, radius, relaxation), 0.0)
-        push_x, push_y = (strength * _turned(d / distance, relaxation) for d in (dx, dy))
-        return force[0] + jnp.sum(push_x, axis=(1, 2)), force[1] + jnp.sum(push_y, axis=(1, 2))
-
+    args = (x, y, x[order], y[order], colony.weights[order], radius, relaxation, first, runs)
     trips = largest_in_ensemble((jnp.max(runs) + LANES - 1) // LANES)
-    return jnp.stack(jax.lax.fori_loop(0, trips, add_lane, (jnp.zeros_like(x), jnp.zeros_like(y))), axis=-1)
+    return jnp.stack(sum_of_terms(_push_of_lane, trips, (jnp.zeros_like(x), jnp.zeros_like(y)), args), axis=-1)
+
+
+def _push_of_lane(force: tuple[Array, Array], i: Int[Array, ""], args: tuple) -> tuple[Array, Array]:
+    """Adds the push of the next LANES candidates of every run."""
+    x, y, x_other, y_other, weights, radius, relaxation, first, runs = args
+    lane = i * LANES + jnp.arange(LANES)
+    other = jnp.minimum(first[:, :, None] + lane, x.shape[0] - 1)
+    dx, dy = x[:, None, None] - x_other[other], y[:, None, None] - y_other[other]
+    squared = dx**2 + dy**2
+    apart = (lane < runs[:, :, None]) & (squared > 0)
+    distance = jnp.sqrt(jnp.where(apart, squared, 1.0))
+    strength = jnp.where(apart, weights[other] * contact_law(distance, radius, relaxation), 0.0)
+    push_x, push_y = (strength * _turned(d / distance, relaxation) for d in (dx, dy))
+    return force[0] + jnp.sum(push_x, axis=(1, 2)), force[1] + jnp.sum(push_y, axis=(1, 2))
 
 
 def contact_law(

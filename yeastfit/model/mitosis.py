@@ -1,12 +1,32 @@
 """Who buds, when and where (source 2.12, 2.13; MODEL.md sections 3.5, 3.6 and 5)."""
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
 from yeastfit.model.colony import Colony
 from yeastfit.model.numerics import Numerics
 from yeastfit.model.relaxation import Relaxation
+
+
+class Budding(eqx.Module):
+    """In which direction a parent buds: φ of the child's lineage, uniform on [0, 2π), plus the parent's `turns`.
+
+    turns: radians, for the child that the node of each slot has at each event; none by default.
+    """
+
+    turns: Float[Array, "event node"] | None = None
+
+    def angles(self, lineages: Array, parents: Int[Array, " node"], event: Int[Array, ""]) -> Float[Array, " node"]:
+        """φ of the children of these parents."""
+        angles = budding_angles(lineages)
+        if self.turns is None:
+            return angles
+        return angles + self.turns.at[event - 1].get(mode="fill", fill_value=0.0)[parents]
+
+
+RANDOM = Budding()
 
 
 def growth_rate(fed: Float[Array, " node"], weights: Float[Array, " node"]) -> Float[Array, ""]:
@@ -26,11 +46,12 @@ def bud(
     fed: Float[Array, " node"],
     relaxation: Relaxation,
     numerics: Numerics,
+    budding: Budding = RANDOM,
 ) -> Colony:
     """One mitosis event: the best fed nodes get a child each, at δ(cos φ, sin φ) from them.
 
     A parent of weight w_i behind better fed parents of total weight S_i has a child of weight clip(B − S_i, 0, w_i);
-    with whole births all of these are 0 or 1. φ belongs to the child's lineage. Continuous in λ but for the order of
+    with whole births all of these are 0 or 1. φ is the rule's (`Budding`). Continuous in λ but for the order of
     parents. What does not fit into `capacity` is not born, and `problems.capacity_reached` says so.
     """
     capacity = colony.parents.shape[0]
@@ -44,7 +65,7 @@ def bud(
 
     event = colony.step // numerics.steps_per_event
     lineages = jax.vmap(lambda data: _child_lineage(data, event))(colony.lineages[rank])
-    angles = budding_angles(lineages).astype(fed.dtype)
+    angles = budding.angles(lineages, rank, event).astype(fed.dtype)
     offsets = numerics.bud_distance * jnp.stack([jnp.cos(angles), jnp.sin(angles)], axis=-1)
 
     # children take the next slots in the order of their parents; the unborn slot `capacity`, which scatter drops

@@ -1,16 +1,17 @@
 """One time step, and its repetition (MODEL.md section 3)."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float, Int, PyTree
 
 from yeastfit.model import cells as cells_
-from yeastfit.model.colony import Colony, Problems, start
+from yeastfit.model.colony import Colony, Problems
 from yeastfit.model.forces import nutrient_at, stiffness, velocity
-from yeastfit.model.mitosis import bud, growth_rate
+from yeastfit.model.mitosis import RANDOM, Budding, bud, growth_rate
 from yeastfit.model.numerics import Numerics
 from yeastfit.model.nutrient import nutrient_step
 from yeastfit.model.parameters import Parameters
@@ -31,7 +32,9 @@ class Snapshot(eqx.Module):
 Observe = Callable[[Snapshot], PyTree]
 
 
-def step(colony: Colony, parameters: Parameters, relaxation: Relaxation, numerics: Numerics) -> tuple[Colony, Snapshot]:
+def step(
+    colony: Colony, parameters: Parameters, relaxation: Relaxation, numerics: Numerics, budding: Budding = RANDOM
+) -> tuple[Colony, Snapshot]:
     """Cells, their union, biomass, nutrient, growth rate, mitosis, motion - in this order."""
     cells = cells_.cells_of(colony, parameters.aspect_ratio)
     nutrient = eaten(colony.nutrient, cells, parameters, relaxation, numerics)
@@ -40,7 +43,7 @@ def step(colony: Colony, parameters: Parameters, relaxation: Relaxation, numeric
     fed = nutrient_at(colony, numerics)
     mu = growth_rate(fed, colony.weights)
     colony = jax.lax.cond(
-        n % numerics.steps_per_event == 0, lambda c: bud(c, mu, fed, relaxation, numerics), lambda c: c, colony
+        n % numerics.steps_per_event == 0, lambda c: bud(c, mu, fed, relaxation, numerics, budding), lambda c: c, colony
     )
     positions = colony.positions + numerics.dt * velocity(colony, parameters, relaxation, numerics)
     colony = eqx.tree_at(lambda c: c.positions, colony, positions)
@@ -71,31 +74,58 @@ def eaten(
     return on_window(on, extent, numerics.spacing, numerics.points, nutrient, cells)
 
 
+class Schedule(eqx.Module):
+    """The steps after which something is observed. Their values never recompile, as long as `longest` stays.
+
+    steps: rising. longest: at least the number of steps from one to the next, a power of two.
+    """
+
+    steps: Int[Array, " sample"]
+    longest: int = eqx.field(static=True)
+
+    @staticmethod
+    def of(steps: Sequence[int] | np.ndarray, since: int = 0) -> "Schedule":
+        """From step numbers, rising strictly from above `since`, the step the colony has done already."""
+        most = int(np.diff(steps, prepend=since).max())
+        return Schedule(jnp.asarray(steps), 1 << (most - 1).bit_length())
+
+
 def trajectory(
     parameters: Parameters,
-    key: Array,
-    sample_steps: Int[Array, " sample"],
+    colony: Colony,
+    schedule: Schedule,
     relaxation: Relaxation,
     numerics: Numerics,
     observe: Observe,
+    budding: Budding = RANDOM,
 ) -> tuple[Colony, PyTree]:
-    """One colony from its start: the last state, and `observe` of the steps asked for, stacked along the first axis.
+    """One colony from a state on: the last state, and `observe` of the steps asked for, stacked along the first axis.
 
-    `sample_steps` rises strictly from at least 1; its values, like those of λ and of the widths, never recompile.
+    λ, widths, the state and the schedule's steps are data and never recompile. Differentiable in all that is real, both
+    ways: backwards, states are kept at every sample, then at √n of the n steps to the next one, the rest is repeated.
     """
 
+    def advance(carry: tuple[Snapshot, Array, Array], _: None) -> tuple[tuple[Snapshot, Array, Array], None]:
+        snapshot, done, last = carry
+        snapshot = jax.lax.cond(done < last, lambda s: step(s.colony, *rules)[1], lambda s: s, snapshot)
+        return (snapshot, done + 1, last), None
+
+    def block(carry: tuple[Snapshot, Array, Array], _: None) -> tuple[tuple[Snapshot, Array, Array], None]:
+        return jax.lax.scan(jax.checkpoint(advance), carry, None, length=schedule.longest // blocks)
+
     def to_sample(carry: tuple[Snapshot, Array], last: Array) -> tuple[tuple[Snapshot, Array], PyTree]:
-        snapshot, done = carry
-        snapshot = jax.lax.fori_loop(done, last, lambda _, before: step(before.colony, *rules)[1], snapshot)
+        (snapshot, _, _), _ = jax.lax.scan(jax.checkpoint(block), (*carry, last), None, length=blocks)
         colony = snapshot.colony
         colony = eqx.tree_at(lambda c: c.problems, colony, problems_of(colony, parameters, numerics))
         snapshot = eqx.tree_at(lambda s: s.colony, snapshot, colony)
         return (snapshot, last), observe(snapshot)
 
-    rules = parameters, relaxation, numerics
-    colony = start(key, numerics)
-    first = Snapshot(cells_.cells_of(colony, parameters.aspect_ratio), jnp.zeros(()), colony, parameters, relaxation)
-    (snapshot, _), observed = jax.lax.scan(to_sample, (first, jnp.zeros_like(sample_steps[0])), sample_steps)
+    blocks = 1 << ((schedule.longest.bit_length() - 1) // 2)
+    rules = parameters, relaxation, numerics, budding
+    cells = cells_.cells_of(colony, parameters.aspect_ratio)
+    first = Snapshot(cells, jnp.zeros_like(colony.weights[0]), colony, parameters, relaxation)
+    begin = first, colony.step.astype(schedule.steps.dtype)
+    (snapshot, _), observed = jax.lax.scan(jax.checkpoint(to_sample), begin, schedule.steps)
     return snapshot.colony, observed
 
 
