@@ -2,6 +2,7 @@
 
 from yeastfit.errors import InputError
 from yeastfit.infer.fit import Fit, FitSettings, fit
+from yeastfit.infer.sensitivity import Sensitivity, sensitivity
 from yeastfit.infer.targets import Targets
 from yeastfit.measure.dataset import Dataset, read_dataset
 from yeastfit.measure.series import measure_dataset, measure_file
@@ -22,6 +23,7 @@ __all__ = [
     "Parameters",
     "Relaxation",
     "Scales",
+    "Sensitivity",
     "Simulation",
     "Targets",
     "fit",
@@ -29,5 +31,6 @@ __all__ = [
     "measure_file",
     "member_keys",
     "read_dataset",
+    "sensitivity",
     "simulate",
 ]

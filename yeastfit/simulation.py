@@ -74,15 +74,16 @@ class Simulation:
 
     def rows(self) -> list[dict[str, Any]]:
         """Tidy table: one row per member and sample time, lengths in L0 and in µm."""
-        length = self.scales.length
-        units = {"radius": length, "mean_radius": length, "perimeter": length, "area": length**2}
+        length, areas = self.scales.length, ("area", "overlap_area")
+        units = {"radius": length, "mean_radius": length, "perimeter": length, **dict.fromkeys(areas, length**2)}
+        units = {name: unit for name, unit in units.items() if name in self.statistics}
         curves = {name: np.atleast_2d(values) for name, values in self.statistics.items()}
         table = []
         for member in range(next(iter(curves.values())).shape[0]):
             for k, time in enumerate(self.times):
                 row: dict[str, Any] = {"member": member, "time": float(time), "hours": self.scales.hours(float(time))}
                 row |= {name: float(values[member, k]) for name, values in curves.items()}
-                row |= {f"{name}_um{'2' * (name == 'area')}": row[name] * unit for name, unit in units.items()}
+                row |= {f"{name}_um{'2' * (name in areas)}": row[name] * unit for name, unit in units.items()}
                 table.append(row)
         return table
 

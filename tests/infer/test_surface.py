@@ -158,11 +158,20 @@ def test_free_names_are_checked() -> None:
 def test_robust_mean_cuts_outliers_and_only_those() -> None:
     rng = np.random.default_rng(0)
     tangents = rng.normal(2.0, 1.0, (64, 1, 3))
-    mean, cut = robust_mean(jnp.asarray(tangents))
-    np.testing.assert_allclose(mean[:, 0], tangents.mean(axis=(0, 1)), atol=1e-5)
-    assert cut == 0
+    plain = robust_mean(jnp.asarray(tangents))
+    np.testing.assert_allclose(plain.mean, tangents.mean(axis=0), atol=1e-5)
+    np.testing.assert_allclose(plain.error, tangents.std(axis=0, ddof=1) / 8, rtol=1e-5)
+    np.testing.assert_allclose(plain.spread, 1.0, rtol=1e-5)
+    assert (plain.cut == 0).all()
     tangents[3] = 1e9
     tangents[4] = np.nan
-    mean, cut = robust_mean(jnp.asarray(tangents))
-    assert np.abs(mean - 2).max() < 0.6
-    assert cut == pytest.approx(1 / 64)
+    robust = robust_mean(jnp.asarray(tangents))
+    assert np.abs(robust.mean - 2).max() < 0.6
+    np.testing.assert_allclose(robust.cut, 2 / 64)
+    assert (np.asarray(robust.spread) > 100).all() or np.isnan(robust.spread).all()
+
+
+def test_robust_mean_keeps_what_only_some_members_have() -> None:
+    """Births that every fifth colony has: the median is 0, and the mean is not."""
+    tangents = np.where(np.arange(40) % 5 == 0, -3.0, 0.0)[:, None]
+    np.testing.assert_allclose(robust_mean(jnp.asarray(tangents)).mean, -0.6, rtol=1e-5)

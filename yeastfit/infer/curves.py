@@ -1,11 +1,13 @@
-"""Ensemble-mean curves as a differentiable function of the free parameters."""
+"""Ensemble-mean curves as a differentiable function of parameters."""
 
+from abc import abstractmethod
 from collections.abc import Iterator
 from functools import partial
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from yeastfit.infer.bijection import from_free
@@ -16,43 +18,46 @@ from yeastfit.model.parameters import Parameters
 from yeastfit.model.relaxation import Relaxation
 from yeastfit.model.simulate import Schedule, trajectory
 
-BLOCK = 32  # members that run together
-OUTLIER = 5.0  # robust standard deviations at which a member's derivative is cut
+BLOCK = 32  # members that run together; all ensembles run in blocks of one size, which compiles once
+TANGENTS = 8  # members with their derivatives, likewise
+OUTLIER = 5.0  # times its scale a derivative may be off the median
 
 
 class Curves(eqx.Module):
     """Curves of chosen statistics at chosen steps, of every member of an ensemble with fixed keys.
 
-    Means over members are differentiable in z: the derivative of the mean is estimated as the mean of the members'
-    derivatives, each cut where it is an outlier (`OUTLIER`), because a single colony's derivative may grow without
-    bound along a chaotic path while the ensemble's does not.
+    What z means is a subclass's matter: `parameters` makes λ of it. Means over members are differentiable in z: the
+    derivative of the mean is the `robust_mean` of the members' derivatives.
     """
 
     names: tuple[str, ...] = eqx.field(static=True)
-    free: tuple[str, ...] = eqx.field(static=True)
     numerics: Numerics = eqx.field(static=True)
     observe: SmoothStatistics
-    fixed: Parameters
     relaxation: Relaxation
     schedule: Schedule
 
+    @abstractmethod
+    def parameters(self, z: Float[Array, " free"]) -> Parameters:
+        """λ of z."""
+
     def member(self, z: Float[Array, " free"], key: Array) -> Float[Array, " curve"]:
         """One colony's curves, statistic by statistic."""
-        parameters = from_free(z, self.free, self.fixed)
-        _, observed = trajectory(
-            parameters, start(key, self.numerics), self.schedule, self.relaxation, self.numerics, self.observe
-        )
+        colony = start(key, self.numerics)
+        rules = self.schedule, self.relaxation, self.numerics, self.observe
+        _, observed = trajectory(self.parameters(z), colony, *rules)
         return jnp.concatenate([observed[name] for name in self.names])
 
     def members(self, z: Float[Array, "... free"], keys: Array) -> Float[Array, "member curve"]:
         """All members, with one z for all or one for each."""
-        return jnp.concatenate([on_one_device(_members(self, *block))[:size] for *block, size in _blocks(z, keys)])
+        return jnp.concatenate(
+            [on_one_device(_members(self, *block))[:size] for *block, size in _blocks(z, keys, BLOCK)]
+        )
 
     def members_with_tangents(
         self, z: Float[Array, " free"], keys: Array
     ) -> tuple[Float[Array, "member curve"], Float[Array, "member free curve"]]:
         """All members, and their derivatives in z."""
-        blocks = [(on_one_device(_with_tangents(self, *block)), size) for *block, size in _blocks(z, keys)]
+        blocks = [(on_one_device(_with_tangents(self, *block)), size) for *block, size in _blocks(z, keys, TANGENTS)]
         values, tangents = ([block[k][:size] for block, size in blocks] for k in (0, 1))
         return jnp.concatenate(values), jnp.concatenate(tangents)
 
@@ -61,23 +66,68 @@ class Curves(eqx.Module):
         return _mean(self, z, keys)
 
 
-def robust_mean(tangents: Float[Array, "member free curve"]) -> tuple[Float[Array, "curve free"], Float[Array, ""]]:
-    """Mean over members of their derivatives, outliers cut; and the share of them that was."""
-    tangents = jnp.where(jnp.isfinite(tangents), tangents, 0.0)
-    middle = jnp.median(tangents, axis=0)
-    # 1.4826: median absolute deviation to standard deviation of a Gaussian
-    limit = OUTLIER * 1.4826 * jnp.median(jnp.abs(tangents - middle), axis=0)
-    kept = jnp.clip(tangents, middle - limit, middle + limit)
-    return jnp.mean(kept, axis=0).T, jnp.mean(kept != tangents)
+class FreeCurves(Curves):
+    """As a function of the free parameters, `infer.bijection`'s z; the others are fixed."""
+
+    free: tuple[str, ...] = eqx.field(static=True)
+    fixed: Parameters
+
+    def parameters(self, z: Float[Array, " free"]) -> Parameters:
+        """λ of z, inside the plausible ranges."""
+        return from_free(z, self.free, self.fixed)
 
 
-def _blocks(z: Float[Array, "... free"], keys: Array) -> Iterator[tuple[Array, Array, int]]:
-    """Members in blocks of one size, so that ensembles of all sizes run the same compiled program."""
+class LogCurves(Curves):
+    """As a function of log λ1 … log λ7."""
+
+    def parameters(self, z: Float[Array, " 7"]) -> Parameters:
+        """λ of its logarithms."""
+        return Parameters(*jnp.unstack(jnp.exp(z)))
+
+
+class Robust(eqx.Module):
+    """A mean over members that a few of them cannot carry away.
+
+    error: standard error of `mean`. cut: share of the members that were cut. spread: standard deviation of all members
+    over that of those left as they are; far above 1, a plain mean would mean nothing.
+    """
+
+    mean: Float[Array, "*entry"]
+    error: Float[Array, "*entry"]
+    cut: Float[Array, "*entry"]
+    spread: Float[Array, "*entry"]
+
+
+def robust_mean(values: Float[Array, "member *entry"]) -> Robust:
+    """Mean of all members, each cut at `OUTLIER` times the scale of the nearest 95 % around the median.
+
+    A single colony's derivative may grow without bound along a chaotic path while the ensemble's does not.
+    """
+    finite = jnp.isfinite(values)
+    middle = jnp.nanmedian(jnp.where(finite, values, jnp.nan), axis=0)
+    middle = jnp.where(jnp.isfinite(middle), middle, 0.0)
+    apart = jnp.where(finite, values - middle, jnp.inf)
+    left = len(values) - max(1, round(0.05 * len(values)))
+    near = jnp.sort(jnp.abs(apart), axis=0)[: max(left, 1)]
+    scale = jnp.sqrt(jnp.mean(near**2, axis=0))
+    kept = jnp.clip(apart, -OUTLIER * scale, OUTLIER * scale)
+    kept = jnp.where(finite, kept, 0.0)
+    inside = jnp.std(kept, axis=0)
+    return Robust(
+        mean=middle + jnp.mean(kept, axis=0),
+        error=inside / np.sqrt(max(1, len(values) - 1)),
+        cut=jnp.mean(kept != apart, axis=0),
+        spread=jnp.where(inside > 0, jnp.std(apart, axis=0) / jnp.where(inside > 0, inside, 1.0), 1.0),
+    )
+
+
+def _blocks(z: Float[Array, "... free"], keys: Array, block: int) -> Iterator[tuple[Array, Array, int]]:
+    """Members in blocks of one size; the last is filled up with repetitions."""
     # explicit type: a weakly typed z would compile everything a second time
     z = jnp.broadcast_to(jnp.asarray(z, jnp.result_type(float)), (*keys.shape, z.shape[-1]))
-    for first in range(0, len(keys), BLOCK):
-        size = min(BLOCK, len(keys) - first)
-        pick = jnp.minimum(first + jnp.arange(BLOCK), len(keys) - 1)
+    for first in range(0, len(keys), block):
+        size = min(block, len(keys) - first)
+        pick = jnp.minimum(first + jnp.arange(block), len(keys) - 1)
         yield z[pick], keys[pick], size
 
 
@@ -104,4 +154,4 @@ def _mean(curves: Curves, z: Float[Array, " free"], keys: Array) -> Array:
 def _mean_jvp(primals: tuple, tangents: tuple) -> tuple[Array, Array]:
     curves, z, keys = primals
     values, derivatives = curves.members_with_tangents(z, keys)
-    return jnp.mean(values, axis=0), robust_mean(derivatives)[0] @ tangents[1]
+    return jnp.mean(values, axis=0), tangents[1] @ robust_mean(derivatives).mean

@@ -39,7 +39,7 @@ from jaxtyping import Array, Float
 
 from yeastfit.errors import InputError
 from yeastfit.infer.bijection import check_free, free_of_log, from_free, log_of_free, log_range, to_free
-from yeastfit.infer.curves import Curves
+from yeastfit.infer.curves import FreeCurves
 from yeastfit.infer.surface import Surface, scout, study
 from yeastfit.infer.targets import Targets
 from yeastfit.measure.smooth import SmoothStatistics
@@ -227,7 +227,7 @@ class _Fitter:
         self.history: list[dict[str, Any]] = []
         self.simulations = 0
 
-    def _curves(self, dt: float, relaxation: Relaxation) -> Curves:
+    def _curves(self, dt: float, relaxation: Relaxation) -> FreeCurves:
         """The model on a domain wide enough, and with room for every cell that could be born."""
         targets, settings = self.targets, self.settings
         # 3 L0 beyond the colony, several diffusion lengths, the nutrient is untouched; whole grid intervals
@@ -236,7 +236,7 @@ class _Fitter:
         numerics = Numerics(domain=float(domain), spacing=settings.spacing, dt=dt, capacity=2 ** (events + 1))
         observe = SmoothStatistics(2.6 * targets.extent, targets.spacing, targets.smoothing)
         schedule = schedule_of(targets.times, numerics)
-        return Curves(targets.names, self.free, numerics, observe, self.fixed, relaxation, schedule)
+        return FreeCurves(targets.names, numerics, observe, relaxation, schedule, self.free, self.fixed)
 
     def run(self, start: Parameters | None) -> Fit:
         """All stages."""
@@ -323,7 +323,7 @@ class _Fitter:
             before = cost
         return z, f"the step limit of {self.settings.max_steps} was reached"
 
-    def _simulate(self, curves: Curves, z: Array, members: int) -> np.ndarray:
+    def _simulate(self, curves: FreeCurves, z: Array, members: int) -> np.ndarray:
         self.simulations += members
         return np.asarray(curves.members(z, member_keys(self.seed, members)), dtype=float)
 

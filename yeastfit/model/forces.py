@@ -17,7 +17,7 @@ from yeastfit.model.parameters import Parameters
 from yeastfit.model.relaxation import Relaxation
 from yeastfit.model.sums import sum_of_terms
 
-BIN = 0.5  # side of the bins contacts are searched in: no contact radius is larger
+BIN = 0.6  # side of the bins contacts are searched in: no contact radius is larger, nor one perturbed from 0.5
 LANES = 4  # candidates of one row of bins looked at together
 
 

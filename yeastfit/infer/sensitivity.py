@@ -1,0 +1,364 @@
+"""`sensitivity`: how the mean of an ensemble answers to λ, and how far that answer can be trusted.
+
+Colonies are chaotic and divide: what one colony does when λ changes a little says nothing about another, and after a
+while nothing about itself. What a fit needs is J = ∂E[y] / ∂log λ, the derivative of the mean. Two estimators:
+
+**Regression** runs the model away from λ and needs no derivative, so the model may be the hard one. Pairs of colonies
+with one key each are grown at log λ ± spread · ε, ε a row of a randomly signed and permuted Hadamard matrix, so that
+all parameters vary at once and orthogonally: J_k = Σ_pairs ½ (y₊ − y₋) ε_k / (pairs · spread). What is even in ε, the
+curvature, cancels within each pair; what is left, of order spread², are third derivatives (Box & Hunter 1961,
+doi:10.1080/00401706.1961.10489951). Error: what the pairs scatter around the straight line. n runs tell all seven
+parameters apart with a seventh of the variance that n runs of central differences with the same spread have.
+
+**Pathwise** is forward mode through the relaxed model, a mean over members that outliers cannot carry away
+(`robust_mean`). Exact derivatives of single colonies explode (`Relaxation.turning`); tame ones are quiet, so that a few
+colonies do, but biased: the contact is wide and its direction held fixed, and no derivative sees how λ changes the
+order of parents. No number of members tells by how much.
+
+**Combined** shrinks the unbiased estimate R towards the quiet one P, for each statistic and time,
+
+    J = R + w (P − R),    w = min(V_R / (V_R + V_P), (p − 2) V_R / |P − R|²),
+
+over the p parameters: the first is the blend of least variance where P has no bias, the second the factor of James and
+Stein, which takes over as P and R disagree (Green & Strawderman 1991, doi:10.1080/01621459.1991.10475144). The mean
+squared error over the p parameters is not above regression's, whatever the bias of P is. With fewer than three
+parameters nothing of the kind exists, and w is 0.
+"""
+
+import json
+import time as clock
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any, Literal, get_args
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+from scipy.linalg import hadamard
+
+from yeastfit.errors import InputError
+from yeastfit.infer.curves import LogCurves, robust_mean
+from yeastfit.measure.smooth import SmoothStatistics
+from yeastfit.model.numerics import Numerics
+from yeastfit.model.parameters import NAMES, Parameters
+from yeastfit.model.relaxation import Relaxation
+from yeastfit.simulation import member_keys, schedule_of
+from yeastfit.storage import write_json
+
+Method = Literal["combined", "regression", "pathwise"]
+STATISTICS = ("compactness", "mean_radius", "radius", "area", "cell_count")
+MODEL = Relaxation(union=None, contact=None, boundary=0.2, births="whole")  # hard, but for how its outline is measured
+TAME = Relaxation(contact=0.2, turning=0.0)
+EXPLODED = 3.0  # times the scatter of the members left as they are: the tails would decide a plain mean
+"""Defaults: the model whose mean is meant, and the one that is differentiated for it."""
+
+Table = Float[np.ndarray, "statistic time free"]
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """J and its standard errors by one estimator, [statistic, time, free]."""
+
+    jacobian: Table
+    error: Table
+
+
+@dataclass(frozen=True)
+class Sensitivity:
+    """Mean curves of an ensemble and their derivatives in log λ.
+
+    mean, mean_error: [statistic, time], of the model at λ itself. jacobian, error: [statistic, time, free], by
+    `method`. pathwise_share: w, [statistic, time]. parts: the estimators that went into it, by name. tails: by how much
+    outliers among pathwise derivatives would have raised their scatter, [statistic, time], 1 where there were none.
+    runs: colonies grown, by what for. seconds: likewise.
+    """
+
+    parameters: Parameters
+    free: tuple[str, ...]
+    statistics: tuple[str, ...]
+    times: Float[np.ndarray, " time"]
+    method: Method
+    mean: Float[np.ndarray, "statistic time"]
+    mean_error: Float[np.ndarray, "statistic time"]
+    jacobian: Table
+    error: Table
+    pathwise_share: Float[np.ndarray, "statistic time"]
+    parts: dict[str, Estimate]
+    tails: Float[np.ndarray, "statistic time"]
+    runs: dict[str, int]
+    seconds: dict[str, float]
+    seed: int
+    spread: float
+    warnings: list[str]
+
+    def carried_by(self) -> np.ndarray:
+        """The estimator with the larger weight in each entry of [statistic, time]."""
+        return np.where(self.pathwise_share > 0.5, "pathwise", "regression")
+
+    def rows(self) -> list[dict[str, Any]]:
+        """Tidy table: one row per statistic, time and parameter."""
+        carried = self.carried_by()
+        return [
+            {
+                "statistic": statistic,
+                "time": float(time),
+                "parameter": name,
+                "mean": float(self.mean[s, t]),
+                "mean_error": float(self.mean_error[s, t]),
+                "derivative": float(self.jacobian[s, t, k]),
+                "error": float(self.error[s, t, k]),
+                "carried_by": str(carried[s, t]),
+                "pathwise_share": float(self.pathwise_share[s, t]),
+            }
+            for s, statistic in enumerate(self.statistics)
+            for t, time in enumerate(self.times)
+            for k, name in enumerate(self.free)
+        ]
+
+    def asdict(self) -> dict[str, Any]:
+        """Plain data."""
+        return {**asdict(self), "parameters": self.parameters.asdict()}
+
+    def save(self, path: str | Path) -> None:
+        """`asdict` as JSON."""
+        write_json(path, self.asdict())
+
+    @staticmethod
+    def load(path: str | Path) -> "Sensitivity":
+        """What `save` wrote."""
+        data = json.loads(Path(path).read_text())
+
+        def array(values: Any) -> np.ndarray:
+            return np.array(values, dtype=float)
+
+        parts = {name: Estimate(**{k: array(v) for k, v in part.items()}) for name, part in data["parts"].items()}
+        arrays = ("times", "mean", "mean_error", "jacobian", "error", "pathwise_share", "tails")
+        changed = {
+            "parameters": Parameters(**data["parameters"]),
+            "parts": parts,
+            **{name: array(data[name]) for name in arrays},
+            **{name: tuple(data[name]) for name in ("free", "statistics")},
+        }
+        return Sensitivity(**{**data, **changed})
+
+
+Progress = Callable[[str, float], None]
+
+
+def sensitivity(
+    parameters: Parameters | None = None,
+    *,
+    times: Sequence[float] | np.ndarray,
+    statistics: Sequence[str] = STATISTICS,
+    free: Sequence[str] = NAMES,
+    method: Method = "combined",
+    runs: int = 256,
+    paths: int = 8,
+    spread: float = 0.2,
+    seed: int = 0,
+    numerics: Numerics | None = None,
+    relaxation: Relaxation = MODEL,
+    path_numerics: Numerics | None = None,
+    path_relaxation: Relaxation = TAME,
+    observe: SmoothStatistics | None = None,
+    progress: Progress | None = None,
+) -> Sensitivity:
+    """Mean of an ensemble of colonies and its derivative in log λ at `parameters`, with standard errors.
+
+    statistics: of `SmoothStatistics`. free: with respect to which parameters. method: "combined", "regression" or
+    "pathwise" (see above); what is not asked for is not run, but the mean is always that of `relaxation` at λ, from a
+    quarter as many colonies as the regression has. runs: colonies for the regression, a multiple of 16. paths: colonies
+    for the pathwise part; each costs six to seven plain runs of its model. spread: of log λ in the regression, whose
+    bias grows as spread² and whose variance falls as 1/spread². relaxation, numerics: of the model that is meant, by
+    default the hard one at Δt = 0.005. path_relaxation, path_numerics: of the model that is differentiated, by default
+    with Δt = 0.02 and twice the spacing: its bias is watched, and a path costs about as much as a run of the other.
+
+    Same seed, same result. Regression steps a little beyond the largest admissible repulsion_radius or aspect_ratio
+    where λ lies there. Raises `InputError`. Costs nothing to be asked again for other statistics of the same run: ask
+    for all at once.
+    """
+    began = clock.perf_counter()
+    parameters = parameters or Parameters()
+    numerics = numerics or Numerics(dt=0.005)
+    path_numerics = path_numerics or _coarse(numerics)
+    observe = observe or SmoothStatistics(numerics.domain, 0.1)
+    _check(parameters, statistics, free, method, runs, paths, spread)
+    log_values = np.log([float(getattr(parameters, name)) for name in NAMES])
+    chosen = np.array([NAMES.index(name) for name in free])
+    shape = len(statistics), len(np.atleast_1d(times))
+    say = progress or (lambda what, share: None)
+
+    def curves(numerics: Numerics, relaxation: Relaxation) -> LogCurves:
+        schedule = schedule_of(times, numerics)
+        return LogCurves(tuple(statistics), numerics, observe, relaxation, schedule)
+
+    model = curves(numerics, relaxation)
+    parts: dict[str, Estimate] = {}
+    seconds: dict[str, float] = {}
+    spent = {"mean": max(8, runs // 4)}
+    tails, warnings = np.ones(shape), list[str]()
+    say("the mean", 0.0)
+    centre = _members(model, log_values, member_keys(jax.random.fold_in(jax.random.key(seed), 1), spent["mean"]))
+    centre = centre.reshape(-1, *shape)
+    seconds["mean"] = clock.perf_counter() - began
+    if method != "pathwise":
+        say("regression", 0.1)
+        began = clock.perf_counter()
+        keys = member_keys(jax.random.fold_in(jax.random.key(seed), 0), runs // 2)
+        parts["regression"] = _regression(model, log_values, chosen, keys, spread, np.random.default_rng(seed), shape)
+        spent["regression"], seconds["regression"] = runs, clock.perf_counter() - began
+    if method != "regression":
+        say("pathwise", 0.7)
+        began = clock.perf_counter()
+        keys = member_keys(jax.random.fold_in(jax.random.key(seed), 2), paths)
+        parts["pathwise"], tails = _pathwise(curves(path_numerics, path_relaxation), log_values, chosen, keys, shape)
+        spent["pathwise"], seconds["pathwise"] = paths, clock.perf_counter() - began
+        warnings += _doubts(tails, statistics, np.atleast_1d(times), method)
+    if method == "combined":
+        jacobian, error, share = combine(parts["regression"], parts["pathwise"])
+    else:
+        jacobian, error = parts[method].jacobian, parts[method].error
+        share = np.full(shape, float(method == "pathwise"))
+    return Sensitivity(
+        parameters=parameters,
+        free=tuple(free),
+        statistics=tuple(statistics),
+        times=np.atleast_1d(np.asarray(times, dtype=float)),
+        method=method,
+        mean=centre.mean(axis=0),
+        mean_error=centre.std(axis=0, ddof=1) / np.sqrt(len(centre)),
+        jacobian=jacobian,
+        error=error,
+        pathwise_share=share,
+        parts=parts,
+        tails=tails,
+        runs=spent,
+        seconds=seconds,
+        seed=seed,
+        spread=spread,
+        warnings=warnings,
+    )
+
+
+def combine(unbiased: Estimate, quiet: Estimate) -> tuple[Table, Table, Float[np.ndarray, "statistic time"]]:
+    """J, its errors and w (see above). V_R and V_P are means over the parameters, squared distances likewise.
+
+    The bias of P enters the error as what |P − R|² exceeds V_R + V_P by, and half the standard deviation of that.
+    """
+    p = unbiased.jacobian.shape[-1]
+    scale = np.where(unbiased.error > 0, unbiased.error, 1.0)  # in units of R's errors, where R has any
+    apart = np.mean(((quiet.jacobian - unbiased.jacobian) / scale) ** 2, axis=-1)
+    noise = np.mean((quiet.error / scale) ** 2, axis=-1)
+    known = (unbiased.error > 0).all(axis=-1) & np.isfinite(apart) & np.isfinite(noise)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        share = np.minimum(1.0 / (1.0 + noise), (p - 2) / (p * apart))
+    share = np.where(known & (p > 2), share, 0.0)
+    bias = np.maximum(apart - 1.0 - noise, 0.0) + np.sqrt(0.5 / p) * (1.0 + noise)
+    w, b = share[..., None], np.where(known, bias, 0.0)[..., None]
+    path = np.where(known[..., None], quiet.jacobian, 0.0)
+    path_error = np.where(known[..., None], quiet.error, 0.0)
+    jacobian = unbiased.jacobian + w * (path - unbiased.jacobian)
+    error = np.sqrt((1 - w) ** 2 * unbiased.error**2 + w**2 * (path_error**2 + b * scale**2))
+    return jacobian, error, share
+
+
+def design(pairs: int, free: int, rng: np.random.Generator) -> Float[np.ndarray, "pair free"]:
+    """Rows of ±1 with orthogonal columns: Hadamard matrices without their first column, signs and columns at random."""
+    order = 1 << free.bit_length()
+    rows = hadamard(order)[:, 1:]
+    blocks = [rows[:, rng.permutation(order - 1)[:free]] * rng.choice([-1, 1], free) for _ in range(-(-pairs // order))]
+    return np.concatenate(blocks)[:pairs].astype(float)
+
+
+def _regression(
+    model: LogCurves,
+    log_values: np.ndarray,
+    chosen: np.ndarray,
+    keys: Array,
+    spread: float,
+    rng: np.random.Generator,
+    shape: tuple[int, int],
+) -> Estimate:
+    units = design(len(keys), len(chosen), rng)
+    away = np.zeros((len(keys), len(NAMES)))
+    away[:, chosen] = spread * units
+    up, down = (_members(model, log_values + sign * away, keys) for sign in (1.0, -1.0))
+    half = 0.5 * (up - down)
+    good = np.isfinite(half).all(axis=1)
+    if good.sum() < 0.5 * len(good):
+        raise InputError(f"{(~good).sum()} of {len(good)} pairs of colonies came to nothing (not finite): lower dt")
+    slopes, _, _, _ = np.linalg.lstsq(spread * units[good], half[good], rcond=None)
+    rest = half[good] - spread * units[good] @ slopes
+    freedom = max(1, good.sum() - len(chosen))
+    inverse = np.linalg.inv(units[good].T @ units[good]) / spread**2
+    error = np.sqrt(np.outer((rest**2).sum(axis=0) / freedom, np.diag(inverse)))
+    return Estimate(slopes.T.reshape(*shape, -1), error.reshape(*shape, -1))
+
+
+def _pathwise(
+    model: LogCurves, log_values: np.ndarray, chosen: np.ndarray, keys: Array, shape: tuple[int, int]
+) -> tuple[Estimate, Float[np.ndarray, "statistic time"]]:
+    _, tangents = model.members_with_tangents(jnp.asarray(log_values, jnp.result_type(float)), keys)
+    robust = robust_mean(jnp.moveaxis(tangents, 1, 2)[..., chosen])
+    mean, error, spread = (np.asarray(a, dtype=float) for a in (robust.mean, robust.error, robust.spread))
+    estimate = Estimate(mean.reshape(*shape, -1), error.reshape(*shape, -1))
+    return estimate, np.nan_to_num(spread, nan=np.inf).max(axis=-1).reshape(shape)
+
+
+def _coarse(numerics: Numerics) -> Numerics:
+    """Δt = 0.02, and twice the spacing where the domain allows it."""
+    even = (numerics.points - 1) % 2 == 0
+    return replace(numerics, dt=max(numerics.dt, 0.02), spacing=numerics.spacing * (2 if even else 1))
+
+
+def _members(model: LogCurves, log_values: np.ndarray, keys: Array) -> Float[np.ndarray, "member curve"]:
+    return np.asarray(model.members(jnp.asarray(log_values, jnp.result_type(float)), keys), dtype=float)
+
+
+def _doubts(tails: np.ndarray, statistics: Sequence[str], times: np.ndarray, method: Method) -> list[str]:
+    """Where outliers would have carried the mean of the pathwise derivatives away."""
+    found = []
+    for name, values in zip(statistics, tails, strict=True):
+        bad = times[values > EXPLODED]
+        if bad.size:
+            found.append(
+                f"{name} from t = {bad[0]:g}: a few colonies' derivatives are larger than all the others together, "
+                "their mean without outliers is biased by an unknown amount"
+                + ("; the regression carries these entries" if method == "combined" else ": use the regression")
+            )
+    return found
+
+
+def _check(
+    parameters: Parameters,
+    statistics: Sequence[str],
+    free: Sequence[str],
+    method: str,
+    runs: int,
+    paths: int,
+    spread: float,
+) -> None:
+    """Raises `InputError` where an argument makes no sense."""
+    for name in free:
+        if name not in NAMES:
+            raise InputError(f"free holds {name!r}, expected any of {', '.join(NAMES)}")
+    if len(set(free)) != len(free) or not free:
+        raise InputError(f"free is {list(free)}, it must name at least one parameter, each once")
+    for name in NAMES:
+        value = getattr(parameters, name)
+        if value.shape != () or not value > 0:
+            raise InputError(f"{name} is {value}, derivatives in log λ need one number above 0")
+    if method not in get_args(Method):
+        raise InputError(f"method is {method!r}, it must be one of {', '.join(get_args(Method))}")
+    if runs < 16 or runs % 16:
+        raise InputError(f"runs is {runs}, it must be a multiple of 16")
+    if paths < 4:
+        raise InputError(f"paths is {paths}, it must be at least 4")
+    if not 0 < spread < 1:
+        raise InputError(f"spread is {spread}, it must lie between 0 and 1")
+    known = (*STATISTICS, "perimeter", "growth_rate")
+    for name in statistics:
+        if name not in known:
+            raise InputError(f"statistics holds {name!r}, expected any of {', '.join(known)}")

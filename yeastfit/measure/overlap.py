@@ -1,0 +1,172 @@
+"""Area in which cells overlap, differentiable (source A.2, equation 8).
+
+Where cells with level functions f_j = r_j² − 1 lie on top of each other, the smooth maximum of the f_j is negative,
+
+    f = k log Σ_j exp(f_j / k),    C = ∬ ½ + ½ tanh(−f / K) dx dy,
+
+k and K dimensionless widths as of f; at K → 0, k → 0, C is the area that lies in all the cells. With T = tanh(−f / K)
+
+    ∂C/∂q_a = −1/(2K) ∬ (1 − T²) f_a,    ∂²C/∂q_a∂q_b = −1/(2K²) ∬ (1 − T²) (2T f_a f_b + K f_ab).
+
+The first is the source's (9) and (10). Its (12) is printed with 1/(4K²) and T in place of 1/(2K²) and 2T, which finite
+differences contradict; the second formula above is what (11) gives. The tests hold autodiff against both.
+
+The overlap of a colony is the sum of C over its pairs of cells, so what lies in three cells counts three times. Only
+pairs whose bounding boxes meet are integrated, each on a small grid of its own: the work follows their number.
+"""
+
+import functools
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float, Int
+
+from yeastfit.model.cells import Cells
+from yeastfit.model.numerics import largest_in_ensemble
+from yeastfit.model.sums import sum_of_terms
+
+POINTS = 24  # grid points along each side of the box of a pair
+SATURATED = 4.5  # f/K up to which a cell counts: tanh is saturated to e⁻⁹, as in `Relaxation.reach`
+MOST = 32  # pairs per slot there is room for: colonies of 500 cells have 4 to 8 at the default widths
+CHUNK = 128  # pairs integrated together
+LANES = 4  # candidates of a run of bins looked at together
+
+
+def overlap_area(
+    cells: Cells, union: Float[Array, ""] | float | None, boundary: Float[Array, ""] | float | None
+) -> Float[Array, ""]:
+    """Σ_{i<j} w_i w_j C_ij in L0², C_ij that of cells i and j alone.
+
+    union: k. boundary: K. None is the hard maximum or the hard step, which counts grid points. Of a colony of 500 cells
+    the value is within 10⁻⁵ at k = 0.025, K = 0.2 and 0.4 % by hard rules, its gradient within 0.2 %; for second
+    derivatives within 1 %, k = 0.3 and K = 0.5. Differentiable in cells and widths, by jvp, vjp and hessian; almost
+    everywhere without k, in the weights alone without K. The grid is constant under differentiation, as D is in (9).
+    Empty slots, of weight 0, take no part. If more than `MOST` pairs a slot meet, value and derivatives are nan rather
+    than too small.
+    """
+    k, K = (None if width is None else jnp.asarray(width, cells.centres.dtype) for width in (union, boundary))
+    room = -(-MOST * cells.weights.shape[0] // CHUNK) * CHUNK
+    reach = jnp.ones_like(cells.weights[0]) if K is None else 1.0 + SATURATED * K
+    pairs, found = _pairs(*jax.lax.stop_gradient((cells, reach)), room)
+    trips = largest_in_ensemble((jnp.minimum(found, room) + CHUNK - 1) // CHUNK)
+    total = sum_of_terms(_add_chunk, trips, jnp.zeros_like(cells.weights[0]), (cells, pairs, found, reach, k, K))
+    return total * jnp.where(found > room, jnp.nan, 1.0)
+
+
+def intersection(
+    cells: Cells, union: Float[Array, ""] | float | None, x: Float[Array, "*grid"], y: Float[Array, "*grid"]
+) -> Float[Array, "*grid"]:
+    """f = k log Σ_j exp(f_j / k) of all the cells at points (x, y), whatever their weights; max_j f_j without k."""
+
+    def level(centre: Array, direction: Array, half_length: Array, half_width: Array) -> Array:
+        dx, dy = x - centre[0], y - centre[1]
+        u = (direction[0] * dx + direction[1] * dy) / half_length
+        v = (direction[0] * dy - direction[1] * dx) / half_width
+        return u**2 + v**2 - 1.0
+
+    f = jax.vmap(level)(cells.centres, cells.directions, cells.half_lengths, cells.half_widths)
+    return functools.reduce(jnp.maximum, f) if union is None else union * jax.nn.logsumexp(f / union, axis=0)
+
+
+def smooth_step(f: Float[Array, "*grid"], boundary: Float[Array, ""] | float | None) -> Float[Array, "*grid"]:
+    """½ + ½ tanh(−f / K): 1 where f is negative, 0 where it is positive; the hard step without K."""
+    return (f <= 0).astype(f.dtype) if boundary is None else 0.5 + 0.5 * jnp.tanh(-f / boundary)
+
+
+def smooth_area(
+    f: Float[Array, "*grid"], boundary: Float[Array, ""] | float | None, element: Float[Array, ""] | float
+) -> Float[Array, ""]:
+    """C = ∬ ½ + ½ tanh(−f / K), f on grid points of which each stands for an area `element`."""
+    return element * jnp.sum(smooth_step(f, boundary))
+
+
+def _add_chunk(total: Float[Array, ""], i: Int[Array, ""], args: tuple) -> Float[Array, ""]:
+    """Adds w_i w_j C_ij of the next CHUNK pairs."""
+    cells, pairs, found, *rules = args
+    both = _at(cells, jax.lax.dynamic_slice_in_dim(pairs, i * CHUNK, CHUNK))
+    areas = jax.vmap(lambda pair: _area_of_pair(pair, *rules))(both)
+    real = i * CHUNK + jnp.arange(CHUNK) < found
+    return total + jnp.sum(jnp.where(real, both.weights[:, 0] * both.weights[:, 1] * areas, 0.0))
+
+
+def _area_of_pair(
+    pair: Cells, reach: Float[Array, ""], union: Float[Array, ""] | None, boundary: Float[Array, ""] | None
+) -> Float[Array, ""]:
+    """C of two cells by the midpoint rule, on POINTS² rectangles of `_box` along the axes of the first cell.
+
+    The integrand vanishes at the box's edge; once k and K are resolved the error therefore falls faster than any power
+    of the spacing. Coordinates are relative to the first cell, so that single precision is enough for a newborn one.
+    """
+    fixed, reach = jax.lax.stop_gradient((pair, reach))
+    low, high = _box(_at(fixed, 0), _at(fixed, 1), reach)
+    middles = (jnp.arange(POINTS) + 0.5) / POINTS
+    u, v = low[:, None] + (high - low)[:, None] * middles
+    u, v = u[:, None], v[None, :]
+    centre, (cosine, sine) = fixed.centres[0], fixed.directions[0]
+    moved = eqx.tree_at(lambda cells: cells.centres, pair, pair.centres - centre)
+    f = intersection(moved, union, cosine * u - sine * v, sine * u + cosine * v)
+    return smooth_area(f, boundary, jnp.prod(high - low) / POINTS**2)
+
+
+def _box(
+    first: Cells, second: Cells, reach: Float[Array, ""]
+) -> tuple[Float[Array, "*pair 2"], Float[Array, "*pair 2"]]:
+    """Lower and upper corner, from the first cell's centre along its axes, of the box that holds r² ≤ reach of both.
+
+    It is the first cell's bounding box cut with the second's; where they do not meet, the lower corner is not lower.
+    """
+    own = jnp.stack([first.half_lengths, first.half_widths], axis=-1)
+    apart = _turned(second.centres - first.centres, first.directions)
+    axis = _turned(second.directions, first.directions)
+    other = jnp.sqrt(
+        (second.half_lengths[..., None] * axis) ** 2 + (second.half_widths[..., None] * axis[..., ::-1]) ** 2
+    )
+    own, other = jnp.sqrt(reach) * own, jnp.sqrt(reach) * other
+    return jnp.maximum(-own, apart - other), jnp.minimum(own, apart + other)
+
+
+def _turned(vectors: Float[Array, "*pair 2"], directions: Float[Array, "*pair 2"]) -> Float[Array, "*pair 2"]:
+    """Vectors in the frames whose first axes are `directions`."""
+    (x, y), (cosine, sine) = jnp.unstack(vectors, axis=-1), jnp.unstack(directions, axis=-1)
+    return jnp.stack([cosine * x + sine * y, cosine * y - sine * x], axis=-1)
+
+
+def _at(cells: Cells, index: Int[Array, "..."] | int) -> Cells:
+    """The cells of these slots."""
+    return jax.tree.map(lambda leaf: leaf[index], cells)
+
+
+def _pairs(cells: Cells, reach: Float[Array, ""], room: int) -> tuple[Int[Array, "pair 2"], Int[Array, ""]]:
+    """Slots of the pairs of cells whose boxes meet, the shorter cell first, and how many there are; not differentiable.
+
+    Cells are sorted into square bins as wide as the longest cell reaches, so that those a cell can meet are near by in
+    the sorted order: in the rest of its own column's run of bins, or in the three bins of the next column.
+    """
+    alive = cells.weights > 0
+    bins = jnp.floor(cells.centres / (2 * jnp.sqrt(reach) * jnp.max(cells.half_lengths))).astype(int)
+    bins = bins - jnp.min(jnp.where(alive[:, None], bins, jnp.iinfo(bins.dtype).max), axis=0) + 1
+    rows = jnp.max(jnp.where(alive, bins[:, 1], 0)) + 2
+    key = jnp.where(alive, bins[:, 0] * rows + bins[:, 1], jnp.iinfo(bins.dtype).max)
+    order = jnp.argsort(key)
+    ranked, rank = key[order], jnp.arange(order.shape[0])
+    first = jnp.stack([rank + 1, jnp.searchsorted(ranked, ranked + rows - 1)], axis=-1)
+    last = jnp.stack([jnp.searchsorted(ranked, ranked + n, side="right") for n in (1, rows + 1)], axis=-1)
+    runs = jnp.where(alive[order][:, None], last - first, 0)
+
+    def add_lane(i: Int[Array, ""], state: tuple[Array, Array]) -> tuple[Array, Array]:
+        pairs, found = state
+        lane = i * LANES + jnp.arange(LANES)
+        other = order[jnp.minimum(first[:, :, None] + lane, order.shape[0] - 1)]
+        own = jnp.broadcast_to(order[:, None, None], other.shape)
+        shorter = cells.half_lengths[own] <= cells.half_lengths[other]
+        pair = jnp.where(shorter, own, other), jnp.where(shorter, other, own)
+        low, high = _box(_at(cells, pair[0]), _at(cells, pair[1]), reach)
+        meet = ((lane < runs[:, :, None]) & jnp.all(low < high, axis=-1)).ravel()
+        slot = jnp.where(meet, found + jnp.cumsum(meet) - 1, room)
+        pairs = pairs.at[slot].set(jnp.stack(pair, axis=-1).reshape(-1, 2), mode="drop")
+        return pairs, found + jnp.sum(meet)
+
+    trips = largest_in_ensemble((jnp.max(runs) + LANES - 1) // LANES)
+    nothing = jnp.zeros((room, 2), order.dtype), jnp.zeros((), order.dtype)
+    return jax.lax.fori_loop(0, trips, add_lane, nothing)
