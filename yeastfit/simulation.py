@@ -93,7 +93,8 @@ class Simulation:
         arrays |= {f"colony/{name}": getattr(self.colony, name) for name in _COLONY_ARRAYS}
         arrays |= {f"problems/{name}": getattr(self.colony.problems, name) for name in PROBLEMS}
         arrays |= {f"parameters/{name}": getattr(self.parameters, name) for name in NAMES}
-        widths = {name: _number(getattr(self.relaxation, name)) for name in ("union", "contact", "boundary", "turning")}
+        names = ("union", "contact", "boundary", "turning", "overhang")
+        widths = {name: _number(getattr(self.relaxation, name)) for name in names}
         configuration = {
             "numerics": asdict(self.numerics),
             "scales": asdict(self.scales),

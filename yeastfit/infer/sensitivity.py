@@ -50,7 +50,7 @@ from yeastfit.storage import write_json
 Method = Literal["combined", "regression", "pathwise"]
 STATISTICS = ("compactness", "mean_radius", "radius", "area", "cell_count")
 MODEL = Relaxation(union=None, contact=None, boundary=0.2, births="whole")  # hard, but for how its outline is measured
-TAME = Relaxation(contact=0.2, turning=0.0)
+TAME = Relaxation(contact=0.2, overhang=0.25, turning=0.0)
 EXPLODED = 3.0  # times the scatter of the members left as they are: the tails would decide a plain mean
 """Defaults: the model whose mean is meant, and the one that is differentiated for it."""
 

@@ -17,7 +17,7 @@ from yeastfit.model.parameters import Parameters
 from yeastfit.model.relaxation import Relaxation
 from yeastfit.model.sums import sum_of_terms
 
-BIN = 0.6  # side of the bins contacts are searched in: no contact radius is larger, nor one perturbed from 0.5
+SMALLEST = 0.1  # side of the bins contacts are searched in, at least: only a smaller radius would do with less
 LANES = 4  # candidates of one row of bins looked at together
 
 
@@ -58,7 +58,7 @@ def contact(colony: Colony, radius: Float[Array, ""], relaxation: Relaxation) ->
     consecutive, so each node meets three runs of the sorted order, LANES candidates at a time. A node meets itself too,
     at distance 0, where there is no force.
     """
-    order, first, runs = _neighbour_runs(colony)
+    order, first, runs = _neighbour_runs(colony, relaxation.contact_reach(radius))
     x, y = jnp.unstack(colony.positions, axis=-1)
     args = (x, y, x[order], y[order], colony.weights[order], radius, relaxation, first, runs)
     trips = largest_in_ensemble((jnp.max(runs) + LANES - 1) // LANES)
@@ -82,10 +82,10 @@ def _push_of_lane(force: tuple[Array, Array], i: Int[Array, ""], args: tuple) ->
 def contact_law(
     distance: Float[Array, "*pair"], radius: Float[Array, ""], relaxation: Relaxation
 ) -> Float[Array, "*pair"]:
-    """The law of contact: H(λ4 − r), or the ramp min((λ4 − r)/w, 1) inside the radius."""
+    """The law of contact: H(λ4 − r), or the ramp (λ4 + o w − r)/w in [0, 1], o the share of it outside the radius."""
     if relaxation.contact is None:
         return jnp.heaviside(radius - distance, jnp.asarray(0.0, distance.dtype))
-    return jnp.clip((radius - distance) / relaxation.contact, 0.0, 1.0)
+    return jnp.clip((relaxation.contact_reach(radius) - distance) / relaxation.contact, 0.0, 1.0)
 
 
 def _turned(direction: Float[Array, "*pair"], relaxation: Relaxation) -> Float[Array, "*pair"]:
@@ -133,10 +133,12 @@ def _apart(difference: Float[Array, "*pair 2"], valid: Array) -> tuple[Float[Arr
     return distance, jnp.where(valid[..., None], difference, 0.0) / distance[..., None]
 
 
-def _neighbour_runs(colony: Colony) -> tuple[Int[Array, " node"], Int[Array, "node 3"], Int[Array, "node 3"]]:
-    """The nodes in bin order, and for each node the start and the length of three runs that hold all it can touch."""
-    positions = jax.lax.stop_gradient(colony.positions)
-    bins = jnp.floor(positions / BIN).astype(int)
+def _neighbour_runs(
+    colony: Colony, reach: Float[Array, ""]
+) -> tuple[Int[Array, " node"], Int[Array, "node 3"], Int[Array, "node 3"]]:
+    """The nodes in bin order, and for each node the start and the length of three runs that hold all within `reach`."""
+    positions, reach = jax.lax.stop_gradient((colony.positions, reach))
+    bins = jnp.floor(positions / jnp.maximum(reach, SMALLEST)).astype(int)
     low = jnp.min(jnp.where(colony.alive[:, None], bins, jnp.iinfo(bins.dtype).max), axis=0)
     bins = bins - low + 1
     rows = jnp.max(jnp.where(colony.alive, bins[:, 1], 0)) + 2

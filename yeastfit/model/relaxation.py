@@ -3,7 +3,8 @@
 | hard rule                   | relaxed rule                                   | width      |
 |-----------------------------|------------------------------------------------|------------|
 | union of cells, min_k f_k   | -s log Σ_k w_k exp(-f_k / s)                   | `union`    |
-| contact, H(λ4 - r)          | ramp: 0 for r ≥ λ4, rising to 1 at r = λ4 - w  | `contact`  |
+| contact, H(λ4 - r)          | ramp: 0 for r ≥ λ4, rising to 1 at r = λ4 - w; | `contact`, |
+|                             | or with the share o of its width beyond λ4     | `overhang` |
 | indicator of {g ≤ 0}        | ½ + ½ tanh(-g / K)                             | `boundary` |
 | ⌈·⌉ births                  | fractional births that last                    | `births`   |
 """
@@ -34,7 +35,9 @@ class Relaxation(eqx.Module):
     turning: share of the derivative of a contact's direction that derivatives see, in [0, 1]; no value depends on
     it. None and 1 are exact; but a compressed contact is unstable across its direction, so exact derivatives of one
     colony grow without bound, and an ensemble's mean derivative is estimated with far less scatter from a smaller
-    share, at some bias.
+    share, at some bias. overhang: o in [0, 1]. A ramp inside λ4 makes colonies tighter, the more the wider it is; a
+    quarter of it outside makes up for that: at w = 0.2 and 250 cells d̄ and A come out 1 and 2 % short of the hard
+    model's instead of 3 and 7 %, and their derivatives as the hard model's (docs/gradients.md).
     """
 
     union: Float[Array, ""] | None
@@ -42,6 +45,7 @@ class Relaxation(eqx.Module):
     boundary: Float[Array, ""] | None
     births: Literal["fractional", "whole"] = eqx.field(static=True)
     turning: Float[Array, ""] | None
+    overhang: Float[Array, ""] | None
 
     def __init__(
         self,
@@ -50,10 +54,13 @@ class Relaxation(eqx.Module):
         boundary: float | Array | None = 0.2,
         births: Literal["fractional", "whole"] = "fractional",
         turning: float | Array | None = None,
+        overhang: float | Array | None = None,
     ) -> None:
         self.union, self.contact, self.boundary = _as_width(union), _as_width(contact), _as_width(boundary)
         self.births = births
-        self.turning = None if turning is None else jnp.asarray(turning, jnp.result_type(float))
+        self.turning, self.overhang = (
+            None if share is None else jnp.asarray(share, jnp.result_type(float)) for share in (turning, overhang)
+        )
 
     def __check_init__(self) -> None:
         for name in ("union", "contact", "boundary"):
@@ -62,6 +69,10 @@ class Relaxation(eqx.Module):
                 continue
             if not (jnp.isfinite(value) & (value > 0)).all():
                 raise InputError(f"relaxation width {name} is {value}, it must be above 0, or None for the hard rule")
+        for name in ("turning", "overhang"):
+            value = getattr(self, name)
+            if not (value is None or isinstance(value, jax.core.Tracer) or 0 <= value <= 1):
+                raise InputError(f"{name} is {value}, it must lie between 0 and 1, or be None")
         if isinstance(self.union, jax.Array) and not isinstance(self.union, jax.core.Tracer) and self.union < 0.0125:
             raise InputError(
                 f"relaxation width union is {float(self.union):.4g}, it must be at least 0.0125, where exp(1 / union) "
@@ -69,6 +80,12 @@ class Relaxation(eqx.Module):
             )
         if self.births not in ("fractional", "whole"):
             raise InputError(f"births is {self.births!r}, it must be 'fractional' or 'whole'")
+
+    def contact_reach(self, radius: Float[Array, ""]) -> Float[Array, ""]:
+        """Distance from which on nodes do not push each other: λ4, and what overhangs."""
+        if self.contact is None or self.overhang is None:
+            return radius
+        return radius + self.overhang * self.contact
 
     @property
     def union_reach(self) -> Float[Array, ""] | float:
