@@ -59,6 +59,7 @@ class Report:
     docs: Path | None = None
     figures: list[Figure] = field(default_factory=list)
     tables: dict[str, list[dict[str, Any]]] = field(default_factory=dict)
+    details: dict[str, Any] = field(default_factory=dict)  # for the file, not for the terminal
     began: float = field(default_factory=time.perf_counter)
 
     def add(
@@ -91,6 +92,7 @@ class Report:
             "machine": machine(),
             "figures": [{**asdict(figure), "met": figure.met} for figure in self.figures],
             "tables": self.tables,
+            **self.details,
         }
 
     def print(self) -> None:

@@ -49,10 +49,7 @@ from yeastfit.storage import write_json
 
 Method = Literal["combined", "regression", "pathwise"]
 STATISTICS = ("compactness", "mean_radius", "radius", "area", "cell_count")
-MODEL = Relaxation(union=None, contact=None, boundary=0.2, births="whole")  # hard, but for how its outline is measured
-TAME = Relaxation(contact=0.2, overhang=0.25, turning=0.0)
 EXPLODED = 3.0  # times the scatter of the members left as they are: the tails would decide a plain mean
-"""Defaults: the model whose mean is meant, and the one that is differentiated for it."""
 
 Table = Float[np.ndarray, "statistic time free"]
 
@@ -159,9 +156,9 @@ def sensitivity(
     spread: float = 0.2,
     seed: int = 0,
     numerics: Numerics | None = None,
-    relaxation: Relaxation = MODEL,
+    relaxation: Relaxation | None = None,
     path_numerics: Numerics | None = None,
-    path_relaxation: Relaxation = TAME,
+    path_relaxation: Relaxation | None = None,
     observe: SmoothStatistics | None = None,
     progress: Progress | None = None,
 ) -> Sensitivity:
@@ -172,8 +169,9 @@ def sensitivity(
     quarter as many colonies as the regression has. runs: colonies for the regression, a multiple of 16. paths: colonies
     for the pathwise part; each costs six to seven plain runs of its model. spread: of log λ in the regression, whose
     bias grows as spread² and whose variance falls as 1/spread². relaxation, numerics: of the model that is meant, by
-    default the hard one at Δt = 0.005. path_relaxation, path_numerics: of the model that is differentiated, by default
-    with Δt = 0.02 and twice the spacing: its bias is watched, and a path costs about as much as a run of the other.
+    default `hard_but_smoothly_measured` at Δt = 0.005. path_relaxation, path_numerics: of the one that is
+    differentiated, by default `tame` at Δt = 0.02 and twice the spacing: its bias is watched, and a path costs about
+    as much as a run of the other.
 
     Same seed, same result. Regression steps a little beyond the largest admissible repulsion_radius or aspect_ratio
     where λ lies there. Raises `InputError`. Costs nothing to be asked again for other statistics of the same run: ask
@@ -183,6 +181,8 @@ def sensitivity(
     parameters = parameters or Parameters()
     numerics = numerics or Numerics(dt=0.005)
     path_numerics = path_numerics or _coarse(numerics)
+    relaxation = hard_but_smoothly_measured() if relaxation is None else relaxation
+    path_relaxation = tame() if path_relaxation is None else path_relaxation
     observe = observe or SmoothStatistics(numerics.domain, 0.1)
     _check(parameters, statistics, free, method, runs, paths, spread)
     log_values = np.log([float(getattr(parameters, name)) for name in NAMES])
@@ -240,6 +240,16 @@ def sensitivity(
         spread=spread,
         warnings=warnings,
     )
+
+
+def hard_but_smoothly_measured() -> Relaxation:
+    """The hard model, its outline seen as that of the relaxed one, so that the two have the same statistics."""
+    return Relaxation(union=None, contact=None, boundary=0.2, births="whole")
+
+
+def tame() -> Relaxation:
+    """The model that is differentiated: a wide contact, to both sides of its radius, whose direction is held fixed."""
+    return Relaxation(contact=0.2, overhang=0.25, turning=0.0)
 
 
 def combine(unbiased: Estimate, quiet: Estimate) -> tuple[Table, Table, Float[np.ndarray, "statistic time"]]:

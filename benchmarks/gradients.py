@@ -1,0 +1,335 @@
+"""Derivatives of ensemble means beside central differences of the hard model: right, and how cheap.
+
+λ3 in {0.1, 5}, λ5 in {0.1, 1, 2.5}, λ7 in {0.5, 0.7, 1}, the others 0.1, 5, 0.5, 1; compactness, d̄, radius, area and
+N at four times from about 20 to 250 nodes; all seven derivatives in log λ. Differences: two ensembles of the hard model
+with common keys for each parameter, ±20 %. Beside them `yeastfit.sensitivity` as it is by default, and its two parts.
+The hard model is grown at Δt λ3 ≤ 0.025 (docs/convergence.md says what is left of its time step).
+
+Targets, for the default: every entry within 3 combined standard errors of the differences or within 15 %; per
+statistic, all times together, a cosine of at least 0.97; variance times cost at most 1/4 of that of differences, and at
+most that of regression. Cost is counted in colonies of the hard model; a path counts as many as its time is worth, the
+median over all λ. Then, at the source's size, all seven derivatives of one colony forwards, in at most 8 plain runs,
+and backwards in at most 2 GB.
+
+With --quick, one λ, small ensembles to 60 nodes. With --docs DIR, DIR/gradients.md and DIR/gradients.png are written.
+"""
+
+import time
+from collections.abc import Callable
+from datetime import date
+from functools import partial
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from matplotlib.figure import Figure
+
+from benchmarks.programs import LAMBDA, SOURCE, STEPS, Program, samples
+from benchmarks.report import Report, command, machine
+from yeastfit import Numerics, Parameters, Relaxation, Sensitivity, member_keys, sensitivity, simulate
+from yeastfit.infer.curves import LogCurves
+from yeastfit.infer.sensitivity import STATISTICS, Estimate, hard_but_smoothly_measured, tame
+from yeastfit.measure.smooth import SmoothStatistics
+from yeastfit.model.colony import Colony, start
+from yeastfit.model.parameters import NAMES
+from yeastfit.model.simulate import trajectory
+from yeastfit.simulation import schedule_of
+
+SPREAD, TIMES = 0.2, 4
+GRID = list(product((0.1, 5.0), (0.1, 1.0, 2.5), (0.5, 0.7, 1.0)))
+DOMAIN = 28.8
+METHODS = ("combined", "regression", "pathwise")
+
+
+def numerics_of(parameters: Parameters, quick: bool) -> Numerics:
+    """Δt λ3 ≤ 0.025, at most 0.01; a domain wide enough for 250 nodes and room for twice as many."""
+    dt = 0.005 if float(parameters.repulsivity) > 1 else 0.01
+    return Numerics(domain=16.0 if quick else DOMAIN, spacing=0.2, dt=dt, capacity=128 if quick else 512)
+
+
+def times_of(parameters: Parameters, numerics: Numerics, most: float) -> np.ndarray:
+    """Half units of time, `TIMES` of them, the last one before a few relaxed colonies come to `most` nodes."""
+    coarse = Numerics(numerics.domain, 2 * numerics.spacing, 0.02, numerics.capacity)
+    at = np.arange(2.5, 11.0)
+    grown = simulate(parameters, member_keys(99, 8), times=at, numerics=coarse, throw=False)
+    count = grown.statistics["cell_count"].mean(axis=0) + 1
+    last = max(TIMES, int(np.sum(count <= most)))
+    return at[last - TIMES : last]
+
+
+def differences(
+    parameters: Parameters, times: np.ndarray, numerics: Numerics, members: int
+) -> tuple[Estimate, float, int]:
+    """Central differences of the hard ensemble's mean, the seconds they took and the colonies they needed."""
+    model = LogCurves(
+        STATISTICS, numerics, _observe(numerics), hard_but_smoothly_measured(), schedule_of(times, numerics)
+    )
+    centre = np.log([float(getattr(parameters, name)) for name in NAMES])
+    keys = member_keys(7, members)
+    columns, began = [], time.perf_counter()
+    for k in range(len(NAMES)):
+        away = SPREAD * np.eye(len(NAMES))[k]
+        up, down = (
+            np.asarray(model.members(jnp.asarray(centre + sign * away, jnp.float32), keys), float) for sign in (1, -1)
+        )
+        slopes = (up - down) / (2 * SPREAD)
+        columns.append((slopes.mean(axis=0), slopes.std(axis=0, ddof=1) / np.sqrt(members)))
+    seconds = time.perf_counter() - began
+    shape = len(STATISTICS), len(times), len(NAMES)
+    jacobian, error = (np.stack([column[i] for column in columns], axis=-1).reshape(shape) for i in (0, 1))
+    return Estimate(jacobian, error), seconds, 2 * members * len(NAMES)
+
+
+def _observe(numerics: Numerics) -> SmoothStatistics:
+    return SmoothStatistics(numerics.domain, 0.1)
+
+
+def estimates(found: Sensitivity) -> dict[str, Estimate]:
+    """Each estimator's answer."""
+    return {"combined": Estimate(found.jacobian, found.error), **found.parts}
+
+
+def compare(estimate: Estimate, truth: Estimate) -> dict[str, np.ndarray]:
+    """z-scores and relative differences, [statistic, time, parameter], and the cosine, [statistic]."""
+    both = np.hypot(estimate.error, truth.error)
+    off = estimate.jacobian - truth.jacobian
+    with np.errstate(divide="ignore", invalid="ignore"):
+        z = np.where(both > 0, off / both, np.where(off == 0, 0.0, np.inf))
+        relative = np.where(off == 0, 0.0, np.abs(off / truth.jacobian))
+    a, b = (e.jacobian.reshape(len(STATISTICS), -1) for e in (estimate, truth))
+    cosine = np.sum(a * b, axis=1) / np.linalg.norm(a, axis=1) / np.linalg.norm(b, axis=1)
+    return {"z": z, "relative": relative, "cosine": cosine}
+
+
+def audit(report: Report, quick: bool) -> list[dict[str, Any]]:
+    """All λ: a row for each estimator, statistic, time and parameter."""
+    grid = [(5.0, 1.0, 0.7)] if quick else GRID
+    members, runs, paths = (16, 64, 8) if quick else (32, 256, 8)
+    rows: list[dict[str, Any]] = []
+    warm: set[Numerics] = set()
+    for number, (repulsivity, mobility, aspect_ratio) in enumerate(grid):
+        parameters = Parameters(**LAMBDA).replace(repulsivity=repulsivity, mobility=mobility, aspect_ratio=aspect_ratio)
+        numerics = numerics_of(parameters, quick)
+        times = times_of(parameters, numerics, 70 if quick else 260)
+        ask = partial(sensitivity, parameters, times=times, numerics=numerics, observe=_observe(numerics))
+        if numerics not in warm:  # compiles what is timed below
+            ask(runs=16, paths=paths, seed=1)
+            warm.add(numerics)
+        report.stage(f"λ {number + 1} of {len(grid)}: λ3 {repulsivity}, λ5 {mobility}, λ7 {aspect_ratio}, t {times}")
+        truth, seconds, colonies = differences(parameters, times, numerics, members)
+        found = ask(runs=runs, paths=paths, seed=number)
+        for warning in found.warnings:
+            report.stage(warning)
+        worth = (found.seconds["pathwise"] / paths) / (seconds / colonies)
+        for method, estimate in {"differences": truth, **estimates(found)}.items():
+            beside = compare(estimate, truth)
+            for s, t, k in np.ndindex(estimate.jacobian.shape):
+                rows.append(
+                    {
+                        "repulsivity": repulsivity,
+                        "mobility": mobility,
+                        "aspect_ratio": aspect_ratio,
+                        "statistic": STATISTICS[s],
+                        "time": float(times[t]),
+                        "nodes": float(found.mean[STATISTICS.index("cell_count"), t]) + 1,
+                        "parameter": NAMES[k],
+                        "method": method,
+                        "derivative": float(estimate.jacobian[s, t, k]),
+                        "error": float(estimate.error[s, t, k]),
+                        "z": float(beside["z"][s, t, k]),
+                        "relative": float(beside["relative"][s, t, k]),
+                        "cosine": float(beside["cosine"][s]),
+                        "share": float(found.pathwise_share[s, t]),
+                        "colonies": {"differences": colonies, "pathwise": 0}.get(method, runs),
+                        "paths": paths if method in ("combined", "pathwise") else 0,
+                        "worth": worth,
+                    }
+                )
+    return rows
+
+
+def verdicts(report: Report, rows: list[dict[str, Any]]) -> None:
+    """The targets, and a table per statistic and method."""
+    table = {method: _columns(rows, method) for method in ("differences", *METHODS)}
+    exact = table["differences"]
+    worth = float(np.median(exact["worth"]))
+    report.add("a path", worth, "colonies", note="of the hard model, by time")
+    for one in table.values():
+        one["cost"] = one["colonies"] + worth * one["paths"]
+    summary = []
+    for method in METHODS:
+        one = table[method]
+        outside = (np.abs(one["z"]) > 3) & (one["relative"] > 0.15)
+        cost = _variance(one) / _variance(exact)
+        against = _variance(one) / _variance(table["regression"])
+        for name in STATISTICS:
+            of = one["statistic"] == name
+            summary.append(
+                {
+                    "method": method,
+                    "statistic": name,
+                    "entries": int(of.sum()),
+                    "outside": int(outside[of].sum()),
+                    "rms z": float(np.sqrt(np.mean(one["z"][of] ** 2))),
+                    "lowest cosine": float(one["cosine"][of].min()),
+                    "var × cost / differences": float(np.median(cost[of])),
+                    "largest": float(cost[of].max()),
+                    "var × cost / regression": float(np.median(against[of])),
+                    "largest ": float(against[of].max()),
+                    "mean share of pathwise": float(one["share"][of].mean()) if method == "combined" else None,
+                }
+            )
+        if method == "combined":
+            chance = f"of {outside.size}; {0.0027 * outside.size:.0f} beyond 3 errors by chance alone"
+            report.add("entries outside 3 errors and 15 %", outside.sum(), "", 0, at_least=False, note=chance)
+            report.add("lowest cosine per statistic", one["cosine"].min(), "", 0.97)
+            report.add("variance at equal cost, of differences", cost.max(), "×", 0.25, at_least=False)
+            note = f"median {np.median(against):.2f}, smallest {against.min():.2f}"
+            report.add("variance at equal cost, of regression", against.max(), "×", 1.0, False, note)
+    report.table("estimators beside central differences of the hard model", summary)
+
+
+def _columns(rows: list[dict[str, Any]], method: str) -> dict[str, np.ndarray]:
+    chosen = [row for row in rows if row["method"] == method]
+    return {key: np.array([row[key] for row in chosen]) for key in chosen[0]}
+
+
+def _variance(columns: dict[str, np.ndarray]) -> np.ndarray:
+    """Squared error, mean over the seven parameters, times cost, for every entry."""
+    squared = (columns["error"] ** 2).reshape(-1, len(NAMES)).mean(axis=1)
+    return np.repeat(np.maximum(squared, 1e-12), len(NAMES)) * columns["cost"]
+
+
+def cost_of_derivatives(report: Report, quick: bool) -> None:
+    """One colony at the source's size, statistics every tenth step: plain, seven tangents, one gradient of them all."""
+    steps = 100 if quick else STEPS
+    at, colony = samples(steps, 10), start(jax.random.key(0), SOURCE)
+    relaxation, observe = Relaxation(contact=0.2, turning=0.0), SmoothStatistics(SOURCE.domain, SOURCE.spacing)
+    values = jnp.log(jnp.array(list(LAMBDA.values())))
+
+    def curves(values: jax.Array, colony: Colony) -> Any:
+        return trajectory(Parameters(*jnp.unstack(jnp.exp(values))), colony, at, relaxation, SOURCE, observe)[1]
+
+    def forwards(values: jax.Array, colony: Colony) -> Any:
+        push: Callable = partial(jax.jvp, lambda v: curves(v, colony), (values,))
+        return jax.vmap(lambda unit: push((unit,)), out_axes=(None, 0))(jnp.eye(len(NAMES)))
+
+    def backwards(values: jax.Array, colony: Colony) -> Any:
+        real, rest = eqx.partition(colony, eqx.is_inexact_array)
+        return jax.grad(lambda v, r: jnp.sum(curves(v, eqx.combine(r, rest))["radius"]), (0, 1))(values, real)
+
+    report.stage("cost of one colony's derivatives")
+    plain, forward, backward = (Program.of(law, values, colony) for law in (curves, forwards, backwards))
+    for program in (plain, forward, backward):
+        program.timed(1)
+        program.timed(3)
+    note = f"aim 5; {plain.wall:.2f} s plain, {forward.wall:.2f} s with seven tangents"
+    report.add("seven derivatives forwards", forward.wall / plain.wall, "plain runs", 8, at_least=False, note=note)
+    note = "λ, positions, weights and nutrient"
+    report.add("all derivatives backwards", backward.wall / plain.wall, "plain runs", note=note)
+    report.add("memory backwards", backward.memory / 1e9, "GB", 2, at_least=False)
+    report.add("memory forwards", forward.memory / 1e9, "GB")
+
+
+def picture(rows: list[dict[str, Any]], path: Path) -> None:
+    """Every estimator's derivatives against the differences', a column for each statistic."""
+    figure = Figure(figsize=(20, 11), layout="constrained")
+    axes = figure.subplots(len(METHODS), len(STATISTICS))
+    truth = _columns(rows, "differences")
+    for line, method in zip(axes, METHODS, strict=True):
+        one = _columns(rows, method)
+        for ax, name in zip(line, STATISTICS, strict=True):
+            of = one["statistic"] == name
+            for k, parameter in enumerate(NAMES):
+                at = of & (one["parameter"] == parameter)
+                ax.errorbar(
+                    truth["derivative"][at], one["derivative"][at], one["error"][at], truth["error"][at],
+                    fmt="o", ms=3, lw=0.6, color=f"C{k}", label=parameter,
+                )  # fmt: skip
+            ends = np.array([truth["derivative"][of].min(), truth["derivative"][of].max()])
+            ax.plot(ends, ends, color="black", lw=0.7)
+            ax.set_title(f"{method}: {name.replace('_', ' ')}", fontsize=10)
+            ax.set_xscale("symlog", linthresh=0.1 * float(np.abs(ends).max()))
+            ax.set_yscale("symlog", linthresh=0.1 * float(np.abs(ends).max()))
+        line[0].set_ylabel("∂ mean / ∂ log λ")
+    for ax in axes[-1]:
+        ax.set_xlabel("central differences, hard model")
+    axes[0, 0].legend(fontsize=7)
+    figure.savefig(path, dpi=70)
+
+
+def markdown(report: Report) -> str:
+    """The page."""
+    about = "; ".join(f"{key} {value}" for key, value in machine().items())
+    parts = [
+        f"""# Derivatives of the ensemble's mean, audited
+
+Written by `python -m benchmarks.gradients --docs docs` on {date.today()}. {about}.
+
+Derivatives of the hard model's mean in log λ1 … log λ7 at {len(GRID)} λ, five statistics and four times, from about 20
+to 250 nodes, beside central differences of ±20 % with {32} colonies on each side and common keys.
+
+![Derivatives beside central differences](gradients.png)
+
+What to take from it:
+
+- **Regression** in pairs over an orthogonal design is the work-horse: unbiased, and with all parameters varied at once.
+- **Pathwise** derivatives of tame colonies (`{_words(tame())}`) are quiet, and biased: most where λ changes who buds. No
+  ensemble is large enough to see that from the inside; the regression does.
+- **Combined** never pays more for the pathwise part than it costs, and takes from it as much as the two agree.
+
+"outside": neither within 3 combined errors nor within 15 %. Variances are squared errors, mean over the parameters; of
+"combined" with what the bias of its pathwise part may be. "largest" is that of any λ and time.
+"""
+    ]
+    for title, rows in report.tables.items():
+        parts.append(f"## {title[0].upper()}{title[1:]}\n\n{_table(rows)}\n")
+    figures = [
+        {
+            "figure": f.name,
+            "value": f.value,
+            "unit": f.unit,
+            "target": "" if f.target is None else f"{'≥' if f.at_least else '≤'} {f.target:g}",
+            "met": {True: "yes", False: "**no**", None: ""}[f.met],
+            "note": f.note,
+        }
+        for f in report.figures
+    ]
+    parts.append(f"## Figures\n\n{_table(figures)}")
+    return "\n".join(parts)
+
+
+def _words(relaxation: Relaxation) -> str:
+    shares = {name: getattr(relaxation, name) for name in ("contact", "overhang", "turning")}
+    return ", ".join(f"{name} {float(value):g}" for name, value in shares.items() if value is not None)
+
+
+def _table(rows: list[dict[str, Any]]) -> str:
+    def text(value: Any) -> str:
+        return "" if value is None else f"{value:.3g}" if isinstance(value, float) else str(value)
+
+    head = "| " + " | ".join(str(key).strip() for key in rows[0]) + " |\n" + "|---" * len(rows[0]) + "|\n"
+    return head + "\n".join("| " + " | ".join(map(text, row.values())) + " |" for row in rows) + "\n"
+
+
+def run(report: Report, quick: bool) -> None:
+    """The audit, the cost, and the page."""
+    rows = audit(report, quick)
+    verdicts(report, rows)
+    cost_of_derivatives(report, quick)
+    if report.docs is not None:
+        picture(rows, report.docs / "gradients.png")
+        (report.docs / "gradients.md").write_text(markdown(report))
+    keep = ("repulsivity", "mobility", "aspect_ratio", "statistic", "time", "nodes", "parameter", "method")
+    report.details["entries"] = [
+        {**{key: row[key] for key in keep}, **{key: row[key] for key in ("derivative", "error", "z", "relative")}}
+        for row in rows
+    ]
+
+
+if __name__ == "__main__":
+    command("gradients", run)
