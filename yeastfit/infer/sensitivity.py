@@ -29,6 +29,7 @@ import json
 import time as clock
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal, get_args
 
@@ -200,14 +201,16 @@ def sensitivity(
     spent = {"mean": max(8, runs // 4)}
     tails, warnings = np.ones(shape), list[str]()
     say("the mean", 0.0)
-    centre = _members(model, log_values, member_keys(jax.random.fold_in(jax.random.key(seed), 1), spent["mean"]))
+    grow = partial(_members, model)
+    centre = grow(log_values, member_keys(jax.random.fold_in(jax.random.key(seed), 1), spent["mean"]))
     centre = centre.reshape(-1, *shape)
     seconds["mean"] = clock.perf_counter() - began
     if method != "pathwise":
         say("regression", 0.1)
         began = clock.perf_counter()
         keys = member_keys(jax.random.fold_in(jax.random.key(seed), 0), runs // 2)
-        parts["regression"] = _regression(model, log_values, chosen, keys, spread, np.random.default_rng(seed), shape)
+        rng = np.random.default_rng(seed)
+        parts["regression"] = _regression(grow, log_values, chosen, keys, spread, rng, shape)
         spent["regression"], seconds["regression"] = runs, clock.perf_counter() - began
     if method != "regression":
         say("pathwise", 0.7)
@@ -283,7 +286,7 @@ def design(pairs: int, free: int, rng: np.random.Generator) -> Float[np.ndarray,
 
 
 def _regression(
-    model: LogCurves,
+    grow: Callable[[np.ndarray, Array], np.ndarray],
     log_values: np.ndarray,
     chosen: np.ndarray,
     keys: Array,
@@ -294,7 +297,7 @@ def _regression(
     units = design(len(keys), len(chosen), rng)
     away = np.zeros((len(keys), len(NAMES)))
     away[:, chosen] = spread * units
-    up, down = (_members(model, log_values + sign * away, keys) for sign in (1.0, -1.0))
+    up, down = (grow(log_values + sign * away, keys) for sign in (1.0, -1.0))
     half = 0.5 * (up - down)
     good = np.isfinite(half).all(axis=1)
     if good.sum() < 0.5 * len(good):

@@ -1,0 +1,195 @@
+"""The estimators where the answer is known, their blend's risk, and the whole on small colonies."""
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import jax
+import numpy as np
+import pytest
+from helpers import wrong_types
+from jaxtyping import Array
+
+from benchmarks.gradients import compare, differences, estimates
+from yeastfit import InputError, Numerics, Parameters, Relaxation, Sensitivity, sensitivity
+from yeastfit.infer import sensitivity as module
+from yeastfit.infer.sensitivity import STATISTICS, Estimate, combine, design
+from yeastfit.simulation import member_keys
+
+SMALL = Numerics(domain=12.0, spacing=0.25, dt=0.02, capacity=64)
+
+
+# --- the design and the regression ------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("free", [1, 2, 3, 4, 7])
+@pytest.mark.parametrize("seed", range(3))
+def test_columns_of_the_design_are_orthogonal(free: int, seed: int) -> None:
+    units = design(32, free, np.random.default_rng(seed))
+    assert units.shape == (32, free)
+    assert (np.abs(units) == 1).all()
+    np.testing.assert_array_equal(units.T @ units, 32 * np.eye(free))
+
+
+@dataclass(frozen=True)
+class Toy:
+    """Curves of known slope, with curvature, interactions, noise of their own, and noise that a key brings."""
+
+    slopes: np.ndarray
+    own: float
+    shared: float = 0.0
+
+    def members(self, z: np.ndarray, keys: Array) -> np.ndarray:
+        away, count = np.asarray(z, float), len(self.slopes)
+        bent = 3.0 * away.sum(axis=1) ** 2 + 2.0 * away[:, 0] * away[:, 1]
+        of_key = np.random.default_rng(int(jax.random.key_data(keys)[0, 1])).normal(size=(len(away), count))
+        seed = int(abs(1e6 * away[0]).sum()) + int(jax.random.key_data(keys)[0, 1]) + int(away[0, 0] > 0)
+        own = np.random.default_rng(seed).normal(size=(len(away), count))
+        return away @ self.slopes.T + bent[:, None] + self.shared * of_key + self.own * own
+
+
+def regression(toy: Toy, pairs: int, seed: int = 0) -> Estimate:
+    keys, rng = member_keys(seed, pairs), np.random.default_rng(seed)
+    return module._regression(toy.members, np.zeros(7), np.arange(7), keys, 0.2, rng, (1, len(toy.slopes)))
+
+
+def test_curvature_and_what_a_key_brings_cancel_within_a_pair() -> None:
+    slopes = np.random.default_rng(0).normal(size=(3, 7))
+    found = regression(Toy(slopes, own=0.0, shared=5.0), 8)
+    np.testing.assert_allclose(found.jacobian[0], slopes, atol=1e-6)
+
+
+def test_errors_of_the_regression_are_those_of_many_repetitions() -> None:
+    """σ / (spread √runs) each; 60 repetitions with 64 pairs tell their scatter to 3 %."""
+    slopes = np.random.default_rng(0).normal(size=(3, 7))
+    found = [regression(Toy(slopes, own=1.0), 64, seed) for seed in range(60)]
+    z = np.array([(f.jacobian[0] - slopes) / f.error[0] for f in found])
+    assert z.std() == pytest.approx(1.0, abs=0.07)
+    assert abs(z.mean()) < 0.1
+    assert np.mean([f.error for f in found]) == pytest.approx(1.0 / (0.2 * np.sqrt(128)), rel=0.03)
+
+
+# --- the blend --------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("quiet", [0.1, 0.5, 1.0, 3.0])
+@pytest.mark.parametrize("bias", [0.0, 0.5, 1.0, 2.0, 5.0])
+def test_the_blend_is_never_worse_than_the_regression(quiet: float, bias: float) -> None:
+    """Mean squared error over 20000 draws, in units of the regression's; the errors it states are of the right size."""
+    rng = np.random.default_rng(1)
+    off = rng.normal(size=7)
+    off *= bias * np.sqrt(7) / np.linalg.norm(off)
+    ones = np.ones((1, 20000, 7))
+    unbiased = Estimate(rng.normal(size=ones.shape), ones)
+    pathwise = Estimate(off + quiet * rng.normal(size=ones.shape), quiet * ones)
+    jacobian, error, share = combine(unbiased, pathwise)
+    risk = np.mean(jacobian**2)
+    assert risk < 1.01
+    assert 0.6 < np.sqrt(np.mean((jacobian / error) ** 2)) < 1.3
+    assert np.mean(np.abs(jacobian / error) > 3) < 0.03
+    if bias == 0:  # between the blend that knows that there is no bias, and what James and Stein's factor costs
+        assert quiet**2 / (1 + quiet**2) < risk < quiet**2 / (1 + quiet**2) + 0.25
+    if bias == 5:
+        assert share.mean() < 0.05
+
+
+def test_the_blend_leaves_alone_what_it_cannot_better() -> None:
+    unbiased = Estimate(np.ones((1, 1, 7)), np.full((1, 1, 7), 0.5))
+    ones = np.ones((1, 1, 7))
+    for useless in (Estimate(np.nan * ones, ones), Estimate(ones, np.inf * ones)):
+        jacobian, error, share = combine(unbiased, useless)
+        assert share == 0
+        np.testing.assert_array_equal(jacobian, unbiased.jacobian)
+        np.testing.assert_array_equal(error, unbiased.error)
+    known = Estimate(np.ones((1, 1, 7)), np.zeros((1, 1, 7)))  # the count before the first event
+    assert combine(known, Estimate(np.zeros((1, 1, 7)), np.ones((1, 1, 7))))[2] == 0
+    two = Estimate(np.ones((1, 1, 2)), np.ones((1, 1, 2)))  # fewer than three parameters
+    assert combine(two, two)[2] == 0
+
+
+# --- on colonies ------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def found() -> Sensitivity:
+    """Two times, 8 and 16 nodes, of the hard model."""
+    return sensitivity(Parameters(aspect_ratio=0.7), times=[3.5, 4.5], numerics=SMALL, runs=128, paths=8)
+
+
+def test_a_result_is_whole(found: Sensitivity, tmp_path: Path) -> None:
+    assert found.jacobian.shape == found.error.shape == (5, 2, 7)
+    assert found.mean.shape == found.mean_error.shape == found.pathwise_share.shape == found.tails.shape == (5, 2)
+    assert (found.pathwise_share >= 0).all()
+    assert found.runs == {"mean": 32, "regression": 128, "pathwise": 8}
+    rows = found.rows()
+    assert len(rows) == 5 * 2 * 7
+    assert {row["carried_by"] for row in rows} <= {"regression", "pathwise"}
+    found.save(tmp_path / "sensitivity.json")
+    again = Sensitivity.load(tmp_path / "sensitivity.json")
+    for name in ("times", "mean", "jacobian", "error", "pathwise_share", "tails"):
+        np.testing.assert_array_equal(getattr(again, name), getattr(found, name))
+    assert again.rows() == rows
+    assert again.parameters.asdict() == found.parameters.asdict()
+    assert again.warnings == found.warnings
+
+
+def test_every_estimator_beside_central_differences(found: Sensitivity) -> None:
+    """The audit, reduced: the hard model at 16 and 31 nodes, 32 colonies on each side of the differences."""
+    truth, _, _ = differences(found.parameters, found.times, SMALL, 32)
+    for method, estimate in estimates(found).items():
+        beside = compare(estimate, truth)
+        outside = (np.abs(beside["z"]) > 4) & (beside["relative"] > 0.15)
+        informed = np.array([name != "cell_count" for name in STATISTICS])  # nearly all nodes bud whatever λ is
+        if method == "pathwise":  # biased: right in direction, which is what it is for
+            assert (beside["cosine"][informed] > 0.9).all()
+        else:
+            assert not outside.any(), method
+            assert (beside["cosine"][informed] > 0.95).all(), method
+
+
+def test_pathwise_and_regression_agree_where_both_are_right() -> None:
+    """Exact derivatives of the relaxed model before parents are chosen, against a regression of the very same model."""
+    exact = Relaxation(contact=0.2)
+    both = sensitivity(
+        Parameters(repulsion_radius=0.4, aspect_ratio=0.7),
+        times=[2.5],
+        numerics=SMALL,
+        runs=256,
+        paths=64,
+        spread=0.1,
+        statistics=["area", "mean_radius"],
+        relaxation=exact,
+        path_relaxation=exact,
+        path_numerics=SMALL,
+    )
+    regressed, pathwise = both.parts["regression"], both.parts["pathwise"]
+    z = (regressed.jacobian - pathwise.jacobian) / np.hypot(regressed.error, pathwise.error)
+    assert np.abs(z).max() < 4
+    assert (np.abs(regressed.jacobian / regressed.error).max(axis=-1) > 15).all()  # there is something to agree on
+
+
+def test_exploded_tails_are_said() -> None:
+    tails = np.array([[1.0, 50.0], [1.0, 1.1]])
+    (warning,) = module._doubts(tails, ["area", "radius"], np.array([3.0, 6.0]), "pathwise")
+    assert warning.startswith("area from t = 6")
+    assert "use the regression" in warning
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ({"free": ["speed"]}, "free holds 'speed'"),
+        ({"free": []}, "at least one parameter"),
+        ({"free": ["mobility", "mobility"]}, "each once"),
+        ({"method": "guess"}, "method is 'guess'"),
+        ({"runs": 20}, "runs is 20, it must be a multiple of 16"),
+        ({"paths": 2}, "paths is 2"),
+        ({"spread": 1.5}, "spread is 1.5"),
+        ({"statistics": ["colour"]}, "statistics holds 'colour'"),
+        ({"parameters": Parameters(mobility=0.0)}, "mobility is 0.0, derivatives in log λ"),
+        ({"times": [2.0, 1.0]}, "times is"),
+    ],
+    ids=str,
+)
+def test_bad_arguments_are_named(values: dict, message: str) -> None:
+    with wrong_types(), pytest.raises(InputError, match=message):
+        sensitivity(**{"times": [1.2], "numerics": replace(SMALL, capacity=8), **values})
