@@ -193,7 +193,7 @@ def test_a_bad_data_set_leaves_no_fit(
     assert not (out / "fit.json").exists()
 
 
-@pytest.mark.parametrize("command", ["simulate", "measure", "synthesize", "fit"])
+@pytest.mark.parametrize("command", ["simulate", "measure", "synthesize", "fit", "gradcheck"])
 def test_every_command_has_help(command: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert cli.run([command, "--help"]) == 0
     assert "--out" in capsys.readouterr().out

@@ -1,6 +1,7 @@
 """yeastfit: yeast colonies in JAX - simulated, measured in micrographs, and fitted."""
 
 from yeastfit.errors import InputError
+from yeastfit.gradients import GradientCheck, check_derivatives, check_gradients
 from yeastfit.infer.fit import Fit, FitSettings, fit
 from yeastfit.infer.sensitivity import Sensitivity, sensitivity
 from yeastfit.infer.targets import Targets
@@ -18,6 +19,7 @@ __all__ = [
     "Dataset",
     "Fit",
     "FitSettings",
+    "GradientCheck",
     "InputError",
     "Numerics",
     "Parameters",
@@ -26,6 +28,8 @@ __all__ = [
     "Sensitivity",
     "Simulation",
     "Targets",
+    "check_derivatives",
+    "check_gradients",
     "fit",
     "measure_dataset",
     "measure_file",

@@ -16,6 +16,7 @@ from rich.table import Table
 
 from yeastfit import plot
 from yeastfit.errors import InputError, PixelSizeError
+from yeastfit.gradients import check_gradients
 from yeastfit.infer.fit import DEFAULT_FREE, Fit, FitSettings
 from yeastfit.infer.fit import fit as run_fit
 from yeastfit.infer.targets import Targets
@@ -286,6 +287,61 @@ def _print_fit(result: Fit, known: dict[str, float] | None, folder: Path) -> Non
         f"{result.status}; chi-square {result.chi_square:.1f} on {result.degrees_of_freedom} degrees of freedom; "
         f"{result.simulations} simulated colonies in {result.seconds:.0f} s. Results in {folder}"
     )
+
+
+@app.command()
+def gradcheck(
+    folder: Annotated[
+        Path | None, typer.Option("--out", help="Folder for gradcheck.csv; without it, only the terminal.")
+    ] = None,
+    diffusivity: Diffusivity = DEFAULT["diffusivity"],
+    elasticity: Elasticity = DEFAULT["elasticity"],
+    repulsivity: Repulsivity = DEFAULT["repulsivity"],
+    repulsion_radius: RepulsionRadius = DEFAULT["repulsion_radius"],
+    mobility: Mobility = DEFAULT["mobility"],
+    metabolic_rate: MetabolicRate = DEFAULT["metabolic_rate"],
+    aspect_ratio: AspectRatio = DEFAULT["aspect_ratio"],
+    time: Annotated[float, typer.Option(help="How long the colony grows; it is looked at half-way, too.")] = 3.0,
+    dt: Annotated[float, typer.Option(help="Time step.")] = 0.02,
+    spacing: Annotated[float, typer.Option(help="Grid spacing in cell lengths L0.")] = 0.2,
+    domain: Annotated[float, typer.Option(help="Side of the square dish in L0.")] = 12.0,
+    capacity: Annotated[int, typer.Option(help="Largest number of nodes (cells + 1).")] = 64,
+    contact: Annotated[float, typer.Option(help="Width of the contact ramp in L0; 0 is the hard rule.")] = 0.2,
+    tolerance: Annotated[float, typer.Option(help="Largest relative difference.")] = 5e-4,
+    seed: Seed = 0,
+) -> None:
+    """Check the derivatives of a colony's statistics against differences and reverse mode (gradcheck.csv).
+
+    In every parameter and width, and in random directions of initial positions, nutrient and budding angles. Ends with
+    exit code 1 unless all agree. The table shows the worst of each direction.
+    """
+    values = [diffusivity, elasticity, repulsivity, repulsion_radius, mobility, metabolic_rate, aspect_ratio]
+    parameters = Parameters().replace(**dict(zip(NAMES, values, strict=True)))
+    numerics = Numerics(domain=domain, spacing=spacing, dt=dt, capacity=capacity)
+    with _progress("comparing derivatives") as advance:
+        result = check_gradients(
+            parameters,
+            times=[time / 2, time],
+            key=seed,
+            numerics=numerics,
+            relaxation=Relaxation(contact=contact),
+            tolerance=tolerance,
+            progress=advance,
+        )
+    lines = result.summary()
+    table = Table(*lines[0])
+    for line in lines:
+        table.add_row(*line.values())
+    out.print(table)
+    if folder:
+        write_table(folder / "gradcheck.csv", result.rows())
+        configuration = {"parameters": parameters.asdict(), "contact": contact, "numerics": vars(numerics)}
+        more = {"configuration": configuration, "passed": result.passed}
+        write_manifest(folder, command="gradcheck", seed=seed, inputs=[], **more)
+    _warn(result.warnings())
+    out.print(result.status + (f". Results in {folder}" if folder else ""))
+    if not result.passed:
+        raise typer.Exit(1)
 
 
 @contextmanager

@@ -169,7 +169,7 @@ def simulate(
 
         jax.jacfwd(lambda p: simulate(p, key, times=[5.0]).statistics["radius"])(parameters)
 
-    Backwards costs about six plain runs however many inputs there are, forwards less than one more for each. Nothing is
+    Backwards costs about seven plain runs however many inputs there are, forwards less than one for each. Nothing is
     checked while tracing. The derivative of one colony is exact and, once colonies crowd, not what an ensemble's mean
     does: see `sensitivity`.
     """
