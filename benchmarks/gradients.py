@@ -108,47 +108,59 @@ def compare(estimate: Estimate, truth: Estimate) -> dict[str, np.ndarray]:
 def audit(report: Report, quick: bool) -> list[dict[str, Any]]:
     """All λ: a row for each estimator, statistic, time and parameter."""
     grid = [(5.0, 1.0, 0.7)] if quick else GRID
+    rows = []
+    for number, point in enumerate(grid):
+        what = f"λ {number + 1} of {len(grid)}: λ3 {point[0]}, λ5 {point[1]}, λ7 {point[2]}"
+        report.stage(what)
+        rows += report.part(f"{what}, {quick}", partial(audit_of, report, quick, number, *point))
+    return rows
+
+
+WARM: set[Numerics] = set()  # numerics for which all is compiled
+
+
+def audit_of(
+    report: Report, quick: bool, seed: int, repulsivity: float, mobility: float, aspect_ratio: float
+) -> list[dict[str, Any]]:
+    """One λ."""
     members, runs, paths = (16, 64, 8) if quick else (32, 256, 8)
-    rows: list[dict[str, Any]] = []
-    warm: set[Numerics] = set()
-    for number, (repulsivity, mobility, aspect_ratio) in enumerate(grid):
-        parameters = Parameters(**LAMBDA).replace(repulsivity=repulsivity, mobility=mobility, aspect_ratio=aspect_ratio)
-        numerics = numerics_of(parameters, quick)
-        times = times_of(parameters, numerics, 70 if quick else 260)
-        ask = partial(sensitivity, parameters, times=times, numerics=numerics, observe=_observe(numerics))
-        if numerics not in warm:  # compiles what is timed below
-            ask(runs=16, paths=paths, seed=1)
-            warm.add(numerics)
-        report.stage(f"λ {number + 1} of {len(grid)}: λ3 {repulsivity}, λ5 {mobility}, λ7 {aspect_ratio}, t {times}")
-        truth, seconds, colonies = differences(parameters, times, numerics, members)
-        found = ask(runs=runs, paths=paths, seed=number)
-        for warning in found.warnings:
-            report.stage(warning)
-        worth = (found.seconds["pathwise"] / paths) / (seconds / colonies)
-        for method, estimate in {"differences": truth, **estimates(found)}.items():
-            beside = compare(estimate, truth)
-            for s, t, k in np.ndindex(estimate.jacobian.shape):
-                rows.append(
-                    {
-                        "repulsivity": repulsivity,
-                        "mobility": mobility,
-                        "aspect_ratio": aspect_ratio,
-                        "statistic": STATISTICS[s],
-                        "time": float(times[t]),
-                        "nodes": float(found.mean[STATISTICS.index("cell_count"), t]) + 1,
-                        "parameter": NAMES[k],
-                        "method": method,
-                        "derivative": float(estimate.jacobian[s, t, k]),
-                        "error": float(estimate.error[s, t, k]),
-                        "z": float(beside["z"][s, t, k]),
-                        "relative": float(beside["relative"][s, t, k]),
-                        "cosine": float(beside["cosine"][s]),
-                        "share": float(found.pathwise_share[s, t]),
-                        "colonies": {"differences": colonies, "pathwise": 0}.get(method, runs),
-                        "paths": paths if method in ("combined", "pathwise") else 0,
-                        "worth": worth,
-                    }
-                )
+    parameters = Parameters(**LAMBDA).replace(repulsivity=repulsivity, mobility=mobility, aspect_ratio=aspect_ratio)
+    numerics = numerics_of(parameters, quick)
+    times = times_of(parameters, numerics, 70 if quick else 260)
+    ask = partial(sensitivity, parameters, times=times, numerics=numerics, observe=_observe(numerics))
+    if numerics not in WARM:  # compiles what is timed below
+        ask(runs=16, paths=paths, seed=1)
+        WARM.add(numerics)
+    truth, seconds, colonies = differences(parameters, times, numerics, members)
+    found = ask(runs=runs, paths=paths, seed=seed)
+    for warning in found.warnings:
+        report.stage(warning)
+    worth = (found.seconds["pathwise"] / paths) / (seconds / colonies)
+    rows = []
+    for method, estimate in {"differences": truth, **estimates(found)}.items():
+        beside = compare(estimate, truth)
+        for s, t, k in np.ndindex(estimate.jacobian.shape):
+            rows.append(
+                {
+                    "repulsivity": repulsivity,
+                    "mobility": mobility,
+                    "aspect_ratio": aspect_ratio,
+                    "statistic": STATISTICS[s],
+                    "time": float(times[t]),
+                    "nodes": float(found.mean[STATISTICS.index("cell_count"), t]) + 1,
+                    "parameter": NAMES[k],
+                    "method": method,
+                    "derivative": float(estimate.jacobian[s, t, k]),
+                    "error": float(estimate.error[s, t, k]),
+                    "z": float(beside["z"][s, t, k]),
+                    "relative": float(beside["relative"][s, t, k]),
+                    "cosine": float(beside["cosine"][s]),
+                    "share": float(found.pathwise_share[s, t]),
+                    "colonies": {"differences": colonies, "pathwise": 0}.get(method, runs),
+                    "paths": paths if method in ("combined", "pathwise") else 0,
+                    "worth": worth,
+                }
+            )
     return rows
 
 

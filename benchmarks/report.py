@@ -11,6 +11,7 @@ and a last line `if __name__ == "__main__": command("NAME", run)`. All is printe
 and written to FILE where asked; the exit status is 1 when a target is missed. A NaN misses any target.
 """
 
+import json as json_
 import os
 import platform
 import sys
@@ -28,7 +29,7 @@ from rich.console import Console
 from rich.table import Table
 
 import yeastfit
-from yeastfit.storage import write_json
+from yeastfit.storage import write_json, written_whole
 
 
 @dataclass(frozen=True)
@@ -57,6 +58,7 @@ class Report:
     name: str
     quick: bool = False
     docs: Path | None = None
+    partial: Path | None = None
     figures: list[Figure] = field(default_factory=list)
     tables: dict[str, list[dict[str, Any]]] = field(default_factory=dict)
     details: dict[str, Any] = field(default_factory=dict)  # for the file, not for the terminal
@@ -72,6 +74,16 @@ class Report:
     def table(self, title: str, rows: Sequence[dict[str, Any]]) -> None:
         """Add a table: one dictionary per row, all with the columns of the first."""
         self.tables[title] = list(rows)
+
+    def part(self, key: str, make: Callable[[], Any]) -> Any:
+        """`make()`, plain data; kept in the file `partial` until all has ended, so that a killed run goes on there."""
+        kept = json_.loads(self.partial.read_text()) if self.partial and self.partial.is_file() else {}
+        if key not in kept:
+            kept[key] = make()
+            if self.partial:
+                with written_whole(self.partial) as temporary:
+                    temporary.write_text(json_.dumps(kept))
+        return kept[key]
 
     def stage(self, text: str) -> None:
         """Say what is measured next."""
@@ -137,13 +149,14 @@ def command(name: str, run: Callable[[Report, bool], None], arguments: list[str]
         json: Annotated[Path | None, typer.Option("--json", help="File for the figures.", show_default=False)] = None,
         docs: Annotated[Path | None, typer.Option("--docs", help="Folder for a page, where there is one.")] = None,
     ) -> None:
-        report = Report(name, quick, docs)
+        report = Report(name, quick, docs, json and json.with_suffix(".partial"))
         try:
             run(report, quick)
         finally:  # what was measured before a failure is still shown
             report.print()
         if json:
             write_json(json, report.asdict())
+            json.with_suffix(".partial").unlink(missing_ok=True)
         raise typer.Exit(0 if report.met else 1)
 
     with suppress(RuntimeError):  # JAX has its devices already
