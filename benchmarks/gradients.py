@@ -290,8 +290,8 @@ to 250 nodes, beside central differences of ±20 % with {32} colonies on each si
 What to take from it:
 
 - **Regression** in pairs over an orthogonal design is the work-horse: unbiased, and with all parameters varied at once.
-- **Pathwise** derivatives of tame colonies (`{_words(tame())}`) are quiet, and biased: most where λ changes who buds. No
-  ensemble is large enough to see that from the inside; the regression does.
+- **Pathwise** derivatives of tame colonies (`{_words(tame())}`) are quiet, and biased: most where λ changes who buds.
+  No ensemble is large enough to see that from the inside; the regression does.
 - **Combined** never pays more for the pathwise part than it costs, and takes from it as much as the two agree.
 
 "outside": neither within 3 combined errors nor within 15 %. Variances are squared errors, mean over the parameters; of
