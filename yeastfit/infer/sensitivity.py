@@ -20,9 +20,10 @@ order of parents. No number of members tells by how much.
     J = R + w (P − R),    w = min(V_R / (V_R + V_P), (p − 2) V_R / |P − R|²),
 
 over the p parameters: the first is the blend of least variance where P has no bias, the second the factor of James and
-Stein, which takes over as P and R disagree (Green & Strawderman 1991, doi:10.1080/01621459.1991.10475144). The mean
-squared error over the p parameters is not above regression's, whatever the bias of P is. With fewer than three
-parameters nothing of the kind exists, and w is 0.
+Stein, which takes over as P and R disagree (Green & Strawderman 1991, doi:10.1080/01621459.1991.10475144; blends of
+first- and zeroth-order gradients by their variances: Suh et al. 2022, arXiv:2202.00817). The mean squared error over
+the p parameters is not above regression's, whatever the bias of P is. With fewer than three parameters nothing of the
+kind exists, and w is 0.
 """
 
 import json
