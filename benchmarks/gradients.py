@@ -31,7 +31,7 @@ from matplotlib.figure import Figure
 from benchmarks.programs import LAMBDA, SOURCE, STEPS, Program, samples
 from benchmarks.report import Report, command, machine
 from yeastfit import Numerics, Parameters, Relaxation, Sensitivity, member_keys, sensitivity, simulate
-from yeastfit.infer.curves import LogCurves
+from yeastfit.infer.curves import LogCurves, without_problems
 from yeastfit.infer.sensitivity import STATISTICS, Estimate, hard_but_smoothly_measured, tame
 from yeastfit.measure.smooth import SmoothStatistics
 from yeastfit.model.colony import Colony, start
@@ -74,7 +74,7 @@ def differences(
     for k in range(len(NAMES)):
         away = SPREAD * np.eye(len(NAMES))[k]
         up, down = (
-            np.asarray(model.members(jnp.asarray(centre + sign * away, jnp.float32), keys), float) for sign in (1, -1)
+            without_problems(model.members(jnp.asarray(centre + sign * away, jnp.float32), keys))[0] for sign in (1, -1)
         )
         slopes = (up - down) / (2 * SPREAD)
         columns.append((slopes.mean(axis=0), slopes.std(axis=0, ddof=1) / np.sqrt(members)))

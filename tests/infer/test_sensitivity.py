@@ -167,6 +167,13 @@ def test_pathwise_and_regression_agree_where_both_are_right() -> None:
     assert (np.abs(regressed.jacobian / regressed.error).max(axis=-1) > 15).all()  # there is something to agree on
 
 
+def test_what_colonies_run_into_is_said() -> None:
+    """Eight slots are too few at t = 3.5, for both parts."""
+    found = sensitivity(times=[3.5, 4.5], numerics=replace(SMALL, capacity=8), runs=16, paths=8, statistics=["area"])
+    assert [w.partition(" colonies: ")[0] for w in found.warnings] == ["regression and mean: 24", "pathwise: 8"]
+    assert all("raise capacity" in warning for warning in found.warnings)
+
+
 def test_exploded_tails_are_said() -> None:
     tails = np.array([[1.0, 50.0], [1.0, 1.1]])
     (warning,) = module._doubts(tails, ["area", "radius"], np.array([3.0, 6.0]), "pathwise")

@@ -1,6 +1,7 @@
 """Ensemble-mean curves as a differentiable function of parameters."""
 
 from abc import abstractmethod
+from collections import Counter
 from collections.abc import Iterator
 from functools import partial
 
@@ -12,7 +13,7 @@ from jaxtyping import Array, Float
 
 from yeastfit.infer.bijection import from_free
 from yeastfit.measure.smooth import SmoothStatistics
-from yeastfit.model.colony import start
+from yeastfit.model.colony import PROBLEMS, Colony, start
 from yeastfit.model.numerics import Numerics, map_members, on_one_device
 from yeastfit.model.parameters import Parameters
 from yeastfit.model.relaxation import Relaxation
@@ -40,12 +41,16 @@ class Curves(eqx.Module):
     def parameters(self, z: Float[Array, " free"]) -> Parameters:
         """λ of z."""
 
-    def member(self, z: Float[Array, " free"], key: Array) -> Float[Array, " curve"]:
-        """One colony's curves, statistic by statistic."""
+    def grown(self, z: Float[Array, " free"], key: Array) -> tuple[Colony, Float[Array, " curve"]]:
+        """One colony at the end, and its curves, statistic by statistic."""
         colony = start(key, self.numerics)
         rules = self.schedule, self.relaxation, self.numerics, self.observe
-        _, observed = trajectory(self.parameters(z), colony, *rules)
-        return jnp.concatenate([observed[name] for name in self.names])
+        colony, observed = trajectory(self.parameters(z), colony, *rules)
+        return colony, jnp.concatenate([observed[name] for name in self.names])
+
+    def member(self, z: Float[Array, " free"], key: Array) -> Float[Array, " curve"]:
+        """One colony's curves."""
+        return self.grown(z, key)[1]
 
     def members(self, z: Float[Array, "... free"], keys: Array) -> Float[Array, "member curve"]:
         """All members, with one z for all or one for each."""
@@ -78,11 +83,24 @@ class FreeCurves(Curves):
 
 
 class LogCurves(Curves):
-    """As a function of log λ1 … log λ7."""
+    """As a function of log λ1 … log λ7; a member's last values say which of `PROBLEMS` it ran into, 0 or 1 each."""
 
     def parameters(self, z: Float[Array, " 7"]) -> Parameters:
         """λ of its logarithms."""
         return Parameters(*jnp.unstack(jnp.exp(z)))
+
+    def member(self, z: Float[Array, " 7"], key: Array) -> Float[Array, " value"]:
+        """One colony's curves, and its problems."""
+        colony, curves = self.grown(z, key)
+        problems = [getattr(colony.problems, name) for name in PROBLEMS]
+        return jnp.concatenate([curves, jnp.stack(problems).astype(curves.dtype)])
+
+
+def without_problems(values: Array) -> tuple[Float[np.ndarray, "member curve"], Counter[str]]:
+    """The curves among `LogCurves`' values, and how many members ran into each of `PROBLEMS`."""
+    table = np.asarray(values, dtype=float)
+    met = dict(zip(PROBLEMS, table[:, -len(PROBLEMS) :].sum(axis=0).astype(int).tolist(), strict=True))
+    return table[:, : -len(PROBLEMS)], Counter({name: count for name, count in met.items() if count})
 
 
 class Robust(eqx.Module):

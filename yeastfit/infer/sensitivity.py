@@ -28,9 +28,9 @@ kind exists, and w is 0.
 
 import json
 import time as clock
+from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
-from functools import partial
 from pathlib import Path
 from typing import Any, Literal, get_args
 
@@ -41,8 +41,9 @@ from jaxtyping import Array, Float
 from scipy.linalg import hadamard
 
 from yeastfit.errors import InputError
-from yeastfit.infer.curves import LogCurves, robust_mean
+from yeastfit.infer.curves import LogCurves, robust_mean, without_problems
 from yeastfit.measure.smooth import SmoothStatistics
+from yeastfit.model.colony import PROBLEMS
 from yeastfit.model.numerics import Numerics
 from yeastfit.model.parameters import NAMES, Parameters
 from yeastfit.model.relaxation import Relaxation
@@ -182,7 +183,7 @@ def sensitivity(
     began = clock.perf_counter()
     parameters = parameters or Parameters()
     numerics = numerics or Numerics(dt=0.005)
-    path_numerics = path_numerics or _coarse(numerics)
+    path_numerics = path_numerics or _coarse(numerics, parameters)
     relaxation = hard_but_smoothly_measured() if relaxation is None else relaxation
     path_relaxation = tame() if path_relaxation is None else path_relaxation
     observe = observe or SmoothStatistics(numerics.domain, 0.1)
@@ -202,7 +203,13 @@ def sensitivity(
     spent = {"mean": max(8, runs // 4)}
     tails, warnings = np.ones(shape), list[str]()
     say("the mean", 0.0)
-    grow = partial(_members, model)
+    problems: dict[str, Counter[str]] = {"regression and mean": Counter(), "pathwise": Counter()}
+
+    def grow(log_values: np.ndarray, keys: Array) -> np.ndarray:
+        found, met = without_problems(model.members(jnp.asarray(log_values, jnp.result_type(float)), keys))
+        problems["regression and mean"] += met
+        return found
+
     centre = grow(log_values, member_keys(jax.random.fold_in(jax.random.key(seed), 1), spent["mean"]))
     centre = centre.reshape(-1, *shape)
     seconds["mean"] = clock.perf_counter() - began
@@ -217,9 +224,15 @@ def sensitivity(
         say("pathwise", 0.7)
         began = clock.perf_counter()
         keys = member_keys(jax.random.fold_in(jax.random.key(seed), 2), paths)
-        parts["pathwise"], tails = _pathwise(curves(path_numerics, path_relaxation), log_values, chosen, keys, shape)
+        differentiated = curves(path_numerics, path_relaxation)
+        z = jnp.asarray(log_values, jnp.result_type(float))
+        values, tangents = differentiated.members_with_tangents(z, keys)
+        problems["pathwise"] = without_problems(values)[1]
+        parts["pathwise"], tails = _pathwise(tangents[..., : np.prod(shape)], chosen, shape)
         spent["pathwise"], seconds["pathwise"] = paths, clock.perf_counter() - began
         warnings += _doubts(tails, statistics, np.atleast_1d(times), method)
+    for part, counts in problems.items():
+        warnings += [f"{part}: {count} colonies: {PROBLEMS[name]}" for name, count in counts.items()]
     if method == "combined":
         jacobian, error, share = combine(parts["regression"], parts["pathwise"])
     else:
@@ -312,23 +325,20 @@ def _regression(
 
 
 def _pathwise(
-    model: LogCurves, log_values: np.ndarray, chosen: np.ndarray, keys: Array, shape: tuple[int, int]
+    tangents: Float[Array, "member 7 curve"], chosen: np.ndarray, shape: tuple[int, int]
 ) -> tuple[Estimate, Float[np.ndarray, "statistic time"]]:
-    _, tangents = model.members_with_tangents(jnp.asarray(log_values, jnp.result_type(float)), keys)
     robust = robust_mean(jnp.moveaxis(tangents, 1, 2)[..., chosen])
     mean, error, spread = (np.asarray(a, dtype=float) for a in (robust.mean, robust.error, robust.spread))
     estimate = Estimate(mean.reshape(*shape, -1), error.reshape(*shape, -1))
     return estimate, np.nan_to_num(spread, nan=np.inf).max(axis=-1).reshape(shape)
 
 
-def _coarse(numerics: Numerics) -> Numerics:
-    """Δt = 0.02, and twice the spacing where the domain allows it."""
+def _coarse(numerics: Numerics, parameters: Parameters) -> Numerics:
+    """Δt up to 0.02, as springs and ramp bear it without chatter, and twice the spacing where the domain allows it."""
+    stiffest = max(float(parameters.elasticity), float(parameters.repulsivity))
     even = (numerics.points - 1) % 2 == 0
-    return replace(numerics, dt=max(numerics.dt, 0.02), spacing=numerics.spacing * (2 if even else 1))
-
-
-def _members(model: LogCurves, log_values: np.ndarray, keys: Array) -> Float[np.ndarray, "member curve"]:
-    return np.asarray(model.members(jnp.asarray(log_values, jnp.result_type(float)), keys), dtype=float)
+    dt = max(numerics.dt, min(0.02, 0.1 / stiffest))
+    return replace(numerics, dt=dt, spacing=numerics.spacing * (2 if even else 1))
 
 
 def _doubts(tails: np.ndarray, statistics: Sequence[str], times: np.ndarray, method: Method) -> list[str]:
