@@ -176,8 +176,10 @@ def verdicts(report: Report, rows: list[dict[str, Any]]) -> None:
     for method in METHODS:
         one = table[method]
         outside = (np.abs(one["z"]) > 3) & (one["relative"] > 0.15)
-        cost = _variance(one) / _variance(exact)
-        against = _variance(one) / _variance(table["regression"])
+        moves = _variance(exact) > 0  # the count does not before parents are chosen
+        with np.errstate(divide="ignore", invalid="ignore"):
+            cost = np.where(moves, _variance(one) / _variance(exact), np.nan)
+            against = np.where(moves, _variance(one) / _variance(table["regression"]), np.nan)
         for name in STATISTICS:
             of = one["statistic"] == name
             summary.append(
@@ -188,10 +190,10 @@ def verdicts(report: Report, rows: list[dict[str, Any]]) -> None:
                     "outside": int(outside[of].sum()),
                     "rms z": float(np.sqrt(np.mean(one["z"][of] ** 2))),
                     "lowest cosine": float(one["cosine"][of].min()),
-                    "var × cost / differences": float(np.median(cost[of])),
-                    "largest": float(cost[of].max()),
-                    "var × cost / regression": float(np.median(against[of])),
-                    "largest ": float(against[of].max()),
+                    "var × cost / differences": float(np.nanmedian(cost[of])),
+                    "largest": float(np.nanmax(cost[of])),
+                    "var × cost / regression": float(np.nanmedian(against[of])),
+                    "largest ": float(np.nanmax(against[of])),
                     "mean share of pathwise": float(one["share"][of].mean()) if method == "combined" else None,
                 }
             )
@@ -199,9 +201,10 @@ def verdicts(report: Report, rows: list[dict[str, Any]]) -> None:
             chance = f"of {outside.size}; {0.0027 * outside.size:.0f} beyond 3 errors by chance alone"
             report.add("entries outside 3 errors and 15 %", outside.sum(), "", 0, at_least=False, note=chance)
             report.add("lowest cosine per statistic", one["cosine"].min(), "", 0.97)
-            report.add("variance at equal cost, of differences", cost.max(), "×", 0.25, at_least=False)
-            note = f"median {np.median(against):.2f}, smallest {against.min():.2f}"
-            report.add("variance at equal cost, of regression", against.max(), "×", 1.0, False, note)
+            note = f"median {np.nanmedian(cost):.2f}"
+            report.add("variance at equal cost, of differences", np.nanmax(cost), "×", 0.25, False, note)
+            note = f"median {np.nanmedian(against):.2f}, smallest {np.nanmin(against):.2f}"
+            report.add("variance at equal cost, of regression", np.nanmax(against), "×", 1.0, False, note)
     report.table("estimators beside central differences of the hard model", summary)
 
 
@@ -213,7 +216,7 @@ def _columns(rows: list[dict[str, Any]], method: str) -> dict[str, np.ndarray]:
 def _variance(columns: dict[str, np.ndarray]) -> np.ndarray:
     """Squared error, mean over the seven parameters, times cost, for every entry."""
     squared = (columns["error"] ** 2).reshape(-1, len(NAMES)).mean(axis=1)
-    return np.repeat(np.maximum(squared, 1e-12), len(NAMES)) * columns["cost"]
+    return np.repeat(squared, len(NAMES)) * columns["cost"]
 
 
 def cost_of_derivatives(report: Report, quick: bool) -> None:
@@ -289,7 +292,9 @@ to 250 nodes, beside central differences of ±20 % with {32} colonies on each si
 
 What to take from it:
 
-- **Regression** in pairs over an orthogonal design is the work-horse: unbiased, and with all parameters varied at once.
+- **Regression** in pairs over an orthogonal design is the work-horse. At ±20 % its bias, of order spread², can be seen:
+  all parameters move at once, so that interactions enter which one at a time leaves out, most for metabolic rate and
+  aspect ratio. A smaller `spread` has less of it, and more scatter.
 - **Pathwise** derivatives of tame colonies (`{_words(tame())}`) are quiet, and biased: most where λ changes who buds.
   No ensemble is large enough to see that from the inside; the regression does.
 - **Combined** never pays more for the pathwise part than it costs, and takes from it as much as the two agree.
