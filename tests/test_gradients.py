@@ -1,0 +1,327 @@
+"""The gradient checks: that they pass what is right, fail what is wrong, and say so where nothing can be told."""
+
+import csv
+import json
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from helpers import wrong_types
+from jaxtyping import Array
+
+from yeastfit import (
+    HARD,
+    GradientCheck,
+    InputError,
+    Numerics,
+    Parameters,
+    Relaxation,
+    check_derivatives,
+    cli,
+    gradients,
+)
+from yeastfit.gradients import check_gradients
+from yeastfit.model.parameters import NAMES
+
+TINY = Numerics(domain=8.0, spacing=0.2, dt=0.02, capacity=10)
+SIZE = ["--domain", "8", "--spacing", "0.2", "--capacity", "10", "--time", "2.2"]  # the command line of the same
+TIMES = (1.1, 2.2)
+
+
+@pytest.fixture(autouse=True, scope="module")
+def unchecked() -> Iterator[None]:
+    """Statistics that are traced are no NumPy arrays, as they are annotated to be."""
+    with wrong_types():
+        yield
+
+
+def verdicts(check: GradientCheck, by: str = "differences") -> list[str]:
+    return [c.verdict for c in check.comparisons if c.by == by]
+
+
+# --- any function --------------------------------------------------------------------------------------------------
+
+
+def test_a_right_derivative_passes_from_single_precision_too() -> None:
+    inputs = {"a": np.float32(1.0), "b": np.linspace(0.5, 2.0, 4), "c": [jnp.zeros(())]}
+    check = check_derivatives(lambda x: {"f": jnp.sin(x["a"]) * x["b"] ** 2 + x["c"][0], "g": x["a"] ** 3}, inputs)
+    assert check.passed
+    assert check.counts == {"agrees": 3 * 5 + 3}
+    assert {c.along for c in check.comparisons} == {"a", "b", "c.0"}
+    assert {(c.output, c.index) for c in check.comparisons if c.by == "differences"} == {
+        *(("f", (k,)) for k in range(4)),
+        ("g", ()),
+    }
+    assert check.warnings() == []
+    assert not jax.config.read("jax_enable_x64")
+
+
+def factor(wrong: float) -> Callable[[Array], Array]:
+    """sin with a derivative that is off by a factor."""
+
+    @jax.custom_jvp
+    def function(x: Array) -> Array:
+        return jnp.sin(x)
+
+    @function.defjvp
+    def function_jvp(primals: tuple, tangents: tuple) -> tuple[Array, Array]:
+        return jnp.sin(primals[0]), wrong * jnp.cos(primals[0]) * tangents[0]
+
+    return function
+
+
+@pytest.mark.parametrize(
+    ("wrong", "passes"), [(1.0, True), (1.00001, False), (0.99, False), (0.0, False), (-1.0, False)]
+)
+def test_a_wrong_factor_is_found(wrong: float, passes: bool) -> None:
+    check = check_derivatives(factor(wrong), jnp.linspace(0.1, 1.2, 3))
+    assert check.passed == passes
+    assert verdicts(check) == ["agrees" if passes else "differs"] * 3
+    assert verdicts(check, "transpose") == ["agrees"]
+    assert check.warnings() == ([] if passes else ["3 of 4 derivatives differ"])
+
+
+def test_a_stopped_gradient_is_found() -> None:
+    assert verdicts(check_derivatives(lambda x: x * jax.lax.stop_gradient(x), 1.3)) == ["differs"]
+
+
+def test_reverse_mode_of_its_own_is_held_against_forward_mode() -> None:
+    """A linear map with a transpose that is none."""
+
+    def wrong(x: Array) -> Array:
+        solve = lambda matrix, b: b / 2.0  # noqa: E731
+        return jax.lax.custom_linear_solve(lambda v: 2.0 * v, x, solve, transpose_solve=lambda matrix, b: b / 2.1)
+
+    check = check_derivatives(wrong, jnp.ones(2))
+    assert verdicts(check) == ["agrees"] * 2
+    assert verdicts(check, "transpose") == ["differs"]
+    assert not check.passed
+
+
+def test_an_infinite_derivative_is_found() -> None:
+    check = check_derivatives(jnp.sqrt, 0.0)
+    assert check.counts == {"not finite": 2}
+    assert check.warnings() == ["2 of 2 derivatives are not finite"]
+    # finite value and forward derivative, but a gradient that is not a number
+    hidden = check_derivatives(lambda x: jnp.where(x > 0, jnp.sqrt(x), 1.0), 0.0)
+    assert verdicts(hidden, "transpose") == ["not finite"]
+
+
+def test_a_kink_tells_nothing() -> None:
+    assert verdicts(check_derivatives(jnp.abs, 0.0)) == ["uncertain"]
+    assert check_derivatives(jnp.abs, 1e-3).passed  # of 1e-4 and less, no step reaches it
+
+
+def test_what_rounding_drowns_is_uncertain() -> None:
+    check = check_derivatives(lambda x: x.astype(jnp.float32) ** 2, 1.3)
+    assert verdicts(check) == ["uncertain"]
+
+
+def test_differences_across_a_decision_are_left_out() -> None:
+    """A jump right beside: within the larger steps, so that the smaller ones serve; and at every step."""
+
+    def jump(x: Array) -> tuple[Array, Array]:
+        return x**2 + (x > 1.0), x > 1.0
+
+    assert check_derivatives(jump, 1.0 - 3e-6, has_aux=True).passed
+    across = check_derivatives(jump, 1.0, has_aux=True)
+    assert verdicts(across) == ["crossed"]
+    assert not across.passed
+    assert "crosses a change of the order of parents" in across.warnings()[0]
+
+
+def test_directions_of_ones_own() -> None:
+    inputs = {"x": jnp.ones(3), "y": jnp.zeros(())}
+    directions = {"x₀": {"x": jnp.array([1.0, 0.0, 0.0]), "y": jnp.zeros(())}}
+    check = check_derivatives(lambda v: v["x"] @ jnp.arange(1.0, 4.0) + v["y"], inputs, directions)
+    assert check.passed
+    assert check.comparisons[0].along == "x₀"
+    assert check.comparisons[0].forward == 1.0
+    with pytest.raises(InputError, match="direction 'x₀' has shapes"):
+        check_derivatives(lambda v: v["y"], inputs, {"x₀": {"x": jnp.ones(2), "y": jnp.zeros(())}})
+
+
+def test_inputs_without_derivatives_are_named() -> None:
+    with pytest.raises(InputError, match="inputs hold 3, they must be floating-point arrays"):
+        check_derivatives(lambda x: x, 3)
+
+
+# --- simulations ---------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def check() -> GradientCheck:
+    return check_gradients(times=TIMES, numerics=TINY)
+
+
+def test_simulations_pass(check: GradientCheck) -> None:
+    assert check.passed, str(check)
+    directions = [*NAMES, "union width", "contact width", "boundary width"]
+    starts = [f"{name} {k}" for name in ("positions", "nutrient", "budding") for k in (1, 2)]
+    assert list(check.growth) == [*(f"log {name}" for name in directions), *starts]
+    assert len(check.comparisons) == 16 * (7 * 2 + 1)
+    by_name = {(c.along, c.output, c.index): c for c in check.comparisons}
+    assert by_name["log aspect_ratio", "area", (1,)].forward > 0.5
+    assert by_name["budding 1", "area", (0,)].forward != 0.0
+    # nothing is compared by chance: differences see what the derivative sees
+    assert max(c.uncertainty for c in check.comparisons if c.by == "transpose") < 1e-9
+
+
+def test_growth_is_that_of_the_tangents(check: GradientCheck) -> None:
+    """A displacement of the first nodes starts at 1, a change of λ at 0; both grow but moderately here."""
+    assert check.growth_times[-1] == pytest.approx(2.2)
+    assert len(check.growth_times) == 20
+    for name, sizes in check.growth.items():
+        assert sizes.shape == (20,)
+        assert sizes.max() < 10, name
+    assert check.growth["positions 1"][0] == pytest.approx(1.0, rel=0.3)
+    assert check.growth["log elasticity"][0] < 0.1
+    assert check.warnings() == []
+
+
+def test_rows_and_text(check: GradientCheck) -> None:
+    rows = check.rows()
+    assert len(rows) == len(check.comparisons)
+    columns = "by along output index forward other uncertainty scale verdict time error"
+    assert list(rows[0]) == columns.split()
+    assert {row["time"] for row in rows} == {1.1, 2.2, None}
+    text = str(check)
+    assert "log aspect_ratio" in text
+    assert "passed: of 240 derivatives 240 agrees" in text
+    assert len(text.splitlines()) == 18
+
+
+def test_a_wrong_statistic_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One statistic whose derivative is lost on the way, and one that is a hundredth off."""
+    true = gradients.simulate
+
+    def simulate(*args: Any, **more: Any) -> Any:
+        run = true(*args, **more)
+        area, radius = run.statistics["area"], run.statistics["radius"]
+        off = {"area": jax.lax.stop_gradient(area), "radius": 1.01 * radius - 0.01 * jax.lax.stop_gradient(radius)}
+        return replace(run, statistics=run.statistics | off)
+
+    monkeypatch.setattr(gradients, "simulate", simulate)
+    check = check_gradients(times=TIMES, numerics=TINY, draws=2)
+    assert not check.passed
+    wrong = {c.output for c in check.comparisons if c.verdict == "differs"}
+    assert wrong == {"area", "radius"}
+    assert all(
+        c.error == pytest.approx(1 / 101, rel=0.1) for c in check.comparisons if c.output == "radius" and c.error > 1e-3
+    )
+
+
+def test_a_tie_between_parents_is_reported_and_never_passed() -> None:
+    """Hungry, not both of the first two nodes bud, and which does any displacement decides."""
+    hungry = Parameters(metabolic_rate=20.0, diffusivity=0.02)
+    check = check_gradients(hungry, times=TIMES, numerics=TINY)
+    crossed = {c.along for c in check.comparisons if c.verdict == "crossed"}
+    assert {"positions 1", "positions 2", "nutrient 1", "nutrient 2"} <= crossed
+    assert not check.passed
+    assert any("crosses a change of the order of parents" in line for line in check.warnings())
+    assert "differs" not in check.counts
+
+
+def test_chattering_contacts_are_reported_with_what_to_do() -> None:
+    stiff = Parameters(repulsivity=30.0)
+    check = check_gradients(stiff, times=TIMES, numerics=TINY)
+    (line,) = (line for line in check.warnings() if "chatter" in line)
+    assert "dt · repulsivity / contact is 3" in line
+    assert "5-fold in every step" in line
+    assert "wider contact or a smaller dt" in line
+
+
+def test_outgrown_derivatives_are_reported_with_what_to_do() -> None:
+    growth = {"log mobility": np.array([0.0, 250.0]), "log repulsivity": np.array([0.0, np.inf])}
+    growth["positions 1"] = np.array([1.0, np.e**8])
+    (line,) = gradients._useless({name: growth[name] for name in ("log mobility", "positions 1")}, 4.0)
+    assert line.startswith("by t = 4 a change of log mobility by 0.01 moves a node by 2.5 L0 to first order")
+    assert "exp(2 t)" in line
+    assert all(words in line for words in ("wider contact", "turning", "yeastfit.sensitivity"))
+    (line,) = gradients._useless(growth, 4.0)
+    assert "log repulsivity" in line
+
+
+@pytest.mark.parametrize(
+    ("relaxation", "words"),
+    [
+        (HARD, "relaxation width union is None, the hard rule"),
+        (Relaxation(contact=None), "relaxation width contact is None, the hard rule"),
+        (Relaxation(boundary=None), "relaxation width boundary is None, the hard rule"),
+        (Relaxation(births="whole"), "births is 'whole'"),
+        (Relaxation(turning=0.5), "turning is 0.5, with which derivatives leave out what differences see"),
+    ],
+    ids=["hard", "contact", "boundary", "births", "turning"],
+)
+def test_rules_without_a_derivative_are_refused(relaxation: Relaxation, words: str) -> None:
+    with pytest.raises(InputError, match=words):
+        check_gradients(relaxation=relaxation, numerics=TINY)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"times": (2.0, 1.0)}, r"times is \[2. 1.\], it must rise"),
+        ({"parameters": Parameters(mobility=np.ones(2))}, r"mobility has shape \(2,\), a check is of one number each"),
+        ({"draws": 0}, "draws is 0"),
+    ],
+    ids=["times", "parameters", "draws"],
+)
+def test_what_does_not_fit_is_named(change: dict[str, Any], words: str) -> None:
+    with pytest.raises(InputError, match=words):
+        check_gradients(numerics=TINY, **change)
+
+
+# --- the command line ----------------------------------------------------------------------------------------------
+
+
+def test_gradcheck_writes_a_table_and_ends_with_0(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.run(["gradcheck", *SIZE, "--out", str(tmp_path)]) == 0
+    printed = capsys.readouterr()
+    assert "passed: of 240 derivatives 240 agrees" in printed.out
+    assert "log aspect_ratio" in printed.out
+    assert printed.err == ""
+    with (tmp_path / "gradcheck.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == 240
+    assert {row["verdict"] for row in rows} == {"agrees"}
+    manifest = json.loads((tmp_path / "manifest.json").read_text())
+    assert manifest["passed"]
+    assert manifest["configuration"]["numerics"]["capacity"] == 10
+
+
+def test_gradcheck_ends_with_1_where_something_does_not_agree(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Without --out it leaves nothing behind."""
+    monkeypatch.chdir(tmp_path)
+    assert cli.run(["gradcheck", *SIZE, "--tolerance", "1e-12"]) == 1
+    printed = capsys.readouterr()
+    assert "not passed: of 240 derivatives" in printed.out
+    assert "warning: " in printed.err
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--contact", "0"], "relaxation width contact is None"),
+        (["--time", "0"], "times is"),
+        (["--mobility", "-1"], "mobility"),
+        (["--elasticity", "60"], "dt is 0.02, too large for the springs"),
+    ],
+    ids=["contact", "time", "mobility", "elasticity"],
+)
+def test_bad_input_is_one_line_and_exit_code_2(
+    arguments: list[str], words: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert cli.run(["gradcheck", *SIZE, *arguments, "--out", str(tmp_path / "out")]) == 2
+    (line,) = capsys.readouterr().err.strip().splitlines()
+    assert line.startswith("error: ")
+    assert words in line
+    assert not (tmp_path / "out").exists()
