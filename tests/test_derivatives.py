@@ -23,7 +23,7 @@ from yeastfit.model.simulate import Snapshot
 
 NUMERICS = Numerics(domain=8.0, spacing=0.2, dt=0.02, capacity=14)  # no other test's: TOLERANCE is compiled in
 NODES = 14
-MEMBERS = 3  # an odd number, which stays on one of the tests' two devices: see the last test
+MEMBERS = 3  # an odd number, which stays on one of the tests' two devices, where sums of cotangents do not wait
 TIMES = (1.2, 2.2)  # 10 steps after the first and the second event; other times up to 64 steps apart do not recompile
 WIDTHS = {"union": 0.05, "contact": 0.15, "boundary": 0.2}
 PARTS = ("positions", "nutrient", "weights")
@@ -146,6 +146,7 @@ def test_reverse_mode_is_forward_mode(forward: Named, colonies: Colony) -> None:
             np.testing.assert_array_equal(np.delete(members, at[0], axis=0), 0.0)
 
 
+@pytest.mark.slow
 def test_two_legs_have_the_derivative_of_one(here: Array, colonies: Colony, forward: Named) -> None:
     """The second starts from the traced colonies of the first."""
     of_start = jnp.asarray([name in PARTS for name in WAYS])

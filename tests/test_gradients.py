@@ -3,10 +3,10 @@
 import csv
 import json
 from collections.abc import Callable, Iterator
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -21,11 +21,13 @@ from yeastfit import (
     Numerics,
     Parameters,
     Relaxation,
+    Simulation,
     check_derivatives,
+    check_gradients,
     cli,
     gradients,
 )
-from yeastfit.gradients import check_gradients
+from yeastfit.model.colony import Colony
 from yeastfit.model.parameters import NAMES
 
 TINY = Numerics(domain=8.0, spacing=0.2, dt=0.02, capacity=10)
@@ -196,24 +198,25 @@ def test_rows_and_text(check: GradientCheck) -> None:
     assert len(text.splitlines()) == 18
 
 
-def test_a_wrong_statistic_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    """One statistic whose derivative is lost on the way, and one that is a hundredth off."""
+def test_a_derivative_that_is_lost_on_the_way_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A tenth of that in one λ, and a hundredth of that in the initial nutrient."""
     true = gradients.simulate
 
-    def simulate(*args: Any, **more: Any) -> Any:
-        run = true(*args, **more)
-        area, radius = run.statistics["area"], run.statistics["radius"]
-        off = {"area": jax.lax.stop_gradient(area), "radius": 1.01 * radius - 0.01 * jax.lax.stop_gradient(radius)}
-        return replace(run, statistics=run.statistics | off)
+    def simulate(parameters: Parameters, *, start: Colony, **more: Any) -> Simulation:
+        def less(x: Array, share: float) -> Array:
+            return (1 - share) * x + share * jax.lax.stop_gradient(x)
+
+        parameters = eqx.tree_at(lambda p: p.mobility, parameters, less(parameters.mobility, 0.1))
+        return true(parameters, start=eqx.tree_at(lambda c: c.nutrient, start, less(start.nutrient, 0.01)), **more)
 
     monkeypatch.setattr(gradients, "simulate", simulate)
-    check = check_gradients(times=TIMES, numerics=TINY, draws=2)
+    check = check_gradients(times=TIMES, numerics=TINY)
     assert not check.passed
-    wrong = {c.output for c in check.comparisons if c.verdict == "differs"}
-    assert wrong == {"area", "radius"}
-    assert all(
-        c.error == pytest.approx(1 / 101, rel=0.1) for c in check.comparisons if c.output == "radius" and c.error > 1e-3
-    )
+    wrong = [c for c in check.comparisons if c.verdict == "differs"]
+    assert {c.along for c in wrong} == {"log mobility", "nutrient 1", "nutrient 2"}
+    assert set(verdicts(check, "transpose")) == {"agrees"}
+    errors = {name: np.median([c.error for c in wrong if c.along.startswith(name)]) for name in ("log", "nutrient")}
+    assert errors == {"log": pytest.approx(0.1, rel=0.01), "nutrient": pytest.approx(0.01, rel=0.01)}
 
 
 def test_a_tie_between_parents_is_reported_and_never_passed() -> None:

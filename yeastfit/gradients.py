@@ -127,8 +127,7 @@ class GradientCheck:
                     "worst": self._of(worst),
                     "derivative": f"{worst.forward:.4g}",
                     "error": "" if np.isnan(worst.error) else f"{worst.error:.0e}",
-                    "differences": worst.verdict,
-                    "reverse": reverse.verdict,
+                    "verdict": worst.verdict + ("" if reverse.verdict == "agrees" else f", reverse {reverse.verdict}"),
                 }
             )
         return lines

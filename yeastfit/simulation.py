@@ -233,7 +233,8 @@ def _steps_of(times: Sequence[Any] | np.ndarray | Array, numerics: Numerics) -> 
 
 def _done(start: Colony) -> int:
     """Steps that a colony, or every colony of an ensemble, has done."""
-    steps = np.unique(np.asarray(jax.lax.stop_gradient(start.step)))
+    step = start.step if not isinstance(start.step, jax.core.Tracer) else jax.lax.stop_gradient(start.step)
+    steps = np.unique(np.asarray(step))
     if steps.size != 1:
         raise InputError(f"start holds colonies at steps {steps.tolist()}, all must have done as many")
     return int(steps[0])
