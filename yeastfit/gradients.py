@@ -6,10 +6,13 @@ Forward mode gives J d, the derivative of f at x along a direction d. Difference
 
 half the difference of the two one-sided slopes: what rounding, a kink or a jump between the three points can do to D_h,
 and more than curvature does. No one h suits all, and a simulated colony has a kink every 10⁻⁵ or so, where nodes pass
-lines of the grid: the h of the least E_h is taken, and where even that is large, differences say nothing. Steps between
-whose two sides the order of parents changes are left out: it is discrete (MODEL.md section 5).
+lines of the grid. So D_h is as uncertain as the larger of E_h and the change to the next h, and the least uncertain one
+is taken. Steps between whose two sides the order of parents changes are left out: it is discrete (MODEL.md section 5).
 
 Reverse mode gives Jᵀ v, and ⟨v, J d⟩ = ⟨Jᵀ v, d⟩ for every d, here for one random v, to rounding.
+
+J d itself is uncertain where an input changed by its last bit changes it: colonies are chaotic. Where uncertainties are
+large, neither agreement nor disagreement means anything, and the verdict is "uncertain".
 """
 
 from collections import Counter
@@ -36,17 +39,15 @@ from yeastfit.simulation import Observer, Simulation, schedule_of, simulate
 
 STEPS = (1e-4, 1e-5, 1e-6, 1e-7, 1e-8)
 TRANSPOSE = 1e-9  # what rounding may leave between forward and reverse mode
-NUDGE, NUDGES = (
-    1e-15,
-    1e3,
-)  # a change of the input about as large as its rounding; a program rounds more often than once
+NUDGE = 1e-15  # a change of the inputs as large as their rounding
+ROUNDINGS = 1e3  # what a program rounds on the way, in units of what that changes
 FLOOR = 1e-3  # derivatives below this share of the value itself are compared to that share
 LARGEST = 100.0  # L0 per unit of log λ: one hundredth more λ would move a node by a whole cell
 Pair = Callable[[PyTree], tuple[PyTree, PyTree]]  # of inputs: outputs and discrete decisions
 WIDTHS = ("union", "contact", "boundary")
 VERDICTS = {
     "agrees": "agree",
-    "crossed": "were not compared: however small the step, it crosses a change of the order of parents",
+    "crossed": "were not compared: every step crosses a change of the order of parents, or another discrete decision",
     "uncertain": "could not be compared: differences are all kinks, curvature and rounding",
     "differs": "differ",
     "not finite": "are not finite",
@@ -57,7 +58,7 @@ VERDICTS = {
 class Comparison:
     """One derivative by jax and by another way: of the number `output[index]` along a direction.
 
-    by: "differences", or "transpose", ⟨v, J d⟩ beside ⟨Jᵀ v, d⟩. uncertainty: E_h. scale: what the tolerance and
+    by: "differences", or "transpose", ⟨v, J d⟩ beside ⟨Jᵀ v, d⟩. uncertainty: of both. scale: what the tolerance and
     `error` refer to, the larger of both derivatives and `FLOOR` times the value.
     """
 
@@ -282,15 +283,15 @@ def _compare(
     nudged = x
     for d in along.values():
         nudged = _moved(nudged, d, NUDGE)
-    found, tangents, forward, noise = [], {}, {}, {}
+    found, tangents, forward, noise, chosen = [], {}, {}, {}, {}
     for k, (name, d) in enumerate(along.items()):
         progress(k, len(along))
-        _, tangents[name], decided = jax.jvp(pair, (x,), (d,), has_aux=True)
+        _, tangents[name], chosen[name] = jax.jvp(pair, (x,), (d,), has_aux=True)
         _, beside, alike = jax.jvp(flat, (nudged,), (d,), has_aux=True)
         forward[name] = np.asarray(ravel_pytree(of(tangents[name]))[0], np.float64)
-        noise[name] = NUDGES * (np.asarray(beside) - forward[name]) if _same(alike, decisions) else 0.0 * value
+        noise[name] = ROUNDINGS * (np.asarray(beside) - forward[name]) if _same(alike, decisions) else 0.0 * value
         # jax's programs of values and of derivatives round differently, which may decide between equals
-        usable = steps if _same(decided, decisions) else ()
+        usable = steps if _same(chosen[name], decisions) else ()
         other, uncertainty, crossed = _differences(flat, x, d, value, decisions, usable)
         scale = np.fmax(np.fmax(np.abs(forward[name]), np.abs(other)), FLOOR * np.abs(value))
         numbers = np.stack([forward[name], other, uncertainty + np.abs(noise[name]), scale], axis=-1)
@@ -302,12 +303,13 @@ def _compare(
     largest = np.max([np.abs(tangent) for tangent in forward.values()], axis=0, initial=0.0)
     v = np.random.default_rng(seed).normal(size=value.shape) / np.where(largest > 0, largest, 1.0)
     _, pull, decided = jax.vjp(flat, x, has_aux=True)
-    gradient, crossed = np.asarray(ravel_pytree(pull(jnp.asarray(v))[0])[0]), not _same(decided, decisions)
+    gradient = np.asarray(ravel_pytree(pull(jnp.asarray(v))[0])[0])
     for name, d in along.items():
         terms, back = v * forward[name], gradient * np.asarray(ravel_pytree(d)[0])
         f, o, s = float(terms.sum()), float(back.sum()), float(np.abs(terms).sum())
         u = abs(float((v * noise[name]).sum())) if f != o else 0.0
-        found.append(Comparison("transpose", name, "all", (), f, o, u, s, _verdict(f, o, u, TRANSPOSE * s, crossed)))
+        verdict = _verdict(f, o, u, TRANSPOSE * s, crossed=not _same(decided, chosen[name]))
+        found.append(Comparison("transpose", name, "all", (), f, o, u, s, verdict))
     return tuple(found), tangents
 
 
