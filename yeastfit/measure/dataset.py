@@ -1,21 +1,53 @@
-"""A data set: a folder of micrographs with a manifest that says what each one shows.
+"""A data set: a folder of micrographs with a manifest that says what each one shows (docs/dataset.md).
 
-`manifest.csv` has one row per micrograph and the columns
+`manifest.csv` has a row for each micrograph, `manifest.toml` a table `[[image]]`; columns and keys are the same:
 
     file            path of the image, relative to the manifest
     replicate       name or number of the colony
     hours           time since the colony was one cell, in hours
     um_per_pixel    size of a pixel in µm; may be empty where the file itself says it
+    condition       what the colony was grown in or of; optional
+    seed_point      x and y of a pixel of the colony; optional, as are the next two: see `segment`
+    threshold       contrast with the background, in grey levels, from which a pixel is colony
+    roi             x0, y0, x1, y1: the part of the image to look at, in pixels
+    note            a remark for people, not read; optional
+
+A colony is known by condition and replicate together. At the top of `manifest.toml`, all but the first three and
+the note may be given once, for every image that does not say otherwise.
 """
 
 import csv
 import math
-from dataclasses import dataclass
+import tomllib
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from difflib import get_close_matches
 from pathlib import Path
+from typing import Any
 
 from yeastfit.errors import InputError
 
-COLUMNS = ("file", "replicate", "hours", "um_per_pixel")
+MANIFESTS = ("manifest.csv", "manifest.toml")
+NEEDED = ("file", "replicate", "hours")
+SHARED = ("um_per_pixel", "condition", "seed_point", "threshold", "roi")
+KNOWN = (*NEEDED, *SHARED, "note")
+COLUMNS = (*NEEDED, "um_per_pixel")  # which manifest.csv must have
+
+
+@dataclass(frozen=True)
+class Overrule:
+    """What a user tells the segmentation of one image; None leaves it to find out by itself. See `segment`.
+
+    seed_point: (x, y) and roi: (x0, y0, x1, y1) in pixels, threshold: in grey levels.
+    """
+
+    seed_point: tuple[float, float] | None = None
+    threshold: float | None = None
+    roi: tuple[int, int, int, int] | None = None
+
+    def given(self) -> dict[str, Any]:
+        """The arguments of `segment` that were given."""
+        return {name: value for name, value in vars(self).items() if value is not None}
 
 
 @dataclass(frozen=True)
@@ -26,6 +58,8 @@ class Frame:
     replicate: str
     hours: float
     pixel_size: float | None
+    condition: str = ""
+    overrule: Overrule = Overrule()
 
 
 @dataclass(frozen=True)
@@ -38,56 +72,182 @@ class Dataset:
     @property
     def manifest(self) -> Path:
         """Where the rows stand."""
-        return self.folder / "manifest.csv"
+        return find_manifest(self.folder) or self.folder / MANIFESTS[0]
+
+    @property
+    def conditions(self) -> tuple[str, ...]:
+        """The conditions, in the manifest's order."""
+        return tuple(dict.fromkeys(frame.condition for frame in self.frames))
+
+    def of(self, condition: str) -> "Dataset":
+        """The frames of one condition. Raises `InputError` where there are none."""
+        if condition not in self.conditions:
+            raise InputError(
+                f"condition: got {condition!r}, {self.manifest} has {', '.join(map(repr, self.conditions))}"
+            )
+        return replace(self, frames=tuple(frame for frame in self.frames if frame.condition == condition))
+
+
+def find_manifest(folder: Path) -> Path | None:
+    """The manifest in a folder, if there is one. Raises `InputError` where there are two."""
+    found = [folder / name for name in MANIFESTS if (folder / name).is_file()]
+    if len(found) > 1:
+        raise InputError(f"{folder}: holds {' and '.join(MANIFESTS)}, a data set has one of them")
+    return found[0] if found else None
 
 
 def read_dataset(folder: str | Path) -> Dataset:
-    """The data set in a folder. Raises `InputError` that names the row of the manifest and what is wrong with it."""
+    """The data set in a folder.
+
+    Raises `InputError` that names the line of `manifest.csv`, or the number of the image in `manifest.toml`, the value
+    that stands there and what would be right: for a column or key that is unknown, missing or empty, a file that does
+    not exist, a number that is not one, and a colony that stands twice at one time.
+    """
     folder = Path(folder)
-    manifest = folder / "manifest.csv"
-    if not manifest.is_file():
-        raise InputError(f"{folder}: no manifest.csv there, a data set has one with columns {', '.join(COLUMNS)}")
+    manifest = find_manifest(folder)
+    if manifest is None:
+        raise InputError(f"{folder}: no manifest.csv or manifest.toml there, a data set has one: {', '.join(COLUMNS)}")
     try:
-        with manifest.open(newline="", encoding="utf-8-sig") as file:
-            reader = csv.DictReader(file)
-            missing = [name for name in COLUMNS if name not in (reader.fieldnames or ())]
-            if missing:
-                raise InputError(f"{manifest}: no column {missing[0]!r}, expected {', '.join(COLUMNS)}")
-            frames = tuple(_frame(row, folder, f"{manifest}, line {reader.line_num}") for row in reader)
+        rows = list(_csv_rows(manifest) if manifest.suffix == ".csv" else _toml_rows(manifest))
     except UnicodeDecodeError as error:
         raise InputError(f"{manifest}: not a text file in UTF-8 ({error.reason})") from None
-    if not frames:
+    if not rows:
         raise InputError(f"{manifest}: no rows, a data set needs at least one micrograph")
-    seen: dict[tuple[str, float], Path] = {}
-    for frame in frames:
-        other = seen.setdefault((frame.replicate, frame.hours), frame.path)
-        if other is not frame.path:
+    frames = tuple(_frame(row, folder, where) for where, row in rows)
+    seen: dict[tuple[str, str, float], int] = {}
+    for k, frame in enumerate(frames):
+        first = seen.setdefault((frame.condition, frame.replicate, frame.hours), k)
+        if first != k:
+            condition = f" of condition {frame.condition!r}" if frame.condition else ""
             raise InputError(
-                f"{manifest}: replicate {frame.replicate} at {frame.hours:g} hours stands twice, "
-                f"{other.name} and {frame.path.name}"
+                f"{rows[k][0]}: replicate {frame.replicate}{condition} at {frame.hours:g} hours stands twice, "
+                f"{frames[first].path.name} and {frame.path.name}: a colony has one image at one time"
             )
     return Dataset(folder, frames)
 
 
-def _frame(row: dict[str, str | None], folder: Path, where: str) -> Frame:
+def _csv_rows(manifest: Path) -> Iterator[tuple[str, dict[str, str]]]:
+    """Where each row stands, and its cells by column, without those that are empty."""
+    with manifest.open(newline="", encoding="utf-8-sig") as file:
+        reader = csv.reader(file, strict=True)
+        try:
+            names = [name.strip() for name in next(reader, [])]
+            _check_columns(names, manifest)
+            for cells in reader:
+                if not any(cell.strip() for cell in cells):
+                    continue
+                where = f"{manifest}, line {reader.line_num}"
+                if len(cells) > len(names):
+                    raise InputError(f"{where}: {len(cells)} cells, the first line names {len(names)} columns")
+                pairs = zip(names, cells, strict=False)
+                yield where, {name: cell.strip() for name, cell in pairs if cell.strip()}
+        except csv.Error as error:
+            raise InputError(f"{manifest}, line {reader.line_num}: not CSV ({error})") from None
+
+
+def _check_columns(names: list[str], manifest: Path) -> None:
+    missing = [name for name in COLUMNS if name not in names]
+    if missing:
+        semicolons = ", separated by commas and not by semicolons" if ";" in "".join(names) else ""
+        raise InputError(f"{manifest}: no column {missing[0]!r}, expected {', '.join(COLUMNS)}{semicolons}")
+    _check_names(names, KNOWN, f"{manifest}, line 1: column")
+    if len(set(names)) < len(names):
+        raise InputError(f"{manifest}, line 1: a column stands twice in {', '.join(names)}")
+
+
+def _check_names(names: list[str], known: tuple[str, ...], where: str) -> None:
+    for name in names:
+        if name not in known:
+            close = get_close_matches(name.lower().replace(" ", "_"), known, 1)
+            hint = f"did you mean {close[0]!r}?" if close else f"known are {', '.join(known)}"
+            raise InputError(f"{where} {name!r} is unknown, {hint}")
+
+
+def _toml_rows(manifest: Path) -> Iterator[tuple[str, dict[str, Any]]]:
+    """Number and file of each image, and its values by key, those shared by all included."""
+    try:
+        content = tomllib.loads(manifest.read_text(encoding="utf-8-sig"))
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(f"{manifest}: not TOML ({error})") from None
+    images = content.pop("image", [])
+    _check_names(list(content), SHARED, f"{manifest}, at the top: key")
+    _optional(content, f"{manifest}, at the top")
+    if not isinstance(images, list):
+        raise InputError(f"{manifest}: image is {images!r}, write a table [[image]] for each micrograph")
+    for number, image in enumerate(images, 1):
+        where = f"{manifest}, image {number}"
+        if not isinstance(image, dict):
+            raise InputError(f"{where}: is {image!r}, write a table [[image]] for each micrograph")
+        where += f" ({image['file']})" if isinstance(image.get("file"), str) else ""
+        _check_names(list(image), KNOWN, f"{where}: key")
+        yield where, {**content, **image}
+
+
+def _frame(row: Mapping[str, Any], folder: Path, where: str) -> Frame:
     """One checked row."""
-    file, replicate = ((row[name] or "").strip() for name in ("file", "replicate"))
+    file, replicate = (_text(row, name, where) for name in ("file", "replicate"))
     if not file or not replicate:
         raise InputError(f"{where}: {'file' if not file else 'replicate'} is empty")
     path = folder / file
-    if not path.is_file():
-        raise InputError(f"{where}: there is no file {file}")
-    hours = _number(row["hours"], "hours", where)
-    size = (row["um_per_pixel"] or "").strip()
-    pixel_size = _number(size, "um_per_pixel", where) if size else None
-    return Frame(path, replicate, hours, pixel_size)
-
-
-def _number(text: str | None, name: str, where: str) -> float:
     try:
-        value = float(text or "")
-    except ValueError:
-        value = math.nan
-    if not (math.isfinite(value) and value > 0):
-        raise InputError(f"{where}: {name} is {text!r}, it must be a number above 0")
-    return value
+        exists = path.is_file()
+    except OSError:  # a name longer than the file system takes
+        exists = False
+    if not exists:
+        raise InputError(f"{where}: there is no file {file}")
+    hours = _number(row.get("hours", ""), "hours", where)
+    pixel_size, condition, overrule = _optional(row, where)
+    return Frame(path, replicate, hours, pixel_size, condition, overrule)
+
+
+def _optional(row: Mapping[str, Any], where: str) -> tuple[float | None, str, Overrule]:
+    """Checked values of `SHARED`."""
+    pixel_size, threshold = (
+        _number(row[name], name, where) if name in row else None for name in ("um_per_pixel", "threshold")
+    )
+    point, roi = (
+        read_numbers(row[name], name, size, where) if name in row else None
+        for name, size in (("seed_point", 2), ("roi", 4))
+    )
+    overrule = overrule_of(point, threshold, roi)
+    return pixel_size, _text(row, "condition", where), overrule
+
+
+def overrule_of(point: tuple[float, ...] | None, threshold: float | None, roi: tuple[float, ...] | None) -> Overrule:
+    """An `Overrule` of two numbers, one and four, corners rounded to whole pixels."""
+    corners = None if roi is None else (round(roi[0]), round(roi[1]), round(roi[2]), round(roi[3]))
+    return Overrule(None if point is None else (point[0], point[1]), threshold, corners)
+
+
+def _text(row: Mapping[str, Any], name: str, where: str) -> str:
+    value = row.get(name, "")
+    if isinstance(value, bool) or not isinstance(value, str | int | float):
+        raise InputError(f"{where}: {name} is {value!r}, it must be a text or a number")
+    return str(value).strip()
+
+
+def _number(value: Any, name: str, where: str) -> float:
+    """A finite number above 0."""
+    number = _float(value)
+    if not (math.isfinite(number) and number > 0):
+        raise InputError(f"{where}: {name} is {value!r}, it must be a number above 0")
+    return number
+
+
+def read_numbers(value: Any, name: str, size: int, where: str) -> tuple[float, ...]:
+    """`size` finite numbers from a list, or from a text in which commas, semicolons or spaces stand between them."""
+    parts = value.replace(",", " ").replace(";", " ").split() if isinstance(value, str) else value
+    numbers = tuple(map(_float, parts)) if isinstance(parts, list | tuple) else ()
+    if len(numbers) != size or not all(map(math.isfinite, numbers)):
+        names = "x y" if size == 2 else "x0 y0 x1 y1"
+        raise InputError(f"{where}: {name} is {value!r}, it must be {size} numbers, {names} in pixels")
+    return numbers
+
+
+def _float(value: Any) -> float:
+    if isinstance(value, bool) or not isinstance(value, str | int | float):
+        return math.nan
+    try:
+        return float(value)
+    except (ValueError, OverflowError):
+        return math.nan
