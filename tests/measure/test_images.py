@@ -450,7 +450,7 @@ def test_a_mask_of_more_than_half_the_image():
 def test_masks_that_leave_doubts():
     left = np.zeros((40, 40), dtype=bool)
     left[:, :20] = True
-    assert "polarity unsure: both values along the border" in segment(left).warnings
+    assert "polarity unsure" in segment(left).warnings
     two = np.zeros((40, 40), dtype=bool)
     two[5:15, 5:15] = two[20:30, 20:30] = True
     assert segment(two).warnings == ("several objects",)

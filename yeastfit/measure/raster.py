@@ -1,0 +1,43 @@
+"""What the steps of segmentation share: objects of a mask, smoothing, a robust deviation."""
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from jaxtyping import Bool, Float32
+from scipy import ndimage
+from skimage import measure
+
+Field = Float32[np.ndarray, "row column"]
+Mask = Bool[np.ndarray, "row column"]
+
+SMOOTHING = 0.8  # px, before a threshold on contrast
+EIGHT = np.ones((3, 3), dtype=bool)
+
+
+def border(field: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    """The outermost pixels, corners twice."""
+    return np.concatenate([field[0], field[-1], field[:, 0], field[:, -1]])
+
+
+def areas_of(labels: npt.NDArray[Any]) -> npt.NDArray[np.int64]:
+    """Pixels of every label, 0 for the background."""
+    areas = np.bincount(labels.ravel())
+    areas[0] = 0
+    return areas
+
+
+def without_specks(mask: Mask, size: int, connectivity: int = 2) -> Mask:
+    """A mask without its objects of at most `size` pixels."""
+    labels = measure.label(mask, connectivity=connectivity)
+    return np.asarray((areas_of(labels) > size)[labels])
+
+
+def blurred(field: npt.NDArray[Any], width: float) -> Field:
+    """Gaussian blur of `width` px, edges continued."""
+    return ndimage.gaussian_filter(field.astype(np.float32, copy=False), width, mode="nearest", truncate=3.0)
+
+
+def spread(values: npt.NDArray[Any]) -> float:
+    """Standard deviation of normal values around 0, from the median of their sizes."""
+    return 1.4826 * float(np.median(np.abs(values))) if values.size else 0.0
