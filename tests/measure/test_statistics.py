@@ -92,7 +92,7 @@ def test_one_pixel():
 
 def test_the_border_of_the_array_is_boundary():
     mask = np.ones((20, 30), dtype=bool)
-    assert measure_mask(mask) == measure_mask(mask.astype(np.uint8) * 255)
+    np.testing.assert_equal(measure_mask(mask).row(), measure_mask(mask.astype(np.uint8) * 255).row())
     padded = measure_mask(np.pad(mask, 4))
     assert measure_mask(mask).perimeter == pytest.approx(padded.perimeter)
 

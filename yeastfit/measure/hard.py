@@ -5,7 +5,7 @@ import numpy as np
 from jaxtyping import Array, Shaped
 
 from yeastfit.measure.smooth import node_statistics
-from yeastfit.measure.statistics import measure_mask
+from yeastfit.measure.statistics import check_names, mask_statistics
 from yeastfit.model.cells import level_set
 from yeastfit.model.simulate import Snapshot
 
@@ -13,13 +13,18 @@ SHAPE_STATISTICS = ("compactness", "radius", "area", "perimeter", "outer_perimet
 
 
 class HardStatistics(eqx.Module):
-    """Records {g ≤ 0} while the model runs; `finish` measures it with scikit-image. Lengths in L0.
+    """Records {g ≤ 0} while the model runs; `finish` measures it as a mask. Lengths in L0.
 
-    extent: side of the square around the origin that is looked at. spacing: its pixel size.
+    extent: side of the square around the origin that is looked at. spacing: its pixel size. statistics: names out of
+    `yeastfit.measure.statistics.UNITS`; only these are computed. Raises `InputError` for another name.
     """
 
     extent: float = eqx.field(static=True)
     spacing: float = eqx.field(static=True, default=0.1)
+    statistics: tuple[str, ...] = eqx.field(static=True, default=SHAPE_STATISTICS)
+
+    def __check_init__(self) -> None:
+        check_names(self.statistics)
 
     def __call__(self, snapshot: Snapshot) -> dict[str, Shaped[Array, "..."]]:
         """The image and what only nodes can tell."""
@@ -32,6 +37,6 @@ class HardStatistics(eqx.Module):
         """Statistics by name, of the shape of the ensemble and its sample times."""
         masks = observed["mask"]
         batch = masks.shape[:-2]
-        shapes = [measure_mask(mask, self.spacing) for mask in masks.reshape(-1, *masks.shape[-2:])]
-        measured = {name: np.array([getattr(s, name) for s in shapes]).reshape(batch) for name in SHAPE_STATISTICS}
+        found = [mask_statistics(mask, self.spacing, self.statistics) for mask in masks.reshape(-1, *masks.shape[-2:])]
+        measured = {name: np.array([each[name] for each in found]).reshape(batch) for name in self.statistics}
         return {**measured, **{name: values for name, values in observed.items() if name != "mask"}}

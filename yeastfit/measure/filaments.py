@@ -1,0 +1,167 @@
+"""How far and how finely a colony's filaments reach out of its core.
+
+CSR radius and the indices of Li, Green, Tronnolone, Tam, Black, Gardner, Sundstrom, Jiranek & Binder 2024, "An
+off-lattice discrete model to characterise filamentous yeast colony morphology", PLoS Comput. Biol. 20, and its program,
+github.com/kaili2019/Li2024-off-lattice. With r the distance of a pixel from the centroid, r_max the largest, A the number of
+pixels, ρ = A / (π r_max²), rings of δ = 4 pixels and n_i the number of pixels with δ (i − 1) < r ≤ δ i:
+
+    f_i   = n_i / (π ρ δ² (2i − 1)),    i = 1 … round(r_max / δ)
+    r_CSR = δ · argmin_i |1 − f_i|                     where a ring is as dense as a disc filled at random ("complete
+                                                       spatial randomness"): the edge of the core
+    I_F   = (share of pixels at r ≥ r_CSR) / 0.65
+    I_R   = (r_max / r_CSR − 1.1) / 1.7
+
+δ is in pixels, as published at 1.55 µm a pixel, whatever the pixel size: r_CSR is a multiple of it, so it and all that
+is said of the pixels beyond it carry an error of up to 4 pixels, and are coarse for a colony of a few dozen. A disc has
+f = 1 in every ring, and noise of the pixels then decides: these statistics are of colonies with filaments. (The centre
+pixel, in no ring of theirs, is counted in the first.)
+
+Area outside the mean perimeter radius (Li et al. 2025, "Agent-based modelling and time series inference of filamentous
+yeast colonies", bioRxiv, doi:10.1101/2025.09.15.676253, by name): pixels further from the centroid than the outline of the colony with
+its holes filled is on average.
+
+Skeleton. The colony at r ≥ r_CSR, on a closed ring of width r_CSR / 8 within it in place of the core, is thinned by
+`SKELETON`. Branches are the ends of the skeleton at r ≥ r_CSR, and its length is what lies there: n steps along and m
+across pixels are 0.948 n + 1.343 m (Dorst & Smeulders 1987, "Length estimators for digitized contours", Comput. Vis.
+Graph. Image Process. 40:311, doi:10.1016/S0734-189X(87)80145-7: unbiased over directions, wrong by 5 % at most in one).
+The ring has no
+ends, so that cutting off the core makes none; a lobe about as wide as the ring is far from its middle bulges the ring
+and is no branch. Both numbers are means over the four quadrants around
+the centroid, hence a quarter of the colony's. Thinning treats the sides of a shape in turn; so that turning by 90° or
+mirroring a colony changes nothing, every quadrant is thinned in the same orientation, as it is and mirrored. Li et al.
+count ends of MATLAB's `bwmorph` skeleton in one quadrant, ends at the cuts included: never compare counts of two
+algorithms.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from math import floor, nan
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+from scipy import ndimage
+
+from yeastfit.measure.pixels import TIE, Mask, PerPixel, Pixels
+
+RING = 4
+"""δ, pixels."""
+
+SKELETON = "Zhang & Suen 1984 (scikit-image skeletonize)"
+"""The thinning algorithm, doi:10.1145/357994.358023."""
+
+_ALONG, _ACROSS = 0.948, 1.343
+_CORE = 1 / 8  # width of the ring in place of the core over r_CSR
+
+
+@dataclass(frozen=True, eq=False)
+class Filaments:
+    """What lies beyond the CSR radius of a colony. All in pixels; all nan where r_max is less than one ring."""
+
+    pixels: Pixels
+
+    @cached_property
+    def csr_radius(self) -> float:
+        """r_CSR."""
+        return csr_radius(self.pixels.distance)
+
+    @cached_property
+    def beyond(self) -> Bool[np.ndarray, " pixel"]:
+        """Which pixels lie at r ≥ r_CSR."""
+        return self.pixels.distance >= self.csr_radius - TIE
+
+    @cached_property
+    def angle(self) -> PerPixel:
+        """Of the pixels beyond."""
+        return self.pixels.angle[self.beyond]
+
+    @property
+    def area_index(self) -> float:
+        """I_F."""
+        return nan if np.isnan(self.csr_radius) else float(self.beyond.mean()) / 0.65
+
+    @property
+    def radius_index(self) -> float:
+        """I_R."""
+        return (self.pixels.max_radius / self.csr_radius - 1.1) / 1.7
+
+    @cached_property
+    def perimeter_radius(self) -> float:
+        """Mean distance of the outer outline's pixels (which have one of four neighbours outside) from the centroid."""
+        filled = self.pixels.filled
+        rows, columns = np.nonzero(filled & ~ndimage.binary_erosion(filled))
+        return float(np.hypot(rows - self.pixels.centre[0], columns - self.pixels.centre[1]).mean())
+
+    @property
+    def outer_area(self) -> int:
+        """Number of pixels beyond the perimeter radius."""
+        return int((self.pixels.distance > self.perimeter_radius + TIE).sum())
+
+    @cached_property
+    def branches(self) -> tuple[float, float]:
+        """Number of branches and length of the skeleton, per quadrant."""
+        return (nan, nan) if np.isnan(self.csr_radius) else _branches(self.pixels, self.csr_radius)
+
+
+def csr_radius(distance: PerPixel) -> float:
+    """r_CSR from the distances of all pixels; nan where the largest is less than δ."""
+    largest = float(distance.max())
+    if largest < RING:
+        return nan
+    ring = np.maximum(np.ceil(distance / RING - TIE).astype(int), 1)
+    rings = np.arange(1, floor(largest / RING + 0.5) + 1)
+    counts = np.bincount(ring, minlength=len(rings) + 1)[1 : len(rings) + 1]
+    excess = np.abs(1 - counts * (largest / RING) ** 2 / (len(distance) * (2 * rings - 1)))
+    return float(RING * rings[np.argmax(excess <= excess.min() + TIE)])
+
+
+def _branches(pixels: Pixels, inner: float) -> tuple[float, float]:
+    from skimage.morphology import skeletonize
+
+    row, column = np.ogrid[: pixels.colony.shape[0], : pixels.colony.shape[1]]
+    distance = np.hypot(row - pixels.centre[0], column - pixels.centre[1])
+    beyond = distance >= inner - TIE
+    seam = round(_CORE * inner)
+    thick = np.where(beyond, pixels.colony, distance >= (1 - _CORE) * inner - TIE)
+    count, length, orientations = 0, 0.0, 0
+    for index, height, width in _quadrants(thick.shape, pixels.centre, seam):
+        skeleton = np.pad(skeletonize(thick.ravel()[index]), 1)
+        own = skeleton & np.pad(beyond.ravel()[index], 1)
+        own[height + 1 :], own[:, width + 1 :] = False, False
+        neighbours, steps = _around(skeleton, own)
+        count += int((neighbours <= 1).sum())
+        length += 0.5 * float(steps.sum())
+        orientations += 1
+    return count / orientations, length / orientations
+
+
+def _quadrants(
+    shape: tuple[int, ...], centre: tuple[float, float], seam: int
+) -> Iterator[tuple[Int[np.ndarray, "row column"], int, int]]:
+    """Each quadrant as it is and mirrored, turned to the upper left: flat indices of its pixels, its height and width.
+
+    The indices reach `seam` pixels into the next quadrants, where the cut between them would show in a skeleton. A
+    pixel on an axis belongs to one quadrant of the four.
+    """
+    index = np.arange(shape[0] * shape[1]).reshape(shape)
+    row, column = centre
+    for mirrored, middle in ((index, column), (index[:, ::-1], shape[1] - 1 - column)):
+        turned, up, left = mirrored, row, middle
+        for _ in range(4):
+            height, width = int(np.ceil(up - TIE)), floor(left + TIE) + 1
+            yield turned[: height + seam, : width + seam], height, width
+            turned, up, left = np.rot90(turned), turned.shape[1] - 1 - left, up
+
+
+def _around(skeleton: Mask, own: Mask) -> tuple[Int[np.ndarray, " own"], Float[np.ndarray, " own"]]:
+    """Of every own pixel of a skeleton with an empty margin: its neighbours, and the length of the steps to them.
+
+    A step across counts only where no two steps along lead to the same place.
+    """
+    rows, columns = np.nonzero(own)
+    near = {(i, j): skeleton[rows + i, columns + j] for i in (-1, 0, 1) for j in (-1, 0, 1) if i or j}
+    steps = np.zeros(len(rows))
+    for (i, j), there in near.items():
+        across = i != 0 and j != 0
+        steps += _ACROSS * (there & ~near[i, 0] & ~near[0, j]) if across else _ALONG * there
+    return np.sum(list(near.values()), axis=0, dtype=int), steps

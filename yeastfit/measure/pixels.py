@@ -1,0 +1,103 @@
+"""The pixels of one mask and what several statistics need of them, each computed once and only when asked for.
+
+All is in pixels, in the frame of the mask cropped to the colony: no statistic depends on where in the image it lies.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import numpy.typing as npt
+from jaxtyping import Bool, Float, Int
+from scipy import ndimage
+
+from yeastfit.errors import InputError
+
+Mask = Bool[np.ndarray, "row column"]
+PerPixel = Float[np.ndarray, " pixel"]
+
+TIE = 1e-9
+"""Distances are compared to within this many pixels: a colony turned by 90° has the same up to rounding."""
+
+
+@dataclass(frozen=True, eq=False)
+class Pixels:
+    """A colony, cropped to a margin of one empty pixel all round; `corner` is (row, column) of the first."""
+
+    colony: Mask
+    corner: tuple[int, int]
+
+    @classmethod
+    def of(cls, mask: npt.NDArray[np.generic]) -> "Pixels":
+        """Raises `InputError` for a mask that is not 2-D, holds NaN or has no colony pixel."""
+        colony = _checked(mask)
+        rows, columns = (np.flatnonzero(colony.any(axis=axis)) for axis in (1, 0))
+        cropped = colony[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
+        return cls(np.pad(cropped, 1), (int(rows[0]) - 1, int(columns[0]) - 1))
+
+    @cached_property
+    def area(self) -> int:
+        """Number of pixels."""
+        return int(self.colony.sum())
+
+    @cached_property
+    def filled(self) -> Mask:
+        """With its holes closed, which are 4-connected."""
+        return ndimage.binary_fill_holes(self.colony)
+
+    @cached_property
+    def indices(self) -> tuple[Int[np.ndarray, " pixel"], Int[np.ndarray, " pixel"]]:
+        """Row and column of every colony pixel."""
+        rows, columns = np.nonzero(self.colony)
+        return rows, columns
+
+    @cached_property
+    def centre(self) -> tuple[float, float]:
+        """Row and column of the centroid."""
+        rows, columns = self.indices
+        return float(rows.mean()), float(columns.mean())
+
+    @cached_property
+    def distance(self) -> PerPixel:
+        """Of every colony pixel's centre from the centroid."""
+        (rows, columns), (row, column) = self.indices, self.centre
+        return np.hypot(rows - row, columns - column)
+
+    @cached_property
+    def angle(self) -> PerPixel:
+        """Of every colony pixel as seen from the centroid, in radians, upwards positive."""
+        (rows, columns), (row, column) = self.indices, self.centre
+        return np.arctan2(row - rows, columns - column)
+
+    @cached_property
+    def max_radius(self) -> float:
+        """Distance of the furthest pixel."""
+        return float(self.distance.max())
+
+    @cached_property
+    def perimeter(self) -> float:
+        """Crofton perimeter, holes included."""
+        return _crofton(self.colony)
+
+    @cached_property
+    def outer_perimeter(self) -> float:
+        """Crofton perimeter without the holes'."""
+        return _crofton(self.filled)
+
+
+def _crofton(colony: Mask) -> float:
+    from skimage.measure import perimeter_crofton
+
+    return float(perimeter_crofton(colony, directions=4))
+
+
+def _checked(mask: npt.NDArray[np.generic]) -> Mask:
+    mask = np.asarray(mask)
+    if mask.ndim != 2:
+        raise InputError(f"mask: got an array of shape {mask.shape}, need two dimensions [rows, columns]")
+    if mask.dtype.kind not in "biuf" or (mask.dtype.kind == "f" and np.isnan(mask).any()):
+        raise InputError(f"mask: got dtype {mask.dtype} or NaN, need a boolean array, True where the colony is")
+    colony: Mask = mask != 0
+    if not colony.any():
+        raise InputError(f"mask: none of its {colony.size} pixels is colony, need at least one")
+    return colony
