@@ -1,9 +1,9 @@
 """How far and how finely a colony's filaments reach out of its core.
 
 CSR radius and the indices of Li, Green, Tronnolone, Tam, Black, Gardner, Sundstrom, Jiranek & Binder 2024, "An
-off-lattice discrete model to characterise filamentous yeast colony morphology", PLoS Comput. Biol. 20, and its program,
-github.com/kaili2019/Li2024-off-lattice. With r the distance of a pixel from the centroid, r_max the largest, A the number of
-pixels, ρ = A / (π r_max²), rings of δ = 4 pixels and n_i the number of pixels with δ (i − 1) < r ≤ δ i:
+off-lattice discrete model to characterise filamentous yeast colony morphology", PLoS Comput. Biol. 20, and of its
+program, github.com/kaili2019/Li2024-off-lattice. With r the distance of a pixel from the centroid, r_max the largest,
+A the number of pixels, ρ = A / (π r_max²), rings of δ = 4 pixels and n_i the number of pixels with δ (i − 1) < r ≤ δ i:
 
     f_i   = n_i / (π ρ δ² (2i − 1)),    i = 1 … round(r_max / δ)
     r_CSR = δ · argmin_i |1 − f_i|                     where a ring is as dense as a disc filled at random ("complete
@@ -16,21 +16,19 @@ is said of the pixels beyond it carry an error of up to 4 pixels, and are coarse
 f = 1 in every ring, and noise of the pixels then decides: these statistics are of colonies with filaments. (The centre
 pixel, in no ring of theirs, is counted in the first.)
 
-Area outside the mean perimeter radius (Li et al. 2025, "Agent-based modelling and time series inference of filamentous
-yeast colonies", bioRxiv, doi:10.1101/2025.09.15.676253, by name): pixels further from the centroid than the outline of the colony with
-its holes filled is on average.
+Area outside the mean perimeter radius: pixels further from the centroid than the mean distance of the outline of the
+colony with its holes filled. A statistic of Li et al. 2025, "Agent-based modelling and time series inference of
+filamentous yeast colonies", bioRxiv, doi:10.1101/2025.09.15.676253; taken from its name.
 
 Skeleton. The colony at r ≥ r_CSR, on a closed ring of width r_CSR / 8 within it in place of the core, is thinned by
-`SKELETON`. Branches are the ends of the skeleton at r ≥ r_CSR, and its length is what lies there: n steps along and m
-across pixels are 0.948 n + 1.343 m (Dorst & Smeulders 1987, "Length estimators for digitized contours", Comput. Vis.
-Graph. Image Process. 40:311, doi:10.1016/S0734-189X(87)80145-7: unbiased over directions, wrong by 5 % at most in one).
-The ring has no
-ends, so that cutting off the core makes none; a lobe about as wide as the ring is far from its middle bulges the ring
-and is no branch. Both numbers are means over the four quadrants around
-the centroid, hence a quarter of the colony's. Thinning treats the sides of a shape in turn; so that turning by 90° or
-mirroring a colony changes nothing, every quadrant is thinned in the same orientation, as it is and mirrored. Li et al.
-count ends of MATLAB's `bwmorph` skeleton in one quadrant, ends at the cuts included: never compare counts of two
-algorithms.
+`SKELETON`. Branches are the ends of the skeleton at r ≥ r_CSR. The ring has no ends, so that cutting off the core makes
+none; a lobe much broader than the ring only bulges it and is no branch. The skeleton's length there is 0.948 n + 1.343
+m for n steps along and m across pixels (Dorst & Smeulders 1987, "Length estimators for digitized contours", Comput.
+Vis. Graph. Image Process. 40:311, doi:10.1016/S0734-189X(87)80145-7: unbiased over directions, −5 to +3 % in one). Both
+are means over the four quadrants around the centroid, hence a quarter of the colony's. Thinning treats the sides of a
+shape in turn; so that turning by 90° or mirroring a colony changes nothing, every quadrant is thinned in the same
+orientation, as it is and mirrored. Li et al. 2024 count the ends of MATLAB's `bwmorph` skeleton in one quadrant, those
+at the cuts included: never compare counts of two algorithms.
 """
 
 from collections.abc import Iterator
