@@ -15,22 +15,23 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.table import Table
 
 from yeastfit import plot
-from yeastfit.errors import InputError, PixelSizeError
+from yeastfit.errors import InputError
 from yeastfit.gradients import check_gradients
 from yeastfit.infer.fit import DEFAULT_FREE, Fit, FitSettings
 from yeastfit.infer.fit import fit as run_fit
 from yeastfit.infer.targets import Targets
-from yeastfit.measure.dataset import read_dataset
-from yeastfit.measure.images import read_image
-from yeastfit.measure.segmentation import segment
-from yeastfit.measure.series import Measured, measure_dataset, measure_file
+from yeastfit.measure.dataset import find_manifest, given, read_dataset, read_overrule
+from yeastfit.measure.series import Measured, measure_dataset
+from yeastfit.measure.tasks import Task, find_tasks
 from yeastfit.model.numerics import Numerics
 from yeastfit.model.parameters import NAMES, PARAMETERS, Parameters, Scales
 from yeastfit.model.relaxation import HARD, Relaxation
 from yeastfit.simulation import member_keys
 from yeastfit.simulation import simulate as run_simulation
 from yeastfit.storage import write_manifest, write_table
-from yeastfit.synthesis import read_recipes, write_mask
+from yeastfit.survey import survey
+from yeastfit.survey_results import clear_results, write_results
+from yeastfit.synthesis import read_recipes
 from yeastfit.synthesis import synthesize as make_dataset
 
 app = typer.Typer(no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False, help=__doc__)
@@ -115,62 +116,61 @@ def simulate(
 
 @app.command()
 def measure(
-    files: Annotated[list[Path], typer.Argument(help="Micrographs: TIFF, OME-TIFF, PNG, JPEG.", show_default=False)],
+    paths: Annotated[
+        list[Path],
+        typer.Argument(help="A data set, or micrographs (TIFF, PNG, JPEG) and folders of them.", show_default=False),
+    ],
     folder: Out,
-    pixel_size: Annotated[
-        float | None, typer.Option(help="µm per pixel, for all files; otherwise each file must say it.")
+    pixel_size: Annotated[float | None, typer.Option(help="µm per pixel, for images that do not say it.")] = None,
+    seed_point: Annotated[
+        str | None, typer.Option(metavar="X,Y", help="A pixel of the colony, where another object would be taken.")
+    ] = None,
+    threshold: Annotated[
+        float | None, typer.Option(help="Contrast with the background, in grey levels, that makes a pixel colony.")
+    ] = None,
+    roi: Annotated[
+        str | None, typer.Option(metavar="X0,Y0,X1,Y1", help="Look only there: left, top, right, bottom, in pixels.")
+    ] = None,
+    jobs: Annotated[
+        int | None, typer.Option(min=1, help="Most processes at once; by default one a core.", show_default=False)
     ] = None,
     seed: Annotated[int, typer.Option(min=0, help="Kept in the manifest only: measuring draws nothing.")] = 0,
 ) -> None:
-    """Outline the colony in each micrograph and measure it (measurements.csv, lengths in µm).
+    """Outline the colony in each micrograph and measure it; lengths in µm.
 
-    Also writes the mask of each file as masks/NAME.png, and overlays/NAME.png to check the outline by eye.
+    A folder with manifest.csv or manifest.toml is a data set, whose manifest goes before the options given here; of a
+    folder without, every image is measured. Writes measurements.csv, masks, overlays to check the outlines by eye,
+    contact_sheet.png and index.html, a page of it all; for a data set also the curves of each condition. A file that
+    cannot be measured is reported, the rest goes on, and the exit code is 2.
     """
-    stems = [path.stem for path in files]
-    twice = next((stem for stem in stems if stems.count(stem) > 1), None)
-    if twice:
-        raise InputError(f"two files are called {twice!r}, their masks would overwrite each other: measure them apart")
-    measured, failures = [], []
+    options: dict[str, Any] = {"seed_point": seed_point, "threshold": threshold, "roi": roi}
+    tasks, dataset, skipped = find_tasks(paths, pixel_size, read_overrule(options, "options"))
+    _refuse_mixed_folder(folder, tasks)
+    clear_results(folder)
     with _progress("measuring") as advance:
-        for number, path in enumerate(files):
-            try:
-                measured.append(_measure_one(path, pixel_size, folder))
-            except InputError as error:
-                failures.append(str(error))
-            advance(number + 1, len(files))
-    (folder / "measurements.csv").unlink(missing_ok=True)
-    if measured:
-        write_table(folder / "measurements.csv", [one.row() for one in measured])
-        _warn([f"{m.micrograph.path.name}: {w}" for m in measured for w in m.segmentation.warnings])
-        inputs = [one.micrograph.path for one in measured]
-        write_manifest(folder, command="measure", seed=seed, inputs=inputs, failed=failures)
-        out.print(f"{len(measured)} of {len(files)} micrographs measured. Results in {folder}")
-    if failures:
-        _fail(failures)
+        outcomes = survey(tasks, folder, jobs=jobs or os.cpu_count() or 1, progress=advance)
+    measured = [outcome for outcome in outcomes if outcome.row]
+    options["pixel_size"] = pixel_size
+    settings = {name: value for name, value in options.items() if value is not None}
+    title = f"Micrographs of {(dataset.folder if dataset else paths[0] if len(paths) == 1 else folder).resolve().name}"
+    write_results(folder, title, outcomes, dataset=dataset, skipped=skipped, settings=settings)
+    inputs = ([dataset.manifest] if dataset else []) + [outcome.task.path for outcome in outcomes if outcome.sha256]
+    failed = [outcome.error for outcome in outcomes if not outcome.row]
+    overruled = {task.label: given(task.overrule) for task in tasks if given(task.overrule)}
+    more = {"configuration": {**settings, "overruled": overruled}, "failed": failed}
+    write_manifest(folder, command="measure", seed=seed, inputs=inputs, **more)
+    _warn([f"{outcome.task.label}: {doubt}" for outcome in measured for doubt in outcome.doubts])
+    if skipped:
+        _warn([f"passed over, no images by their names: {', '.join(path.name for path in skipped)}"])
+    out.print(f"{len(measured)} of {len(tasks)} micrographs measured. Results in {folder}, on one page: index.html")
+    if failed:
+        _fail(failed)
 
 
-def _measure_one(path: Path, pixel_size: float | None, folder: Path) -> Measured:
-    """Measure one file and write its mask and overlay; these also where only the size of a pixel is missing."""
-    try:
-        measured = measure_file(path, pixel_size)
-    except PixelSizeError:
-        pixels = read_image(path)
-        _write_outline(path, pixels, segment(pixels, name=str(path)).mask, "no pixel size: not measured", None, folder)
-        raise
-    shape, doubts = measured.shape, "; ".join(measured.segmentation.warnings)
-    title = f"area {shape.area:.4g} µm², compactness {shape.compactness:.3g}" + (f" - {doubts}" if doubts else "")
-    micrograph = measured.micrograph
-    _write_outline(path, micrograph.pixels, measured.segmentation.mask, title, micrograph.pixel_size, folder)
-    return measured
-
-
-def _write_outline(
-    path: Path, pixels: np.ndarray, mask: np.ndarray, title: str, pixel_size: float | None, folder: Path
-) -> None:
-    for part in ("masks", "overlays"):
-        (folder / part).mkdir(parents=True, exist_ok=True)
-    write_mask(folder / "masks" / f"{path.stem}.png", mask)
-    plot.save(plot.overlay(pixels, mask, f"{path.name}: {title}", pixel_size), folder / "overlays" / f"{path.stem}.png")
+def _refuse_mixed_folder(folder: Path, tasks: list[Task]) -> None:
+    """Results among the micrographs would be measured the next time."""
+    if folder.resolve() in {task.path.resolve().parent for task in tasks} or find_manifest(folder):
+        raise InputError(f"--out: {folder} holds the micrographs, need another folder for the results")
 
 
 @app.command()

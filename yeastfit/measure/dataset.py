@@ -26,28 +26,14 @@ from pathlib import Path
 from typing import Any
 
 from yeastfit.errors import InputError
+from yeastfit.measure.overrule import Overrule
 
 MANIFESTS = ("manifest.csv", "manifest.toml")
 NEEDED = ("file", "replicate", "hours")
 SHARED = ("um_per_pixel", "condition", "seed_point", "threshold", "roi")
 KNOWN = (*NEEDED, *SHARED, "note")
 COLUMNS = (*NEEDED, "um_per_pixel")  # which manifest.csv must have
-
-
-@dataclass(frozen=True)
-class Overrule:
-    """What a user tells the segmentation of one image; None leaves it to find out by itself. See `segment`.
-
-    seed_point: (x, y) and roi: (x0, y0, x1, y1) in pixels, threshold: in grey levels.
-    """
-
-    seed_point: tuple[float, float] | None = None
-    threshold: float | None = None
-    roi: tuple[int, int, int, int] | None = None
-
-    def given(self) -> dict[str, Any]:
-        """The arguments of `segment` that were given."""
-        return {name: value for name, value in vars(self).items() if value is not None}
+NOTHING = Overrule()
 
 
 @dataclass(frozen=True)
@@ -59,7 +45,7 @@ class Frame:
     hours: float
     pixel_size: float | None
     condition: str = ""
-    overrule: Overrule = Overrule()
+    overrule: Overrule = NOTHING
 
 
 @dataclass(frozen=True)
@@ -202,21 +188,31 @@ def _frame(row: Mapping[str, Any], folder: Path, where: str) -> Frame:
 
 def _optional(row: Mapping[str, Any], where: str) -> tuple[float | None, str, Overrule]:
     """Checked values of `SHARED`."""
-    pixel_size, threshold = (
-        _number(row[name], name, where) if name in row else None for name in ("um_per_pixel", "threshold")
-    )
+    size = _number(row["um_per_pixel"], "um_per_pixel", where) if "um_per_pixel" in row else None
+    return size, _text(row, "condition", where), read_overrule(row, where)
+
+
+def read_overrule(values: Mapping[str, Any], where: str) -> Overrule:
+    """An `Overrule` of what `values` hold, as texts or numbers; corners of the roi are rounded to whole pixels.
+
+    Raises `InputError`, with `where` in front, for a threshold that is not above 0, a seed point that is not two
+    numbers and a roi that is not four.
+    """
     point, roi = (
-        read_numbers(row[name], name, size, where) if name in row else None
+        _numbers(values[name], name, size, where) if values.get(name) is not None else None
         for name, size in (("seed_point", 2), ("roi", 4))
     )
-    overrule = overrule_of(point, threshold, roi)
-    return pixel_size, _text(row, "condition", where), overrule
+    threshold = values.get("threshold")
+    return Overrule(
+        None if point is None else (point[0], point[1]),
+        None if threshold is None else _number(threshold, "threshold", where),
+        None if roi is None else (round(roi[0]), round(roi[1]), round(roi[2]), round(roi[3])),
+    )
 
 
-def overrule_of(point: tuple[float, ...] | None, threshold: float | None, roi: tuple[float, ...] | None) -> Overrule:
-    """An `Overrule` of two numbers, one and four, corners rounded to whole pixels."""
-    corners = None if roi is None else (round(roi[0]), round(roi[1]), round(roi[2]), round(roi[3]))
-    return Overrule(None if point is None else (point[0], point[1]), threshold, corners)
+def given(overrule: Overrule) -> dict[str, Any]:
+    """What is overruled, by the names of `segment`'s arguments."""
+    return {name: value for name, value in vars(overrule).items() if value is not None}
 
 
 def _text(row: Mapping[str, Any], name: str, where: str) -> str:
@@ -234,7 +230,7 @@ def _number(value: Any, name: str, where: str) -> float:
     return number
 
 
-def read_numbers(value: Any, name: str, size: int, where: str) -> tuple[float, ...]:
+def _numbers(value: Any, name: str, size: int, where: str) -> tuple[float, ...]:
     """`size` finite numbers from a list, or from a text in which commas, semicolons or spaces stand between them."""
     parts = value.replace(",", " ").replace(";", " ").split() if isinstance(value, str) else value
     numbers = tuple(map(_float, parts)) if isinstance(parts, list | tuple) else ()

@@ -1,0 +1,195 @@
+"""Many micrographs measured, one after another or in several processes.
+
+`survey` reads, outlines and measures each file by itself, and writes its mask and overlay at once; a file that cannot
+be measured becomes an `Outcome` that says why, and the rest goes on. Results stand in the order of the tasks, and are
+the same whatever the number of processes.
+"""
+
+import hashlib
+import multiprocessing
+import os
+import signal
+import traceback
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from yeastfit import plot
+from yeastfit.errors import InputError, PixelSizeError
+from yeastfit.measure.dataset import given
+from yeastfit.measure.images import read_image
+from yeastfit.measure.segmentation import DOUBTS, segment
+from yeastfit.measure.series import measure_file
+from yeastfit.measure.tasks import Task
+from yeastfit.storage import written_whole
+from yeastfit.synthesis import write_mask
+
+TASKS_A_PROCESS = 4  # fewer are measured sooner than another process has started
+THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What became of a task: a row of numbers or an error, names of doubts, a thumbnail (JPEG) and the file's SHA-256.
+
+    row is None where the file was not measured, error empty where it was; the thumbnail is there whenever the image
+    could be outlined.
+    """
+
+    task: Task
+    row: dict[str, Any] | None = None
+    doubts: tuple[str, ...] = ()
+    error: str = ""
+    thumbnail: bytes = b""
+    sha256: str = ""
+
+
+def survey(
+    tasks: Sequence[Task], folder: Path, *, jobs: int = 1, progress: Callable[[int, int], None] | None = None
+) -> list[Outcome]:
+    """An `Outcome` for each task; masks/NAME.png and overlays/NAME.png in `folder` for each that was outlined.
+
+    jobs: the most processes to use. Each holds one image at a time and runs on one core; one that dies, of lack of
+    memory for instance, takes only its own image with it.
+    """
+    for part in ("masks", "overlays"):
+        (folder / part).mkdir(parents=True, exist_ok=True)
+    outcomes: dict[int, Outcome] = {}
+    processes = min(jobs, -(-len(tasks) // TASKS_A_PROCESS))
+    finished = _in_processes(tasks, folder, processes) if processes > 1 else _one_by_one(tasks, folder)
+    for number, outcome in finished:
+        outcomes[number] = outcome
+        if progress:
+            progress(len(outcomes), len(tasks))
+    return [outcomes[number] for number in range(len(tasks))]
+
+
+def _one_by_one(tasks: Sequence[Task], folder: Path) -> Iterator[tuple[int, Outcome]]:
+    for number, task in enumerate(tasks):
+        yield number, run_task(task, folder)
+
+
+def _in_processes(tasks: Sequence[Task], folder: Path, processes: int) -> Iterator[tuple[int, Outcome]]:
+    """Outcomes as they come. Once a process died, one at a time: then the first without outcome is the one to blame."""
+    waiting = dict(enumerate(tasks))
+    while waiting:
+        with _single_threaded(), _pool(processes) as pool:
+            if not _starts(pool):
+                break
+            futures = {pool.submit(run_task, task, folder): number for number, task in waiting.items()}
+            try:
+                for future in as_completed(futures):
+                    outcome = future.result()
+                    del waiting[futures[future]]
+                    yield futures[future], outcome
+            except BrokenProcessPool:
+                if processes == 1:
+                    number, task = next(iter(waiting.items()))
+                    del waiting[number]
+                    yield number, Outcome(task, error=f"{task.path}: its process died, perhaps of too little memory")
+                processes = 1
+    for number, task in waiting.items():
+        yield number, run_task(task, folder)
+
+
+@contextmanager
+def _pool(processes: int) -> Iterator[ProcessPoolExecutor]:
+    """Processes that are ended, each after the image at hand, whatever happens."""
+    context = multiprocessing.get_context("spawn")  # JAX must not be forked
+    pool = ProcessPoolExecutor(processes, mp_context=context, initializer=_ignore_interrupts)
+    try:
+        yield pool
+    finally:
+        pool.shutdown(cancel_futures=True)
+
+
+def _starts(pool: ProcessPoolExecutor) -> bool:
+    """Whether processes can be had here: not from a script that does its work while it is imported."""
+    try:
+        return pool.submit(os.getpid).result() != os.getpid()
+    except BrokenProcessPool:
+        return False
+
+
+def _ignore_interrupts() -> None:
+    """Ctrl-C goes to all processes, and the first one ends the others."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+@contextmanager
+def _single_threaded() -> Iterator[None]:
+    """Processes started inside use one thread each, unless the user's environment says otherwise."""
+    added = [name for name in THREADS if name not in os.environ]
+    os.environ.update(dict.fromkeys(added, "1"))
+    try:
+        yield
+    finally:
+        for name in added:
+            del os.environ[name]
+
+
+def run_task(task: Task, folder: Path) -> Outcome:
+    """Measure one file and write its mask and overlay; these also where only the size of a pixel is missing."""
+    try:
+        digest = hashlib.sha256(task.path.read_bytes()).hexdigest() if task.path.is_file() else ""
+    except OSError:
+        digest = ""
+    outcome = Outcome(task, sha256=digest)
+    try:
+        return _measured(outcome, folder)
+    except PixelSizeError as error:
+        return _outlined(replace(outcome, error=str(error)), folder)
+    except InputError as error:
+        return replace(outcome, error=str(error))
+    except Exception as error:  # a fault in one file must not cost the others; it is reported with its place
+        place = traceback.extract_tb(error.__traceback__)[-1]
+        fault = f"{type(error).__name__}: {' '.join(str(error).split())} ({Path(place.filename).name}:{place.lineno})"
+        return replace(outcome, error=f"{task.path}: a fault of yeastfit, please report it: {fault}")
+
+
+def _measured(outcome: Outcome, folder: Path) -> Outcome:
+    task = outcome.task
+    measured = measure_file(task.path, task.pixel_size, task.overrule)
+    doubts = measured.segmentation.warnings
+    shape, micrograph = measured.shape, measured.micrograph
+    title = f"{task.label}: area {shape.area:.4g} µm², compactness {shape.compactness:.3g}"
+    image = _pictures(task, micrograph.pixels, measured.segmentation.mask, title, micrograph.pixel_size, doubts, folder)
+    known = {"condition": task.condition, "replicate": task.replicate, "hours": task.hours}
+    row = {"file": task.label, **known, **measured.row(), "mask": f"masks/{task.name}.png"}
+    return replace(outcome, row={**row, "file": task.label}, doubts=doubts, thumbnail=image)
+
+
+def _outlined(outcome: Outcome, folder: Path) -> Outcome:
+    """The outcome of an image without pixel size, with its pictures as far as it can be outlined."""
+    task = outcome.task
+    try:
+        pixels = read_image(task.path)
+        found = segment(pixels, name=str(task.path), **given(task.overrule))
+    except InputError as error:
+        return replace(outcome, error=f"{outcome.error}; {error}")
+    title = f"{task.label}: no pixel size, not measured"
+    image = _pictures(task, pixels, found.mask, title, None, found.warnings, folder)
+    return replace(outcome, doubts=found.warnings, thumbnail=image)
+
+
+def _pictures(
+    task: Task,
+    pixels: np.ndarray,
+    mask: np.ndarray,
+    title: str,
+    pixel_size: float | None,
+    doubts: tuple[str, ...],
+    folder: Path,
+) -> bytes:
+    """Mask and overlay on disk, whole or not at all; the thumbnail."""
+    with written_whole(folder / "masks" / f"{task.name}.png") as temporary:
+        write_mask(temporary, mask)
+    figure = plot.overlay(pixels, mask, title, pixel_size, [f"{doubt}: {DOUBTS[doubt]}" for doubt in doubts])
+    plot.save(figure, folder / "overlays" / f"{task.name}.png")
+    return plot.thumbnail(pixels, mask, task.side)

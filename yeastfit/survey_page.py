@@ -1,0 +1,123 @@
+"""The page of a survey: doubts and failures first, then curves, every micrograph, the table, and how it was made."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from yeastfit import page
+from yeastfit.measure.dataset import given
+from yeastfit.measure.segmentation import DOUBTS
+from yeastfit.measure.statistics import MEANINGS, UNITS
+from yeastfit.survey import Outcome
+
+LINKED = 12  # images that a doubt names one by one; the others are counted
+
+
+def survey_page(
+    title: str, outcomes: Sequence[Outcome], curves: bytes, skipped: Sequence[Path], made: Mapping[str, Any]
+) -> str:
+    """One HTML file that shows a survey. curves: a PNG or empty; made: versions and settings."""
+    measured = [outcome for outcome in outcomes if outcome.row]
+    doubtful = [outcome for outcome in measured if outcome.doubts]
+    lead = page.facts(
+        [
+            (len(outcomes), "micrograph" if len(outcomes) == 1 else "micrographs"),
+            (len(measured), "measured"),
+            (len(doubtful), "of them in doubt"),
+            (len(outcomes) - len(measured), "not measured"),
+        ]
+    )
+    sections = [("Doubts and failures", _troubles(outcomes, skipped))]
+    if curves:
+        alt = "Statistics of every condition, with colonies and one standard deviation about their mean"
+        words = (
+            "<p>Thin lines or dots are colonies; thick lines or dashes their mean; "
+            "bands or bars one standard deviation. The numbers stand in <code>curves.csv</code>.</p>"
+        )
+        sections.append(("Curves", f'{words}<figure class="whole">{page.picture(curves, alt)}</figure>'))
+    sections.append(("Micrographs", _micrographs(outcomes)))
+    if measured:
+        sections.append(("Measurements", _measurements(outcomes)))
+    sections.append(("How this was made", _made(outcomes, made)))
+    foot = '<p class="soft">Outlines are drawn in orange. Larger ones, with axes, are in the folder overlays.</p>'
+    return page.document(title, lead, sections, foot)
+
+
+def _troubles(outcomes: Sequence[Outcome], skipped: Sequence[Path]) -> str:
+    parts = []
+    failed = [(k, outcome) for k, outcome in enumerate(outcomes) if not outcome.row]
+    if failed:
+        items = "".join(f"<li>{_link(k, outcome)}: {page.text(outcome.error)}</li>" for k, outcome in failed)
+        parts.append(f'<div class="note bad"><p><strong>Not measured: {len(failed)}</strong></p><ul>{items}</ul></div>')
+    for doubt in dict.fromkeys(doubt for outcome in outcomes for doubt in outcome.doubts):
+        named = [_link(k, outcome) for k, outcome in enumerate(outcomes) if doubt in outcome.doubts]
+        rest = f" and {len(named) - LINKED} more" if len(named) > LINKED else ""
+        parts.append(
+            f'<div class="note doubt"><p><strong>{page.text(doubt)}</strong> ({len(named)} of {len(outcomes)}): '
+            f"{page.text(DOUBTS[doubt])}</p><p>{', '.join(named[:LINKED])}{rest}</p></div>"
+        )
+    if skipped:
+        names = ", ".join(path.name for path in skipped[:LINKED])
+        rest = f" and {len(skipped) - LINKED} more" if len(skipped) > LINKED else ""
+        parts.append(f'<p class="soft">Passed over, as their names are no image\'s: {page.text(names)}{rest}.</p>')
+    return "".join(parts) if failed or len(parts) > bool(skipped) else "<p>None.</p>" + "".join(parts)
+
+
+def _link(number: int, outcome: Outcome) -> str:
+    return f'<a href="#image{number}">{page.text(outcome.task.label)}</a>'
+
+
+def _micrographs(outcomes: Sequence[Outcome]) -> str:
+    """Cards in the order of the tasks, under the name of their condition where there are several."""
+    conditions = list(dict.fromkeys(outcome.task.condition for outcome in outcomes))
+    parts = ["<p>What was taken for the colony is outlined. A picture grows when it is chosen.</p>"]
+    for condition in conditions:
+        if conditions != [""]:
+            parts.append(f"<h3>{page.text(condition or 'no condition')}</h3>")
+        cards = (_card(k, outcome) for k, outcome in enumerate(outcomes) if outcome.task.condition == condition)
+        parts.append(f'<div class="cards">{"".join(cards)}</div>')
+    return "".join(parts)
+
+
+def _card(number: int, outcome: Outcome) -> str:
+    task, row = outcome.task, outcome.row
+    lines = [f"<b>{page.text(_name(outcome))}</b>"]
+    if task.hours is not None:
+        lines.append(page.text(task.label))
+    if row:
+        lines.append(f"area {page.number(row['area'])} µm², compactness {page.number(row['compactness'])}")
+    if given(task.overrule):
+        lines.append("overruled: " + page.text(", ".join(given(task.overrule)).replace("_", " ")))
+    lines += [f'<span class="tag doubt">{page.text(doubt)}</span>' for doubt in outcome.doubts]
+    lines += [] if row else ['<span class="tag bad">not measured</span>']
+    alt = f"{_name(outcome)}, outlined" + (f"; in doubt: {', '.join(outcome.doubts)}" if outcome.doubts else "")
+    return page.card(f"image{number}", outcome.thumbnail, alt, "<br>".join(lines))
+
+
+def _name(outcome: Outcome) -> str:
+    task = outcome.task
+    return task.label if task.hours is None else f"replicate {task.replicate}, {task.hours:g} h"
+
+
+def _measurements(outcomes: Sequence[Outcome]) -> str:
+    measured = {f"image{k}": outcome.row for k, outcome in enumerate(outcomes) if outcome.row}
+    rows = list(measured.values())
+    known = [name for name in ("condition", "replicate", "hours") if any(row[name] not in ("", None) for row in rows)]
+    columns = [
+        page.Column("file", words=True),
+        *(page.Column(name, "h" if name == "hours" else "", name != "hours") for name in known),
+        page.Column("um_per_pixel", "µm"),
+        *(page.Column(name, unit) for name, unit in UNITS.items()),
+        page.Column("warnings", words=True),
+    ]
+    cells = [[row[column.name] for column in columns] for row in rows]
+    words = "<p>A heading sorts by its column. The same table is <code>measurements.csv</code>.</p>"
+    meanings = page.pairs((name.replace("_", " "), MEANINGS[name]) for name in UNITS)
+    table = page.table("Measurements of every micrograph", columns, cells, list(measured))
+    return f"{words}{table}<details><summary>What the columns mean</summary>{meanings}</details>"
+
+
+def _made(outcomes: Sequence[Outcome], made: Mapping[str, Any]) -> str:
+    hashes = page.pairs((outcome.task.label, outcome.sha256) for outcome in outcomes if outcome.sha256)
+    inputs = f"<details><summary>SHA-256 of the {len(outcomes)} inputs</summary>{hashes}</details>"
+    return page.pairs((name, value) for name, value in made.items()) + inputs

@@ -1,0 +1,111 @@
+"""What a survey leaves in its folder: tables, curves, a contact sheet and a page, each written whole or not at all."""
+
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from yeastfit import plot
+from yeastfit.measure.dataset import Dataset
+from yeastfit.measure.filaments import SKELETON
+from yeastfit.measure.series import condition_curves
+from yeastfit.measure.statistics import MEANINGS, UNITS
+from yeastfit.storage import versions, write_json, write_table, written_whole
+from yeastfit.survey import Outcome
+from yeastfit.survey_page import survey_page
+
+FILES = (
+    "measurements.csv",
+    "columns.json",
+    "failures.csv",
+    "curves.csv",
+    "curves.png",
+    "contact_sheet.png",
+    "index.html",
+    "manifest.json",
+)
+OWN_COLUMNS = {
+    "file": ("", "the image, as the manifest or the command line names it"),
+    "condition": ("", "from the manifest; empty outside a data set"),
+    "replicate": ("", "from the manifest; a colony is known by condition and replicate"),
+    "hours": ("h", "from the manifest: since the colony was one cell"),
+    "um_per_pixel": ("µm", "size of a pixel"),
+    "pixel_size_from": ("", "where that comes from"),
+    "warnings": ("", "doubts by name, with semicolons; the page explains them"),
+    "mask": ("", "what was measured"),
+}
+PLACES = ("centroid_x", "centroid_y")  # where a colony lies in its image: no curve of it
+
+
+def clear_results(folder: Path) -> None:
+    """Remove what an earlier survey left in `folder`, so that old and new are never taken for one. Masks stay."""
+    for name in FILES:
+        (folder / name).unlink(missing_ok=True)
+
+
+def write_results(
+    folder: Path,
+    title: str,
+    outcomes: Sequence[Outcome],
+    *,
+    dataset: Dataset | None = None,
+    skipped: Sequence[Path] = (),
+    settings: Mapping[str, Any] | None = None,
+) -> None:
+    """Everything but masks and overlays, which `survey` writes, and the manifest of the run.
+
+    measurements.csv, a row for each image that was measured; columns.json, units and meanings of its columns;
+    failures.csv where there are some; for a data set curves.csv and curves.png, mean and spread over replicates;
+    contact_sheet.png; and index.html, which shows it all.
+    """
+    rows = [outcome.row for outcome in outcomes if outcome.row]
+    failures = [{"file": outcome.task.label, "error": outcome.error} for outcome in outcomes if not outcome.row]
+    if rows:
+        write_table(folder / "measurements.csv", rows)
+        write_json(folder / "columns.json", _columns(rows[0]))
+    if failures:
+        write_table(folder / "failures.csv", failures)
+    curves = _write_curves(folder, rows) if dataset and rows else b""
+    _write_contact_sheet(folder, outcomes)
+    made = {"yeastfit": versions()["yeastfit"], **(settings or {}), "skeleton": SKELETON}
+    made |= {"versions": ", ".join(f"{name} {version}" for name, version in versions().items())}
+    with written_whole(folder / "index.html") as temporary:
+        temporary.write_text(survey_page(title, outcomes, curves, skipped, made), encoding="utf-8")
+
+
+def _columns(row: Mapping[str, Any]) -> dict[str, dict[str, str]]:
+    """Unit and meaning of every column, to be kept beside the table."""
+    known = OWN_COLUMNS | {name: (unit, MEANINGS[name]) for name, unit in UNITS.items()}
+    return {name: dict(zip(("unit", "meaning"), known[name], strict=True)) for name in row}
+
+
+def _write_curves(folder: Path, rows: Sequence[Mapping[str, Any]]) -> bytes:
+    """curves.csv and curves.png, and the picture's bytes."""
+    units = {name: unit for name, unit in UNITS.items() if name not in PLACES}
+    curves = condition_curves(rows, list(units))
+    written = [
+        {key: "" if isinstance(value, float) and math.isnan(value) else value for key, value in curve.items()}
+        | {"unit": units[curve["statistic"]]}
+        for curve in curves
+    ]
+    write_table(folder / "curves.csv", written)
+    plot.save(plot.condition_curves(rows, curves, units), folder / "curves.png")
+    return (folder / "curves.png").read_bytes()
+
+
+def _write_contact_sheet(folder: Path, outcomes: Sequence[Outcome]) -> None:
+    shown = [outcome for outcome in outcomes if outcome.thumbnail]
+    if not shown:
+        return
+    captions = [_caption(outcome) for outcome in shown]
+    doubtful = [bool(outcome.doubts) or not outcome.row for outcome in shown]
+    hours = len({outcome.task.hours for outcome in shown})
+    columns = hours if 3 < hours <= 16 else math.ceil(math.sqrt(1.6 * len(shown)))
+    figure = plot.thumbnail_sheet([outcome.thumbnail for outcome in shown], captions, doubtful, columns)
+    plot.save(figure, folder / "contact_sheet.png")
+
+
+def _caption(outcome: Outcome) -> str:
+    task = outcome.task
+    place = task.label if task.hours is None else f"{task.condition} {task.replicate}, {task.hours:g} h".strip()
+    return place + (f" - {', '.join(outcome.doubts)}" if outcome.doubts else "")
