@@ -20,15 +20,17 @@ Area outside the mean perimeter radius: pixels further from the centroid than th
 colony with its holes filled. A statistic of Li et al. 2025, "Agent-based modelling and time series inference of
 filamentous yeast colonies", bioRxiv, doi:10.1101/2025.09.15.676253; taken from its name.
 
-Skeleton. The colony at r ≥ r_CSR, on a closed ring of width r_CSR / 8 within it in place of the core, is thinned by
-`SKELETON`. Branches are the ends of the skeleton at r ≥ r_CSR. The ring has no ends, so that cutting off the core makes
-none; a lobe much broader than the ring only bulges it and is no branch. The skeleton's length there is 0.948 n + 1.343
-m for n steps along and m across pixels (Dorst & Smeulders 1987, "Length estimators for digitized contours", Comput.
-Vis. Graph. Image Process. 40:311, doi:10.1016/S0734-189X(87)80145-7: unbiased over directions, −5 to +3 % in one). Both
-are means over the four quadrants around the centroid, hence a quarter of the colony's. Thinning treats the sides of a
-shape in turn; so that turning by 90° or mirroring a colony changes nothing, every quadrant is thinned in the same
-orientation, as it is and mirrored. Li et al. 2024 count the ends of MATLAB's `bwmorph` skeleton in one quadrant, those
-at the cuts included: never compare counts of two algorithms.
+Skeleton. The colony at r ≥ r_CSR, on a closed ring of width max(r_CSR / 8, 8 pixels) within it in place of the core, is
+thinned by `SKELETON`. Branches are the ends of the skeleton at r ≥ r_CSR. The ring has no ends, so that cutting off the
+core makes none; a lobe much broader than the ring only bulges it and is no branch. The skeleton's length there is 0.948
+n + 1.343 m for n steps along and m across pixels (Dorst & Smeulders 1987, "Length estimators for digitized contours",
+Comput. Vis. Graph. Image Process. 40:311, doi:10.1016/S0734-189X(87)80145-7: unbiased over directions, −5 to +3 % in
+one). Both are means over the four quadrants around the centroid, hence a quarter of the colony's. Thinning treats the
+sides of a shape in turn; so that turning by 90° or mirroring a colony changes nothing, every quadrant is thinned in the
+same orientation, as it is and mirrored. Li et al. 2024 count the ends of MATLAB's `bwmorph` skeleton in one quadrant,
+those at the cuts included: never compare counts of two algorithms. Ends are not pruned: a disc may keep up to two spurs
+a quadrant, and an edge rough by more than a pixel (a mask enlarged by repeating its pixels) grows more, so compare
+masks made in one way.
 """
 
 from collections.abc import Iterator
@@ -50,6 +52,7 @@ SKELETON = "Zhang & Suen 1984 (scikit-image skeletonize)"
 
 _ALONG, _ACROSS = 0.948, 1.343
 _CORE = 1 / 8  # width of the ring in place of the core over r_CSR
+_THICKNESS = 8  # and the least such width, pixels: a thinner ring has ends wherever the edge is rough
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,13 +122,13 @@ def _branches(pixels: Pixels, inner: float) -> tuple[float, float]:
     row, column = np.ogrid[: pixels.colony.shape[0], : pixels.colony.shape[1]]
     distance = np.hypot(row - pixels.centre[0], column - pixels.centre[1])
     beyond = distance >= inner - TIE
-    seam = round(_CORE * inner)
-    thick = np.where(beyond, pixels.colony, distance >= (1 - _CORE) * inner - TIE)
+    width = max(_CORE * inner, _THICKNESS)
+    thick = np.where(beyond, pixels.colony, distance >= inner - width - TIE)
     count, length, orientations = 0, 0.0, 0
-    for index, height, width in _quadrants(thick.shape, pixels.centre, seam):
+    for index, rows, columns in _quadrants(thick.shape, pixels.centre, round(width)):
         skeleton = np.pad(skeletonize(thick.ravel()[index]), 1)
         own = skeleton & np.pad(beyond.ravel()[index], 1)
-        own[height + 1 :], own[:, width + 1 :] = False, False
+        own[rows + 1 :], own[:, columns + 1 :] = False, False
         neighbours, steps = _around(skeleton, own)
         count += int((neighbours <= 1).sum())
         length += 0.5 * float(steps.sum())

@@ -1,0 +1,124 @@
+"""CSR radius, indices and skeleton against closed forms, brute force and the published means."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from shapes import disc, masks, star, wheel
+
+from yeastfit.measure.filaments import RING, Filaments, csr_radius
+from yeastfit.measure.images import read_image
+from yeastfit.measure.pixels import Pixels
+from yeastfit.measure.segmentation import segment
+from yeastfit.measure.statistics import mask_statistics, measure_mask
+
+PUBLISHED = {  # I_F, I_R, area in pixels, number of colonies: Li et al. 2024
+    "awri796_50um": (0.2126, 0.1642, 573_920, 14),
+    "awri796_500um": (0.1768, 0.1118, 1_052_300, 13),
+    "simiwhite_50um": (0.1992, 0.1715, 825_329, 14),
+}
+
+
+def csr_by_hand(mask: np.ndarray) -> tuple[float, float]:
+    """The definition read aloud, ring by ring: r_CSR and by how much its ring is the better."""
+    rows, columns = np.nonzero(mask)
+    r = np.hypot(columns - columns.mean(), rows - rows.mean())
+    density = len(r) / (np.pi * r.max() ** 2)
+    excess = []
+    for i in range(1, int(r.max() / RING + 0.5) + 1):
+        held = np.sum((r > RING * (i - 1)) & (r <= RING * i)) + (i == 1) * np.sum(r == 0)
+        excess.append(abs(1 - held / (np.pi * density * RING**2 * (2 * i - 1))))
+    order = np.sort([*excess, np.inf])
+    return RING * (1 + int(np.argmin(excess))), order[1] - order[0]
+
+
+@settings(max_examples=80, deadline=None)
+@given(masks)
+def test_the_csr_radius_is_its_definition(mask):
+    found = csr_radius(Pixels.of(mask).distance)
+    rows, columns = np.nonzero(mask)
+    if np.hypot(columns - columns.mean(), rows - rows.mean()).max() < RING:
+        assert np.isnan(found)
+        return
+    expected, lead = csr_by_hand(mask)
+    assert found == expected or lead < 1e-6
+
+
+def test_indices_of_a_core_with_filaments():
+    """Seven spokes of 9 px from 60 to 150 px: f falls from the disc's value to the spokes', through 1 at the core."""
+    mask = wheel(60, 7, 150, 9)
+    shape = measure_mask(mask)
+    assert 60 - RING <= shape.csr_radius <= 60 + 2 * RING
+    beyond = 7 * 9 * (150 - shape.csr_radius)
+    assert shape.filament_area_index == pytest.approx(beyond / mask.sum() / 0.65, rel=0.02)
+    assert shape.filament_radius_index == pytest.approx((150 / shape.csr_radius - 1.1) / 1.7, abs=0.01)
+    assert shape.branch_length == pytest.approx(7 / 4 * (150 - shape.csr_radius), rel=0.05)
+    assert shape.wave_number == 7
+
+
+def test_area_outside_the_mean_perimeter_radius():
+    """By quadrature of r = R (1 + a cos mθ): the outline's mean distance, and the area beyond it."""
+    radius, amplitude, arms = 150, 0.2, 8
+    angle = np.linspace(0, 2 * np.pi, 20_001)[:-1]
+    r = radius * (1 + amplitude * np.cos(arms * angle))
+    speed = np.hypot(r, radius * amplitude * arms * np.sin(arms * angle))
+    mean = (r * speed).sum() / speed.sum()
+    area = np.maximum(r**2 - mean**2, 0).mean() * np.pi
+    shape = measure_mask(star(radius, amplitude, arms))
+    assert shape.perimeter_radius == pytest.approx(mean, rel=0.01)
+    assert shape.filament_area == pytest.approx(area, rel=0.05)
+    ring = disc(40) & ~np.pad(disc(20), 20)
+    assert measure_mask(ring).perimeter_radius == pytest.approx(measure_mask(disc(40)).perimeter_radius, rel=1e-6)
+
+
+@pytest.mark.parametrize("arms", [8, 12, 20])
+def test_every_arm_is_one_branch(arms):
+    assert measure_mask(star(150, 0.35, arms)).branch_count == arms / 4
+
+
+def test_a_disc_has_few_branches():
+    """Whichever ring the noise of pixels makes r_CSR: thinning leaves at most eight spurs of a smooth edge."""
+    for radius in (12.6, 20.3, 33.0, 55.0, 80.7, 120.2):
+        assert measure_mask(disc(radius)).branch_count <= 2
+
+
+def test_quadrants_share_the_pixels_on_the_axes():
+    """A plus sign, all of it on the axes: one branch and one arm's length a quadrant."""
+    mask = np.zeros((201, 201), dtype=bool)
+    mask[100], mask[:, 100] = True, True
+    filaments = Filaments(Pixels.of(mask))
+    count, length = filaments.branches
+    assert count == 1
+    assert length == pytest.approx(0.948 * (100 - filaments.csr_radius + 0.5), abs=0.948)
+
+
+def conditions(folder: Path) -> dict[str, list[dict[str, float]]]:
+    found: dict[str, list[dict[str, float]]] = {}
+    for path in sorted(folder.glob("*.tif")):
+        mask = segment(read_image(path), name=str(path)).mask
+        names = ("filament_area_index", "filament_radius_index", "area")
+        found.setdefault(path.stem.rpartition("_")[0], []).append(dict(mask_statistics(mask, 1.0, names)))
+    return found
+
+
+def test_published_means(real_data):
+    """Means over 8 colonies of 13 or 14, drawn without replacement: their error is s √((1 − n/N) / n).
+
+    It is 3 to 5 % of the means, so a single condition cannot tell 1 %. All nine means lie within two errors; so does
+    the average of the six ratios of I_F and I_R to the published, whose error is 1.6 %.
+    """
+    ratios, errors = [], []
+    for name, rows in conditions(real_data / "masks").items():
+        *published, population = PUBLISHED[name]
+        values = np.array([list(row.values()) for row in rows])
+        count = len(values)
+        mean = values.mean(axis=0)
+        error = values.std(axis=0, ddof=1) * np.sqrt((1 - count / population) / count)
+        assert np.all(np.abs(mean - published) < 2 * error), f"{name}: {mean} ± {error}, published {published}"
+        ratios.append((mean / published)[:2])
+        errors.append((error / published)[:2])
+    assert len(ratios) == 3
+    combined = np.sqrt(np.sum(np.square(errors))) / 6
+    assert combined < 0.02
+    assert np.mean(ratios) == pytest.approx(1, abs=2 * combined)
