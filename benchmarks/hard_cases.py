@@ -65,7 +65,7 @@ def drawn_colony(rng: np.random.Generator, shape: tuple[int, int], radius: float
 def photograph(rng: np.random.Generator, mask: Mask, look: Look) -> Pixels:
     """The 8-bit photograph of a mask: I = L exp(-a) blurred, with noise; a from contrast, depth, texture, objects."""
     depth = np.interp(ndimage.distance_transform_edt(mask), DEPTH, DARKER)
-    contrast = mask * depth * look.contrast * (1 + look.texture * _smooth_field(rng, mask.shape, 2.5))
+    contrast = mask * look.contrast * (depth + look.texture * _smooth_field(rng, mask.shape, 2.5))
     passed = 1 - np.clip(contrast / LIGHT, 0, 0.93)
     if look.objects is not None:
         passed = passed * np.exp(-look.objects(rng, mask))

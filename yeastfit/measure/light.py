@@ -1,6 +1,6 @@
 """The background of a photograph: the light there would be without a colony, its noise, and frames to leave out."""
 
-from math import ceil, sqrt
+from math import ceil, pi, sqrt
 
 import numpy as np
 from jaxtyping import Bool, Float64
@@ -8,10 +8,14 @@ from scipy import ndimage
 from skimage import filters, measure
 
 from yeastfit.errors import InputError
-from yeastfit.measure.raster import EIGHT, SMOOTHING, Field, Mask, blurred, border, spread
+from yeastfit.measure.raster import EIGHT, SMOOTHING, Field, Mask, areas_of, blurred, border, spread
+from yeastfit.measure.seams import STEEP, bands, with_tiles
 
 Samples = Float64[np.ndarray, " sample"]
 Kept = Bool[np.ndarray, " sample"]
+
+SLOPE_SCALE = (2.0, 4.0)  # px, of the derivative that finds edges: finest, and coarsest for noisy images
+REACHES = (0.05, 0.015)  # of the image's longer side
 
 
 def frames(image: Field) -> Mask:
@@ -31,24 +35,26 @@ def frames(image: Field) -> Mask:
 
 
 def background(image: Field, seen: Mask, name: str) -> tuple[Field, float]:
-    """Background and noise (module docstring).
+    """Background L and noise: the line "light" of `yeastfit.measure.segmentation`.
 
     The fit starts from bright pixels, so that a colony over half the image is no background; then residuals between -2
-    and 3 deviations are kept, the deviation taken from positive ones alone. Where there is no background to see, L
-    stays within what it is elsewhere.
+    and 3 deviations are kept, the deviation taken from positive ones alone. Where there is no background to see, the
+    polynomial stays within what it is elsewhere.
     """
+    noise = _noise(image, seen)
+    shade = bands(image, seen, noise)
+    even = image - shade
     step = ceil(sqrt(seen.sum() / 5_000))
     rows, columns = np.nonzero(seen[::step, ::step])
-    values = image[::step, ::step][rows, columns].astype(np.float64)
-    noise = _noise(image, seen)
-    keep = _bright_start(image, seen, values, name)
+    values = even[::step, ::step][rows, columns].astype(np.float64)
+    keep = _bright_start(even, seen, values, name)
     u, v = (_axis(size, max(image.shape)) for size in image.shape[::-1])
     for degree, rounds in ((2, 12), (4, 6)):
         table, keep, deviation = _clipped_fit(u[columns * step], v[rows * step], values, degree, keep, noise, rounds)
     surface = np.polynomial.polynomial.polygrid2d(u, v, table).T.astype(np.float32)
     known = surface[rows * step, columns * step][keep]
     surface = np.clip(surface, known.min(), known.max())
-    return surface + _local_light(image - surface, seen, 2.5 * deviation), noise
+    return surface + shade + _local_light(even, surface, seen, noise, 2.5 * deviation), noise
 
 
 def _bright_start(image: Field, seen: Mask, values: Samples, name: str) -> Kept:
@@ -85,15 +91,50 @@ def _axis(size: int, longest: int) -> Float64[np.ndarray, " point"]:
     return (2 * np.arange(size) - (size - 1)) / longest
 
 
-def _local_light(residual: Field, seen: Mask, limit: float) -> Field:
-    """Mean residual of background pixels nearby; it follows shading that a polynomial cannot."""
-    step = max(1, max(residual.shape) // 400)
-    dark = blurred(-residual, SMOOTHING) > limit
-    weight = (seen & ~ndimage.binary_dilation(dark, iterations=2)).astype(np.float32)[::step, ::step]
-    reach = 0.05 * max(residual.shape) / step
-    mean = blurred(residual[::step, ::step] * weight, reach) / (blurred(weight, reach) + 0.02)
-    zoom = [full / coarse for full, coarse in zip(residual.shape, mean.shape, strict=True)]
-    return mean if step == 1 else ndimage.zoom(mean, zoom, order=1, mode="nearest", grid_mode=True)
+def _local_light(image: Field, surface: Field, seen: Mask, noise: float, limit: float) -> Field:
+    """Mean of image - surface over background nearby, wide and then narrow: shading that no polynomial follows."""
+    step = max(1, round(max(image.shape) / 800))
+    small, flat = _shrunk(image, step), _shrunk(surface, step)
+    whole = _shrunk(seen.astype(np.float32), step) > 0.99
+    weight = _calm(small, flat, whole, noise / step, step, limit)
+    if weight.mean() < 0.03:
+        dark = blurred(flat - small, SMOOTHING / step) > limit
+        weight = whole & ~ndimage.binary_dilation(dark, iterations=2)
+    share, residual = weight.astype(np.float32)[::2, ::2], (small - flat)[::2, ::2]
+    mean = np.zeros_like(residual)
+    for reach in REACHES:
+        width = reach * max(residual.shape)
+        mean += blurred((residual - mean) * share, width) / (blurred(share, width) + np.float32(0.02))
+    zoom = [full / coarse for full, coarse in zip(image.shape, mean.shape, strict=True)]
+    return ndimage.zoom(mean, zoom, order=1, mode="nearest", grid_mode=True)
+
+
+def _calm(image: Field, surface: Field, seen: Mask, noise: float, step: int, limit: float) -> Mask:
+    """Background as what no edge parts from it: regions without a steep slope, mostly within `limit` of the surface.
+
+    A shadow has no edge and is background; a colony has, however faint. Regions behind a straight seam count too. Two
+    more pixels along every edge are left out, which closes gaps in it. `noise` is that of the shrunk image.
+    """
+    level = float(np.median(surface))
+    drowned = sqrt(5 * noise / (sqrt(8 * pi) * STEEP * step * max(level, 1e-6)))  # where noise is as steep as an edge
+    scale = min(max(1.0, SLOPE_SCALE[0] / step, drowned), SLOPE_SCALE[1] / step)
+    slope = ndimage.gaussian_gradient_magnitude(image, scale)
+    steep = np.maximum(np.float32(5 * noise / (sqrt(8 * pi) * scale**2)), np.float32(STEEP * step) * surface)
+    calm = ndimage.binary_erosion(seen & (slope < steep), EIGHT, iterations=2, border_value=1)
+    labels = measure.label(calm, connectivity=1)
+    areas = areas_of(labels)
+    near = np.bincount(labels.ravel(), weights=(np.abs(image - surface) < limit).ravel())
+    known = (near > 0.5 * areas) & (areas >= 20)
+    return with_tiles(known[labels], labels, image, areas)
+
+
+def _shrunk(field: Field, step: int) -> Field:
+    """Means over squares of `step` pixels; an incomplete last row or column is left out."""
+    if step == 1:
+        return field
+    rows, columns = (size // step for size in field.shape)
+    squares = field[: rows * step, : columns * step].reshape(rows, step, columns, step)
+    return squares.mean(axis=(1, 3), dtype=np.float32)
 
 
 def _noise(image: Field, seen: Mask) -> float:

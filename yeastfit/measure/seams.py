@@ -1,0 +1,80 @@
+"""Steps in brightness that stitching and lamps leave: bands across the whole image, and tiles."""
+
+from math import pi, sqrt
+
+import numpy as np
+import numpy.typing as npt
+from scipy import ndimage
+
+from yeastfit.measure.raster import EIGHT, Field, Mask
+
+BAND_SCALE = 2.0  # px, of the derivative across a band
+STEEP = 0.004  # of the background's brightness, per px: steeper than lamps make it, flatter than any colony's edge
+BRIGHT = 0.6  # of the background's brightness: darker pixels are a colony's core or another object
+STRAIGHT = 0.6  # share of a seam whose two sides face each other along an axis
+SIMILAR = 0.75  # ratio of brightness between two tiles, at least
+REACH = 0.04  # of the image's longer side: the widest seam
+
+
+def bands(image: Field, seen: Mask, noise: float) -> Field:
+    """What rows and columns as wholes differ by, b(y) + a(x), in grey levels; mean 0.
+
+    b is the sum over rows of the median slope along y, in rows where it is steep and three quarters of the bright
+    pixels agree in its sign: a colony's edges, which lie in few columns of any row, do not move a median. Likewise a.
+    """
+    inner = seen if seen.all() else ndimage.binary_erosion(seen, EIGHT, iterations=4, border_value=1)
+    level = float(np.percentile(image[::4, ::4], 95))
+    down = _profile(image, inner, level, noise)
+    right = _profile(image.T, inner.T, level, noise)
+    total = down[:, None] + right[None, :]
+    return total - total.mean()
+
+
+def _profile(image: Field, seen: Mask, level: float, noise: float) -> npt.NDArray[np.float32]:
+    wide = max(1, image.shape[1] // 100)
+    used = image.shape[1] // wide * wide
+    parts = image[:, :used].reshape(len(image), -1, wide).mean(axis=2, dtype=np.float32)
+    slope = ndimage.gaussian_filter1d(parts, BAND_SCALE, axis=0, order=1)
+    whole = seen[:, :used].reshape(len(image), -1, wide).all(axis=2)
+    ordered = np.sort(np.where(whole & (parts > BRIGHT * level), slope, np.nan), axis=1)  # NaN last
+    count = np.isfinite(ordered).sum(axis=1)
+    lower, middle, upper = (
+        np.take_along_axis(ordered, (part * np.maximum(count - 1, 0)).astype(int)[:, None], axis=1)[:, 0]
+        for part in (0.25, 0.5, 0.75)
+    )
+    steep = max(STEEP * level, 4 * noise / sqrt(4 * sqrt(pi) * BAND_SCALE**3 * wide))
+    band = (count > 0.2 * ordered.shape[1]) & (np.abs(middle) > steep) & (np.sign(lower) == np.sign(upper))
+    return np.cumsum(np.where(band, middle, np.float32(0)), dtype=np.float32)
+
+
+def with_tiles(known: Mask, labels: npt.NDArray[np.integer], image: Field, areas: npt.NDArray[np.int64]) -> Mask:
+    """Known background and those regions of `labels` that only a straight seam along an axis parts from it.
+
+    Brightness may differ across a seam as `SIMILAR` says. A region counts from half a per cent of the image.
+    """
+    waiting = [int(k) for k in np.flatnonzero(areas > 0.005 * labels.size) if not known[labels == k].any()]
+    while waiting and known.any():
+        away, (rows, columns) = ndimage.distance_transform_edt(~known, return_indices=True)
+        tiles = [k for k in waiting if _is_tile(labels == k, away, rows, columns, image)]
+        if not tiles:
+            break
+        known = known | np.isin(labels, tiles)
+        waiting = [k for k in waiting if k not in tiles]
+    return known
+
+
+def _is_tile(
+    region: Mask,
+    away: npt.NDArray[np.floating],
+    rows: npt.NDArray[np.integer],
+    columns: npt.NDArray[np.integer],
+    image: Field,
+) -> bool:
+    gap = float(away[region].min())
+    if gap > REACH * max(region.shape):
+        return False
+    row, column = np.nonzero(region & (away < gap + 4))
+    facing = rows[row, column], columns[row, column]
+    straight = (np.abs(row - facing[0]) <= 1) | (np.abs(column - facing[1]) <= 1)
+    ratio = float(np.median(image[row, column] / np.maximum(image[facing], 1e-6)))
+    return bool(straight.mean() > STRAIGHT and SIMILAR < ratio < 1 / SIMILAR)
