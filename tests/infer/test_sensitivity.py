@@ -1,6 +1,7 @@
 """The estimators where the answer is known, their blend's risk, and the whole on small colonies."""
 
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import jax
@@ -49,7 +50,8 @@ class Toy:
 
 def regression(toy: Toy, pairs: int, seed: int = 0) -> Estimate:
     keys, rng = member_keys(seed, pairs), np.random.default_rng(seed)
-    return module._regression(toy.members, np.zeros(7), np.arange(7), keys, 0.2, rng, (1, len(toy.slopes)))
+    grow = partial(toy.members, keys=keys)
+    return module._regression(grow, np.zeros(7), np.arange(7), pairs, 0.2, rng, (1, len(toy.slopes)))
 
 
 def test_curvature_and_what_a_key_brings_cancel_within_a_pair() -> None:
@@ -172,6 +174,26 @@ def test_what_colonies_run_into_is_said() -> None:
     found = sensitivity(times=[3.5, 4.5], numerics=replace(SMALL, capacity=8), runs=16, paths=8, statistics=["area"])
     assert [w.partition(" colonies: ")[0] for w in found.warnings] == ["regression and mean: 24", "pathwise: 8"]
     assert all("raise capacity" in warning for warning in found.warnings)
+
+
+def test_paths_end_where_they_are_of_no_use(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    ask = partial(sensitivity, times=[2.5, 3.5], numerics=SMALL, runs=16, paths=4, statistics=["area", "radius"])
+    monkeypatch.setattr(module, "PATH_NODES", 12)  # 8 nodes at 2.5, 16 at 3.5
+    found = ask()
+    assert np.isfinite(found.parts["pathwise"].jacobian[:, 0]).all()
+    assert np.isnan(found.parts["pathwise"].jacobian[:, 1]).all()
+    np.testing.assert_array_equal(found.pathwise_share[:, 1], 0)
+    np.testing.assert_array_equal(found.jacobian[:, 1], found.parts["regression"].jacobian[:, 1])
+    found.save(tmp_path / "found.json")
+    again = Sensitivity.load(tmp_path / "found.json").parts["pathwise"]
+    np.testing.assert_array_equal(again.jacobian, found.parts["pathwise"].jacobian)
+    whole = ask(method="pathwise").parts["pathwise"]
+    np.testing.assert_allclose(whole.jacobian[:, 0], found.parts["pathwise"].jacobian[:, 0], rtol=1e-4)
+    assert np.isfinite(whole.jacobian).all()
+    monkeypatch.setattr(module, "PATH_NODES", 4)
+    none = ask()
+    assert set(none.parts) == {"regression"}
+    assert (none.carried_by() == "regression").all()
 
 
 def test_exploded_tails_are_said() -> None:

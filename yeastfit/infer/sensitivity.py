@@ -7,13 +7,15 @@ while nothing about itself. What a fit needs is J = ∂E[y] / ∂log λ, the der
 with one key each are grown at log λ ± spread · ε, ε a row of a randomly signed and permuted Hadamard matrix, so that
 all parameters vary at once and orthogonally: J_k = Σ_pairs ½ (y₊ − y₋) ε_k / (pairs · spread). What is even in ε, the
 curvature, cancels within each pair; what is left, of order spread², are third derivatives (Box & Hunter 1961,
-doi:10.1080/00401706.1961.10489951). Error: what the pairs scatter around the straight line. n runs tell all seven
-parameters apart with a seventh of the variance that n runs of central differences with the same spread have.
+doi:10.1080/00401706.1961.10489951): at spread 0.2 two or three standard errors of 256 runs, at 0.1 a fraction of one.
+Error: what the pairs scatter around the straight line. Were all colonies independent, n runs would tell seven
+parameters apart with a seventh of the variance of n runs of central differences; common keys help those more.
 
 **Pathwise** is forward mode through the relaxed model, a mean over members that outliers cannot carry away
-(`robust_mean`). Exact derivatives of single colonies explode (`Relaxation.turning`); tame ones are quiet, so that a few
-colonies do, but biased: the contact is wide and its direction held fixed, and no derivative sees how λ changes the
-order of parents. No number of members tells by how much.
+(`robust_mean`). Exact derivatives of single colonies explode with the number of contacts; taming them
+(`Relaxation.turning`) makes them quiet and biased, and none sees how λ changes the order of parents. No number of
+members tells by how much. So they are taken of a model close to the hard one, half tamed, and only up to `PATH_NODES`
+nodes, where they cost little and a few of them are as quiet as hundreds of runs.
 
 **Combined** shrinks the unbiased estimate R towards the quiet one P, for each statistic and time,
 
@@ -52,6 +54,8 @@ from yeastfit.storage import write_json
 
 Method = Literal["combined", "regression", "pathwise"]
 STATISTICS = ("compactness", "mean_radius", "radius", "area", "cell_count")
+COUNT = "cell_count"
+PATH_NODES = 64  # of the mean colony, up to which pathwise derivatives are of use
 EXPLODED = 3.0  # times the scatter of the members left as they are: the tails would decide a plain mean
 
 Table = Float[np.ndarray, "statistic time free"]
@@ -70,8 +74,9 @@ class Sensitivity:
     """Mean curves of an ensemble and their derivatives in log λ.
 
     mean, mean_error: [statistic, time], of the model at λ itself. jacobian, error: [statistic, time, free], by
-    `method`. pathwise_share: w, [statistic, time]. parts: the estimators that went into it, by name. tails: by how much
-    outliers among pathwise derivatives would have raised their scatter, [statistic, time], 1 where there were none.
+    `method`. pathwise_share: w, [statistic, time]. parts: the estimators that went into it, by name; NaN where a path
+    was not grown. tails: by how much outliers among pathwise derivatives would have raised their scatter, [statistic,
+    time], 1 where there were none.
     runs: colonies grown, by what for. seconds: likewise.
     """
 
@@ -156,7 +161,7 @@ def sensitivity(
     method: Method = "combined",
     runs: int = 256,
     paths: int = 8,
-    spread: float = 0.2,
+    spread: float = 0.1,
     seed: int = 0,
     numerics: Numerics | None = None,
     relaxation: Relaxation | None = None,
@@ -170,11 +175,10 @@ def sensitivity(
     statistics: of `SmoothStatistics`. free: with respect to which parameters. method: "combined", "regression" or
     "pathwise" (see above); what is not asked for is not run, but the mean is always that of `relaxation` at λ, from a
     quarter as many colonies as the regression has. runs: colonies for the regression, a multiple of 16. paths: colonies
-    for the pathwise part; each costs six to seven plain runs of its model. spread: of log λ in the regression, whose
-    bias grows as spread² and whose variance falls as 1/spread². relaxation, numerics: of the model that is meant, by
-    default `hard_but_smoothly_measured` at Δt = 0.005. path_relaxation, path_numerics: of the one that is
-    differentiated, by default `tame` at Δt = 0.02 and twice the spacing: its bias is watched, and a path costs about
-    as much as a run of the other.
+    for the pathwise part; each costs six to seven plain runs of its model. "combined" grows them to `PATH_NODES` at
+    most, "pathwise" to the end. spread: of log λ in the regression, whose bias grows as spread² and whose variance
+    falls as 1/spread². relaxation, numerics: of the model that is meant, by default `hard_but_smoothly_measured` at
+    Δt = 0.005. path_relaxation, path_numerics: of the one that is differentiated, by default `tame` at Δt = 0.01.
 
     Same seed, same result. Regression steps a little beyond the largest admissible repulsion_radius or aspect_ratio
     where λ lies there. Raises `InputError`. Costs nothing to be asked again for other statistics of the same run: ask
@@ -183,21 +187,22 @@ def sensitivity(
     began = clock.perf_counter()
     parameters = parameters or Parameters()
     numerics = numerics or Numerics(dt=0.005)
-    path_numerics = path_numerics or _coarse(numerics, parameters)
+    path_numerics = path_numerics or _of_paths(numerics, parameters)
     relaxation = hard_but_smoothly_measured() if relaxation is None else relaxation
     path_relaxation = tame() if path_relaxation is None else path_relaxation
     observe = observe or SmoothStatistics(numerics.domain, 0.1)
     _check(parameters, statistics, free, method, runs, paths, spread)
     log_values = np.log([float(getattr(parameters, name)) for name in NAMES])
     chosen = np.array([NAMES.index(name) for name in free])
-    shape = len(statistics), len(np.atleast_1d(times))
+    times = np.atleast_1d(np.asarray(times, dtype=float))
+    shape = len(statistics), len(times)
+    recorded = tuple(statistics) + (() if COUNT in statistics else (COUNT,))
     say = progress or (lambda what, share: None)
 
-    def curves(numerics: Numerics, relaxation: Relaxation) -> LogCurves:
-        schedule = schedule_of(times, numerics)
-        return LogCurves(tuple(statistics), numerics, observe, relaxation, schedule)
+    def curves(numerics: Numerics, relaxation: Relaxation, times: np.ndarray) -> LogCurves:
+        return LogCurves(recorded, numerics, observe, relaxation, schedule_of(times, numerics))
 
-    model = curves(numerics, relaxation)
+    model = curves(numerics, relaxation, times)
     parts: dict[str, Estimate] = {}
     seconds: dict[str, float] = {}
     spent = {"mean": max(8, runs // 4)}
@@ -208,33 +213,46 @@ def sensitivity(
     def grow(log_values: np.ndarray, keys: Array) -> np.ndarray:
         found, met = without_problems(model.members(jnp.asarray(log_values, jnp.result_type(float)), keys))
         problems["regression and mean"] += met
-        return found
+        return found.reshape(-1, len(recorded), len(times))
 
     centre = grow(log_values, member_keys(jax.random.fold_in(jax.random.key(seed), 1), spent["mean"]))
-    centre = centre.reshape(-1, *shape)
+    nodes = centre[:, recorded.index(COUNT)].mean(axis=0) + 1
+    centre = centre[:, : shape[0]]
     seconds["mean"] = clock.perf_counter() - began
     if method != "pathwise":
         say("regression", 0.1)
         began = clock.perf_counter()
         keys = member_keys(jax.random.fold_in(jax.random.key(seed), 0), runs // 2)
         rng = np.random.default_rng(seed)
-        parts["regression"] = _regression(grow, log_values, chosen, keys, spread, rng, shape)
+        parts["regression"] = _regression(
+            lambda z: grow(z, keys)[:, : shape[0]].reshape(len(keys), -1),
+            log_values,
+            chosen,
+            len(keys),
+            spread,
+            rng,
+            shape,
+        )
         spent["regression"], seconds["regression"] = runs, clock.perf_counter() - began
-    if method != "regression":
+    sampled = len(times) if method == "pathwise" else int(np.sum(nodes <= PATH_NODES))  # from the first on
+    if method != "regression" and sampled:
         say("pathwise", 0.7)
         began = clock.perf_counter()
         keys = member_keys(jax.random.fold_in(jax.random.key(seed), 2), paths)
-        differentiated = curves(path_numerics, path_relaxation)
+        differentiated = curves(path_numerics, path_relaxation, times[:sampled])
         z = jnp.asarray(log_values, jnp.result_type(float))
         values, tangents = differentiated.members_with_tangents(z, keys)
         problems["pathwise"] = without_problems(values)[1]
-        parts["pathwise"], tails = _pathwise(tangents[..., : np.prod(shape)], chosen, shape)
+        of_curves = np.asarray(tangents)[..., : len(recorded) * sampled].reshape(*tangents.shape[:2], -1, sampled)
+        parts["pathwise"], tails = _pathwise(of_curves[:, chosen, : shape[0]], len(times))
         spent["pathwise"], seconds["pathwise"] = paths, clock.perf_counter() - began
-        warnings += _doubts(tails, statistics, np.atleast_1d(times), method)
+        warnings += _doubts(tails, statistics, times, method)
     for part, counts in problems.items():
         warnings += [f"{part}: {count} colonies: {PROBLEMS[name]}" for name, count in counts.items()]
-    if method == "combined":
+    if method == "combined" and "pathwise" in parts:
         jacobian, error, share = combine(parts["regression"], parts["pathwise"])
+    elif method == "combined":
+        jacobian, error, share = parts["regression"].jacobian, parts["regression"].error, np.zeros(shape)
     else:
         jacobian, error = parts[method].jacobian, parts[method].error
         share = np.full(shape, float(method == "pathwise"))
@@ -242,7 +260,7 @@ def sensitivity(
         parameters=parameters,
         free=tuple(free),
         statistics=tuple(statistics),
-        times=np.atleast_1d(np.asarray(times, dtype=float)),
+        times=times,
         method=method,
         mean=centre.mean(axis=0),
         mean_error=centre.std(axis=0, ddof=1) / np.sqrt(len(centre)),
@@ -265,8 +283,8 @@ def hard_but_smoothly_measured() -> Relaxation:
 
 
 def tame() -> Relaxation:
-    """The model that is differentiated: a wide contact, to both sides of its radius, whose direction is held fixed."""
-    return Relaxation(contact=0.2, overhang=0.25, turning=0.0)
+    """The model that is differentiated: a contact to both sides of its radius, whose direction is half held fixed."""
+    return Relaxation(contact=0.1, overhang=0.25, turning=0.5)
 
 
 def combine(unbiased: Estimate, quiet: Estimate) -> tuple[Table, Table, Float[np.ndarray, "statistic time"]]:
@@ -300,18 +318,18 @@ def design(pairs: int, free: int, rng: np.random.Generator) -> Float[np.ndarray,
 
 
 def _regression(
-    grow: Callable[[np.ndarray, Array], np.ndarray],
+    grow: Callable[[np.ndarray], np.ndarray],
     log_values: np.ndarray,
     chosen: np.ndarray,
-    keys: Array,
+    pairs: int,
     spread: float,
     rng: np.random.Generator,
     shape: tuple[int, int],
 ) -> Estimate:
-    units = design(len(keys), len(chosen), rng)
-    away = np.zeros((len(keys), len(NAMES)))
+    units = design(pairs, len(chosen), rng)
+    away = np.zeros((pairs, len(NAMES)))
     away[:, chosen] = spread * units
-    up, down = (grow(log_values + sign * away, keys) for sign in (1.0, -1.0))
+    up, down = (grow(log_values + sign * away) for sign in (1.0, -1.0))
     half = 0.5 * (up - down)
     good = np.isfinite(half).all(axis=1)
     if good.sum() < 0.5 * len(good):
@@ -325,20 +343,23 @@ def _regression(
 
 
 def _pathwise(
-    tangents: Float[Array, "member 7 curve"], chosen: np.ndarray, shape: tuple[int, int]
+    tangents: Float[np.ndarray, "member free statistic sampled"], times: int
 ) -> tuple[Estimate, Float[np.ndarray, "statistic time"]]:
-    robust = robust_mean(jnp.moveaxis(tangents, 1, 2)[..., chosen])
-    mean, error, spread = (np.asarray(a, dtype=float) for a in (robust.mean, robust.error, robust.spread))
-    estimate = Estimate(mean.reshape(*shape, -1), error.reshape(*shape, -1))
-    return estimate, np.nan_to_num(spread, nan=np.inf).max(axis=-1).reshape(shape)
+    """The estimate and its tails; NaN and 1 from where on paths do not go."""
+    robust = robust_mean(jnp.moveaxis(jnp.asarray(tangents), 1, -1))
+    beyond = times - tangents.shape[-1]
+
+    def at_all_times(values: Array, rest: float) -> np.ndarray:
+        return np.pad(np.asarray(values, float), ((0, 0), (0, beyond), (0, 0))[: values.ndim], constant_values=rest)
+
+    estimate = Estimate(at_all_times(robust.mean, np.nan), at_all_times(robust.error, np.nan))
+    return estimate, at_all_times(jnp.nan_to_num(robust.spread, nan=jnp.inf).max(axis=-1), 1.0)
 
 
-def _coarse(numerics: Numerics, parameters: Parameters) -> Numerics:
-    """Δt up to 0.02, as springs and ramp bear it without chatter, and twice the spacing where the domain allows it."""
+def _of_paths(numerics: Numerics, parameters: Parameters) -> Numerics:
+    """Δt of 0.01 at most, and such that no step throws two nodes across half the ramp of `tame`."""
     stiffest = max(float(parameters.elasticity), float(parameters.repulsivity))
-    even = (numerics.points - 1) % 2 == 0
-    dt = max(numerics.dt, min(0.02, 0.1 / stiffest))
-    return replace(numerics, dt=dt, spacing=numerics.spacing * (2 if even else 1))
+    return replace(numerics, dt=min(0.01, 0.05 / stiffest))
 
 
 def _doubts(tails: np.ndarray, statistics: Sequence[str], times: np.ndarray, method: Method) -> list[str]:
