@@ -72,6 +72,8 @@ def test_fewer_than_two_pixels_have_no_pairs():
     assert np.isnan(angular_spectrum(np.empty(0))).all()
     assert np.isnan(dominant_wave_number(angular_spectrum(np.empty(0))))
     assert np.isnan(dominant_wave_number(np.array([1.0, 0.0, 0.0])))
+    assert dominant_wave_number(np.array([1.0, 0.1, 0.2, 0.3]), 2.9) == 2
+    assert np.isnan(dominant_wave_number(np.array([1.0, 0.1, 0.2, 0.3]), 0.5))
 
 
 @pytest.mark.parametrize("arms", [3, 5, 8, 13, 40])

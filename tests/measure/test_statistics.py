@@ -143,6 +143,7 @@ def test_bounds(mask):
     assert row["object_count"] >= 1
     assert all(np.isnan(row[name]) or row[name] >= 0 for name in NOT_NEGATIVE)
     assert np.isnan(row["angular_index"]) or row["angular_index"] <= 1 + 1e-12
+    assert np.isnan(row["wave_number"]) or 1 <= row["wave_number"] <= pi * row["csr_radius"] / 4
     assert np.isnan(row["filament_area_index"]) or row["filament_area_index"] * 0.65 <= 1 + 1e-12
     assert np.isnan(row["fractal_dimension"]) or 0 <= row["fractal_dimension"] <= 2
 

@@ -77,6 +77,11 @@ class Filaments:
         return self.pixels.angle[self.beyond]
 
     @property
+    def finest_wave(self) -> float:
+        """The wave number whose wave is two rings long at r_CSR."""
+        return np.pi * self.csr_radius / RING
+
+    @property
     def area_index(self) -> float:
         """I_F."""
         return nan if np.isnan(self.csr_radius) else float(self.beyond.mean()) / 0.65

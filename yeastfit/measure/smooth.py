@@ -16,6 +16,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from yeastfit.measure.overlap import overlap_area, smooth_step
+from yeastfit.measure.polar import Polar, polar_statistics
 from yeastfit.model.cells import level_set
 from yeastfit.model.simulate import Snapshot
 from yeastfit.model.window import extent_of_cells, on_window
@@ -27,19 +28,22 @@ class SmoothStatistics(eqx.Module):
     extent: side of the square around the origin that is looked at. spacing: of its grid. smoothing: width of the
     Gaussian. A boundary width of None in the relaxation takes the hard indicator, which blurring alone smooths.
     overlap: whether to add "overlap_area", of all cells wherever they are and of the relaxation's widths, which takes
-    several times as long as the rest.
+    several times as long as the rest. polar: adds "max_radius", "radial_profile_0", … and "angular_spectrum_1", …
     """
 
     extent: float = eqx.field(static=True)
     spacing: float = eqx.field(static=True, default=0.1)
     smoothing: float = eqx.field(static=True, default=0.0)
     overlap: bool = eqx.field(static=True, default=False)
+    polar: Polar | None = eqx.field(static=True, default=None)
 
     def __call__(self, snapshot: Snapshot) -> dict[str, Float[Array, ""]]:
         """Statistics by name (source table 3.1)."""
 
         def shape(points: int, snapshot: Snapshot) -> dict[str, Float[Array, ""]]:
-            return smooth_shape(indicator(snapshot, points, self.spacing), self.spacing, self.smoothing)
+            phi = indicator(snapshot, points, self.spacing)
+            found = smooth_shape(phi, self.spacing, self.smoothing)
+            return found | (smooth_polar(phi, self.spacing, self.smoothing, self.polar) if self.polar else {})
 
         cells, relaxation = snapshot.cells, snapshot.relaxation
         extent = extent_of_cells(cells, relaxation.reach)
@@ -95,6 +99,19 @@ def smooth_shape(phi: Float[Array, "x y"], spacing: float, smoothing: float) -> 
         "compactness": perimeter**2 / (4 * jnp.pi * area),
         "radius": jnp.sum(phi * distance) / total,
     }
+
+
+def smooth_polar(
+    phi: Float[Array, "x y"], spacing: float, smoothing: float, polar: Polar
+) -> dict[str, Float[Array, ""]]:
+    """What `smooth_shape` leaves out, of the same blurred indicator, one number a name; see `polar`.
+
+    max_radius, radial_profile_0 … (share of the plane that is colony, ring by ring), angular_spectrum_1 … (power).
+    """
+    found = polar_statistics(gaussian_blur(phi, smoothing / spacing), spacing, polar)
+    named = {"max_radius": found["max_radius"]}
+    named |= {f"radial_profile_{j}": found["radial_profile"][j] for j in range(polar.rings)}
+    return named | {f"angular_spectrum_{k + 1}": found["angular_spectrum"][k] for k in range(polar.waves)}
 
 
 def gaussian_blur(phi: Float[Array, "x y"], sigma: float) -> Float[Array, "wide high"]:

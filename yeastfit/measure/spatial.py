@@ -32,8 +32,9 @@ Angular pair correlation. Of all pairs of different pixels at r ≥ r_CSR, with 
 1 on average over the circle (s = 0 … 359). TAMMiCol draws at most 1000 pixels and sorts their differences into 50 bins.
 
 Spectrum. p_k = |(1/N) Σ exp(−i k θ)|² of the same pixels in the same sectors, k = 0 … 180; g and p are each other's
-Fourier transform. The dominant wave number is the k ≥ 1 of the largest p_k: so many filaments, or bunches of them, a
-turn. TAMMiCol transforms g over [0, π], so that its wave numbers count periods in half a turn.
+Fourier transform. The dominant wave number is the k of the largest p_k: so many filaments, or bunches of them, a turn.
+It is looked for from 1 to π r_CSR / δ, where a wave at r_CSR is 2δ = 8 pixels long (and to 180): finer ones are the
+lattice's. TAMMiCol transforms g over [0, π], so that its wave numbers count periods in half a turn.
 """
 
 import numpy as np
@@ -85,12 +86,13 @@ def angular_spectrum(angle: PerPixel) -> Float[np.ndarray, " wave"]:
     return np.abs(np.fft.rfft(_counts(angle, DIRECTIONS)) / len(angle)) ** 2
 
 
-def dominant_wave_number(power: Float[np.ndarray, " wave"]) -> float:
-    """The first k ≥ 1 of the largest power, nan where there is none (or only rounding)."""
-    largest = power[1:].max()
-    if not largest > TIE**2:
+def dominant_wave_number(power: Float[np.ndarray, " wave"], finest: float = np.inf) -> float:
+    """The first k from 1 to `finest` of the largest power p_k, nan where there is none (or only rounding)."""
+    waves = np.arange(1, len(power))
+    power = power[1:][waves <= finest]
+    if not power.max(initial=0.0) > TIE**2:
         return float("nan")
-    return float(1 + np.argmax(power[1:] >= largest * (1 - TIE)))
+    return float(1 + np.argmax(power >= power.max() * (1 - TIE)))
 
 
 def radial_profile(distance: PerPixel, width: float, count: int) -> Float[np.ndarray, " ring"]:

@@ -122,7 +122,7 @@ STATISTICS = {
         lambda p, f: angular_index(f.angle), 0, "I_θ: spread of the area beyond csr_radius over directions, 0 to 1"
     ),
     "wave_number": Statistic(
-        lambda p, f: dominant_wave_number(angular_spectrum(f.angle)),
+        lambda p, f: dominant_wave_number(angular_spectrum(f.angle), f.finest_wave),
         0,
         "dominant wave number of the angular pair correlation beyond csr_radius, periods a turn",
     ),
