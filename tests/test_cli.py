@@ -122,6 +122,32 @@ def test_capacity_is_reported(tmp_path: Path, capsys: pytest.CaptureFixture[str]
     assert "2 of 2 colonies: births were cut" in capsys.readouterr().err
 
 
+def test_measure_a_data_set(dataset: Path, tmp_path: Path) -> None:
+    assert cli.run(["measure", str(dataset), "--out", str(tmp_path), "--jobs", "1"]) == 0
+    frames = read_dataset(dataset).frames
+    table = rows(tmp_path / "measurements.csv")
+    assert [row["file"] for row in table] == [f"images/{frame.path.name}" for frame in frames]
+    assert [(row["replicate"], float(row["hours"])) for row in table] == [(f.replicate, f.hours) for f in frames]
+    units = {name: column["unit"] for name, column in json.loads((tmp_path / "columns.json").read_text()).items()}
+    assert list(units) == list(table[0])
+    assert (units["area"], units["radius"], units["compactness"]) == ("µm²", "µm", "")
+    curves = rows(tmp_path / "curves.csv")
+    assert len({curve["statistic"] for curve in curves}) * 4 == len(curves)
+    for curve in curves:
+        if curve["statistic"] in ("area", "compactness"):
+            values = [float(row[curve["statistic"]]) for row in table if row["hours"] == curve["hours"]]
+            assert int(curve["count"]) == len(values) == 6
+            assert float(curve["mean"]) == pytest.approx(np.mean(values))
+            assert float(curve["standard_error"]) == pytest.approx(np.std(values, ddof=1) / 6**0.5)
+    for part in ("masks", "overlays"):
+        assert {path.stem for path in (tmp_path / part).iterdir()} == {frame.path.stem for frame in frames}
+    assert all(smallest_side(tmp_path / name) > 300 for name in ("curves.png", "contact_sheet.png"))
+    assert (tmp_path / "index.html").read_text(encoding="utf-8").count("<img ") == 24 + 1 + 1
+    manifest = json.loads((tmp_path / "manifest.json").read_text())
+    assert len(manifest["inputs"]) == 25
+    assert manifest["failed"] == []
+
+
 def test_measure_goes_on_after_bad_files_and_says_so(
     dataset: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

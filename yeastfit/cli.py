@@ -35,6 +35,7 @@ from yeastfit.synthesis import read_recipes
 from yeastfit.synthesis import synthesize as make_dataset
 
 app = typer.Typer(no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False, help=__doc__)
+INTERRUPTED = 130  # typer's exit code after Ctrl-C
 out, err = Console(), Console(stderr=True)
 
 Out = Annotated[Path, typer.Option("--out", help="Folder for the results; made if missing.", show_default=False)]
@@ -380,10 +381,9 @@ def run(arguments: list[str] | None = None) -> int:
     except InputError as error:
         err.print(f"error: {error}", markup=False, highlight=False, soft_wrap=True)
         return 2
-    except KeyboardInterrupt:
-        err.print("interrupted: what stands in the folder without a manifest.json is not a result")
-        return 130
     except SystemExit as finished:
+        if finished.code == INTERRUPTED:
+            err.print("interrupted: what stands in the folder without a manifest.json is not a result")
         return int(finished.code or 0)
     return 0
 

@@ -126,7 +126,7 @@ def number(value: float) -> str:
     if not math.isfinite(value):
         return "–"
     if value and not 1e-3 <= abs(value) < 1e9:
-        return f"{value:.3e}"
+        return f"{value:.3e}".replace("-", "−")
     digits = 0 if isinstance(value, int) or not value else max(0, 3 - math.floor(math.log10(abs(value))))
     return f"{value:,.{digits}f}".replace(",", "\u202f").replace("-", "−")
 

@@ -133,9 +133,9 @@ def thumbnail(pixels: np.ndarray, mask: np.ndarray | None, side: int) -> bytes:
     scale = 2 * side / max(pixels.shape)  # drawn twice as large, so that reducing it makes smooth lines
     size = [max(2, round(length * scale)) for length in pixels.shape[::-1]]
     image = Image.fromarray(grey).resize((size[0], size[1]), Image.Resampling.BICUBIC).convert("RGB")
-    canvas = ImageDraw.Draw(image)
+    canvas, width = ImageDraw.Draw(image), max(3, round(side / 140))
     for contour in [] if mask is None else outline(mask):
-        canvas.line([(x, y) for y, x in ((contour + 0.5) * scale).tolist()], fill=OUTLINE, width=3, joint="curve")
+        canvas.line([(x, y) for y, x in ((contour + 0.5) * scale).tolist()], fill=OUTLINE, width=width, joint="curve")
     buffer = BytesIO()
     image.reduce(2).save(buffer, "JPEG", quality=82, optimize=True)
     return buffer.getvalue()

@@ -9,6 +9,7 @@ import hashlib
 import multiprocessing
 import os
 import signal
+import threading
 import traceback
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
@@ -76,60 +77,48 @@ def _one_by_one(tasks: Sequence[Task], folder: Path) -> Iterator[tuple[int, Outc
 
 
 def _in_processes(tasks: Sequence[Task], folder: Path, processes: int) -> Iterator[tuple[int, Outcome]]:
-    """Outcomes as they come. Once a process died, one at a time: then the first without outcome is the one to blame."""
+    """Outcomes as they come. Once a process died, one at a time: then the first without outcome is the one to blame.
+
+    Where no process can be had, as in a script that does its work while it is imported, all is done in this one.
+    """
     waiting = dict(enumerate(tasks))
+    context = multiprocessing.get_context("spawn")  # JAX must not be forked
     while waiting:
-        with _single_threaded(), _pool(processes) as pool:
-            if not _starts(pool):
+        pool = ProcessPoolExecutor(processes, mp_context=context)
+        try:
+            with _inherited():
+                first = pool.submit(os.getpid)
+                futures = {pool.submit(run_task, task, folder): number for number, task in waiting.items()}
+            if isinstance(first.exception(), BrokenProcessPool):
                 break
-            futures = {pool.submit(run_task, task, folder): number for number, task in waiting.items()}
-            try:
-                for future in as_completed(futures):
-                    outcome = future.result()
-                    del waiting[futures[future]]
-                    yield futures[future], outcome
-            except BrokenProcessPool:
-                if processes == 1:
-                    number, task = next(iter(waiting.items()))
-                    del waiting[number]
-                    yield number, Outcome(task, error=f"{task.path}: its process died, perhaps of too little memory")
-                processes = 1
+            for future in as_completed(futures):
+                outcome = future.result()
+                del waiting[futures[future]]
+                yield futures[future], outcome
+        except BrokenProcessPool:
+            if processes == 1:
+                number, task = next(iter(waiting.items()))
+                del waiting[number]
+                yield number, Outcome(task, error=f"{task.path}: its process died, perhaps of too little memory")
+            processes = 1
+        finally:
+            pool.shutdown(cancel_futures=True)  # after the images at hand
     for number, task in waiting.items():
         yield number, run_task(task, folder)
 
 
 @contextmanager
-def _pool(processes: int) -> Iterator[ProcessPoolExecutor]:
-    """Processes that are ended, each after the image at hand, whatever happens."""
-    context = multiprocessing.get_context("spawn")  # JAX must not be forked
-    pool = ProcessPoolExecutor(processes, mp_context=context, initializer=_ignore_interrupts)
-    try:
-        yield pool
-    finally:
-        pool.shutdown(cancel_futures=True)
-
-
-def _starts(pool: ProcessPoolExecutor) -> bool:
-    """Whether processes can be had here: not from a script that does its work while it is imported."""
-    try:
-        return pool.submit(os.getpid).result() != os.getpid()
-    except BrokenProcessPool:
-        return False
-
-
-def _ignore_interrupts() -> None:
-    """Ctrl-C goes to all processes, and the first one ends the others."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-
-
-@contextmanager
-def _single_threaded() -> Iterator[None]:
-    """Processes started inside use one thread each, unless the user's environment says otherwise."""
+def _inherited() -> Iterator[None]:
+    """Processes started inside use one thread each, and leave Ctrl-C, which goes to all of them, to this one."""
     added = [name for name in THREADS if name not in os.environ]
     os.environ.update(dict.fromkeys(added, "1"))
+    main = threading.current_thread() is threading.main_thread()  # only there can signals be set
+    handler = signal.signal(signal.SIGINT, signal.SIG_IGN) if main else None
     try:
         yield
     finally:
+        if main:
+            signal.signal(signal.SIGINT, handler)
         for name in added:
             del os.environ[name]
 

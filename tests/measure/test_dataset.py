@@ -8,7 +8,8 @@ from PIL import Image
 
 from yeastfit.errors import InputError
 from yeastfit.infer.targets import Targets
-from yeastfit.measure.dataset import read_dataset
+from yeastfit.measure.dataset import Frame, read_dataset
+from yeastfit.measure.overrule import Overrule
 from yeastfit.measure.series import measure_dataset, replicate_curves, smooth_statistics
 
 DEMO = Path(__file__).parents[2] / "data" / "synthetic" / "demo"
@@ -34,7 +35,18 @@ def folder(tmp_path: Path, text: str | bytes) -> Path:
         (HEADER + "a.png,,2,1\n", ["line 2", "replicate is empty"]),
         (HEADER + "a.png\n", ["line 2", "replicate is empty"]),
         (HEADER + "a.png,1,2,1\na.png,1,2,1\n", ["replicate 1 at 2 hours stands twice"]),
+        (HEADER + "a.png,1,2,1\na.png,2,2,1\n\na.png,1,2.0,1\n", ["line 5: replicate 1 at 2 hours stands twice"]),
         (b"\xff\xfe\x00\xd8", ["UTF-8"]),
+        (HEADER + "a.png,1,2,1,9\n", ["line 2", "5 cells", "4 columns"]),
+        (HEADER + 'a.png,"1,2,1\n', ["line 2", "not CSV"]),
+        ("file;replicate;hours;um_per_pixel\n", ["no column 'file'", "not by semicolons"]),
+        (HEADER.replace("\n", ",conditon\n"), ["line 1", "'conditon' is unknown", "did you mean 'condition'?"]),
+        (HEADER.replace("\n", ",Seed point\n"), ["'Seed point' is unknown", "did you mean 'seed_point'?"]),
+        (HEADER.replace("\n", ",xyz\n"), ["'xyz' is unknown", "known are file, replicate"]),
+        (HEADER.replace("\n", ",hours\n"), ["line 1", "stands twice"]),
+        (HEADER.replace("\n", ",roi\n") + "a.png,1,2,1,1 2 3\n", ["line 2", "roi is '1 2 3'", "4 numbers"]),
+        (HEADER.replace("\n", ",seed_point\n") + "a.png,1,2,1,1 inf\n", ["line 2", "seed_point is '1 inf'"]),
+        (HEADER.replace("\n", ",threshold\n") + "a.png,1,2,1,0\n", ["line 2", "threshold is '0'"]),
     ],
 )
 def test_a_bad_manifest_is_refused_by_row(tmp_path: Path, text: str | bytes, words: list[str]) -> None:
@@ -45,8 +57,84 @@ def test_a_bad_manifest_is_refused_by_row(tmp_path: Path, text: str | bytes, wor
     assert "\n" not in message
 
 
-def test_a_folder_without_a_manifest_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"no manifest\.csv"):
+IMAGE = "[[image]]\nfile = 'a.png'\nreplicate = 1\nhours = 2\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("", ["no rows"]),
+        ("a = = 1", ["not TOML", "line 1"]),
+        ("pixel_size = 2\n" + IMAGE, ["at the top", "'pixel_size' is unknown"]),
+        ("um_per_pixel = -2\n" + IMAGE, ["at the top", "um_per_pixel is -2"]),
+        ("image = 3", ["image is 3", "[[image]]"]),
+        ("image = [3]", ["image 1", "[[image]]"]),
+        (IMAGE + IMAGE.replace("a.png", "b.png"), ["image 2 (b.png)", "no file b.png"]),
+        (IMAGE + "hour = 3\n", ["image 1 (a.png)", "'hour' is unknown", "did you mean 'hours'?"]),
+        (IMAGE.replace("2", "true"), ["image 1 (a.png)", "hours is True"]),
+        (IMAGE.replace("hours = 2", ""), ["image 1 (a.png)", "hours is ''"]),
+        (IMAGE.replace("'a.png'", "[1]"), ["image 1", "file is [1]"]),
+        (IMAGE + "roi = [1, 2, 3, '4x']\n", ["image 1 (a.png)", "roi is [1, 2, 3, '4x']"]),
+        (IMAGE + IMAGE + "condition = 'x'\n" + IMAGE, ["image 3 (a.png)", "replicate 1 at 2 hours stands twice"]),
+        (
+            "condition = 'x'\n" + IMAGE + IMAGE,
+            ["image 2 (a.png)", "replicate 1 of condition 'x' at 2 hours stands twice"],
+        ),
+    ],
+)
+def test_a_bad_toml_manifest_is_refused_by_image(tmp_path: Path, text: str, words: list[str]) -> None:
+    (tmp_path / "a.png").write_bytes(b"x")
+    (tmp_path / "manifest.toml").write_text(text)
+    with pytest.raises(InputError) as caught:
+        read_dataset(tmp_path)
+    message = str(caught.value)
+    assert all(word in message for word in ["manifest.toml", *words])
+    assert "\n" not in message
+
+
+def test_csv_and_toml_say_the_same(tmp_path: Path) -> None:
+    columns = "condition,seed_point,threshold,roi,note"
+    folder(
+        tmp_path,
+        f"\ufeff{HEADER.strip()},{columns}\n"
+        'a.png,1,2,0.5,AWRI 796,"10.5, 20",12,1 2 30 40,taken twice\n'
+        "a.png, left ,2.5,0.5,AWRI 796,,,,\n,,,,,,,,\na.png,1,2,0.75,other,,7\n",
+    )
+    from_csv = read_dataset(tmp_path)
+    (tmp_path / "manifest.csv").unlink()
+    (tmp_path / "manifest.toml").write_text(
+        "um_per_pixel = 0.5\ncondition = 'AWRI 796'\n"
+        + IMAGE
+        + "seed_point = [10.5, 20]\nthreshold = 12\nroi = [1, 2, 30, 40]\nnote = 'taken twice'\n"
+        + IMAGE.replace("replicate = 1", "replicate = 'left'").replace("hours = 2", "hours = 2.5")
+        + IMAGE
+        + "um_per_pixel = 0.75\ncondition = 'other'\nthreshold = 7\n"
+    )
+    from_toml = read_dataset(tmp_path)
+    assert from_csv == from_toml
+    first, second, third = from_toml.frames
+    assert first.overrule == Overrule((10.5, 20.0), 12.0, (1, 2, 30, 40))
+    assert (second.replicate, second.hours, second.overrule) == ("left", 2.5, Overrule())
+    assert third == Frame(tmp_path / "a.png", "1", 2.0, 0.75, "other", Overrule(threshold=7.0))
+    assert from_toml.conditions == ("AWRI 796", "other")
+    assert from_toml.of("other").frames == (third,)
+    assert from_toml.manifest == tmp_path / "manifest.toml"
+    with pytest.raises(InputError, match=r"condition: got 'none'.* 'AWRI 796', 'other'"):
+        from_toml.of("none")
+    # one colony in two conditions is two colonies, whose curves must not be pooled
+    values = [{"area": 5.0}, {"area": 6.0}, {"area": 7.0}]
+    with pytest.raises(InputError, match="conditions 'AWRI 796', 'other', curves are of one"):
+        replicate_curves(from_toml, values, ("area",))
+    curves, _ = replicate_curves(from_toml.of("AWRI 796"), values[:2], ("area",))
+    np.testing.assert_array_equal(curves["area"], [[5, np.nan], [np.nan, 6]])
+
+
+def test_a_folder_has_one_manifest(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"no manifest\.csv or manifest\.toml"):
+        read_dataset(tmp_path)
+    folder(tmp_path, HEADER + "a.png,1,2,1\n")
+    (tmp_path / "manifest.toml").write_text(IMAGE)
+    with pytest.raises(InputError, match=r"holds manifest\.csv and manifest\.toml"):
         read_dataset(tmp_path)
 
 

@@ -1,0 +1,204 @@
+"""The page of a survey: whole, readable, safe, and opened in a real browser where there is one."""
+
+import json
+import re
+import shutil
+import subprocess
+from html.parser import HTMLParser
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from yeastfit import cli, page
+
+BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome", "microsoft-edge")
+FLAGS = (
+    "--headless=new",
+    "--no-sandbox",
+    "--disable-gpu",
+    "--disable-dev-shm-usage",
+    "--disable-background-networking",
+    "--no-first-run",
+    "--enable-logging=stderr",
+    "--virtual-time-budget=10000",
+    "--dump-dom",
+)
+EARLY = (
+    "<script>window.faults = []; addEventListener('error', event => faults.push(event.message || 'resource'), true);"
+)
+EARLY += "addEventListener('securitypolicyviolation', event => faults.push(event.blockedURI));</script>"
+LATE = """<script>addEventListener("load", () => {
+  const seen = { pictures: [...document.images].map(image => [image.alt, image.naturalWidth, image.complete]) };
+  const first = document.querySelector("figure button");
+  first.click();
+  seen.enlarged = [document.querySelector("dialog").open, document.querySelector("dialog img").naturalWidth > 1];
+  document.querySelector("dialog form button").click();
+  seen.closed = !document.querySelector("dialog").open;
+  const names = () => [...document.querySelectorAll("tbody tr")].map(row => row.cells[0].textContent);
+  const head = [...document.querySelectorAll("thead th")].find(cell => cell.textContent.startsWith("area"));
+  seen.sorted = [1, 2].map(() => { head.querySelector("button").click(); return [head.ariaSort, names()]; });
+  seen.requests = performance.getEntriesByType("resource").map(each => each.name).filter(name => !/^data:/.test(name));
+  seen.wide = document.documentElement.scrollWidth - document.documentElement.clientWidth;
+  seen.faults = faults;
+  const report = document.createElement("pre");
+  report.id = "report";
+  report.textContent = JSON.stringify(seen);
+  document.body.append(report);
+});</script>"""
+
+
+@pytest.fixture(scope="module")
+def surveyed(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Results of a data set with two conditions, two times, a doubt and a file that is no image."""
+    folder = tmp_path_factory.mktemp("page")
+    lines = ["um_per_pixel = 0.5"]
+    for k, (condition, replicate, hours, radius) in enumerate(
+        (c, r, h, 12 + 4 * h + r) for c in ("<b>wild & free</b>", 'the "other"') for r in (1, 2) for h in (3, 5)
+    ):
+        write_star(folder / "data" / f"{k}.png", radius, twins=k == 3)
+        lines += ["[[image]]", f"file = '{k}.png'", f"replicate = {replicate}", f"hours = {hours}"]
+        lines += [f"condition = '{condition}'"]
+    (folder / "data" / "7.png").write_text("<script>alert(1)</script>")
+    (folder / "data" / "manifest.toml").write_text("\n".join(lines))
+    assert cli.run(["measure", str(folder / "data"), "--out", str(folder / "out"), "--jobs", "1"]) == 2
+    return folder / "out"
+
+
+def write_star(path: Path, radius: float, twins: bool) -> None:
+    """A dark star of five arms, or two of them side by side."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    image = np.full((140, 300), 185.0)
+    for centre in (80, 220) if twins else (150,):
+        x, y = np.arange(300) - centre, np.arange(140)[:, None] - 70
+        image[np.hypot(x, y) <= radius * (1 + 0.2 * np.cos(5 * np.arctan2(y, x)))] = 55
+    noise = np.random.default_rng(round(radius)).normal(0, 2, image.shape)
+    Image.fromarray((image + noise).astype(np.uint8)).save(path)
+
+
+class Reader(HTMLParser):
+    """Tags that are opened and closed, their attributes, and the text between."""
+
+    VOID = ("meta", "link", "img", "br")
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.open: list[str] = []
+        self.tags: list[tuple[str, dict[str, str | None]]] = []
+        self.words = ""
+        self.feed(text)
+        self.close()
+
+    def handle_starttag(self, tag: str, attributes: list[tuple[str, str | None]]) -> None:
+        self.tags.append((tag, dict(attributes)))
+        if tag not in self.VOID:
+            self.open.append(tag)
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+
+    def handle_data(self, text: str) -> None:
+        if not self.open or self.open[-1] not in ("style", "script"):
+            self.words += text
+
+    def of(self, tag: str) -> list[dict[str, str | None]]:
+        return [attributes for name, attributes in self.tags if name == tag]
+
+
+def test_the_page_is_whole_and_says_what_a_reader_needs(surveyed: Path) -> None:
+    read = Reader((surveyed / "index.html").read_text(encoding="utf-8"))
+    assert read.open == []
+    assert read.of("html")[0]["lang"] == "en"
+    assert any(meta.get("name") == "viewport" for meta in read.of("meta"))
+    assert all((image["src"] or "").startswith("data:image/") for image in read.of("img"))
+    assert all(image["alt"] for image in read.of("img")[:-1])  # the last is filled when a picture grows
+    names = [attributes["id"] for _, attributes in read.tags if "id" in attributes]
+    assert len(set(names)) == len(names)
+    assert {(link["href"] or "")[1:] for link in read.of("a")} <= set(names)
+    assert len(read.of("figure")) == 1 + 8
+    assert len(read.of("tr")) == 1 + 7
+    assert len(read.of("script")) == 1
+    for words in ("<b>wild & free</b>", "7.png: is no image", "several objects (1 of 8)", "µm²", "SHA-256", "yeastfit"):
+        assert words in read.words
+    before = read.words.index("several objects")
+    assert read.words.index("Not measured: 1") < before < read.words.index("replicate 1, 3 h")
+
+
+def test_the_page_asks_for_nothing(surveyed: Path) -> None:
+    text = (surveyed / "index.html").read_text(encoding="utf-8")
+    assert "default-src 'none'" in text
+    assert not re.search(r"(?:src|href)=[\"'](?!#|data:)", text)
+    assert not re.search(r"https?://|@import|url\(", re.sub(r"base64,[A-Za-z0-9+/=]+", "", text))
+    assert len(text) < 2e6
+
+
+@pytest.mark.parametrize(
+    ("value", "shown"),
+    [
+        (0, "0"),
+        (12, "12"),
+        (1234567, "1\u202f234\u202f567"),
+        (1234.6, "1\u202f235"),
+        (0.12345, "0.1235"),
+        (-2.5, "−2.500"),
+        (3e-7, "3.000e−07"),
+        (float("nan"), "–"),
+    ],
+)
+def test_numbers_have_four_digits(value: float, shown: str) -> None:
+    assert page.number(value) == shown
+
+
+# -------------------------------------------------------------------------------------------------------------- browser
+
+
+def open_in_browser(text: str, folder: Path, width: int = 1280) -> tuple[dict, list[str]]:
+    """What a page finds out about itself once it is loaded, and what the browser's console says."""
+    browser = next(filter(None, map(shutil.which, BROWSERS)), None)
+    if browser is None:
+        pytest.skip(f"no browser to open the page with: none of {', '.join(BROWSERS)} is installed")
+    path = folder / f"opened_{width}.html"
+    policy = re.compile(r"<head>\n")
+    path.write_text(
+        policy.sub(f"<head>\n{EARLY}", text, count=1).replace("</body>", f"{LATE}</body>"), encoding="utf-8"
+    )
+    command = [browser, *FLAGS, f"--user-data-dir={folder / 'profile'}", f"--window-size={width},900", path.as_uri()]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=180, check=True)
+    report = re.search(r'<pre id="report">(.*?)</pre>', done.stdout, re.S)
+    assert report, f"the page did not report: {done.stderr[-2000:]}"
+    return json.loads(report[1].replace("&amp;", "&").replace("&lt;", "<").replace("&gt;", ">")), [
+        line for line in done.stderr.splitlines() if "CONSOLE" in line
+    ]
+
+
+@pytest.mark.parametrize("width", [1280, 500])
+def test_a_browser_shows_every_picture_and_has_nothing_to_complain_of(
+    surveyed: Path, tmp_path: Path, width: int
+) -> None:
+    seen, console = open_in_browser((surveyed / "index.html").read_text(encoding="utf-8"), tmp_path, width)
+    assert console == []
+    assert seen["faults"] == []
+    assert seen["requests"] == []
+    assert len(seen["pictures"]) == 1 + 7 + 1  # curves, images that could be read, and the one that grows
+    assert all(width > 0 and complete for _, width, complete in seen["pictures"])
+    assert seen["enlarged"] == [True, True]
+    assert seen["closed"]
+    assert seen["wide"] <= 0
+    (up, rising), (down, falling) = seen["sorted"]
+    assert (up, down) == ("ascending", "descending")
+    # radii 12 + 4 h + replicate; the fourth shows two of the largest
+    assert rising == ["0.png", "4.png", "2.png", "6.png", "1.png", "5.png", "3.png"]
+    assert falling == rising[::-1]
+
+
+def test_the_browser_would_notice_faults(surveyed: Path, tmp_path: Path) -> None:
+    text = (surveyed / "index.html").read_text(encoding="utf-8")
+    broken = text.replace("data:image/jpeg;base64,/9j/", "data:image/jpeg;base64,AAAA", 1)
+    broken = broken.replace("<main>", '<main><img src="https://example.org/a.png" alt="outside">', 1)
+    broken = broken.replace("</main>", "</main><script>nothing.here()</script>", 1)
+    assert broken != text
+    seen, console = open_in_browser(broken, tmp_path)
+    assert any("nothing is not defined" in line for line in console)
+    assert {"resource", "https://example.org/a.png"} <= set(seen["faults"])
+    assert sum(width == 0 for _, width, _ in seen["pictures"]) == 2

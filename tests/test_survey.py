@@ -1,0 +1,230 @@
+"""Many files at once: which are measured, under what names, in how many processes, and what is left in the folder."""
+
+import csv
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from yeastfit import cli
+from yeastfit.errors import InputError
+from yeastfit.measure.overrule import Overrule
+from yeastfit.measure.series import condition_curves
+from yeastfit.measure.tasks import find_tasks
+from yeastfit.survey import survey
+
+
+def write_disc(path: Path, radius: float = 30.0, side: int = 120) -> Path:
+    """A dark disc on a bright, slightly noisy ground."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    x = np.arange(side) - side / 2
+    dark = np.hypot(x[:, None], x[None, :]) <= radius
+    noise = np.random.default_rng(0).normal(0, 2, dark.shape)
+    Image.fromarray((np.where(dark, 60, 180) + noise).astype(np.uint8)).save(path)
+    return path
+
+
+def rows(path: Path) -> list[dict[str, str]]:
+    with path.open(newline="", encoding="utf-8") as file:
+        return list(csv.DictReader(file))
+
+
+# --------------------------------------------------------------------------------------------------------------- tasks
+
+
+def test_all_images_of_a_folder_are_measured_in_counting_order(tmp_path: Path) -> None:
+    for name in ("s10.png", "s9.PNG", "notes.txt", ".hidden.png"):
+        (tmp_path / name).write_bytes(b"x")
+    tasks, dataset, skipped = find_tasks([tmp_path], 0.5, Overrule(threshold=9.0))
+    assert [task.label for task in tasks] == ["s9.PNG", "s10.png"]
+    assert all(task.pixel_size == 0.5 and task.overrule.threshold == 9 and task.hours is None for task in tasks)
+    assert dataset is None
+    assert [path.name for path in skipped] == ["notes.txt"]
+
+
+def test_what_the_manifest_says_goes_before_the_options(tmp_path: Path) -> None:
+    for name in ("a.png", "b.png"):
+        (tmp_path / name).write_bytes(b"x")
+    (tmp_path / "manifest.csv").write_text(
+        "file,replicate,hours,um_per_pixel,condition,seed_point,threshold\na.png,1,2,0.3,x,5 6,\nb.png,1,2,,y,,7\n"
+    )
+    for path in (tmp_path, tmp_path / "manifest.csv"):
+        (a, b), dataset, _ = find_tasks([path], 0.5, Overrule((1.0, 2.0), 3.0))
+        assert dataset is not None
+        assert (a.condition, a.pixel_size, a.overrule) == ("x", 0.3, Overrule((5.0, 6.0), 3.0))
+        assert (b.condition, b.pixel_size, b.overrule) == ("y", 0.5, Overrule((1.0, 2.0), 7.0))
+
+
+@pytest.mark.parametrize(
+    ("files", "names"),
+    [
+        (["a.png", "b.png"], ["a", "b"]),
+        (["a.png", "A.tif"], ["a.png", "A.tif"]),
+        (["x/1.png", "y/1.png"], ["x_1.png", "y_1.png"]),
+        (["x/1.png", "y/1.png", "x_1.png"], ["0001_1", "0002_1", "0003_x_1"]),
+    ],
+)
+def test_masks_never_share_a_name(tmp_path: Path, files: list[str], names: list[str]) -> None:
+    for file in files:
+        (tmp_path / file).parent.mkdir(exist_ok=True)
+        (tmp_path / file).write_bytes(b"x")
+    tasks, _, _ = find_tasks([tmp_path / file for file in files])
+    assert [task.name for task in tasks] == names
+    assert len({task.label for task in tasks}) == len(files)
+
+
+def test_paths_that_cannot_be_meant_are_refused(tmp_path: Path) -> None:
+    image = write_disc(tmp_path / "images" / "a.png")
+    (tmp_path / "manifest.csv").write_text("file,replicate,hours,um_per_pixel\nimages/a.png,1,2,1\n")
+    (tmp_path / "empty").mkdir()
+    for paths, words in (
+        ([tmp_path / "gone.png"], "gone.png: there is no such file"),
+        ([tmp_path / "empty"], "empty: no manifest and no image"),
+        ([tmp_path, image], "is a data set, measure it by itself"),
+        ([image, image.parent / ".." / "images" / "a.png"], "is given twice"),
+    ):
+        with pytest.raises(InputError, match=words):
+            find_tasks(paths)
+    for out in (image.parent, tmp_path):
+        assert cli.run(["measure", str(image), "--out", str(out)]) == 2
+        assert not (out / "index.html").exists()
+
+
+# ------------------------------------------------------------------------------------------------------------ processes
+
+
+def test_two_processes_find_what_one_finds_and_a_dead_one_takes_only_its_own_image(tmp_path: Path) -> None:
+    files = [write_disc(tmp_path / f"{k}.png", radius=20 + k) for k in range(9)]
+    tasks, _, _ = find_tasks(files, 0.5)
+    environment = dict(os.environ)
+    alone = survey(tasks, tmp_path / "alone")
+    tasks[4] = replace(tasks[4], path=_Deadly(files[4]))
+    seen: list[tuple[int, int]] = []
+    together = survey(tasks, tmp_path / "together", jobs=2, progress=lambda *counts: seen.append(counts))
+    assert seen == [(k, 9) for k in range(1, 10)]
+    for k, (one, other) in enumerate(zip(alone, together, strict=True)):
+        if k == 4:
+            assert other.row is None
+            assert "4.png: its process died" in other.error
+            continue
+        assert one == other
+        mask = Path("masks") / f"{k}.png"
+        assert (tmp_path / "alone" / mask).read_bytes() == (tmp_path / "together" / mask).read_bytes()
+    assert dict(os.environ) == environment
+
+
+class _Deadly(type(Path())):  # type: ignore[misc]
+    """A path that ends the process it is sent to."""
+
+    def __reduce__(self) -> tuple:
+        return os._exit, (1,)
+
+
+def test_ctrl_c_ends_all_processes_without_a_traceback(tmp_path: Path) -> None:
+    folder, out = tmp_path / "images", tmp_path / "out"
+    for k in range(200):
+        write_disc(folder / f"{k}.png")
+    command = [sys.executable, "-m", "yeastfit", "measure", str(folder), "--out", str(out), "--pixel-size", "1"]
+    with subprocess.Popen([*command, "--jobs", "2"], stderr=subprocess.PIPE, start_new_session=True) as process:
+        deadline = time.monotonic() + 120
+        while not list(out.glob("overlays/*.png")):
+            assert process.poll() is None
+            assert time.monotonic() < deadline
+            time.sleep(0.1)
+        os.killpg(process.pid, signal.SIGINT)
+        _, errors = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert "interrupted" in errors.decode()
+    assert "Traceback" not in errors.decode()
+    assert ends(process.pid, deadline)
+    assert not (out / "manifest.json").exists()
+    assert not list(out.glob("*/.*"))
+
+
+def ends(group: int, deadline: float) -> bool:
+    """Whether no process of a group is left; what keeps the books of the others ends a moment after them."""
+    while time.monotonic() < deadline:
+        try:
+            os.killpg(group, 0)
+        except ProcessLookupError:
+            return True
+        time.sleep(0.1)
+    return False
+
+
+# -------------------------------------------------------------------------------------------------------------- results
+
+
+def test_mean_and_spread_of_conditions() -> None:
+    table = [
+        {"condition": condition, "replicate": k, "hours": hours, "area": area}
+        for condition, hours, areas in (("b", 2.0, (1.0, 2.0, 6.0)), ("b", 1.0, (4.0,)), ("a", 1.0, (5.0, np.nan, 7.0)))
+        for k, area in enumerate(areas)
+    ]
+    first, second, third = condition_curves(table, ["area"])
+    assert [(c["condition"], c["hours"]) for c in (first, second, third)] == [("b", 1), ("b", 2), ("a", 1)]
+    assert (first["count"], first["mean"]) == (1, 4)
+    assert np.isnan([first["standard_deviation"], first["standard_error"]]).all()
+    assert (second["count"], second["mean"]) == (3, 3)
+    assert second["standard_deviation"] == pytest.approx(7**0.5)
+    assert second["standard_error"] == pytest.approx((7 / 3) ** 0.5)
+    assert (third["count"], third["mean"], third["standard_deviation"]) == (2, 6, pytest.approx(2**0.5))
+
+
+def test_an_earlier_survey_is_never_mixed_with_a_later_one(tmp_path: Path) -> None:
+    good, bad = write_disc(tmp_path / "a.png"), tmp_path / "b.png"
+    bad.write_text("no image")
+    out = tmp_path / "out"
+    assert cli.run(["measure", str(good), str(bad), "--out", str(out), "--pixel-size", "1"]) == 2
+    (failure,) = rows(out / "failures.csv")
+    assert failure["file"] == "b.png"
+    assert "is no image" in failure["error"]
+    assert cli.run(["measure", str(good), "--out", str(out), "--pixel-size", "1"]) == 0
+    assert not (out / "failures.csv").exists()
+    assert cli.run(["measure", str(bad), "--out", str(out), "--pixel-size", "1"]) == 2
+    assert not (out / "measurements.csv").exists()
+    assert json.loads((out / "manifest.json").read_text())["failed"] == [failure["error"]]
+
+
+def test_a_region_and_a_seed_point_choose_the_colony(tmp_path: Path) -> None:
+    pixels = np.full((120, 240), 180.0)
+    x, y = np.arange(240), np.arange(120)[:, None]
+    for centre, radius in ((60, 35), (180, 25)):
+        pixels[np.hypot(x - centre, y - 60) <= radius] = 60
+    pixels += np.random.default_rng(1).normal(0, 2, pixels.shape)
+    Image.fromarray(pixels.astype(np.uint8)).save(tmp_path / "two.png")
+    for options, radius in (([], 35), (["--seed-point", "180,60"], 25), (["--roi", "130,10,230,110"], 25)):
+        out = tmp_path / str(len(options) and options[0])
+        arguments = ["measure", str(tmp_path / "two.png"), "--out", str(out), "--pixel-size", "2", *options]
+        assert cli.run(arguments) == 0
+        (row,) = rows(out / "measurements.csv")
+        assert float(row["area"]) == pytest.approx(np.pi * (2 * radius) ** 2, rel=0.03)
+        manifest = json.loads((out / "manifest.json").read_text())
+        assert bool(manifest["configuration"]["overruled"]) == bool(options)
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--seed-point", "5"], "seed_point is '5', it must be 2 numbers"),
+        (["--roi", "1,2,3,x"], "roi is '1,2,3,x', it must be 4 numbers"),
+        (["--threshold", "-1"], "threshold is -1.0, it must be a number above 0"),
+        (["--roi", "0,0,500,500"], "roi"),
+    ],
+)
+def test_bad_overrules_are_one_line(
+    options: list[str], words: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    image = write_disc(tmp_path / "a.png")
+    assert cli.run(["measure", str(image), "--out", str(tmp_path / "out"), "--pixel-size", "1", *options]) == 2
+    (line,) = capsys.readouterr().err.strip().splitlines()
+    assert line.startswith("error: ")
+    assert words in line
