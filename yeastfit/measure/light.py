@@ -8,7 +8,7 @@ from scipy import ndimage
 from skimage import filters, measure
 
 from yeastfit.errors import InputError
-from yeastfit.measure.raster import EIGHT, SMOOTHING, Field, Mask, areas_of, blurred, border, spread
+from yeastfit.measure.raster import EIGHT, SMOOTHING, Field, Mask, Small, areas_of, blurred, border, shrunk, spread
 from yeastfit.measure.seams import STEEP, bands, with_tiles
 
 Samples = Float64[np.ndarray, " sample"]
@@ -94,8 +94,8 @@ def _axis(size: int, longest: int) -> Float64[np.ndarray, " point"]:
 def _local_light(image: Field, surface: Field, seen: Mask, noise: float, limit: float) -> Field:
     """Mean of image - surface over background nearby, wide and then narrow: shading that no polynomial follows."""
     step = max(1, round(max(image.shape) / 800))
-    small, flat = _shrunk(image, step), _shrunk(surface, step)
-    whole = _shrunk(seen.astype(np.float32), step) > 0.99
+    small, flat = shrunk(image, step), shrunk(surface, step)
+    whole = shrunk(seen.astype(np.float32), step) > 0.99
     weight = _calm(small, flat, whole, noise / step, step, limit)
     if weight.mean() < 0.03:
         dark = blurred(flat - small, SMOOTHING / step) > limit
@@ -109,7 +109,7 @@ def _local_light(image: Field, surface: Field, seen: Mask, noise: float, limit: 
     return ndimage.zoom(mean, zoom, order=1, mode="nearest", grid_mode=True)
 
 
-def _calm(image: Field, surface: Field, seen: Mask, noise: float, step: int, limit: float) -> Mask:
+def _calm(image: Small, surface: Small, seen: Mask, noise: float, step: int, limit: float) -> Mask:
     """Background as what no edge parts from it: regions without a steep slope, mostly within `limit` of the surface.
 
     A shadow has no edge and is background; a colony has, however faint. Regions behind a straight seam count too. Two
@@ -126,15 +126,6 @@ def _calm(image: Field, surface: Field, seen: Mask, noise: float, step: int, lim
     near = np.bincount(labels.ravel(), weights=(np.abs(image - surface) < limit).ravel())
     known = (near > 0.5 * areas) & (areas >= 20)
     return with_tiles(known[labels], labels, image, areas)
-
-
-def _shrunk(field: Field, step: int) -> Field:
-    """Means over squares of `step` pixels; an incomplete last row or column is left out."""
-    if step == 1:
-        return field
-    rows, columns = (size // step for size in field.shape)
-    squares = field[: rows * step, : columns * step].reshape(rows, step, columns, step)
-    return squares.mean(axis=(1, 3), dtype=np.float32)
 
 
 def _noise(image: Field, seen: Mask) -> float:

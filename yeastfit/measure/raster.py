@@ -9,6 +9,7 @@ from scipy import ndimage
 from skimage import measure
 
 Field = Float32[np.ndarray, "row column"]
+Small = Float32[np.ndarray, "small_row small_column"]
 Mask = Bool[np.ndarray, "row column"]
 
 SMOOTHING = 0.8  # px, before a threshold on contrast
@@ -41,3 +42,15 @@ def blurred(field: npt.NDArray[Any], width: float) -> Field:
 def spread(values: npt.NDArray[Any]) -> float:
     """Standard deviation of normal values around 0, from the median of their sizes."""
     return 1.4826 * float(np.median(np.abs(values))) if values.size else 0.0
+
+
+def shrunk(field: Field, step: int) -> Small:
+    """Means over squares of `step` pixels; an incomplete last row or column is left out."""
+    if step == 1:
+        return field
+    rows, columns = (size // step for size in field.shape)
+    total = np.zeros((rows, columns), dtype=np.float32)
+    for down in range(step):
+        for right in range(step):
+            total += field[down : rows * step : step, right : columns * step : step]
+    return total / np.float32(step**2)

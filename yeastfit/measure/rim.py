@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy import ndimage
 
-from yeastfit.measure.raster import SMOOTHING, Field, Mask, blurred, spread, without_specks
+from yeastfit.measure.raster import SMOOTHING, Field, Mask, blurred, shrunk, spread, without_specks
 
 DETECTION = 4.0  # deviations of the smoothed background
 RIM_DEPTH, RIM_WIDTH = 2.5, 2.5  # px inside the boundary
@@ -19,9 +19,13 @@ SLOPE_SCALE = 0.7  # px, of the derivative that measures the blur
 
 
 def _nearby(field: npt.NDArray[Any]) -> Field:
-    """Mean over a triangular window of `RIM_REACH`, zero outside the image."""
-    once = ndimage.uniform_filter(field.astype(np.float32, copy=False), RIM_REACH, mode="constant")
-    return ndimage.uniform_filter(once, RIM_REACH, mode="constant")
+    """Mean over a triangular window of `RIM_REACH`, zero outside the image; of a large one on squares of 2 by 2 px."""
+    step = 2 if min(field.shape) > 400 else 1
+    padded = np.pad(field.astype(np.float32, copy=False), [(0, -size % step) for size in field.shape])
+    mean = shrunk(padded, step)
+    for _ in range(2):
+        mean = ndimage.uniform_filter(mean, RIM_REACH // step, mode="constant")
+    return np.repeat(np.repeat(mean, step, axis=0), step, axis=1)[: field.shape[0], : field.shape[1]]
 
 
 def detection_floor(contrast: Field, noise: float) -> float:
@@ -50,13 +54,19 @@ def coarse_rim(contrast: Field, floor: float) -> Rim:
     mask = without_specks(smooth > floor, 4)
     rim = np.zeros_like(contrast)
     for depth, source in ((RIM_DEPTH + 1, smooth), (RIM_DEPTH, contrast)):
-        inside = ndimage.distance_transform_edt(mask).astype(np.float32)
+        inside = _depth(mask)
         ridge = (inside >= 1) & (inside < depth) & (inside == ndimage.maximum_filter(inside, 5))
         band = (ridge | ((inside >= depth) & (inside <= depth + RIM_WIDTH))).astype(np.float32)
         rim = np.divide(_nearby(source * band), np.maximum(_nearby(band), 1e-4), dtype=np.float32)
         rim = np.maximum(rim, np.float32(2 * floor))
         mask = smooth > 0.5 * rim
     return Rim(smooth > 0.35 * rim, mask, rim)
+
+
+def _depth(mask: Mask) -> Field:
+    """Distance to the background in px, up to 12 % too long: mean of chessboard and taxicab, ten times as fast."""
+    total = ndimage.distance_transform_cdt(mask, "chessboard") + ndimage.distance_transform_cdt(mask, "taxicab")
+    return total.astype(np.float32) / 2
 
 
 def fine_mask(contrast: Field, coarse: Rim, region: Mask, floor: float, noise: float) -> tuple[Mask, Field, float]:
@@ -81,7 +91,7 @@ def fine_mask(contrast: Field, coarse: Rim, region: Mask, floor: float, noise: f
         data = np.where(near, np.clip(contrast / rim, -0.5, 1.1), np.float32(0))
         share = _deblurred(data, blur, 6 * scatter**3, share, steps)
         mask = share > 0.5
-    speck = int(np.clip(round(40 * scatter), 2, 8))
+    speck = min(round(200 * scatter**2), 8)
     mask = without_specks(mask, speck)
     whole, whole_rim = np.zeros(region.shape, dtype=bool), coarse.contrast.copy()
     whole[window] = ~without_specks(~mask, speck, connectivity=1)
@@ -129,7 +139,7 @@ def _rim_of(contrast: Field, mask: Mask, rim: Field, blur: float, noise: float) 
 def _deblurred(data: Field, blur: float, smoothness: float, share: Field | None, steps: int) -> Field:
     """φ of the module docstring by FISTA, from `share` or else the smoothed data (a sharp start would stay as it is).
 
-    Ends early where all but 1 in 1000 pixels of the colony settle to 0.002; fine detail comes last.
+    Ends early where all but 1 in 100 pixels of the colony settle to 0.002; fine detail comes last.
     """
     target = blurred(data, blur)
     share = np.clip(target, 0, 1) if share is None else share
@@ -142,6 +152,6 @@ def _deblurred(data: Field, blur: float, smoothness: float, share: Field | None,
         ahead = new + np.float32((last - 1) / momentum) * (new - share)
         moving = np.count_nonzero(np.abs(new - share) > 0.002)
         share = new
-        if moving <= 1e-3 * np.count_nonzero(share > 0.5):
+        if moving <= 1e-2 * np.count_nonzero(share > 0.5):
             break
     return share

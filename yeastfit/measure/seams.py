@@ -10,6 +10,7 @@ from yeastfit.measure.raster import EIGHT, Field, Mask
 
 BAND_SCALE = 2.0  # px, of the derivative across a band
 STEEP = 0.004  # of the background's brightness, per px: steeper than lamps make it, flatter than any colony's edge
+COMMON = 0.4  # share of bright pixels in a row or column, at least
 BRIGHT = 0.6  # of the background's brightness: darker pixels are a colony's core or another object
 STRAIGHT = 0.6  # share of a seam whose two sides face each other along an axis
 SIMILAR = 0.75  # ratio of brightness between two tiles, at least
@@ -43,7 +44,7 @@ def _profile(image: Field, seen: Mask, level: float, noise: float) -> npt.NDArra
         for part in (0.25, 0.5, 0.75)
     )
     steep = max(STEEP * level, 4 * noise / sqrt(4 * sqrt(pi) * BAND_SCALE**3 * wide))
-    band = (count > 0.2 * ordered.shape[1]) & (np.abs(middle) > steep) & (np.sign(lower) == np.sign(upper))
+    band = (count > COMMON * ordered.shape[1]) & (np.abs(middle) > steep) & (np.sign(lower) == np.sign(upper))
     return np.cumsum(np.where(band, middle, np.float32(0)), dtype=np.float32)
 
 

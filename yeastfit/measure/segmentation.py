@@ -2,8 +2,10 @@
 
 How `segment` works, in grey levels, for a bright-field photograph I (colony darker than its background):
 
-    light       L = polynomial of degree 4 in x and y, least squares on pixels kept by iterated one-sided clipping, plus
-                the mean residual of background pixels within 5 % of the image's longer side
+    light       L = b(y) + a(x), steps of whole rows and columns, plus a polynomial of degree 4, fitted by least squares
+                to pixels kept by iterated one-sided clipping, plus the mean residual of background pixels within 5 %,
+                then 1.5 %, of the image's longer side. Background is what no edge parts from it: a shadow's slope is
+                below 0.4 % of L per pixel, a colony's edge above it
     contrast    D = L - I, with noise σ from the second differences of I (kernel of Immerkær 1996,
                 doi:10.1006/cviu.1996.0060)
     coarse      the object: where D, smoothed by 0.8 px, exceeds 4 of its own deviations
@@ -98,8 +100,8 @@ def segment(
     An image of two values, or nearly so, is a mask and kept as it is; the value that holds most of the border is the
     background. In a photograph the colony is the largest dark object of at least `min_area` pixels that is not held by
     the border: a near-black frame is left out, an object at the border is left out or, where it touches the colony, cut
-    off at the neck. Smaller objects are dust. Holes and detached objects of at most 40 ρ pixels, at least 2 and at most
-    8, are noise and removed (ρ: scatter of the contrast over the rim, 0.05 on clean drawings, 0.2 on real colonies).
+    off at the neck. Smaller objects are dust. Holes and detached objects of at most 200 ρ² pixels, and at most 8, are
+    noise and removed (ρ: scatter of the contrast over the rim, 0.05 on clean drawings, 0.2 on real colonies).
 
     A user overrules this with
 
