@@ -194,6 +194,22 @@ def test_an_earlier_survey_is_never_mixed_with_a_later_one(tmp_path: Path) -> No
     assert json.loads((out / "manifest.json").read_text())["failed"] == [failure["error"]]
 
 
+def test_a_folder_of_bad_files_costs_only_themselves(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder, out = tmp_path / "images", tmp_path / "out"
+    write_disc(folder / "good.png")
+    (folder / "empty.png").write_bytes(b"")
+    (folder / "loop.tif").symlink_to("loop.tif")
+    (folder / "gone.tif").symlink_to("nowhere.tif")
+    (folder / "folder.tif").mkdir()
+    assert cli.run(["measure", str(folder), "--out", str(out), "--pixel-size", "1", "--jobs", "1"]) == 2
+    assert [row["file"] for row in rows(out / "measurements.csv")] == ["good.png"]
+    failures = rows(out / "failures.csv")
+    assert [row["file"] for row in failures] == ["empty.png", "folder.tif", "gone.tif", "loop.tif"]
+    assert all(row["file"] in row["error"] and "fault" not in row["error"] for row in failures)
+    errors = capsys.readouterr().err.splitlines()
+    assert errors == [f"error: {row['error']}" for row in failures]
+
+
 def test_a_region_and_a_seed_point_choose_the_colony(tmp_path: Path) -> None:
     pixels = np.full((120, 240), 180.0)
     x, y = np.arange(240), np.arange(120)[:, None]

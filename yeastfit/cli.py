@@ -170,7 +170,7 @@ def measure(
 
 def _refuse_mixed_folder(folder: Path, tasks: list[Task]) -> None:
     """Results among the micrographs would be measured the next time."""
-    if folder.resolve() in {task.path.resolve().parent for task in tasks} or find_manifest(folder):
+    if folder.resolve() in {task.path.parent.resolve() for task in tasks} or find_manifest(folder):
         raise InputError(f"--out: {folder} holds the micrographs, need another folder for the results")
 
 

@@ -45,6 +45,7 @@ figure.whole { background: #ffffff; padding: .5rem; overflow: auto }
 img { display: block; max-width: 100%; height: auto }
 figure button { display: block; width: 100%; padding: 0; border: 0; background: none; cursor: zoom-in }
 .cards img { width: 100%; aspect-ratio: 4 / 3; object-fit: contain; background: #00000014 }
+.none { aspect-ratio: 4 / 3; display: grid; place-items: center; background: #00000014; color: var(--soft) }
 figcaption { padding: .5rem .75rem .625rem; overflow-wrap: anywhere; line-height: 1.35 }
 figcaption b { color: var(--ink); font-weight: 600 }
 .tag { display: inline-block; border-radius: .25rem; padding: 0 .375rem; margin-top: .25rem; font-size: .8125rem }
@@ -158,8 +159,9 @@ def picture(data: bytes, alt: str, width: int | None = None) -> str:
 
 
 def card(name: str, data: bytes, alt: str, caption: str) -> str:
-    """A small picture that grows when it is clicked; name is its anchor, caption HTML."""
-    shown = f'<button type="button" aria-label="Enlarge {text(alt)}">{picture(data, alt)}</button>' if data else ""
+    """A small picture that grows when it is clicked, if there is one; name is its anchor, caption HTML."""
+    shown = f'<button type="button" aria-label="Enlarge {text(alt)}">{picture(data, alt)}</button>'
+    shown = shown if data else '<div class="none">no picture</div>'
     return f'<figure id="{text(name)}">{shown}<figcaption>{caption}</figcaption></figure>\n'
 
 

@@ -174,6 +174,8 @@ def condition_curves(
     """
     conditions = list(dict.fromkeys(row["condition"] for row in rows))
     colors = {name: CONDITIONS[k % len(CONDITIONS)] for k, name in enumerate(conditions)}
+    hours = [row["hours"] for row in rows]
+    margin = 0.03 * (max(hours) - min(hours))
     over_time = len({(row["condition"], row["hours"]) for row in rows}) > len(conditions)
     columns = 4
     lines = -(-len(units) // columns)
@@ -189,6 +191,7 @@ def condition_curves(
         panel.tick_params(labelsize=7)
         panel.spines[["top", "right"]].set_visible(False)
         if over_time:
+            panel.set_xlim(min(hours) - margin, max(hours) + margin)
             panel.set_xlabel("hours", fontsize=7)
         else:
             panel.set(xlim=(-0.6, len(conditions) - 0.4), xticks=range(len(conditions)))

@@ -47,7 +47,7 @@ def _troubles(outcomes: Sequence[Outcome], skipped: Sequence[Path]) -> str:
     parts = []
     failed = [(k, outcome) for k, outcome in enumerate(outcomes) if not outcome.row]
     if failed:
-        items = "".join(f"<li>{_link(k, outcome)}: {page.text(outcome.error)}</li>" for k, outcome in failed)
+        items = "".join(f"<li>{_link(k, outcome)}: {page.text(_reason(outcome))}</li>" for k, outcome in failed)
         parts.append(f'<div class="note bad"><p><strong>Not measured: {len(failed)}</strong></p><ul>{items}</ul></div>')
     for doubt in dict.fromkeys(doubt for outcome in outcomes for doubt in outcome.doubts):
         named = [_link(k, outcome) for k, outcome in enumerate(outcomes) if doubt in outcome.doubts]
@@ -61,6 +61,11 @@ def _troubles(outcomes: Sequence[Outcome], skipped: Sequence[Path]) -> str:
         rest = f" and {len(skipped) - LINKED} more" if len(skipped) > LINKED else ""
         parts.append(f'<p class="soft">Passed over, as their names are no image\'s: {page.text(names)}{rest}.</p>')
     return "".join(parts) if failed or len(parts) > bool(skipped) else "<p>None.</p>" + "".join(parts)
+
+
+def _reason(outcome: Outcome) -> str:
+    """The error without the path, which is nobody's business where a page is passed on."""
+    return outcome.error.replace(f"{outcome.task.path}: ", "")
 
 
 def _link(number: int, outcome: Outcome) -> str:

@@ -108,4 +108,5 @@ def _write_contact_sheet(folder: Path, outcomes: Sequence[Outcome]) -> None:
 def _caption(outcome: Outcome) -> str:
     task = outcome.task
     place = task.label if task.hours is None else f"{task.condition} {task.replicate}, {task.hours:g} h".strip()
-    return place + (f" - {', '.join(outcome.doubts)}" if outcome.doubts else "")
+    remarks = [*outcome.doubts, *([] if outcome.row else ["not measured"])]
+    return place + (f" - {', '.join(remarks)}" if remarks else "")
