@@ -48,10 +48,14 @@ class Toy:
         return away @ self.slopes.T + bent[:, None] + self.shared * of_key + self.own * own
 
 
-def regression(toy: Toy, pairs: int, seed: int = 0) -> Estimate:
+def pairs_of(toy: Toy, pairs: int, seed: int = 0) -> tuple[Estimate, tuple[np.ndarray, int]]:
     keys, rng = member_keys(seed, pairs), np.random.default_rng(seed)
     grow = partial(toy.members, keys=keys)
     return module._regression(grow, np.zeros(7), np.arange(7), pairs, 0.2, rng, (1, len(toy.slopes)))
+
+
+def regression(toy: Toy, pairs: int, seed: int = 0) -> Estimate:
+    return pairs_of(toy, pairs, seed)[0]
 
 
 def test_curvature_and_what_a_key_brings_cancel_within_a_pair() -> None:
@@ -68,6 +72,33 @@ def test_errors_of_the_regression_are_those_of_many_repetitions() -> None:
     assert z.std() == pytest.approx(1.0, abs=0.07)
     assert abs(z.mean()) < 0.1
     assert np.mean([f.error for f in found]) == pytest.approx(1.0 / (0.2 * np.sqrt(128)), rel=0.03)
+
+
+@pytest.mark.parametrize(("own", "shared"), [(1.0, 0.0), (0.3, 1.0), (0.0, 1.0)])
+def test_scatter_is_that_of_one_colony_whatever_a_pair_has_in_common(own: float, shared: float) -> None:
+    """Of one colony the variance is own² + shared²; 200 repetitions tell their mean to 1 or 2 %."""
+
+    @dataclass(frozen=True)
+    class Straight(Toy):
+        def members(self, z: np.ndarray, keys: Array) -> np.ndarray:
+            away = np.asarray(z, float)
+            return super().members(z, keys) - (3.0 * away.sum(axis=1) ** 2 + 2.0 * away[:, 0] * away[:, 1])[:, None]
+
+    toy = Straight(np.random.default_rng(0).normal(size=(2, 7)), own, shared)
+    parts = [pairs_of(toy, 32, seed)[1] for seed in range(200)]
+    assert {freedom for _, freedom in parts} == {31 + 32 - 7}
+    mean = np.mean([covariance for covariance, _ in parts], axis=0)
+    np.testing.assert_allclose(mean, (own**2 + shared**2) * np.eye(2), atol=0.06 * (own**2 + shared**2))
+    assert min(np.linalg.eigvalsh(covariance).min() for covariance, _ in parts) > 0
+
+
+def test_parts_of_the_scatter_are_pooled_by_their_degrees_of_freedom() -> None:
+    curves = np.array([[1.0, 2.0], [3.0, 2.0], [np.nan, 0.0], [2.0, 5.0]])
+    covariance, freedom = module._of_members(curves)
+    assert freedom == 2
+    np.testing.assert_allclose(covariance, np.cov(curves[[0, 1, 3]].T))
+    pooled = module._pooled([(covariance, 2), (np.eye(2), 6)])
+    np.testing.assert_allclose(pooled, (2 * covariance + 6 * np.eye(2)) / 8)
 
 
 # --- the blend --------------------------------------------------------------------------------------------------------
@@ -121,13 +152,19 @@ def test_a_result_is_whole(found: Sensitivity, tmp_path: Path) -> None:
     assert found.jacobian.shape == found.error.shape == (5, 2, 7)
     assert found.mean.shape == found.mean_error.shape == found.pathwise_share.shape == found.tails.shape == (5, 2)
     assert (found.pathwise_share >= 0).all()
+    assert found.scatter.shape == (10, 10)
+    np.testing.assert_array_equal(found.scatter, found.scatter.T)
+    assert np.linalg.eigvalsh(found.scatter).min() > -1e-9 * np.trace(found.scatter)
+    alone = np.sqrt(32) * found.mean_error[:4]  # of 32 colonies at λ, known to 13 %; of the count it may be 0
+    beside = np.sqrt(np.diag(found.scatter)).reshape(5, 2)[:4] / alone
+    assert (np.abs(beside - 1) < 0.45).all()
     assert found.runs == {"mean": 32, "regression": 128, "pathwise": 8}
     rows = found.rows()
     assert len(rows) == 5 * 2 * 7
     assert {row["carried_by"] for row in rows} <= {"regression", "pathwise"}
     found.save(tmp_path / "sensitivity.json")
     again = Sensitivity.load(tmp_path / "sensitivity.json")
-    for name in ("times", "mean", "jacobian", "error", "pathwise_share", "tails"):
+    for name in ("times", "mean", "jacobian", "error", "pathwise_share", "tails", "scatter"):
         np.testing.assert_array_equal(getattr(again, name), getattr(found, name))
     assert again.rows() == rows
     assert again.parameters.asdict() == found.parameters.asdict()

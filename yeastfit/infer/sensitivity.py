@@ -26,6 +26,14 @@ Stein, which takes over as P and R disagree (Green & Strawderman 1991, doi:10.10
 first- and zeroth-order gradients by their variances: Suh et al. 2022, arXiv:2202.00817). The mean squared error over
 the p parameters is not above regression's, whatever the bias of P is. With fewer than three parameters nothing of the
 kind exists, and w is 0.
+
+**Scatter**, the covariance S of one colony's curves, comes of the same runs. The two of a pair share their key, so they
+are not independent; but with c and h half their sum and half their difference, cov y = cov c + cov h whatever the two
+have in common, where c is left without its mean and h without its slopes. The colonies at λ itself are a third part:
+
+    S = (ν₀ S₀ + ν (S_c + S_h)) / (ν₀ + ν),    ν₀ = members − 1,  ν = 2 pairs − 1 − p,
+
+a sum of matrices that are positive semi-definite. What curvature adds to S_c is of order spread⁴.
 """
 
 import json
@@ -59,6 +67,7 @@ PATH_NODES = 64  # of the mean colony, up to which pathwise derivatives are of u
 EXPLODED = 3.0  # times the scatter of the members left as they are: the tails would decide a plain mean
 
 Table = Float[np.ndarray, "statistic time free"]
+Scatter = tuple[np.ndarray, int]
 
 
 @dataclass(frozen=True)
@@ -76,7 +85,7 @@ class Sensitivity:
     mean, mean_error: [statistic, time], of the model at λ itself. jacobian, error: [statistic, time, free], by
     `method`. pathwise_share: w, [statistic, time]. parts: the estimators that went into it, by name; NaN where a path
     was not grown. tails: by how much outliers among pathwise derivatives would have raised their scatter, [statistic,
-    time], 1 where there were none.
+    time], 1 where there were none. scatter: covariance of one colony's curves over statistics and times.
     runs: colonies grown, by what for. seconds: likewise.
     """
 
@@ -92,6 +101,7 @@ class Sensitivity:
     pathwise_share: Float[np.ndarray, "statistic time"]
     parts: dict[str, Estimate]
     tails: Float[np.ndarray, "statistic time"]
+    scatter: Float[np.ndarray, "curve curve"]
     runs: dict[str, int]
     seconds: dict[str, float]
     seed: int
@@ -139,7 +149,7 @@ class Sensitivity:
             return np.array(values, dtype=float)
 
         parts = {name: Estimate(**{k: array(v) for k, v in part.items()}) for name, part in data["parts"].items()}
-        arrays = ("times", "mean", "mean_error", "jacobian", "error", "pathwise_share", "tails")
+        arrays = ("times", "mean", "mean_error", "jacobian", "error", "pathwise_share", "tails", "scatter")
         changed = {
             "parameters": Parameters(**data["parameters"]),
             "parts": parts,
@@ -218,13 +228,14 @@ def sensitivity(
     centre = grow(log_values, member_keys(jax.random.fold_in(jax.random.key(seed), 1), spent["mean"]))
     nodes = centre[:, recorded.index(COUNT)].mean(axis=0) + 1
     centre = centre[:, : shape[0]]
+    scatter = [_of_members(centre.reshape(len(centre), -1))]
     seconds["mean"] = clock.perf_counter() - began
     if method != "pathwise":
         say("regression", 0.1)
         began = clock.perf_counter()
         keys = member_keys(jax.random.fold_in(jax.random.key(seed), 0), runs // 2)
         rng = np.random.default_rng(seed)
-        parts["regression"] = _regression(
+        parts["regression"], of_pairs = _regression(
             lambda z: grow(z, keys)[:, : shape[0]].reshape(len(keys), -1),
             log_values,
             chosen,
@@ -233,6 +244,7 @@ def sensitivity(
             rng,
             shape,
         )
+        scatter.append(of_pairs)
         spent["regression"], seconds["regression"] = runs, clock.perf_counter() - began
     sampled = len(times) if method == "pathwise" else int(np.sum(nodes <= PATH_NODES))  # from the first on
     if method != "regression" and sampled:
@@ -269,6 +281,7 @@ def sensitivity(
         pathwise_share=share,
         parts=parts,
         tails=tails,
+        scatter=_pooled(scatter),
         runs=spent,
         seconds=seconds,
         seed=seed,
@@ -325,21 +338,38 @@ def _regression(
     spread: float,
     rng: np.random.Generator,
     shape: tuple[int, int],
-) -> Estimate:
+) -> tuple[Estimate, Scatter]:
+    """J with its errors, and S_c + S_h with ν."""
     units = design(pairs, len(chosen), rng)
     away = np.zeros((pairs, len(NAMES)))
     away[:, chosen] = spread * units
     up, down = (grow(log_values + sign * away) for sign in (1.0, -1.0))
-    half = 0.5 * (up - down)
+    half, middle = 0.5 * (up - down), 0.5 * (up + down)
     good = np.isfinite(half).all(axis=1)
     if good.sum() < 0.5 * len(good):
         raise InputError(f"{(~good).sum()} of {len(good)} pairs of colonies came to nothing (not finite): lower dt")
     slopes, _, _, _ = np.linalg.lstsq(spread * units[good], half[good], rcond=None)
     rest = half[good] - spread * units[good] @ slopes
-    freedom = max(1, good.sum() - len(chosen))
+    freedom = max(1, int(good.sum()) - len(chosen))
     inverse = np.linalg.inv(units[good].T @ units[good]) / spread**2
     error = np.sqrt(np.outer((rest**2).sum(axis=0) / freedom, np.diag(inverse)))
-    return Estimate(slopes.T.reshape(*shape, -1), error.reshape(*shape, -1))
+    common, alone = _of_members(middle[good])
+    scatter = common + rest.T @ rest / freedom, alone + freedom
+    return Estimate(slopes.T.reshape(*shape, -1), error.reshape(*shape, -1)), scatter
+
+
+def _of_members(curves: Float[np.ndarray, "member curve"]) -> Scatter:
+    """Covariance of what is finite among independent colonies, and its degrees of freedom."""
+    good = curves[np.isfinite(curves).all(axis=1)]
+    rest = good - good.mean(axis=0) if len(good) else good
+    freedom = max(1, len(good) - 1)
+    return rest.T @ rest / freedom, freedom
+
+
+def _pooled(parts: Sequence[Scatter]) -> Float[np.ndarray, "curve curve"]:
+    """Mean of covariances, weighted by their degrees of freedom."""
+    covariances, freedoms = zip(*parts, strict=True)
+    return np.average(covariances, axis=0, weights=freedoms)
 
 
 def _pathwise(
