@@ -8,7 +8,7 @@ there are no real ones.
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from math import cos, hypot, pi, sin
+from math import cos, pi, sin
 
 import numpy as np
 from jaxtyping import Bool, Float, UInt8
@@ -80,7 +80,8 @@ def photograph(rng: np.random.Generator, mask: Mask, look: Look) -> Pixels:
 
 def _axes(shape: tuple[int, ...]) -> tuple[Field, Field]:
     y, x = ((2 * np.arange(size) - size + 1) / max(shape) for size in shape)
-    return np.meshgrid(y, x, indexing="ij")[0], np.meshgrid(y, x, indexing="ij")[1]
+    row, column = np.meshgrid(y, x, indexing="ij")
+    return row, column
 
 
 def _smooth_field(rng: np.random.Generator, shape: tuple[int, ...], scale: float) -> Field:
@@ -91,7 +92,7 @@ def _smooth_field(rng: np.random.Generator, shape: tuple[int, ...], scale: float
 
 def _tiles(x: Field, y: Field) -> Field:
     """Stitched from 3 by 2 tiles, each darker towards its own rim, with steps of some per cent between them."""
-    steps = np.array([[1.0, 0.97, 1.02], [0.98, 1.03, 0.99]])
+    steps = np.array([[1.0, 0.96, 1.02], [0.97, 1.03, 0.98]])
     column, row = np.minimum(1.5 * (x + 1), 2.999), np.minimum((y / max(1e-9, y.max()) + 1), 1.999)
     shade = 1 - 0.04 * ((column % 1 - 0.5) ** 2 + (row % 1 - 0.5) ** 2)
     return np.asarray(steps[row.astype(int), column.astype(int)] * shade)
@@ -159,10 +160,19 @@ CASES: dict[str, Look] = {
     "tiles": replace(PLAIN, light=_tiles),
     "black frame": replace(PLAIN, frame=12),
     "frame and falling light": replace(PLAIN, frame=12, light=lambda x, y: 0.75 + 0.25 * y),
+    "bright in the middle": replace(
+        PLAIN, light=lambda x, y: 0.7 + 0.3 * np.exp(-(((x + 0.4) / 0.5) ** 2) - ((y + 0.2) / 0.5) ** 2)
+    ),
+    "a darker band": replace(PLAIN, light=lambda x, y: 1 - 0.2 / (1 + np.exp(-(y - 0.5) / 0.02))),
+    "a sharp band": replace(PLAIN, light=lambda x, y: 1 - 0.12 * (y > 0.45)),
     "stripes": replace(PLAIN, light=lambda x, y: 1 + 0.01 * np.sign(np.sin(90 * y))),
     "shadow": replace(PLAIN, objects=_shadow),
+    "small shadow": replace(
+        PLAIN, light=lambda x, y: 1 - 0.12 * np.exp(-(((x - 0.5) / 0.15) ** 2) - ((y + 0.2) / 0.15) ** 2)
+    ),
     "faint": replace(PLAIN, contrast=12.0),
     "noise": replace(PLAIN, noise=6.0),
+    "coarse texture": replace(PLAIN, texture=0.35),
     "blur": replace(PLAIN, blur=1.6),
     "dust": replace(PLAIN, objects=_dust),
     "object in a corner": replace(PLAIN, objects=_at_corner),
@@ -170,10 +180,3 @@ CASES: dict[str, Look] = {
     "object by itself": replace(PLAIN, objects=_free),
     "fibre": replace(PLAIN, objects=_fibre),
 }
-
-
-def reach(mask: Mask) -> float:
-    """Furthest pixel of a mask from the middle of its image, in half shorter sides."""
-    rows, columns = np.nonzero(mask)
-    middle = [(size - 1) / 2 for size in mask.shape]
-    return max(map(hypot, rows - middle[0], columns - middle[1])) / (min(mask.shape) / 2)

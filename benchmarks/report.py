@@ -53,12 +53,16 @@ class Figure:
 
 @dataclass
 class Report:
-    """What one benchmark found, in the order in which it was added; a page about it goes to the folder `docs`."""
+    """What one benchmark found, in the order in which it was added; a page about it goes to the folder `docs`.
+
+    folders: what was named on the command line, where the benchmark asks for it.
+    """
 
     name: str
     quick: bool = False
     docs: Path | None = None
     partial: Path | None = None
+    folders: tuple[Path, ...] = ()
     figures: list[Figure] = field(default_factory=list)
     tables: dict[str, list[dict[str, Any]]] = field(default_factory=dict)
     details: dict[str, Any] = field(default_factory=dict)  # for the file, not for the terminal
@@ -141,15 +145,26 @@ def machine() -> dict[str, Any]:
     }
 
 
-def command(name: str, run: Callable[[Report, bool], None], arguments: list[str] | None = None) -> None:
-    """Run a benchmark from the command line (or from `arguments`) and leave with its exit status."""
+def command(
+    name: str, run: Callable[[Report, bool], None], arguments: list[str] | None = None, folders: tuple[str, ...] = ()
+) -> None:
+    """Run a benchmark from the command line (or from `arguments`) and leave with its exit status.
+
+    folders: names of the folders it must be given, in order.
+    """
 
     def main(
+        given: Annotated[
+            list[Path] | None,
+            typer.Argument(metavar=" ".join(folders), hidden=not folders, exists=True, file_okay=False),
+        ] = None,
         quick: Annotated[bool, typer.Option("--quick", help="A rougher measurement within about a minute.")] = False,
         json: Annotated[Path | None, typer.Option("--json", help="File for the figures.", show_default=False)] = None,
         docs: Annotated[Path | None, typer.Option("--docs", help="Folder for a page, where there is one.")] = None,
     ) -> None:
-        report = Report(name, quick, docs, json and json.with_suffix(".partial"))
+        if len(given or ()) != len(folders):
+            raise typer.BadParameter(f"got {len(given or ())} folders, need {len(folders)} {' '.join(folders)}".strip())
+        report = Report(name, quick, docs, json and json.with_suffix(".partial"), tuple(given or ()))
         try:
             run(report, quick)
         finally:  # what was measured before a failure is still shown

@@ -15,17 +15,15 @@ from xml.etree import ElementTree
 
 import numpy as np
 import numpy.typing as npt
-from jaxtyping import Bool, Float32, Float64, UInt8, UInt16
+from jaxtyping import Float32, UInt8, UInt16
 
 from yeastfit.errors import InputError, PixelSizeError
 
 Grey = UInt8[np.ndarray, "row column"] | UInt16[np.ndarray, "row column"] | Float32[np.ndarray, "row column"]
-Field = Float32[np.ndarray, "row column"]
-Mask = Bool[np.ndarray, "row column"]
-Samples = Float64[np.ndarray, " sample"]
-Kept = Bool[np.ndarray, " sample"]
 
 MAX_PIXELS = 100_000_000  # refused from the header, before anything is allocated
+MAX_BYTES = 8 * MAX_PIXELS  # likewise, for wide types and many channels
+DENSEST = {1: 1, 5: 3_000, 8: 1_100, 32_773: 64, 32_946: 1_100}  # bytes in a stored one: none, LZW, deflate, PackBits
 MIN_SIDE = 16  # pixels; below, a background cannot be told from a colony
 LARGEST_PIXEL = 20.0  # µm; a coarser print density (72, 96, 300 dpi, 1 x 1) says nothing about a microscope
 LUMINANCE = np.array([0.2125, 0.7154, 0.0721], dtype=np.float32)  # of red, green and blue, Rec. 709
@@ -115,6 +113,8 @@ def _is_length(value: float) -> bool:
 def _read(path: Path) -> Contents:
     if path.is_dir():
         raise InputError(f"{path}: is a directory, need a TIFF, PNG or JPEG file")
+    if path.exists() and not path.is_file():  # a pipe would be waited for
+        raise InputError(f"{path}: is no regular file, need a TIFF, PNG or JPEG file")
     try:
         with path.open("rb") as file:
             reader = _reader(path, file.read(8))
@@ -141,15 +141,31 @@ def _reader(path: Path, start: bytes) -> Callable[[Path, BinaryIO], Contents]:
 def _check_size(path: Path, width: int, height: int, pages: int) -> None:
     if pages != 1:
         raise InputError(f"{path}: holds {pages} pages or planes, need a file with one image")
+    if not width * height:
+        raise InputError(f"{path}: {width} x {height} pixels, need an image")
     if width * height > MAX_PIXELS:
         raise InputError(
             f"{path}: {width} x {height} pixels, need at most {MAX_PIXELS // 10**6} million: crop or bin it"
         )
 
 
+def _check_stored(path: Path, page: Any) -> None:
+    """Refuse a TIFF page that claims more values than its bytes can hold, or than `MAX_BYTES`."""
+    stored, samples = sum(page.databytecounts), page.imagewidth * page.imagelength * page.samplesperpixel
+    if stored * DENSEST.get(int(page.compression), np.inf) < samples * page.bitspersample // 8:
+        raise InputError(
+            f"{path}: {stored} bytes cannot hold {page.imagewidth} x {page.imagelength} x {page.samplesperpixel} "
+            f"values of {page.bitspersample} bits, need the whole image"
+        )
+    if page.nbytes > MAX_BYTES:
+        raise InputError(f"{path}: {page.nbytes / 1e6:.0f} MB of values, need at most {MAX_BYTES / 1e6:.0f} MB")
+
+
 def _finite(pixels: Grey, path: Path) -> Grey:
     if pixels.dtype.kind == "f" and (bad := int((~np.isfinite(pixels)).sum())):
-        raise InputError(f"{path}: {bad} of {pixels.size} pixels are NaN or infinite, need finite grey values")
+        raise InputError(
+            f"{path}: {bad} of {pixels.size} pixels are NaN, infinite or beyond single precision, need finite values"
+        )
     return pixels
 
 
@@ -171,7 +187,8 @@ def _to_grey(values: npt.NDArray[Any], path: Path) -> Grey:
         return np.asarray(values, dtype=values.dtype.newbyteorder("="))
     if values.dtype.kind not in "iuf":
         raise InputError(f"{path}: values of type {values.dtype}, need 8- or 16-bit or floating-point grey values")
-    return values.astype(np.float32)
+    with np.errstate(over="ignore"):  # `_finite` counts what does not fit
+        return values.astype(np.float32)
 
 
 def _read_tiff(path: Path, file: BinaryIO) -> Contents:
@@ -188,6 +205,7 @@ def _read_tiff(path: Path, file: BinaryIO) -> Contents:
         ends = [start + count for start, count in zip(page.dataoffsets, page.databytecounts, strict=True)]
         if max(ends) > (held := path.stat().st_size):
             raise InputError(f"{path}: is cut short at {held} bytes of {max(ends)}, need the whole file")
+        _check_stored(path, page)
         sizes, remark = _trusted(list(_tiff_sizes(tif, page)))
         return Contents(_tiff_pixels(page, path, file), sizes, remark)
 
@@ -213,11 +231,17 @@ def _tiff_pixels(page: Any, path: Path, file: BinaryIO) -> Grey:
 
 
 def _read_pillow(path: Path, file: BinaryIO) -> Contents:
-    from PIL import Image
+    from PIL import Image, UnidentifiedImageError
 
     with catch_warnings():
         simplefilter("ignore", Image.DecompressionBombWarning)  # _check_size is stricter
-        image = Image.open(file)
+        try:
+            image = Image.open(file)
+        except UnidentifiedImageError:
+            raise InputError(f"{path}: its header is damaged, need an intact TIFF, PNG or JPEG file") from None
+        except Image.DecompressionBombError:
+            limit = MAX_PIXELS // 10**6
+            raise InputError(f"{path}: far too many pixels, need at most {limit} million: crop or bin it") from None
     with image:
         _check_size(path, *image.size, getattr(image, "n_frames", 1))
         sizes, remark = _trusted(list(_pillow_sizes(image)))

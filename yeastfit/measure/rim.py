@@ -145,12 +145,15 @@ def _deblurred(data: Field, blur: float, smoothness: float, share: Field | None,
     share = np.clip(target, 0, 1) if share is None else share
     ahead, momentum = share, 1.0
     for _ in range(steps):
-        descent = target - blurred(ahead, sqrt(2) * blur)
-        descent += smoothness * ndimage.laplace(ahead, mode="nearest")
-        new = np.clip(ahead + descent / (1 + 8 * smoothness), 0, 1).astype(np.float32, copy=False)
+        new = target - blurred(ahead, sqrt(2) * blur)
+        new += np.float32(smoothness) * ndimage.laplace(ahead, mode="nearest")
+        new /= np.float32(1 + 8 * smoothness)
+        new += ahead
+        np.clip(new, 0, 1, out=new)
         momentum, last = (1 + sqrt(1 + 4 * momentum**2)) / 2, momentum
-        ahead = new + np.float32((last - 1) / momentum) * (new - share)
-        moving = np.count_nonzero(np.abs(new - share) > 0.002)
+        change = new - share
+        ahead = new + np.float32((last - 1) / momentum) * change
+        moving = np.count_nonzero(np.abs(change, out=change) > 0.002)
         share = new
         if moving <= 1e-2 * np.count_nonzero(share > 0.5):
             break

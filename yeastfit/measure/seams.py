@@ -9,6 +9,7 @@ from scipy import ndimage
 from yeastfit.measure.raster import EIGHT, Field, Mask
 
 BAND_SCALE = 2.0  # px, of the derivative across a band
+STEEP_BAND = 0.0015  # of the background's brightness, per px, of a median
 STEEP = 0.004  # of the background's brightness, per px: steeper than lamps make it, flatter than any colony's edge
 COMMON = 0.4  # share of bright pixels in a row or column, at least
 BRIGHT = 0.6  # of the background's brightness: darker pixels are a colony's core or another object
@@ -43,7 +44,7 @@ def _profile(image: Field, seen: Mask, level: float, noise: float) -> npt.NDArra
         np.take_along_axis(ordered, (part * np.maximum(count - 1, 0)).astype(int)[:, None], axis=1)[:, 0]
         for part in (0.25, 0.5, 0.75)
     )
-    steep = max(STEEP * level, 4 * noise / sqrt(4 * sqrt(pi) * BAND_SCALE**3 * wide))
+    steep = max(STEEP_BAND * level, 4 * noise / sqrt(4 * sqrt(pi) * BAND_SCALE**3 * wide))
     band = (count > COMMON * ordered.shape[1]) & (np.abs(middle) > steep) & (np.sign(lower) == np.sign(upper))
     return np.cumsum(np.where(band, middle, np.float32(0)), dtype=np.float32)
 
