@@ -521,7 +521,7 @@ NOISE = 2.5 * np.random.default_rng(3).standard_normal((160, 160))
     [
         (150 + NOISE, "no colony"),
         (np.rint(150 + NOISE).astype(np.uint8), "no colony"),
-        (np.add.outer(np.arange(160.0), np.arange(160.0)) / 3 + 60, "no colony"),
+        (np.add.outer(np.arange(160.0), np.arange(160.0)) / 3 + 60, "need a dark"),
         (np.clip(20 + NOISE, 0, 255), "no colony"),
         (255 - disc_image(40)[0], "border is dark"),
         (200 - disc_image(12, grey=100)[0] / 2, "brighter than the rest"),

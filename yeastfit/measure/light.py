@@ -3,6 +3,7 @@
 from math import ceil, pi, sqrt
 
 import numpy as np
+import numpy.typing as npt
 from jaxtyping import Bool, Float64
 from scipy import ndimage
 from skimage import filters, measure
@@ -11,6 +12,7 @@ from yeastfit.errors import InputError
 from yeastfit.measure.raster import EIGHT, SMOOTHING, Field, Mask, Small, areas_of, blurred, border, shrunk, spread
 from yeastfit.measure.seams import STEEP, bands, with_tiles
 
+Coarse = Bool[np.ndarray, "small_row small_column"]
 Samples = Float64[np.ndarray, " sample"]
 Kept = Bool[np.ndarray, " sample"]
 
@@ -49,12 +51,32 @@ def background(image: Field, seen: Mask, name: str) -> tuple[Field, float]:
     values = even[::step, ::step][rows, columns].astype(np.float64)
     keep = _bright_start(even, seen, values, name)
     u, v = (_axis(size, max(image.shape)) for size in image.shape[::-1])
+    at = u[columns * step], v[rows * step]
     for degree, rounds in ((2, 12), (4, 6)):
-        table, keep, deviation = _clipped_fit(u[columns * step], v[rows * step], values, degree, keep, noise, rounds)
+        table, keep, deviation = _clipped_fit(*at, values, degree, keep, noise, rounds)
+    known, small = _known(even, _surface(table, u, v, rows * step, columns * step, keep), seen, noise, 2.5 * deviation)
+    sampled = known[
+        np.minimum(rows * step // small, known.shape[0] - 1), np.minimum(columns * step // small, known.shape[1] - 1)
+    ]
+    if sampled.sum() > 100:
+        keep = sampled
+        table = _fit(*at, values, 4, keep)
+    surface = _surface(table, u, v, rows * step, columns * step, keep)
+    return surface + shade + _local_light(even - surface, known, small), noise
+
+
+def _surface(
+    table: Float64[np.ndarray, "power power"],
+    u: Float64[np.ndarray, " column"],
+    v: Float64[np.ndarray, " row"],
+    rows: npt.NDArray[np.integer],
+    columns: npt.NDArray[np.integer],
+    keep: Kept,
+) -> Field:
+    """The polynomial on all pixels, within the bounds of what it is on the samples kept."""
     surface = np.polynomial.polynomial.polygrid2d(u, v, table).T.astype(np.float32)
-    known = surface[rows * step, columns * step][keep]
-    surface = np.clip(surface, known.min(), known.max())
-    return surface + shade + _local_light(even, surface, seen, noise, 2.5 * deviation), noise
+    known = surface[rows, columns][keep]
+    return np.clip(surface, known.min(), known.max())
 
 
 def _bright_start(image: Field, seen: Mask, values: Samples, name: str) -> Kept:
@@ -72,45 +94,61 @@ def _bright_start(image: Field, seen: Mask, values: Samples, name: str) -> Kept:
 def _clipped_fit(
     u: Samples, v: Samples, values: Samples, degree: int, keep: Kept, noise: float, rounds: int
 ) -> tuple[Float64[np.ndarray, "power power"], Kept, float]:
-    """Coefficients [power of u, power of v] of total `degree`, the samples kept and their deviation."""
-    power = np.arange(degree + 1)
-    total = (power[:, None] + power[None, :] <= degree).ravel()
-    basis = np.polynomial.polynomial.polyvander2d(u, v, [degree, degree])[:, total]
-    table = np.zeros(total.size)
+    """Coefficients as `_fit` gives them, the samples kept and their deviation."""
     for _ in range(rounds):
-        kept = basis[keep]  # normal equations by einsum: on a busy machine BLAS threads would wait for each other
-        square, side = np.einsum("si,sj->ij", kept, kept), np.einsum("si,s->i", kept, values[keep])
-        table[total] = np.linalg.lstsq(square, side, rcond=None)[0]
-        residual = values - np.einsum("si,i->s", basis, table[total])
+        table = _fit(u, v, values, degree, keep)
+        residual = values - np.polynomial.polynomial.polyval2d(u, v, table)
         deviation = max(noise, spread(residual[residual > 0]))
         keep = (residual > -2 * deviation) & (residual < 3 * deviation)
-    return table.reshape(degree + 1, degree + 1), keep, deviation
+    return table, keep, deviation
+
+
+def _fit(u: Samples, v: Samples, values: Samples, degree: int, keep: Kept) -> Float64[np.ndarray, "power power"]:
+    """Coefficients [power of u, power of v] of total `degree`, least squares over the samples kept."""
+    power = np.arange(degree + 1)
+    total = (power[:, None] + power[None, :] <= degree).ravel()
+    basis = np.polynomial.polynomial.polyvander2d(u[keep], v[keep], [degree, degree])[:, total]
+    table = np.zeros(total.size)
+    # normal equations by einsum: on a busy machine BLAS threads would wait for each other
+    square, side = np.einsum("si,sj->ij", basis, basis), np.einsum("si,s->i", basis, values[keep])
+    table[total] = np.linalg.lstsq(square, side, rcond=None)[0]
+    return table.reshape(degree + 1, degree + 1)
 
 
 def _axis(size: int, longest: int) -> Float64[np.ndarray, " point"]:
     return (2 * np.arange(size) - (size - 1)) / longest
 
 
-def _local_light(image: Field, surface: Field, seen: Mask, noise: float, limit: float) -> Field:
-    """Mean of image - surface over background nearby, wide and then narrow: shading that no polynomial follows."""
+def _known(image: Field, surface: Field, seen: Mask, noise: float, limit: float) -> tuple[Coarse, int]:
+    """Where background is seen, on a grid of about 800 points a side, and that grid's step in px.
+
+    `_calm` where that is 3 % of the image or more, else what is not darker than the surface by `limit`.
+    """
     step = max(1, round(max(image.shape) / 800))
     small, flat = shrunk(image, step), shrunk(surface, step)
     whole = shrunk(seen.astype(np.float32), step) > 0.99
-    weight = _calm(small, flat, whole, noise / step, step, limit)
-    if weight.mean() < 0.03:
+    known = _calm(small, flat, whole, noise / step, step, limit)
+    if known.mean() < 0.03:
         dark = blurred(flat - small, SMOOTHING / step) > limit
-        weight = whole & ~ndimage.binary_dilation(dark, iterations=2)
-    share, residual = weight.astype(np.float32)[::2, ::2], (small - flat)[::2, ::2]
-    mean = np.zeros_like(residual)
+        known = whole & ~ndimage.binary_dilation(dark, iterations=2)
+    return known, step
+
+
+def _local_light(residual: Field, known: Coarse, step: int) -> Field:
+    """Mean residual over background nearby, wide and then narrow: shading that no polynomial follows."""
+    share, coarse = known.astype(np.float32)[::2, ::2], shrunk(residual, step)[::2, ::2]
+    mean = np.zeros_like(coarse)
     for reach in REACHES:
-        width = reach * max(residual.shape)
-        mean += blurred((residual - mean) * share, width) / (blurred(share, width) + np.float32(0.02))
-    zoom = [full / coarse for full, coarse in zip(image.shape, mean.shape, strict=True)]
+        width = reach * max(coarse.shape)
+        mean += blurred((coarse - mean) * share, width) / (blurred(share, width) + np.float32(0.02))
+    zoom = [full / part for full, part in zip(residual.shape, mean.shape, strict=True)]
     return ndimage.zoom(mean, zoom, order=1, mode="nearest", grid_mode=True)
 
 
 def _calm(image: Small, surface: Small, seen: Mask, noise: float, step: int, limit: float) -> Mask:
     """Background as what no edge parts from it: regions without a steep slope, mostly within `limit` of the surface.
+
+    They reach the border of what is seen, as a faint colony's inside does not.
 
     A shadow has no edge and is background; a colony has, however faint. Regions behind a straight seam count too. Two
     more pixels along every edge are left out, which closes gaps in it. `noise` is that of the shrunk image.
@@ -124,7 +162,10 @@ def _calm(image: Small, surface: Small, seen: Mask, noise: float, step: int, lim
     labels = measure.label(calm, connectivity=1)
     areas = areas_of(labels)
     near = np.bincount(labels.ravel(), weights=(np.abs(image - surface) < limit).ravel())
-    known = (near > 0.5 * areas) & (areas >= 20)
+    edge = ~ndimage.binary_erosion(seen, EIGHT, iterations=4)
+    outside = np.zeros(areas.size, dtype=bool)
+    outside[labels[edge]] = True
+    known = (near > 0.5 * areas) & (areas >= 20) & outside
     return with_tiles(known[labels], labels, image, areas)
 
 

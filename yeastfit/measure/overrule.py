@@ -1,5 +1,6 @@
 """What a user may say about an image that segmentation would otherwise find out by itself."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from math import isfinite
 from numbers import Real
@@ -13,9 +14,9 @@ from yeastfit.measure.images import MIN_SIDE
 class Overrule:
     """seed_point (x, y) and roi (x0, y0, x1, y1) in pixels, threshold in grey levels; None leaves it to `segment`."""
 
-    seed_point: tuple[float, float] | None = None
+    seed_point: Sequence[float] | None = None
     threshold: float | None = None
-    roi: tuple[int, int, int, int] | None = None
+    roi: Sequence[float] | None = None
 
     def check(self, shape: tuple[int, int], name: str) -> None:
         """Raise `InputError` where it does not fit an image of `shape` [rows, columns]."""

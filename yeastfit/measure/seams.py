@@ -21,8 +21,9 @@ REACH = 0.04  # of the image's longer side: the widest seam
 def bands(image: Field, seen: Mask, noise: float) -> Field:
     """What rows and columns as wholes differ by, b(y) + a(x), in grey levels; mean 0.
 
-    b is the sum over rows of the median slope along y, in rows where it is steep and three quarters of the bright
-    pixels agree in its sign: a colony's edges, which lie in few columns of any row, do not move a median. Likewise a.
+    b is the sum over rows of the median slope along y, where that is steep and three quarters of the bright pixels
+    agree in its sign: a colony's edges, which lie in few columns of any row, do not move a median. Rows with few bright
+    pixels, or within 8 px of such, are left as they are. Likewise a, over columns.
     """
     inner = seen if seen.all() else ndimage.binary_erosion(seen, EIGHT, iterations=4, border_value=1)
     level = float(np.percentile(image[::4, ::4], 95))
@@ -44,8 +45,9 @@ def _profile(image: Field, seen: Mask, level: float, noise: float) -> npt.NDArra
         np.take_along_axis(ordered, (part * np.maximum(count - 1, 0)).astype(int)[:, None], axis=1)[:, 0]
         for part in (0.25, 0.5, 0.75)
     )
+    common = ndimage.binary_erosion(count > COMMON * ordered.shape[1], np.ones(17, dtype=bool), border_value=1)
     steep = max(STEEP_BAND * level, 4 * noise / sqrt(4 * sqrt(pi) * BAND_SCALE**3 * wide))
-    band = (count > COMMON * ordered.shape[1]) & (np.abs(middle) > steep) & (np.sign(lower) == np.sign(upper))
+    band = common & (np.abs(middle) > steep) & (np.sign(lower) == np.sign(upper))
     return np.cumsum(np.where(band, middle, np.float32(0)), dtype=np.float32)
 
 

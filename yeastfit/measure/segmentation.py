@@ -3,9 +3,9 @@
 How `segment` works, in grey levels, for a bright-field photograph I (colony darker than its background):
 
     light       L = b(y) + a(x), steps of whole rows and columns, plus a polynomial of degree 4, fitted by least squares
-                to pixels kept by iterated one-sided clipping, plus the mean residual of background pixels within 5 %,
-                then 1.5 %, of the image's longer side. Background is what no edge parts from it: a shadow's slope is
-                below 0.4 % of L per pixel, a colony's edge above it
+                to the background, plus the background's mean residual within 5 %, then 1.5 %, of the image's longer
+                side. Background is what no edge parts from the border and from a first polynomial, fitted by iterated
+                one-sided clipping: a shadow's slope is below 0.4 % of L per pixel, a colony's edge above it
     contrast    D = L - I, with noise σ from the second differences of I (kernel of Immerkær 1996,
                 doi:10.1006/cviu.1996.0060)
     coarse      the object: where D, smoothed by 0.8 px, exceeds 4 of its own deviations
@@ -23,6 +23,7 @@ minimum is found by FISTA (Beck & Teboulle 2009, doi:10.1137/080716542), as scik
 the bounds that carry most of the information here.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -91,9 +92,9 @@ def segment(
     *,
     name: str = "image",
     min_area: int = 20,
-    seed_point: tuple[float, float] | None = None,
+    seed_point: Sequence[float] | None = None,
     threshold: float | None = None,
-    roi: tuple[int, int, int, int] | None = None,
+    roi: Sequence[float] | None = None,
 ) -> Segmentation:
     """The colony in a bright-field photograph [rows, columns] (module docstring), or in a ready-made mask.
 
