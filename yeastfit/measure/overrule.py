@@ -23,7 +23,7 @@ class Overrule:
         size = f"image of {shape[1]} x {shape[0]}"
         if self.threshold is not None and not (_is_number(self.threshold) and self.threshold > 0):
             raise InputError(f"{name}: threshold is {self.threshold!r}, need a contrast above 0 in grey levels")
-        x0, y0, x1, y1 = 0, 0, shape[1], shape[0]
+        x0, y0, x1, y1 = 0.0, 0.0, float(shape[1]), float(shape[0])
         if self.roi is not None:
             if len(self.roi) != 4 or not all(_is_number(each) and int(each) == each for each in self.roi):
                 raise InputError(f"{name}: roi is {self.roi!r}, need four whole numbers of pixels x0, y0, x1, y1")
