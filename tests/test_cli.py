@@ -219,6 +219,22 @@ def test_a_bad_data_set_leaves_no_fit(
     assert not (out / "fit.json").exists()
 
 
+def test_a_fit_to_one_of_several_conditions_asks_which(
+    dataset: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "images").symlink_to(dataset / "images")
+    lines = (dataset / "manifest.csv").read_text().splitlines()
+    kinds = ["condition", *("AWRI" if number % 2 else "Simi" for number in range(len(lines) - 1))]
+    (tmp_path / "manifest.csv").write_text("\n".join(",".join(pair) for pair in zip(lines, kinds, strict=True)))
+    for chosen in ([], ["--condition", "none"]):
+        assert cli.run(["fit", str(tmp_path), "--out", str(tmp_path / "out"), *chosen]) == 2
+        error = capsys.readouterr().err
+        assert "'Simi', 'AWRI'" in error
+        assert "condition" in error
+    simi = cli._of_one_condition(read_dataset(tmp_path), "Simi")
+    assert len(simi.frames) == (len(lines) - 1) // 2
+
+
 @pytest.mark.parametrize("command", ["simulate", "measure", "synthesize", "fit", "gradcheck"])
 def test_every_command_has_help(command: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert cli.run([command, "--help"]) == 0

@@ -20,7 +20,7 @@ from yeastfit.gradients import check_gradients
 from yeastfit.infer.fit import DEFAULT_FREE, Fit, FitSettings
 from yeastfit.infer.fit import fit as run_fit
 from yeastfit.infer.targets import Targets
-from yeastfit.measure.dataset import find_manifest, given, read_dataset, read_overrule
+from yeastfit.measure.dataset import Dataset, find_manifest, given, read_dataset, read_overrule
 from yeastfit.measure.series import Measured, measure_dataset
 from yeastfit.measure.tasks import Task, find_tasks
 from yeastfit.model.numerics import Numerics
@@ -201,8 +201,11 @@ def synthesize(
 
 @app.command()
 def fit(
-    dataset: Annotated[Path, typer.Argument(help="Folder with manifest.csv and micrographs.", show_default=False)],
+    dataset: Annotated[Path, typer.Argument(help="Folder with a manifest and micrographs.", show_default=False)],
     folder: Out,
+    condition: Annotated[
+        str | None, typer.Option(help="Which condition's colonies, where there are several.", show_default=False)
+    ] = None,
     free: Annotated[str, typer.Option(help="Parameters to fit, by name, with commas.")] = ",".join(DEFAULT_FREE),
     diffusivity: Diffusivity = DEFAULT["diffusivity"],
     elasticity: Elasticity = DEFAULT["elasticity"],
@@ -227,7 +230,7 @@ def fit(
     fixed = Parameters().replace(**dict(zip(NAMES, values, strict=True)))
     scales = Scales(length, rate)
     (folder / "fit.json").unlink(missing_ok=True)
-    frames = read_dataset(dataset)
+    frames = _of_one_condition(read_dataset(dataset), condition)
     with _progress("measuring micrographs") as advance:
         measured = measure_dataset(frames, advance)
     names = tuple(name.strip() for name in statistics.split(","))
@@ -247,6 +250,14 @@ def fit(
     _print_fit(result, known, folder)
     if not result.converged:
         raise typer.Exit(1)
+
+
+def _of_one_condition(dataset: Dataset, condition: str | None) -> Dataset:
+    """What a fit is made to. Raises `InputError` where it is left open."""
+    if condition is None and len(dataset.conditions) > 1:
+        conditions = ", ".join(map(repr, dataset.conditions))
+        raise InputError(f"--condition: {dataset.manifest} has {conditions}, a fit is to the colonies of one: choose")
+    return dataset if condition is None else dataset.of(condition)
 
 
 def _write_targets(folder: Path, frames: Any, measured: list[Measured], targets: Targets, scales: Scales) -> None:
