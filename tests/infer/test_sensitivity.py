@@ -13,7 +13,7 @@ from jaxtyping import Array
 from benchmarks.gradients import compare, differences, estimates
 from yeastfit import InputError, Numerics, Parameters, Relaxation, Sensitivity, sensitivity
 from yeastfit.infer import sensitivity as module
-from yeastfit.infer.sensitivity import STATISTICS, Estimate, combine, design
+from yeastfit.infer.sensitivity import STATISTICS, Estimate, Scatter, combine, design
 from yeastfit.simulation import member_keys
 
 SMALL = Numerics(domain=12.0, spacing=0.25, dt=0.02, capacity=64)
@@ -48,7 +48,7 @@ class Toy:
         return away @ self.slopes.T + bent[:, None] + self.shared * of_key + self.own * own
 
 
-def pairs_of(toy: Toy, pairs: int, seed: int = 0) -> tuple[Estimate, tuple[np.ndarray, int]]:
+def pairs_of(toy: Toy, pairs: int, seed: int = 0) -> tuple[Estimate, Scatter, Scatter]:
     keys, rng = member_keys(seed, pairs), np.random.default_rng(seed)
     grow = partial(toy.members, keys=keys)
     return module._regression(grow, np.zeros(7), np.arange(7), pairs, 0.2, rng, (1, len(toy.slopes)))
@@ -85,20 +85,40 @@ def test_scatter_is_that_of_one_colony_whatever_a_pair_has_in_common(own: float,
             return super().members(z, keys) - (3.0 * away.sum(axis=1) ** 2 + 2.0 * away[:, 0] * away[:, 1])[:, None]
 
     toy = Straight(np.random.default_rng(0).normal(size=(2, 7)), own, shared)
-    parts = [pairs_of(toy, 32, seed)[1] for seed in range(200)]
-    assert {freedom for _, freedom in parts} == {31 + 32 - 7}
-    mean = np.mean([covariance for covariance, _ in parts], axis=0)
-    np.testing.assert_allclose(mean, (own**2 + shared**2) * np.eye(2), atol=0.06 * (own**2 + shared**2))
-    assert min(np.linalg.eigvalsh(covariance).min() for covariance, _ in parts) > 0
+    parts = [pairs_of(toy, 32, seed)[1:] for seed in range(200)]
+    assert {(common.freedom, apart.freedom) for common, apart in parts} == {(31, 32 - 7)}
+    found = [common.covariance + apart.covariance for common, apart in parts]
+    variance = own**2 + shared**2
+    np.testing.assert_allclose(np.mean(found, axis=0), variance * np.eye(2), atol=0.06 * variance)
+    np.testing.assert_allclose(
+        np.mean([apart.covariance for _, apart in parts], axis=0), 0.5 * own**2 * np.eye(2), atol=0.03 * own**2 + 1e-9
+    )
 
 
 def test_parts_of_the_scatter_are_pooled_by_their_degrees_of_freedom() -> None:
     curves = np.array([[1.0, 2.0], [3.0, 2.0], [np.nan, 0.0], [2.0, 5.0]])
-    covariance, freedom = module._of_members(curves)
-    assert freedom == 2
-    np.testing.assert_allclose(covariance, np.cov(curves[[0, 1, 3]].T))
-    pooled = module._pooled([(covariance, 2), (np.eye(2), 6)])
-    np.testing.assert_allclose(pooled, (2 * covariance + 6 * np.eye(2)) / 8)
+    alone = module._of_members(curves)
+    assert alone.freedom == 2
+    np.testing.assert_allclose(alone.covariance, np.cov(curves[[0, 1, 3]].T))
+    pooled = module._pooled(alone, Scatter(np.eye(2), 4), Scatter(2 * np.eye(2), 2))
+    np.testing.assert_allclose(pooled, (2 * alone.covariance + 6 * 3 * np.eye(2)) / 8)
+
+
+def test_errors_of_the_regression_are_correlated_as_stated() -> None:
+    """Three curves that repeat each other's noise, over 200 repetitions."""
+    mix = np.array([[1.0, 0.8, 0.0], [0.0, 0.6, 0.0], [0.0, 0.0, 0.0]])
+
+    def grow(seed: int) -> tuple[Estimate, Scatter, Scatter]:
+        rng = np.random.default_rng(seed)
+        return module._regression(
+            lambda z: rng.normal(size=(32, 3)) @ mix, np.zeros(7), np.arange(7), 32, 0.2, rng, (1, 3)
+        )
+
+    found = [grow(seed) for seed in range(200)]
+    errors = np.concatenate([estimate.jacobian[0].T for estimate, _, _ in found])
+    stated = np.mean([module._correlation(apart) for _, _, apart in found], axis=0)
+    np.testing.assert_allclose(stated[:2, :2], np.corrcoef(errors[:, :2].T), atol=0.03)
+    np.testing.assert_array_equal(stated[2], [0.0, 0.0, 1.0])
 
 
 # --- the blend --------------------------------------------------------------------------------------------------------
@@ -152,7 +172,7 @@ def test_a_result_is_whole(found: Sensitivity, tmp_path: Path) -> None:
     assert found.jacobian.shape == found.error.shape == (5, 2, 7)
     assert found.mean.shape == found.mean_error.shape == found.pathwise_share.shape == found.tails.shape == (5, 2)
     assert (found.pathwise_share >= 0).all()
-    assert found.scatter.shape == (10, 10)
+    assert found.scatter.shape == found.correlation.shape == (10, 10)
     np.testing.assert_array_equal(found.scatter, found.scatter.T)
     assert np.linalg.eigvalsh(found.scatter).min() > -1e-9 * np.trace(found.scatter)
     alone = np.sqrt(32) * found.mean_error[:4]  # of 32 colonies at λ, known to 13 %; of the count it may be 0
@@ -164,7 +184,7 @@ def test_a_result_is_whole(found: Sensitivity, tmp_path: Path) -> None:
     assert {row["carried_by"] for row in rows} <= {"regression", "pathwise"}
     found.save(tmp_path / "sensitivity.json")
     again = Sensitivity.load(tmp_path / "sensitivity.json")
-    for name in ("times", "mean", "jacobian", "error", "pathwise_share", "tails", "scatter"):
+    for name in ("times", "mean", "jacobian", "error", "pathwise_share", "tails", "scatter", "correlation"):
         np.testing.assert_array_equal(getattr(again, name), getattr(found, name))
     assert again.rows() == rows
     assert again.parameters.asdict() == found.parameters.asdict()

@@ -34,6 +34,7 @@ have in common, where c is left without its mean and h without its slopes. The c
     S = (ν₀ S₀ + ν (S_c + S_h)) / (ν₀ + ν),    ν₀ = members − 1,  ν = 2 pairs − 1 − p,
 
 a sum of matrices that are positive semi-definite. What curvature adds to S_c is of order spread⁴.
+S_h / (pairs · spread²) is the covariance over curves of the errors of one column of the regression's J.
 """
 
 import json
@@ -67,7 +68,14 @@ PATH_NODES = 64  # of the mean colony, up to which pathwise derivatives are of u
 EXPLODED = 3.0  # times the scatter of the members left as they are: the tails would decide a plain mean
 
 Table = Float[np.ndarray, "statistic time free"]
-Scatter = tuple[np.ndarray, int]
+
+
+@dataclass(frozen=True)
+class Scatter:
+    """A covariance over curves, and the degrees of freedom it was estimated with."""
+
+    covariance: Float[np.ndarray, "curve curve"]
+    freedom: int
 
 
 @dataclass(frozen=True)
@@ -86,6 +94,7 @@ class Sensitivity:
     `method`. pathwise_share: w, [statistic, time]. parts: the estimators that went into it, by name; NaN where a path
     was not grown. tails: by how much outliers among pathwise derivatives would have raised their scatter, [statistic,
     time], 1 where there were none. scatter: covariance of one colony's curves over statistics and times.
+    correlation: of the errors of a column of J over them, by the regression; without one, that of the colonies.
     runs: colonies grown, by what for. seconds: likewise.
     """
 
@@ -102,6 +111,7 @@ class Sensitivity:
     parts: dict[str, Estimate]
     tails: Float[np.ndarray, "statistic time"]
     scatter: Float[np.ndarray, "curve curve"]
+    correlation: Float[np.ndarray, "curve curve"]
     runs: dict[str, int]
     seconds: dict[str, float]
     seed: int
@@ -153,7 +163,7 @@ class Sensitivity:
         changed = {
             "parameters": Parameters(**data["parameters"]),
             "parts": parts,
-            **{name: array(data[name]) for name in arrays},
+            **{name: array(data[name]) for name in (*arrays, "correlation")},
             **{name: tuple(data[name]) for name in ("free", "statistics")},
         }
         return Sensitivity(**{**data, **changed})
@@ -228,14 +238,15 @@ def sensitivity(
     centre = grow(log_values, member_keys(jax.random.fold_in(jax.random.key(seed), 1), spent["mean"]))
     nodes = centre[:, recorded.index(COUNT)].mean(axis=0) + 1
     centre = centre[:, : shape[0]]
-    scatter = [_of_members(centre.reshape(len(centre), -1))]
+    alone = _of_members(centre.reshape(len(centre), -1))
+    scatter, correlation = alone.covariance, _correlation(alone)
     seconds["mean"] = clock.perf_counter() - began
     if method != "pathwise":
         say("regression", 0.1)
         began = clock.perf_counter()
         keys = member_keys(jax.random.fold_in(jax.random.key(seed), 0), runs // 2)
         rng = np.random.default_rng(seed)
-        parts["regression"], of_pairs = _regression(
+        parts["regression"], common, apart = _regression(
             lambda z: grow(z, keys)[:, : shape[0]].reshape(len(keys), -1),
             log_values,
             chosen,
@@ -244,7 +255,7 @@ def sensitivity(
             rng,
             shape,
         )
-        scatter.append(of_pairs)
+        scatter, correlation = _pooled(alone, common, apart), _correlation(apart)
         spent["regression"], seconds["regression"] = runs, clock.perf_counter() - began
     sampled = len(times) if method == "pathwise" else int(np.sum(nodes <= PATH_NODES))  # from the first on
     if method != "regression" and sampled:
@@ -281,7 +292,8 @@ def sensitivity(
         pathwise_share=share,
         parts=parts,
         tails=tails,
-        scatter=_pooled(scatter),
+        scatter=scatter,
+        correlation=correlation,
         runs=spent,
         seconds=seconds,
         seed=seed,
@@ -338,8 +350,8 @@ def _regression(
     spread: float,
     rng: np.random.Generator,
     shape: tuple[int, int],
-) -> tuple[Estimate, Scatter]:
-    """J with its errors, and S_c + S_h with ν."""
+) -> tuple[Estimate, Scatter, Scatter]:
+    """J with its errors, S_c and S_h."""
     units = design(pairs, len(chosen), rng)
     away = np.zeros((pairs, len(NAMES)))
     away[:, chosen] = spread * units
@@ -353,9 +365,8 @@ def _regression(
     freedom = max(1, int(good.sum()) - len(chosen))
     inverse = np.linalg.inv(units[good].T @ units[good]) / spread**2
     error = np.sqrt(np.outer((rest**2).sum(axis=0) / freedom, np.diag(inverse)))
-    common, alone = _of_members(middle[good])
-    scatter = common + rest.T @ rest / freedom, alone + freedom
-    return Estimate(slopes.T.reshape(*shape, -1), error.reshape(*shape, -1)), scatter
+    estimate = Estimate(slopes.T.reshape(*shape, -1), error.reshape(*shape, -1))
+    return estimate, _of_members(middle[good]), Scatter(rest.T @ rest / freedom, freedom)
 
 
 def _of_members(curves: Float[np.ndarray, "member curve"]) -> Scatter:
@@ -363,13 +374,23 @@ def _of_members(curves: Float[np.ndarray, "member curve"]) -> Scatter:
     good = curves[np.isfinite(curves).all(axis=1)]
     rest = good - good.mean(axis=0) if len(good) else good
     freedom = max(1, len(good) - 1)
-    return rest.T @ rest / freedom, freedom
+    return Scatter(rest.T @ rest / freedom, freedom)
 
 
-def _pooled(parts: Sequence[Scatter]) -> Float[np.ndarray, "curve curve"]:
-    """Mean of covariances, weighted by their degrees of freedom."""
-    covariances, freedoms = zip(*parts, strict=True)
-    return np.average(covariances, axis=0, weights=freedoms)
+def _pooled(alone: Scatter, common: Scatter, apart: Scatter) -> Float[np.ndarray, "curve curve"]:
+    """S (see above)."""
+    freedom = common.freedom + apart.freedom
+    whole = alone.freedom * alone.covariance + freedom * (common.covariance + apart.covariance)
+    return whole / (alone.freedom + freedom)
+
+
+def _correlation(scatter: Scatter) -> Float[np.ndarray, "curve curve"]:
+    """Correlations, 1 on the diagonal and 0 beside it for a curve that does not vary."""
+    scale = np.sqrt(np.diag(scatter.covariance))
+    known = np.where(scale > 0, scale, 1.0)
+    found = scatter.covariance / np.outer(known, known)
+    np.fill_diagonal(found, 1.0)
+    return found
 
 
 def _pathwise(

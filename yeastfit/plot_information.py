@@ -1,0 +1,137 @@
+"""Pictures of what curves can tell about λ: sloppy spectrum, error ellipses, and what to measure next."""
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from yeastfit.infer.directions import percent
+
+if TYPE_CHECKING:
+    from yeastfit.infer.choices import Design
+    from yeastfit.infer.information import Information
+
+SEEN, BLIND = "#7a5230", "#b00020"
+CIRCLE = np.linspace(0.0, 2 * np.pi, 181)
+
+
+def spectrum(found: "Information") -> Figure:
+    """Eigenvalues of the Fisher information on a logarithmic axis, above what each direction is made of.
+
+    Blind directions are red; an open triangle stands at the noise of J where nothing is known below it.
+    """
+    count = len(found.free)
+    figure = Figure(figsize=(2.6 + 0.85 * count, 3.9 + 0.33 * count), layout="constrained")
+    upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(2.4, 0.3 + 0.3 * count))
+    places = np.arange(count)
+    known = found.eigenvalues > 0
+    scale = found.eigenvalues[known].max() if known.any() else 1.0
+    floor = np.where(found.noise_floor > 0, found.noise_floor, 1e-6 * scale)
+    colors = np.where(found.blind, BLIND, SEEN)
+    upper.scatter(places[known], found.eigenvalues[known], c=colors[known], s=46, zorder=3)
+    upper.scatter(places[~known], floor[~known], marker="v", s=46, facecolors="none", edgecolors=BLIND, zorder=3)
+    upper.plot(places, floor, "_", color="0.6", ms=22, label="noise of the derivatives")
+    upper.axhline(found.limit**-2, color=BLIND, lw=0.8, ls="--", label=f"error of log λ {found.limit:g}: blind below")
+    for k in places:
+        height = found.eigenvalues[k] if known[k] else floor[k]
+        upper.annotate(
+            percent(float(found.direction_errors[k])),
+            (k, height),
+            xytext=(0, 7),
+            textcoords="offset points",
+            ha="center",
+            fontsize=8,
+        )
+    upper.set_yscale("log")
+    upper.margins(x=0.5 / count, y=0.16)
+    upper.set_ylabel("eigenvalue, 1 / variance of log λ", fontsize=8)
+    upper.set_title("How well each direction is known", fontsize=10)
+    upper.legend(fontsize=7, loc="best")
+    image = lower.imshow(found.directions.T, cmap="RdBu", vmin=-1, vmax=1, aspect="auto")
+    _numbers(lower, found.directions.T, "{:.2f}", lambda value: abs(value) > 0.65)
+    lower.set(xticks=places, yticks=range(count), yticklabels=[name.replace("_", " ") for name in found.free])
+    lower.set_xticklabels([str(k + 1) for k in places])
+    lower.set_xlabel("direction in log λ", fontsize=8)
+    figure.colorbar(image, ax=lower, label="component", shrink=0.9, pad=0.02)
+    return figure
+
+
+def ellipses(found: "Information") -> Figure:
+    """One and two standard errors of every pair of log λ, in percent; empty where one of the two is not determined."""
+    count = len(found.free)
+    cells = max(1, count - 1)
+    figure = Figure(figsize=(1.2 + 1.9 * cells, 0.8 + 1.75 * cells), layout="constrained")
+    axes = figure.subplots(cells, cells, squeeze=False)
+    for row in range(cells):
+        for column in range(cells):
+            panel = axes[row, column]
+            x, y = column, row + 1
+            if column > row or y >= count:
+                panel.axis("off")
+                continue
+            _ellipse(panel, found.covariance[np.ix_([x, y], [x, y])])
+            panel.tick_params(labelsize=7)
+            if row == cells - 1:
+                panel.set_xlabel(found.free[x].replace("_", " ") + " (%)", fontsize=8)
+            if column == 0:
+                panel.set_ylabel(found.free[y].replace("_", " ") + " (%)", fontsize=8)
+    figure.suptitle("Errors of log λ: one and two standard errors", fontsize=10)
+    return figure
+
+
+def design(found: "Design") -> Figure:
+    """By what share each next measurement lowers the typical error: single statistics, and images with all of them."""
+    rows = [*(name.replace("_", " ") for name in found.statistics), "whole image"]
+    table = np.vstack([100 * found.table(), np.full((1, len(found.times)), np.nan)])
+    for choice in found.images:
+        table[-1, np.argmin(np.abs(found.times - choice.time))] = 100 * choice.reduction
+    figure = Figure(figsize=(2.4 + 0.62 * len(found.times), 1.5 + 0.5 * len(rows)), layout="constrained")
+    axes = figure.subplots()
+    top = np.nanmax(table) if np.isfinite(table).any() else 1.0
+    image = axes.imshow(np.ma.masked_invalid(table), cmap="YlGnBu", vmin=0, vmax=max(top, 1e-9), aspect="auto")
+    _numbers(axes, table, "{:.1f}", lambda value: value > 0.6 * top)
+    axes.axhline(len(found.statistics) - 0.5, color="white", lw=3)
+    axes.set(xticks=range(len(found.times)), yticks=range(len(rows)), yticklabels=rows, xlabel="time (1 / μ*)")
+    axes.set_xticklabels([f"{time:g}" for time in found.times])
+    for number, choice in enumerate(found.sequence, start=1):
+        single = len(choice.statistics) == 1 and len(found.statistics) > 1
+        row = found.statistics.index(choice.statistics[0]) if single else len(rows) - 1
+        column = int(np.argmin(np.abs(found.times - choice.time)))
+        axes.annotate(
+            f"{number}",
+            (column, row),
+            xytext=(9 * (number - 1) - 15, 12),
+            textcoords="offset points",
+            fontsize=7,
+            ha="center",
+            va="center",
+            bbox={"boxstyle": "circle,pad=0.15", "facecolor": "#ff4d00", "edgecolor": "none"},
+            color="white",
+        )
+    who = f"{found.added:g} further colonies" if found.new_colonies else "the same colonies"
+    axes.set_title(
+        f"Measured next, in {who}: fall of the typical error ({percent(found.typical)} now) in percent", fontsize=9
+    )
+    figure.colorbar(image, ax=axes, label="%", shrink=0.9, pad=0.02)
+    return figure
+
+
+def _ellipse(panel: Any, covariance: np.ndarray) -> None:
+    if not np.isfinite(covariance).all():
+        panel.text(0.5, 0.5, "not determined", ha="center", va="center", fontsize=7, transform=panel.transAxes)
+        panel.set(xticks=[], yticks=[])
+        return
+    values, vectors = np.linalg.eigh(covariance)
+    circle = np.stack([np.cos(CIRCLE), np.sin(CIRCLE)])
+    one = 100 * (vectors * np.sqrt(np.maximum(values, 0.0))) @ circle
+    panel.fill(*(2 * one), color=SEEN, alpha=0.18, lw=0)
+    panel.fill(*one, color=SEEN, alpha=0.45, lw=0)
+    panel.axhline(0, color="0.7", lw=0.6)
+    panel.axvline(0, color="0.7", lw=0.6)
+
+
+def _numbers(axes: Any, table: np.ndarray, form: str, bright: Any) -> None:
+    for (row, column), value in np.ndenumerate(table):
+        if np.isfinite(value):
+            color = "white" if bright(value) else "black"
+            axes.text(column, row, form.format(value), ha="center", va="center", fontsize=7, color=color)
