@@ -1,5 +1,7 @@
 """What to measure next: brute force, closed forms, and that more data never tell less."""
 
+import csv
+import json
 from dataclasses import replace
 from itertools import combinations_with_replacement, pairwise
 from pathlib import Path
@@ -9,10 +11,11 @@ import pytest
 from helpers import wrong_types
 from sensitivities import made_up
 
-from yeastfit import InputError, Sensitivity, plot
+from yeastfit import InputError, Sensitivity, cli, plot
 from yeastfit.infer.choices import Choice, Criterion, Design
 from yeastfit.infer.design import By, design
-from yeastfit.model.parameters import PARAMETERS
+from yeastfit.infer.information import Information
+from yeastfit.model.parameters import NAMES, PARAMETERS
 
 FREE = ("mobility", "metabolic_rate", "aspect_ratio")
 STATISTICS, TIMES = ("compactness", "area"), [1.0, 2.0, 3.0]
@@ -174,3 +177,81 @@ def test_bad_arguments_are_named(values: dict, message: str) -> None:
     found: Sensitivity = FOUND
     with wrong_types(), pytest.raises(InputError, match=message):
         design(found, **values)
+
+
+# --- the command ------------------------------------------------------------------------------------------------------
+
+
+def test_the_command_reads_a_sensitivity(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    FOUND.save(tmp_path / "found.json")
+    out = tmp_path / "out"
+    options = ["--measured-times", "1,2", "--measured-statistics", "area", "--by", "statistic", "--steps", "2"]
+    assert cli.run(["design", "--sensitivity", str(tmp_path / "found.json"), "--out", str(out), *options]) == 0
+    expected = design(FOUND, measured_times=[1, 2], measured_statistics=["area"], by="statistic", steps=2)
+    assert Design.load(out / "design.json").sentences() == expected.sentences()
+    assert Information.load(out / "information.json").sentences() == expected.before.sentences()
+    with (out / "design.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == 3 + 6
+    assert float(rows[0]["reduction_percent"]) == pytest.approx(expected.rows()[0]["reduction_percent"])
+    for name in ("design.png", "spectrum.png", "ellipses.png"):
+        assert (out / name).stat().st_size > 5000
+    manifest = json.loads((out / "manifest.json").read_text())
+    assert (manifest["command"], manifest["configuration"]["measured_times"]) == ("design", [1.0, 2.0])
+    assert "1. measure " in capsys.readouterr().out
+
+
+def test_the_command_grows_colonies(tmp_path: Path) -> None:
+    """Two curves at 4 and 8 nodes; what it leaves is read again, and then gives the same."""
+    first, second = tmp_path / "first", tmp_path / "second"
+    small = ["--times", "1.5,2.5", "--statistics", "area,radius", "--runs", "32", "--dt", "0.02", "--seed", "3"]
+    assert cli.run(["design", "--out", str(first), "--free", "aspect-ratio", "--aspect-ratio", "0.6", *small]) == 0
+    found = Sensitivity.load(first / "sensitivity.json")
+    assert found.free == NAMES
+    assert (found.method, found.seed, found.runs) == ("regression", 3, {"mean": 8, "regression": 32})
+    assert float(found.parameters.aspect_ratio) == pytest.approx(0.6)
+    again = ["--sensitivity", str(first / "sensitivity.json"), "--free", "aspect_ratio"]
+    assert cli.run(["design", "--out", str(second), *again]) == 0
+    assert (first / "design.csv").read_bytes() == (second / "design.csv").read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--mobility", "2"], "--mobility is given beside --sensitivity, but "),
+        (["--runs", "64"], "--runs is given beside --sensitivity, but "),
+        (["--free", "speed"], "free is speed, the sensitivity holds mobility, metabolic_rate, aspect_ratio"),
+        (["--measured-times", "soon"], "--measured-times is 'soon', it must be numbers with commas"),
+        (["--by", "hand"], "by is 'hand'"),
+    ],
+    ids=str,
+)
+def test_the_command_names_bad_input(
+    options: list[str], message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    FOUND.save(tmp_path / "found.json")
+    with wrong_types():
+        code = cli.run(["design", "--sensitivity", str(tmp_path / "found.json"), "--out", str(tmp_path), *options])
+    assert code == 2
+    error = capsys.readouterr().err
+    assert message in error
+    assert error.count("\n") == 1
+
+
+@pytest.mark.parametrize("text", [None, "", "{}", '{"free": 1}'], ids=str)
+def test_the_command_names_a_file_that_is_no_sensitivity(
+    text: str | None, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "found.json"
+    if text is not None:
+        path.write_text(text)
+    assert cli.run(["design", "--sensitivity", str(path), "--out", str(tmp_path)]) == 2
+    error = capsys.readouterr().err
+    assert error.startswith(f"error: --sensitivity: {path} cannot be read")
+    assert error.count("\n") == 1
+
+
+@pytest.mark.parametrize("times", ["-1,2", "nan", "none"])
+def test_times_that_cannot_be_are_named(times: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.run(["design", "--times", times, "--out", str(tmp_path)]) == 2
+    assert capsys.readouterr().err.startswith("error: --times is ")
