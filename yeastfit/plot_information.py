@@ -1,5 +1,6 @@
 """Pictures of what curves can tell about λ: sloppy spectrum, error ellipses, and what to measure next."""
 
+import textwrap
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -57,25 +58,28 @@ def spectrum(found: "Information") -> Figure:
 
 
 def ellipses(found: "Information") -> Figure:
-    """One and two standard errors of every pair of log λ, in percent; empty where one of the two is not determined."""
-    count = len(found.free)
-    cells = max(1, count - 1)
-    figure = Figure(figsize=(1.2 + 1.9 * cells, 0.8 + 1.75 * cells), layout="constrained")
+    """One and two standard errors of every pair of log λ, in percent, of the parameters that have one."""
+    kept = [k for k, name in enumerate(found.free) if name not in found.undetermined]
+    cells = max(1, len(kept) - 1)
+    figure = Figure(figsize=(1.6 + 1.9 * cells, 1.0 + 1.75 * cells), layout="constrained")
     axes = figure.subplots(cells, cells, squeeze=False)
-    for row in range(cells):
-        for column in range(cells):
-            panel = axes[row, column]
-            x, y = column, row + 1
-            if column > row or y >= count:
-                panel.axis("off")
-                continue
-            _ellipse(panel, found.covariance[np.ix_([x, y], [x, y])])
-            panel.tick_params(labelsize=7)
-            if row == cells - 1:
-                panel.set_xlabel(found.free[x].replace("_", " ") + " (%)", fontsize=8)
-            if column == 0:
-                panel.set_ylabel(found.free[y].replace("_", " ") + " (%)", fontsize=8)
-    figure.suptitle("Errors of log λ: one and two standard errors", fontsize=10)
+    for (row, column), panel in np.ndenumerate(axes):
+        if column > row or len(kept) < 2:
+            panel.axis("off")
+            continue
+        x, y = kept[column], kept[row + 1]
+        _ellipse(panel, found.covariance[np.ix_([x, y], [x, y])])
+        panel.tick_params(labelsize=7)
+        if row == cells - 1:
+            panel.set_xlabel(found.free[x].replace("_", " ") + " (%)", fontsize=8)
+        if column == 0:
+            panel.set_ylabel(found.free[y].replace("_", " ") + " (%)", fontsize=8)
+    lines = ["Errors of log λ: one and two standard errors"]
+    if found.undetermined:
+        lines += textwrap.wrap("not determined: " + ", ".join(found.undetermined).replace("_", " "), 22 + 20 * cells)
+    if len(kept) < 2:
+        lines.append("no pair is left")
+    figure.suptitle("\n".join(lines), fontsize=9)
     return figure
 
 
@@ -117,10 +121,6 @@ def design(found: "Design") -> Figure:
 
 
 def _ellipse(panel: Any, covariance: np.ndarray) -> None:
-    if not np.isfinite(covariance).all():
-        panel.text(0.5, 0.5, "not determined", ha="center", va="center", fontsize=7, transform=panel.transAxes)
-        panel.set(xticks=[], yticks=[])
-        return
     values, vectors = np.linalg.eigh(covariance)
     circle = np.stack([np.cos(CIRCLE), np.sin(CIRCLE)])
     one = 100 * (vectors * np.sqrt(np.maximum(values, 0.0))) @ circle

@@ -202,8 +202,8 @@ def test_three_parameters_in_one_blind_direction() -> None:
     slopes = SLOPES - np.outer(SLOPES @ direction, direction)
     found = information(slopes, SIGMA, free=FREE)
     assert found.sentences()[0] == (
-        "the data do not notice when mobility changes and metabolic_rate as mobility^0.5 "
-        "and aspect_ratio as mobility^-0.5: fix one"
+        "the data do not notice when mobility changes, and with it metabolic_rate as mobility^0.5, "
+        "aspect_ratio as mobility^-0.5: fix one"
     )
 
 
@@ -276,7 +276,9 @@ def test_information_of_a_sensitivity_is_that_of_its_curves() -> None:
 
 
 def test_results_are_kept_and_drawn(tmp_path: Path) -> None:
-    for number, found in enumerate((product(1.4), information(SLOPES, SIGMA, free=FREE, prior={"mobility": 1.0}))):
+    whole = information(SLOPES, SIGMA, free=FREE, prior={"mobility": 1.0})
+    nothing = information(np.zeros((6, 3)), SIGMA, free=FREE)
+    for number, found in enumerate((product(1.4), whole, nothing)):
         found.save(tmp_path / "information.json")
         again = Information.load(tmp_path / "information.json")
         np.testing.assert_array_equal(again.data, found.data)

@@ -59,8 +59,8 @@ def blind_sentence(
         return f"{chosen[0]} and {chosen[1]} only enter as {power_law(chosen, [1.0, -v[0] / v[1]])}{rest}: fix one"
     first = int(np.argmax(np.abs(v)))
     others = [k for k in range(len(chosen)) if k != first]
-    together = " and ".join(f"{chosen[k]} as {chosen[first]}^{_exponent(v[k] / v[first])}" for k in others)
-    return f"the data do not notice when {chosen[first]} changes and {together}{rest}: fix one"
+    together = ", ".join(f"{chosen[k]} as {chosen[first]}^{_exponent(v[k] / v[first])}" for k in others)
+    return f"the data do not notice when {chosen[first]} changes, and with it {together}{rest}: fix one"
 
 
 def sparse_basis(directions: Float[np.ndarray, "direction free"]) -> Float[np.ndarray, "direction free"]:
