@@ -128,11 +128,17 @@ class _Deadly(type(Path())):  # type: ignore[misc]
         return os._exit, (1,)
 
 
+ON_A_TERMINAL = """import signal
+signal.signal(signal.SIGINT, signal.default_int_handler)  # what a shell starts in the background ignores Ctrl-C
+from yeastfit.cli import main
+main()"""
+
+
 def test_ctrl_c_ends_all_processes_without_a_traceback(tmp_path: Path) -> None:
     folder, out = tmp_path / "images", tmp_path / "out"
     for k in range(200):
         write_disc(folder / f"{k}.png")
-    command = [sys.executable, "-m", "yeastfit", "measure", str(folder), "--out", str(out), "--pixel-size", "1"]
+    command = [sys.executable, "-c", ON_A_TERMINAL, "measure", str(folder), "--out", str(out), "--pixel-size", "1"]
     with subprocess.Popen([*command, "--jobs", "2"], stderr=subprocess.PIPE, start_new_session=True) as process:
         deadline = time.monotonic() + 120
         while not list(out.glob("overlays/*.png")):
