@@ -2,7 +2,11 @@
 
 from yeastfit.errors import InputError
 from yeastfit.gradients import GradientCheck, check_derivatives, check_gradients
+from yeastfit.infer.choices import Design
+from yeastfit.infer.design import design
+from yeastfit.infer.experiment import information_of
 from yeastfit.infer.fit import Fit, FitSettings, fit
+from yeastfit.infer.information import Information, information
 from yeastfit.infer.sensitivity import Sensitivity, sensitivity
 from yeastfit.infer.targets import Targets
 from yeastfit.measure.dataset import Dataset, read_dataset
@@ -17,9 +21,11 @@ __all__ = [
     "HARD",
     "PARAMETERS",
     "Dataset",
+    "Design",
     "Fit",
     "FitSettings",
     "GradientCheck",
+    "Information",
     "InputError",
     "Numerics",
     "Parameters",
@@ -30,7 +36,10 @@ __all__ = [
     "Targets",
     "check_derivatives",
     "check_gradients",
+    "design",
     "fit",
+    "information",
+    "information_of",
     "measure_dataset",
     "measure_file",
     "member_keys",
