@@ -9,7 +9,7 @@ demo: $(VENV)/.installed
 	$(BIN)/yeastfit fit data/synthetic/demo --out out/demo --truth
 
 test: $(VENV)/.installed-test lint types
-	$(BIN)/python -m pytest --numprocesses auto --maxprocesses 4 --dist loadfile
+	$(BIN)/python -m pytest --numprocesses auto --maxprocesses 4 --dist worksteal
 
 lint: $(VENV)/.installed-test
 	$(BIN)/ruff check .

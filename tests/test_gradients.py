@@ -161,6 +161,7 @@ def check() -> GradientCheck:
     return check_gradients(times=TIMES, numerics=TINY)
 
 
+@pytest.mark.slow
 def test_simulations_pass(check: GradientCheck) -> None:
     assert check.passed, str(check)
     directions = [*NAMES, "union width", "contact width", "boundary width"]

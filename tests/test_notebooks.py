@@ -62,7 +62,11 @@ def test_there_are_notebooks() -> None:
     assert [path.name for path in NOTEBOOKS] == list(FULL_SIZE)
 
 
-@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.name)
+@pytest.mark.parametrize(
+    "path",
+    [pytest.param(path, marks=pytest.mark.slow if path.name == "gradients.ipynb" else ()) for path in NOTEBOOKS],
+    ids=lambda path: path.name,
+)
 def test_runs_in_reduced_size(path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("YEASTFIT_NOTEBOOK", "quick")
     monkeypatch.setenv("JUPYTER_PREFER_ENV_PATH", "1")  # this environment's kernel, whatever the user has installed

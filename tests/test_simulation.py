@@ -198,6 +198,7 @@ def test_a_time_step_too_large_for_the_springs_is_an_error_that_says_which_would
     assert not sound.problems
 
 
+@pytest.mark.slow
 def test_a_popular_parent_makes_springs_too_stiff_for_a_step_that_a_small_colony_stood() -> None:
     """Degrees grow with the colony: the same Δt holds at first, and at 230 nodes, of degree 6, no longer does."""
     numerics = Numerics(domain=24.0, spacing=0.2, dt=0.05, capacity=400)
@@ -350,6 +351,7 @@ def assert_same_means(ours: Simulation, runs: list[list[dict[str, Any]]]) -> Non
     assert np.abs(standard_scores(ours.statistics["compactness"], theirs)).max() < 4.0
 
 
+@pytest.mark.slow
 def test_means_of_the_hard_model_are_the_references(hard_ensemble: Simulation) -> None:
     """At t = 2, 4 and 6: 4 standard errors are about 1 % of each mean at t = 6, 5 % of compactness."""
     assert hard_ensemble.problems == {}

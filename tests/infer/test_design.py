@@ -201,6 +201,7 @@ def test_the_command_reads_a_sensitivity(tmp_path: Path, capsys: pytest.CaptureF
     assert "1. measure " in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_the_command_grows_colonies(tmp_path: Path) -> None:
     """Two curves at 4 and 8 nodes; what it leaves is read again, and then gives the same."""
     first, second = tmp_path / "first", tmp_path / "second"

@@ -205,6 +205,7 @@ def test_every_estimator_beside_central_differences(found: Sensitivity) -> None:
             assert (beside["cosine"][informed] > 0.95).all(), method
 
 
+@pytest.mark.slow
 def test_pathwise_and_regression_agree_where_both_are_right() -> None:
     """Exact derivatives of the relaxed model before parents are chosen, against a regression of the very same model."""
     exact = Relaxation(contact=0.2)
@@ -226,6 +227,7 @@ def test_pathwise_and_regression_agree_where_both_are_right() -> None:
     assert (np.abs(regressed.jacobian / regressed.error).max(axis=-1) > 15).all()  # there is something to agree on
 
 
+@pytest.mark.slow
 def test_what_colonies_run_into_is_said() -> None:
     """Eight slots are too few at t = 3.5, for both parts."""
     found = sensitivity(times=[3.5, 4.5], numerics=replace(SMALL, capacity=8), runs=16, paths=8, statistics=["area"])
@@ -234,6 +236,7 @@ def test_what_colonies_run_into_is_said() -> None:
     assert all("raise capacity" in warning for warning in met)
 
 
+@pytest.mark.slow
 def test_paths_end_where_they_are_of_no_use(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     ask = partial(sensitivity, times=[2.5, 3.5], numerics=SMALL, runs=16, paths=4, statistics=["area", "radius"])
     monkeypatch.setattr(module, "PATH_NODES", 12)  # 8 nodes at 2.5, 16 at 3.5
