@@ -133,6 +133,7 @@ def test_forward_mode_is_the_limit_of_differences(way: str, here: Array, colonie
     assert all(np.abs(forward[name][..., k]).max() > 1e-6 for name in ("area", "radius", "compactness"))
 
 
+@pytest.mark.slow
 def test_reverse_mode_is_forward_mode(forward: Named, colonies: Colony) -> None:
     """To rounding: ⟨v, J d⟩ = ⟨Jᵀ v, d⟩ for every way d, all unit vectors v. Each member's λ has its own part."""
     statistics, pull = reverse(colonies)

@@ -368,6 +368,7 @@ def test_means_of_the_hard_model_are_the_references_on_the_sources_grid() -> Non
 @pytest.mark.parametrize(
     ("name", "bound"), [("area", 0.015), ("radius", 0.005), ("perimeter", 0.03), ("compactness", 0.07)]
 )
+@pytest.mark.slow
 def test_smooth_statistics_are_close_to_the_hard_ones_of_the_same_colonies(
     name: str, bound: float, relaxed_ensemble: Simulation
 ) -> None:
