@@ -1,0 +1,45 @@
+"""What every sampler asks for: statistics of simulated data, one data set per row of parameters.
+
+Anything with these two names and this call is one; nothing has to inherit from it. Chains, populations and emulators
+call it with batches of one size, so that a compiled simulator is compiled once.
+"""
+
+from collections.abc import Sequence
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from yeastfit.errors import InputError
+
+BITS = 32  # of a run's seed and of every simulation's
+
+
+@runtime_checkable
+class Simulator(Protocol):
+    """λ of the free parameters, not their logarithms, and a seed each → statistics of one simulated data set each.
+
+    free: names of the parameters, in the order of the columns. labels: names of the statistics, one per column of the
+    result.
+    """
+
+    free: tuple[str, ...]
+    labels: tuple[str, ...]
+
+    def __call__(
+        self, values: Float[np.ndarray, "proposal free"], seeds: Int[np.ndarray, " proposal"]
+    ) -> Float[np.ndarray, "proposal statistic"]:
+        """A row of nan where a simulation came to nothing. Same row and seed, same result, whatever the batch."""
+
+
+def seed_of(seed: int, numbers: Sequence[int] | np.ndarray) -> Int[np.ndarray, " number"]:
+    """Seeds, 0 ≤ seed < 2³², of the simulations of these numbers in a run.
+
+    Row by row the first word of `np.random.SeedSequence(seed, spawn_key=(number,))`: it depends on the run's seed and
+    on the number alone, so a run that is taken up again draws what it would have drawn. Two of n numbers share a seed
+    with probability n² / 2³³, which does no harm: their parameters differ.
+    """
+    if not 0 <= seed < 2**BITS:
+        raise InputError(f"seed is {seed}, it must be at least 0 and below 2^{BITS}")
+    words = [np.random.SeedSequence(seed, spawn_key=(int(n),)).generate_state(1)[0] for n in np.ravel(numbers)]
+    return np.array(words, dtype=np.int64)
