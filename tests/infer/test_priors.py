@@ -1,0 +1,148 @@
+"""Priors against numerical integration, their coordinates, their files, and what is refused."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from helpers import wrong_types
+from scipy import stats
+
+from yeastfit import PARAMETERS, InputError
+from yeastfit.infer.laws import LAWS, Law
+from yeastfit.infer.priors import Prior, default_prior, template
+from yeastfit.model.parameters import NAMES
+
+TABLES = {
+    "u": {"law": "uniform", "low": -1.0, "high": 3.0},
+    "lu": {"law": "log-uniform", "low": 0.02, "high": 20.0},
+    "n": {"law": "normal", "mean": 1.0, "sd": 0.5, "low": 0.8},
+    "ln": {"law": "log-normal", "median": 2.0, "sd": 0.7, "high": 5.0},
+    "b": {"law": "beta", "a": 2.0, "b": 3.0, "low": 0.2, "high": 0.9},
+}
+PRIOR = Prior.of(TABLES)
+
+
+# --- densities --------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", TABLES)
+def test_densities_integrate_to_the_cumulative_share_that_quantiles_invert(name: str) -> None:
+    prior = Prior.of({name: TABLES[name]})
+    ends = prior.quantile(np.array([[0.1], [0.85]]))[:, 0]
+    grid = np.linspace(*ends, 20001)
+    share = np.trapezoid(np.exp(prior.log_density(grid[:, None])), grid)
+    assert share == pytest.approx(0.75, abs=1e-6)
+
+
+def test_laws_are_those_of_the_textbooks() -> None:
+    values = np.array([[2.5, 3.0, 1.2, 1.7, 0.4]])
+    plain = [
+        stats.uniform(-1, 4).logpdf(2.5),
+        stats.loguniform(0.02, 20).logpdf(3.0),
+        stats.norm(1, 0.5).logpdf(1.2) - stats.norm(1, 0.5).logsf(0.8),
+        stats.lognorm(0.7, scale=2.0).logpdf(1.7) - stats.lognorm(0.7, scale=2.0).logcdf(5.0),
+        stats.beta(2, 3, 0.2, 0.7).logpdf(0.4),
+    ]
+    np.testing.assert_allclose(PRIOR.log_density(values), [sum(plain)])
+
+
+def test_outside_the_support_there_is_nothing() -> None:
+    inside = PRIOR.quantile(np.full((1, 5), 0.5))
+    outside = np.repeat(inside, 10, axis=0)
+    for k, (low, high) in enumerate(PRIOR.support):
+        outside[2 * k, k], outside[2 * k + 1, k] = low - 1e-6, min(high, 1e9) + 1.0
+    outside[5, 2] = np.nan  # the normal law has no upper end
+    assert np.isfinite(PRIOR.log_density(inside)).all()
+    assert np.isneginf(PRIOR.log_density(outside)).all()
+    assert np.isneginf(PRIOR.log_density_of_coordinates(np.full((1, 5), 1e4))).all()
+
+
+def test_coordinates_are_logarithms_where_the_law_is_one_of_logarithms() -> None:
+    values = PRIOR.sample(50, np.random.default_rng(0))
+    x = PRIOR.coordinates(values)
+    np.testing.assert_allclose(PRIOR.values(x), values)
+    np.testing.assert_allclose(x[:, [1, 3]], np.log(values[:, [1, 3]]))
+    np.testing.assert_array_equal(x[:, [0, 2, 4]], values[:, [0, 2, 4]])
+    jacobian = np.log(values[:, [1, 3]]).sum(axis=1)
+    np.testing.assert_allclose(PRIOR.log_density_of_coordinates(x), PRIOR.log_density(values) + jacobian)
+
+
+def test_samples_are_of_the_law() -> None:
+    drawn = PRIOR.sample(4000, np.random.default_rng(1))
+    for k, law in enumerate(PRIOR.laws.values()):
+        x = PRIOR.coordinates(drawn)[:, k]
+        assert stats.kstest(x, law.density.cdf).pvalue > 0.001
+    np.testing.assert_array_equal(drawn, PRIOR.sample(4000, np.random.default_rng(1)))
+
+
+def test_ends_of_the_unit_cube_stay_in_the_support() -> None:
+    prior = default_prior(NAMES)
+    ends = prior.quantile(np.array([[0.0] * 7, [1.0] * 7]))
+    np.testing.assert_allclose(ends.T, prior.support, rtol=1e-12)
+    assert np.isfinite(prior.log_density(ends)).all()
+    with pytest.raises(InputError, match=r"unit holds values from -0.1 to 0.5, they must lie in 0..1"):
+        PRIOR.quantile(np.array([[-0.1, 0.5, 0.5, 0.5, 0.5]]))
+
+
+# --- files ------------------------------------------------------------------------------------------------------------
+
+
+def test_the_template_is_the_default_prior(tmp_path: Path) -> None:
+    path = tmp_path / "prior.toml"
+    path.write_text(template(("mobility", "aspect_ratio")), encoding="utf-8")
+    prior = Prior.read(path)
+    assert prior == default_prior(("mobility", "aspect_ratio"))
+    assert prior.free == ("mobility", "aspect_ratio")
+    assert [tuple(row) for row in prior.support] == [PARAMETERS[name].plausible for name in prior.free]
+    assert all(law in template() for law in LAWS)
+    assert PARAMETERS["mobility"].meaning in template()
+
+
+def test_every_law_comes_back_from_a_file(tmp_path: Path) -> None:
+    path = tmp_path / "prior.toml"
+    path.write_text(PRIOR.toml(), encoding="utf-8")
+    assert Prior.read(path, tuple(TABLES)) == PRIOR
+    assert Prior.of(PRIOR.asdict()) == PRIOR
+    assert Prior.read(path, ("ln", "b", "n", "lu", "u")).free == ("ln", "b", "n", "lu", "u")
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("[mobility]\nlaw = 'flat'", "prior of mobility: law is 'flat', expected one of uniform, log-uniform"),
+        ("[mobility]\nlaw = 'normal'\nmean = 1", "normal needs mean, sd, sd is missing"),
+        ("[mobility]\nlaw = 'uniform'\nlow = 0\nhigh = 1\nsd = 2", "uniform has no 'sd', its numbers are low, high"),
+        ("[mobility]\nlaw = 'uniform'\nlow = 'a'\nhigh = 1", "low is 'a', it must be a finite number"),
+        ("[mobility]\nlaw = 'uniform'\nlow = nan\nhigh = 1", "low is nan, it must be a finite number"),
+        ("[mobility]\nlaw = 'uniform'\nlow = true\nhigh = 2", "low is True, it must be a finite number"),
+        ("[mobility]\nlaw = 'uniform'\nlow = 2\nhigh = 1", "low is 2 and high 1, low must be below high"),
+        ("[mobility]\nlaw = 'log-uniform'\nlow = 0\nhigh = 1", "low is 0, log-uniform is a law of positive values"),
+        ("[mobility]\nlaw = 'log-normal'\nmedian = 1\nsd = -1", "sd is -1, it must be above 0"),
+        ("[mobility]\nlaw = 'normal'\nmean = 1\nsd = 1", "normal reaches from -inf to inf, admissible is 0 and above"),
+        ("[aspect_ratio]\nlaw = 'uniform'\nlow = 0.5\nhigh = 2", "uniform reaches from 0.5 to 2, admissible is 0..1"),
+        ("[speed]\nlaw = 'uniform'\nlow = 0\nhigh = 1", "unknown parameter 'speed', expected diffusivity"),
+        ("mobility = 3", "prior of mobility is 3, it must be a table with law"),
+        ("[mobility", "no prior can be read"),
+        ("", "the prior is empty"),
+    ],
+)
+def test_what_is_wrong_with_a_file_is_said(tmp_path: Path, text: str, message: str) -> None:
+    path = tmp_path / "prior.toml"
+    path.write_text(text, encoding="utf-8")
+    with wrong_types(), pytest.raises(InputError, match=r"prior\.toml") as caught:
+        Prior.read(path)
+    assert message in str(caught.value)
+
+
+def test_files_must_be_there_and_hold_what_is_free(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="no prior can be read"):
+        Prior.read(tmp_path / "nowhere.toml")
+    path = tmp_path / "prior.toml"
+    path.write_text(template(("mobility",)), encoding="utf-8")
+    with pytest.raises(InputError, match=r"no prior of aspect_ratio"):
+        Prior.read(path, ("mobility", "aspect_ratio"))
+
+
+def test_laws_compare_by_their_numbers() -> None:
+    assert Law("beta", {"a": 1, "b": 2}) == Law("beta", {"a": 1.0, "b": 2.0, "low": 0.0, "high": 1.0})
+    assert Law("beta", {"a": 1, "b": 2}) != Law("beta", {"a": 1, "b": 3})

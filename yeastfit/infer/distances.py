@@ -1,0 +1,150 @@
+"""How far simulated statistics are from observed ones, and how much a distance weighs at a tolerance ε.
+
+    Li et al. 2024:   d = (1/K) √Σ_k ((o_k − s_k) / (1 + o_k))²,   K statistics; theirs were three
+    Mahalanobis:      d = √((s − o)ᵀ C⁻¹ (s − o)),   C a covariance of the simulator's statistics
+    weighted curves:  d = √(1/K Σ_k ((s_k − o_k) / scale_k)²)
+
+o observed, s simulated. Where a simulation came to nothing, d = ∞. Kernels K_ε(d), of which only ratios matter:
+
+    indicator:  1 where d ≤ ε, else 0            Gaussian:  exp(−d² / 2ε²)
+"""
+
+from dataclasses import asdict, dataclass
+from typing import Any, Literal, Protocol
+
+import numpy as np
+from jaxtyping import Float
+from scipy.linalg import solve_triangular
+
+from yeastfit.errors import InputError
+
+KernelName = Literal["indicator", "gaussian"]
+KERNELS: tuple[KernelName, ...] = ("indicator", "gaussian")
+ROUNDING = 1e-10  # of the largest eigenvalue of correlations: smaller ones are rounding errors
+
+Statistics = Float[np.ndarray, "draw statistic"]
+Vector = Float[np.ndarray, " statistic"]
+
+
+class Distance(Protocol):
+    """From data that it holds to any number of simulated ones."""
+
+    @property
+    def observed(self) -> Vector:
+        """Observed statistics."""
+
+    def __call__(self, simulated: Statistics) -> Float[np.ndarray, " draw"]:
+        """Inf where a row holds nan."""
+
+    def asdict(self) -> dict[str, Any]:
+        """Plain data that tell one distance from another."""
+
+
+@dataclass(frozen=True)
+class LiDistance:
+    """Differences relative to 1 + observed; the statistics are those of shapes, at least 0."""
+
+    observed: Vector
+
+    def __post_init__(self) -> None:
+        _check_finite("observed", self.observed)
+        if (self.observed <= -1).any():
+            raise InputError(f"observed holds {self.observed.min():g}, this distance is one of statistics above −1")
+
+    def __call__(self, simulated: Statistics) -> Float[np.ndarray, " draw"]:
+        """d, see above."""
+        return _root_of_squares(simulated, self.observed, 1 + self.observed) / len(self.observed)
+
+    def asdict(self) -> dict[str, Any]:
+        """Plain data."""
+        return {"distance": "Li", **asdict(self)}
+
+
+@dataclass(frozen=True)
+class WeightedCurves:
+    """Root mean squared difference in units of a scale, such as a standard deviation, of each statistic."""
+
+    observed: Vector
+    scale: Vector
+
+    def __post_init__(self) -> None:
+        _check_finite("observed", self.observed)
+        _check_finite("scale", self.scale)
+        if self.scale.shape != self.observed.shape or (self.scale <= 0).any():
+            raise InputError(f"scale is {self.scale}, it needs {len(self.observed)} values above 0, as observed has")
+
+    def __call__(self, simulated: Statistics) -> Float[np.ndarray, " draw"]:
+        """d, see above."""
+        return _root_of_squares(simulated, self.observed, self.scale) / np.sqrt(len(self.observed))
+
+    def asdict(self) -> dict[str, Any]:
+        """Plain data."""
+        return {"distance": "weighted curves", **asdict(self)}
+
+
+@dataclass(frozen=True)
+class Mahalanobis:
+    """Differences in standard deviations of their combinations, which C tells."""
+
+    observed: Vector
+    covariance: Float[np.ndarray, "statistic statistic"]
+
+    def __post_init__(self) -> None:
+        _check_finite("observed", self.observed)
+        _check_finite("covariance", self.covariance)
+        count, variances = len(self.observed), np.diag(self.covariance)
+        if self.covariance.shape != (count, count) or not np.allclose(self.covariance, self.covariance.T):
+            raise InputError(f"covariance has shape {self.covariance.shape}, it must be symmetric, {count} by {count}")
+        if (variances <= 0).any():
+            raise InputError(f"covariance: statistic {np.argmin(variances)} does not vary, leave it out")
+        correlation = self.covariance / np.sqrt(np.outer(variances, variances))
+        if np.linalg.eigvalsh(correlation)[0] <= ROUNDING:
+            raise InputError("covariance is singular: estimate it from more simulations than there are statistics")
+
+    @staticmethod
+    def of(observed: Vector, simulated: Statistics) -> "Mahalanobis":
+        """With the covariance of simulated statistics, without those that came to nothing."""
+        whole = simulated[np.isfinite(simulated).all(axis=1)]
+        if len(whole) <= len(observed):
+            raise InputError(
+                f"simulated holds {len(whole)} data sets that came to something, the covariance of {len(observed)} "
+                f"statistics needs at least {len(observed) + 1}"
+            )
+        return Mahalanobis(observed, np.atleast_2d(np.cov(whole, rowvar=False)))
+
+    def __call__(self, simulated: Statistics) -> Float[np.ndarray, " draw"]:
+        """d, see above."""
+        scale = np.sqrt(np.diag(self.covariance))
+        root = np.linalg.cholesky(self.covariance / np.outer(scale, scale))
+        apart, whole = _differences(simulated, self.observed, scale)
+        white = solve_triangular(root, apart.T, lower=True).T
+        return np.where(whole, np.linalg.norm(white, axis=1), np.inf)
+
+    def asdict(self) -> dict[str, Any]:
+        """Plain data."""
+        return {"distance": "Mahalanobis", **asdict(self)}
+
+
+def log_kernel(kernel: KernelName, distance: Float[np.ndarray, " draw"], epsilon: float) -> Float[np.ndarray, " draw"]:
+    """log K_ε(d); −inf where the weight is 0. An infinite ε lets pass whatever is finite."""
+    if kernel == "indicator":
+        return np.where((distance <= epsilon) & np.isfinite(distance), 0.0, -np.inf)
+    return -0.5 * (distance / epsilon) ** 2 if np.isfinite(epsilon) else np.where(np.isfinite(distance), 0.0, -np.inf)
+
+
+def _root_of_squares(simulated: Statistics, observed: Vector, scale: Vector) -> Float[np.ndarray, " draw"]:
+    apart, whole = _differences(simulated, observed, scale)
+    return np.where(whole, np.linalg.norm(apart, axis=1), np.inf)
+
+
+def _differences(simulated: Statistics, observed: Vector, scale: Vector) -> tuple[Statistics, np.ndarray]:
+    """(s − o) / scale, 0 where a row is not finite, and which rows are."""
+    if simulated.shape[1] != len(observed):
+        raise InputError(f"simulated has {simulated.shape[1]} statistics, observed has {len(observed)}")
+    whole = np.isfinite(simulated).all(axis=1)
+    return np.where(whole[:, None], simulated - observed, 0.0) / scale, whole
+
+
+def _check_finite(name: str, values: np.ndarray) -> None:
+    if not values.size or not np.isfinite(values).all():
+        raise InputError(f"{name} is {values}, it must be finite numbers")
