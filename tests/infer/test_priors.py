@@ -28,8 +28,8 @@ PRIOR = Prior.of(TABLES)
 @pytest.mark.parametrize("name", TABLES)
 def test_densities_integrate_to_the_cumulative_share_that_quantiles_invert(name: str) -> None:
     prior = Prior.of({name: TABLES[name]})
-    ends = prior.quantile(np.array([[0.1], [0.85]]))[:, 0]
-    grid = np.linspace(*ends, 20001)
+    low, high = prior.quantile(np.array([[0.1], [0.85]]))[:, 0].tolist()
+    grid = np.linspace(low, high, 20001)
     share = np.trapezoid(np.exp(prior.log_density(grid[:, None])), grid)
     assert share == pytest.approx(0.75, abs=1e-6)
 
