@@ -17,14 +17,15 @@ BITS = 32  # of a run's seed and of every simulation's
 
 @runtime_checkable
 class Simulator(Protocol):
-    """λ of the free parameters, not their logarithms, and a seed each → statistics of one simulated data set each.
+    """λ of the free parameters, not their logarithms, and a seed each → statistics of one simulated data set each."""
 
-    free: names of the parameters, in the order of the columns. labels: names of the statistics, one per column of the
-    result.
-    """
+    @property
+    def free(self) -> tuple[str, ...]:
+        """Names of the parameters, in the order of the columns."""
 
-    free: tuple[str, ...]
-    labels: tuple[str, ...]
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """Names of the statistics, one per column of the result."""
 
     def __call__(
         self, values: Float[np.ndarray, "proposal free"], seeds: Int[np.ndarray, " proposal"]

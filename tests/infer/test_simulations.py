@@ -1,0 +1,235 @@
+"""The store of simulations: what goes in comes out, whatever is done to the file; and batches of one size."""
+
+import shutil
+import subprocess
+import sys
+import textwrap
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+from yeastfit import InputError
+from yeastfit.infer.simulations import ROOM, Recorded, Store
+from yeastfit.infer.simulator import Simulator, seed_of
+
+FREE, LABELS = ("mobility", "aspect_ratio"), ("area", "compactness", "radius")
+
+
+def rows(count: int, first: int = 0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Made-up simulations, told apart by their seeds."""
+    seeds = np.arange(first, first + count)
+    values = seeds[:, None] + np.array([0.25, 0.5])
+    statistics = np.sqrt(seeds[:, None] + np.array([1.0, 2.0, 3.0]))
+    statistics[seeds % 7 == 3] = np.nan
+    return values, seeds, statistics
+
+
+def assert_same(found: tuple[np.ndarray, ...], expected: tuple[np.ndarray, ...]) -> None:
+    for one, other in zip(found, expected, strict=True):
+        np.testing.assert_array_equal(one, other)
+
+
+class Doubling:
+    """Twice the parameters, and the number of calls and the size of each."""
+
+    free, labels = FREE, LABELS
+
+    def __init__(self) -> None:
+        self.sizes: list[int] = []
+
+    def __call__(self, values: np.ndarray, seeds: np.ndarray) -> np.ndarray:
+        self.sizes.append(len(values))
+        return np.column_stack([2 * values, seeds]).astype(np.float32)
+
+
+# --- seeds ------------------------------------------------------------------------------------------------------------
+
+
+def test_seeds_depend_on_run_and_number_alone() -> None:
+    seeds = seed_of(5, np.arange(1000))
+    np.testing.assert_array_equal(seed_of(5, [17, 3]), seeds[[17, 3]])
+    assert len({*seeds.tolist(), *seed_of(6, np.arange(1000)).tolist()}) == 2000
+    assert seeds.min() >= 0
+    assert seeds.max() < 2**32
+    for wrong in (-1, 2**32):
+        with pytest.raises(InputError, match=f"seed is {wrong}, it must be at least 0 and below 2"):
+            seed_of(wrong, [0])
+
+
+# --- the store --------------------------------------------------------------------------------------------------------
+
+
+def test_what_goes_in_comes_out_also_after_growth(tmp_path: Path) -> None:
+    path, count = tmp_path / "simulations.h5", 3 * ROOM + 5
+    with Store(path, FREE, LABELS) as store:
+        for first in range(0, count, 100):
+            store.append(*rows(min(100, count - first), first))
+        assert_same(store.all(), rows(count))
+    with Store(path, FREE, LABELS) as store:
+        assert len(store) == count
+        assert store.notes == []
+        assert_same(store.all(), rows(count))
+    with h5py.File(path) as file:  # for whoever does not use this package
+        np.testing.assert_array_equal(file["simulations"]["values"][:count], rows(count)[0])
+
+
+def test_simulations_are_found_by_parameters_and_seed(tmp_path: Path) -> None:
+    with Store(tmp_path / "simulations.h5", FREE, LABELS) as store:
+        store.append(*rows(10))
+        values, seeds, statistics = rows(10)
+        values[4, 0] = np.nextafter(values[4, 0], 9)
+        seeds[6] += 100
+        known, found = store.find(values, seeds)
+        assert np.flatnonzero(~known).tolist() == [4, 6]
+        np.testing.assert_array_equal(found[known], statistics[known])
+        assert np.isnan(found[~known]).all()
+
+
+def test_duplicates_are_kept_once(tmp_path: Path) -> None:
+    with Store(tmp_path / "simulations.h5", FREE, LABELS) as store:
+        store.append(*rows(10))
+        store.append(*rows(10, first=5))
+        store.append(*(np.concatenate([one, one]) for one in rows(3, first=15)))
+        assert_same(store.all(), rows(18))
+
+
+def test_a_kill_between_any_two_writes_loses_nothing(tmp_path: Path) -> None:
+    path, killed = tmp_path / "simulations.h5", tmp_path / "killed.h5"
+    with Store(path, FREE, LABELS) as store:
+        for first in range(0, 1200, 8):
+            store.append(*rows(8, first))
+            if first in (0, 8, 400, ROOM - 8, ROOM, 1192):
+                shutil.copy(path, killed)
+                with Store(killed, FREE, LABELS) as other:
+                    assert other.notes == []
+                    assert_same(other.all(), rows(first + 8))
+
+
+@pytest.mark.parametrize("lost", [1, 3, 50, 60, 1000, 20000])
+def test_a_file_that_lost_its_end_loses_what_was_there_and_can_be_added_to(tmp_path: Path, lost: int) -> None:
+    path = tmp_path / "simulations.h5"
+    with Store(path, FREE, LABELS) as store:
+        store.append(*rows(ROOM))
+        width = store.all()[0].itemsize * (1 + len(FREE) + len(LABELS)) + 4
+    with path.open("r+b") as file:
+        file.truncate(path.stat().st_size - lost)
+    left = ROOM - int(np.ceil(lost / width))
+    with Store(path, FREE, LABELS) as store:
+        assert_same(store.all(), rows(left))
+        assert store.notes == [f"simulations.h5 was torn: {left} simulations are whole, what followed is gone"]
+        store.append(*rows(ROOM))
+    with Store(path, FREE, LABELS) as store:
+        assert store.notes == []
+        assert_same(store.all(), rows(ROOM))
+
+
+def test_a_row_torn_in_the_middle_costs_that_row(tmp_path: Path) -> None:
+    path = tmp_path / "simulations.h5"
+    with Store(path, FREE, LABELS) as store:
+        store.append(*rows(20))
+    with h5py.File(path, "r+") as file:
+        torn = file["simulations"][11]
+        torn["statistics"][1] += 1e-9
+        file["simulations"][11] = torn
+    with Store(path, FREE, LABELS) as store:
+        assert_same(store.all(), tuple(np.delete(one, 11, axis=0) for one in rows(20)))
+        assert "19 simulations are whole" in store.notes[0]
+
+
+def test_killed_while_it_writes(tmp_path: Path) -> None:
+    """Killed after the writer said how far it was: all it had said is there, whole, and little more."""
+    path = tmp_path / "simulations.h5"
+    code = """
+        import sys
+        import numpy as np
+        from yeastfit.infer.simulations import Store
+        with Store(sys.argv[1], ("a",), ("b",)) as store:
+            for n in range(len(store), 100000):
+                store.append(np.array([[float(n)]]), np.array([n]), np.array([[n / 7]]))
+                print(n, flush=True)
+    """
+    command = [sys.executable, "-c", textwrap.dedent(code), str(path)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as writer:
+        assert writer.stdout is not None
+        for _ in range(2500):
+            said = int(writer.stdout.readline())
+        writer.kill()
+        said = max([said, *(int(line) for line in writer.stdout if line.endswith("\n"))])
+    with Store(path, ("a",), ("b",)) as store:
+        values, seeds, statistics = store.all()
+    assert len(seeds) in (said + 1, said + 2)
+    np.testing.assert_array_equal(seeds, np.arange(len(seeds)))
+    np.testing.assert_array_equal(values[:, 0], seeds)
+    np.testing.assert_array_equal(statistics[:, 0], seeds / 7)
+
+
+def test_files_that_are_something_else_are_refused(tmp_path: Path) -> None:
+    path = tmp_path / "simulations.h5"
+    with Store(path, FREE, LABELS, about="colonies of 3 h") as store:
+        store.append(*rows(3))
+    for free, labels, about in ((FREE[:1], LABELS, ""), (FREE, LABELS[::-1], ""), (FREE, LABELS, "colonies of 9 h")):
+        with pytest.raises(InputError, match=r"simulations\.h5 holds other simulations: .* not "):
+            Store(path, free, labels, about)
+    path.write_text("mobility,area\n1,2\n")
+    with pytest.raises(InputError, match=r"simulations\.h5 is not a file of simulations, or it is damaged"):
+        Store(path, FREE, LABELS)
+    with h5py.File(tmp_path / "other.h5", "w", libver=("earliest", "v108")) as file:
+        file["x"] = 3
+    with pytest.raises(InputError, match=r"other\.h5: no simulations can be read, the file is damaged"):
+        Store(tmp_path / "other.h5", FREE, LABELS)
+
+
+@pytest.mark.parametrize("left", [0, 30, 90, 700, 2000])
+def test_a_file_that_lost_its_beginning_is_said_to_be_damaged(tmp_path: Path, left: int) -> None:
+    path = tmp_path / "simulations.h5"
+    with Store(path, FREE, LABELS) as store:
+        store.append(*rows(20))
+    with path.open("r+b") as file:
+        file.truncate(left)
+    with pytest.raises(InputError, match=r"simulations\.h5.* damaged"):
+        Store(path, FREE, LABELS)
+
+
+def test_a_closed_store_says_so(tmp_path: Path) -> None:
+    store = Store(tmp_path / "simulations.h5", FREE, LABELS)
+    store.close()
+    with pytest.raises(InputError, match="the store is closed"):
+        store.append(*rows(1))
+
+
+# --- batches ----------------------------------------------------------------------------------------------------------
+
+
+def test_batches_have_one_size_and_nothing_is_simulated_twice(tmp_path: Path) -> None:
+    simulator = Doubling()
+    assert isinstance(simulator, Simulator)
+    values, seeds, _ = rows(10)
+    with Store(tmp_path / "simulations.h5", FREE, LABELS) as store:
+        recorded = Recorded(simulator, 4, store)
+        found = recorded(values, seeds)
+        assert simulator.sizes == [4, 4, 4]
+        np.testing.assert_array_equal(found, simulator(values, seeds))
+        again, _ = recorded(values[[8, 2]], seeds[[8, 2]]), simulator.sizes.clear()
+        np.testing.assert_array_equal(again, found[[8, 2]])
+        recorded(*rows(6, first=8)[:2])
+        assert simulator.sizes == [4]
+        assert (recorded.asked, recorded.fresh, len(store)) == (18, 14, 14)
+    alone = Recorded(Doubling(), 3)
+    np.testing.assert_array_equal(alone(values, seeds), found)
+    assert (alone.asked, alone.notes) == (10, [])
+    assert alone(values[:0], seeds[:0]).shape == (0, 3)
+
+
+def test_what_a_simulator_gives_is_checked(tmp_path: Path) -> None:
+    class Short(Doubling):
+        def __call__(self, values: np.ndarray, seeds: np.ndarray) -> np.ndarray:
+            return super().__call__(values, seeds)[:, :2]
+
+    with pytest.raises(InputError, match=r"simulator gave shape \(4, 2\), expected \(4, 3\)"):
+        Recorded(Short(), 4)(*rows(4)[:2])
+    with pytest.raises(InputError, match="batch is 0, it must be at least 1"):
+        Recorded(Doubling(), 0)
+    with Store(tmp_path / "simulations.h5", FREE[:1], LABELS) as store, pytest.raises(InputError, match="store holds"):
+        Recorded(Doubling(), 4, store)
