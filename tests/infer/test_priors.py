@@ -95,6 +95,8 @@ def test_the_template_is_the_default_prior(tmp_path: Path) -> None:
     assert prior.free == ("mobility", "aspect_ratio")
     assert [tuple(row) for row in prior.support] == [PARAMETERS[name].plausible for name in prior.free]
     assert all(law in template() for law in LAWS)
+    with pytest.raises(InputError, match="free parameter 'speed' is unknown, expected some of diffusivity"):
+        template(("mobility", "speed"))
     assert PARAMETERS["mobility"].meaning in template()
 
 

@@ -16,7 +16,6 @@ import numpy as np
 from jaxtyping import Float
 
 from yeastfit.errors import InputError
-from yeastfit.infer.bijection import check_free
 from yeastfit.infer.laws import LAWS, Law
 from yeastfit.model.parameters import NAMES, PARAMETERS
 
@@ -143,7 +142,10 @@ class Prior:
 
 def default_prior(free: Sequence[str]) -> Prior:
     """Log-uniform over the plausible range of each parameter of the model."""
-    ranges = {name: PARAMETERS[name].plausible for name in check_free(free)}
+    for name in free:
+        if name not in PARAMETERS:
+            raise InputError(f"free parameter {name!r} is unknown, expected some of {', '.join(NAMES)}")
+    ranges = {name: PARAMETERS[name].plausible for name in NAMES if name in free}
     return Prior({name: Law("log-uniform", {"low": low, "high": high}) for name, (low, high) in ranges.items()})
 
 
