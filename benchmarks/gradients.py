@@ -31,7 +31,7 @@ from matplotlib.figure import Figure
 from benchmarks.programs import LAMBDA, SOURCE, STEPS, Program, samples
 from benchmarks.report import Report, command, machine
 from yeastfit import Numerics, Parameters, Relaxation, Sensitivity, member_keys, sensitivity, simulate
-from yeastfit.infer.curves import LogCurves, without_problems
+from yeastfit.infer.curves import Curves, without_problems
 from yeastfit.infer.sensitivity import PATH_NODES, STATISTICS, Estimate, hard_but_smoothly_measured, tame
 from yeastfit.measure.smooth import SmoothStatistics
 from yeastfit.model.colony import Colony, start
@@ -63,7 +63,7 @@ def times_of(parameters: Parameters, numerics: Numerics, counts: tuple[int, ...]
 
 def differences(parameters: Parameters, times: np.ndarray, numerics: Numerics, members: int) -> tuple[Estimate, int]:
     """Central differences of the hard ensemble's mean, and the colonies they needed."""
-    model = LogCurves(
+    model = Curves(
         STATISTICS, numerics, _observe(numerics), hard_but_smoothly_measured(), schedule_of(times, numerics)
     )
     centre = np.log([float(getattr(parameters, name)) for name in NAMES])

@@ -5,9 +5,11 @@ from yeastfit.gradients import GradientCheck, check_derivatives, check_gradients
 from yeastfit.infer.choices import Design
 from yeastfit.infer.design import design
 from yeastfit.infer.experiment import information_of
-from yeastfit.infer.fit import Fit, FitSettings, fit
+from yeastfit.infer.fit import fit
+from yeastfit.infer.fitted import Fit
 from yeastfit.infer.information import Information, information
 from yeastfit.infer.sensitivity import Sensitivity, sensitivity
+from yeastfit.infer.settings import FitSettings
 from yeastfit.infer.targets import Targets
 from yeastfit.measure.dataset import Dataset, read_dataset
 from yeastfit.measure.series import measure_dataset, measure_file

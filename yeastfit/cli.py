@@ -1,5 +1,7 @@
 """The command line: a thin file over the library. Every run leaves `manifest.json`; bad input ends with exit code 2."""
 
+import functools
+import inspect
 import os
 import sys
 from collections.abc import Callable, Iterator
@@ -14,17 +16,18 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
-from yeastfit import design_command, plot
+from yeastfit import design_command, fit_command, plot
 from yeastfit.design_command import Run
 from yeastfit.errors import InputError
 from yeastfit.gradients import check_gradients
 from yeastfit.infer.design import design as make_design
 from yeastfit.infer.directions import percent
-from yeastfit.infer.fit import DEFAULT_FREE, Fit, FitSettings
+from yeastfit.infer.fit import DEFAULT_FREE
 from yeastfit.infer.fit import fit as run_fit
-from yeastfit.infer.targets import Targets
-from yeastfit.measure.dataset import Dataset, find_manifest, given, read_dataset, read_overrule
-from yeastfit.measure.series import Measured, measure_dataset
+from yeastfit.infer.fitted import Fit
+from yeastfit.infer.settings import FitSettings
+from yeastfit.infer.uncertainty import explore, profiles
+from yeastfit.measure.dataset import find_manifest, given, read_overrule
 from yeastfit.measure.tasks import Task, find_tasks
 from yeastfit.model.numerics import Numerics
 from yeastfit.model.parameters import NAMES, PARAMETERS, Parameters, Scales
@@ -53,26 +56,33 @@ def _option(name: str) -> Any:
     return typer.Option(f"--{name.replace('_', '-')}", help=text, rich_help_panel="Model parameters (dimensionless)")
 
 
-Diffusivity = Annotated[float, _option("diffusivity")]
-Elasticity = Annotated[float, _option("elasticity")]
-Repulsivity = Annotated[float, _option("repulsivity")]
-RepulsionRadius = Annotated[float, _option("repulsion_radius")]
-Mobility = Annotated[float, _option("mobility")]
-MetabolicRate = Annotated[float, _option("metabolic_rate")]
-AspectRatio = Annotated[float, _option("aspect_ratio")]
 DEFAULT = {name: info.default for name, info in PARAMETERS.items()}
 
 
+def _with_parameters(command: Callable[..., None]) -> Callable[..., None]:
+    """Gives a command an option for each of λ1 … λ7; it receives them in one dictionary, `parameters`."""
+
+    @functools.wraps(command)
+    def wrapped(**given: Any) -> None:
+        parameters = {name: given.pop(name) for name in NAMES}
+        command(**given, parameters=parameters)
+
+    signature = inspect.signature(command)
+    own = [each for each in signature.parameters.values() if each.name != "parameters"]
+    kind = inspect.Parameter.KEYWORD_ONLY
+    options = [
+        inspect.Parameter(name, kind, default=DEFAULT[name], annotation=Annotated[float, _option(name)])
+        for name in NAMES
+    ]
+    wrapped.__signature__ = signature.replace(parameters=[each.replace(kind=kind) for each in own] + options)  # type: ignore[attr-defined]
+    wrapped.__annotations__ = {each.name: each.annotation for each in [*own, *options]}
+    return wrapped
+
+
 @app.command()
+@_with_parameters
 def simulate(
     folder: Out,
-    diffusivity: Diffusivity = DEFAULT["diffusivity"],
-    elasticity: Elasticity = DEFAULT["elasticity"],
-    repulsivity: Repulsivity = DEFAULT["repulsivity"],
-    repulsion_radius: RepulsionRadius = DEFAULT["repulsion_radius"],
-    mobility: Mobility = DEFAULT["mobility"],
-    metabolic_rate: MetabolicRate = DEFAULT["metabolic_rate"],
-    aspect_ratio: AspectRatio = DEFAULT["aspect_ratio"],
     members: Annotated[int, typer.Option(help="How many colonies to grow.")] = 4,
     time: Annotated[float, typer.Option(help="How long, in model units of 1/μ* (2.17 hours by default).")] = 10.0,
     every: Annotated[float, typer.Option(help="Model time between two rows of the table.")] = 0.2,
@@ -84,13 +94,14 @@ def simulate(
     rate: Rate = Scales.rate,
     length: Length = Scales.length,
     seed: Seed = 0,
+    *,
+    parameters: dict[str, float],
 ) -> None:
     """Grow colonies and write their statistics over time (curves.csv) and pictures.
 
     curves.csv has a row for each colony and time. Lengths are in cell lengths L0; columns that end in _um are in µm.
     """
-    values = [diffusivity, elasticity, repulsivity, repulsion_radius, mobility, metabolic_rate, aspect_ratio]
-    parameters = Parameters().replace(**dict(zip(NAMES, values, strict=True)))
+    chosen = Parameters(**parameters)
     numerics = Numerics(domain=domain, spacing=spacing, dt=dt, capacity=capacity)
     if not 0 < every <= time:
         raise InputError(f"every is {every:g}, it must be above 0 and at most the time, {time:g}")
@@ -99,7 +110,7 @@ def simulate(
     relaxation = HARD if hard else Relaxation()
     with _progress("growing colonies") as advance:
         result = run_simulation(
-            parameters, keys, times=times, numerics=numerics, relaxation=relaxation, scales=Scales(length, rate)
+            chosen, keys, times=times, numerics=numerics, relaxation=relaxation, scales=Scales(length, rate)
         )
         write_table(folder / "curves.csv", result.rows())
         result.save(folder / "simulation.npz")
@@ -108,7 +119,7 @@ def simulate(
             advance(member + 1, members)
             plot.save(plot.colony(result, member), folder / f"colony_{member}.png")
     _warn(result.warnings())
-    configuration = {"parameters": parameters.asdict(), "hard": hard, "numerics": vars(numerics), "members": members}
+    configuration = {"parameters": chosen.asdict(), "hard": hard, "numerics": vars(numerics), "members": members}
     more = {"configuration": configuration, "seconds": result.seconds}
     write_manifest(folder, command="simulate", seed=seed, inputs=[], **more)
     count = result.statistics["cell_count"][:, -1]
@@ -203,119 +214,109 @@ def synthesize(
 
 
 @app.command()
+@_with_parameters
 def fit(
-    dataset: Annotated[Path, typer.Argument(help="Folder with a manifest and micrographs.", show_default=False)],
+    source: Annotated[
+        Path, typer.Argument(help="A data set, or measurements.csv of `yeastfit measure`.", show_default=False)
+    ],
     folder: Out,
     condition: Annotated[
-        str | None, typer.Option(help="Which condition's colonies, where there are several.", show_default=False)
+        list[str] | None,
+        typer.Option(help="Which condition's colonies; again for more, which are fitted together.", show_default=False),
     ] = None,
     free: Annotated[str, typer.Option(help="Parameters to fit, by name, with commas.")] = ",".join(DEFAULT_FREE),
-    diffusivity: Diffusivity = DEFAULT["diffusivity"],
-    elasticity: Elasticity = DEFAULT["elasticity"],
-    repulsivity: Repulsivity = DEFAULT["repulsivity"],
-    repulsion_radius: RepulsionRadius = DEFAULT["repulsion_radius"],
-    mobility: Mobility = DEFAULT["mobility"],
-    metabolic_rate: MetabolicRate = DEFAULT["metabolic_rate"],
-    aspect_ratio: AspectRatio = DEFAULT["aspect_ratio"],
+    own: Annotated[
+        str, typer.Option(help="Those of them that differ between conditions; the others are shared.")
+    ] = "none",
     statistics: Annotated[
-        str, typer.Option(help="Curves to fit, with commas: compactness, radius, area, perimeter.")
+        str,
+        typer.Option(help="Curves to fit, with commas: compactness, radius, area, perimeter, or what the table has."),
     ] = "compactness,radius",
+    bounds: Annotated[
+        list[str] | None,
+        typer.Option(metavar="NAME=LOW:HIGH", help="Search there, not over the plausible range.", show_default=False),
+    ] = None,
+    prior: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NAME=VALUE:WIDTH", help="Gaussian in log λ: its centre λ, and its width.", show_default=False
+        ),
+    ] = None,
+    method: Annotated[str, typer.Option(help="levenberg-marquardt, dogleg or bfgs.")] = FitSettings.method,
+    starts: Annotated[int, typer.Option(min=1, help="Places to begin from.")] = FitSettings.starts,
+    dt: Annotated[float, typer.Option(help="Time step.")] = FitSettings.dt,
+    measurement_error: Annotated[float, typer.Option(min=0, help="Relative, beside the scatter of colonies.")] = 0.01,
+    bootstrap: Annotated[int, typer.Option(min=0, help="Fits of resampled replicates to make, 500 for instance.")] = 0,
+    profile: Annotated[bool, typer.Option("--profile", help="Profile the likelihood of every parameter.")] = False,
     rate: Rate = Scales.rate,
     length: Length = Scales.length,
     truth: Annotated[bool, typer.Option("--truth", help="Print the true parameters beside, if known.")] = False,
+    jobs: Annotated[
+        int | None, typer.Option(min=1, help="Most processes that measure; by default one a core.", show_default=False)
+    ] = None,
     seed: Seed = 0,
+    *,
+    parameters: dict[str, float],
 ) -> None:
-    """Measure a data set of micrographs and fit model parameters to its curves (fit.json).
+    """Fit model parameters to the curves of a data set, with errors (fit.json, parameters.csv, pictures).
 
-    Parameters that are not free are held at the values given here.
+    Micrographs are measured first, with all that `yeastfit measure` leaves; measurements.csv saves that. A single
+    photograph of each colony will do. Parameters that are not free are held at the values given here. Exit code 1 where
+    the fit did not converge.
     """
-    values = [diffusivity, elasticity, repulsivity, repulsion_radius, mobility, metabolic_rate, aspect_ratio]
-    fixed = Parameters().replace(**dict(zip(NAMES, values, strict=True)))
-    scales = Scales(length, rate)
-    (folder / "fit.json").unlink(missing_ok=True)
-    frames = _of_one_condition(read_dataset(dataset), condition)
+    for name in fit_command.RESULTS:
+        (folder / name).unlink(missing_ok=True)
     with _progress("measuring micrographs") as advance:
-        measured = measure_dataset(frames, advance)
-    names = tuple(name.strip() for name in statistics.split(","))
-    targets = Targets.from_dataset(frames, measured, names=names, scales=scales)
-    _write_targets(folder, frames.frames, measured, targets, scales)
+        data = fit_command.measurements(source, folder, jobs or os.cpu_count() or 1, advance)
+    _warn(data.warnings)
+    targets = data.targets(condition or (), design_command.names(statistics), Scales(length, rate))
+    fit_command.write_targets(folder, targets)
+    options: dict[str, Any] = {
+        "free": design_command.names(free),
+        "own": () if own == "none" else design_command.names(own),
+        "bounds": fit_command.named_numbers("--bounds", bounds or (), "the ends of a range"),
+        "prior": fit_command.named_numbers("--prior", prior or (), "its centre and width"),
+    }
+    settings = FitSettings(method=method, starts=starts, dt=dt, measurement_error=measurement_error)  # type: ignore[arg-type]
+    single = next(iter(targets.values())) if len(targets) == 1 else targets
     with _stages() as stage:
-        chosen = tuple(name.strip().replace("-", "_") for name in free.split(","))
-        result = run_fit(targets, free=chosen, fixed=fixed, seed=seed, settings=FitSettings(), progress=stage)
-    known = _truth(dataset) if truth else None
-    plot.save(plot.fit(result, scales.hours(1.0), known), folder / "fit.png")
-    plot.save(plot.convergence(result), folder / "convergence.png")
-    result.save(folder / "fit.json")
-    inputs = [frames.manifest, *(frame.path for frame in frames.frames)]
-    write_manifest(folder, command="fit", seed=seed, inputs=inputs, seconds=result.seconds)
-    _warn([f"{m.micrograph.path.name}: {w}" for m in measured for w in m.segmentation.warnings])
-    _warn(result.warnings)
-    _print_fit(result, known, folder)
-    if not result.converged:
-        raise typer.Exit(1)
-
-
-def _of_one_condition(dataset: Dataset, condition: str | None) -> Dataset:
-    """What a fit is made to. Raises `InputError` where it is left open."""
-    if condition is None and len(dataset.conditions) > 1:
-        conditions = ", ".join(map(repr, dataset.conditions))
-        raise InputError(f"--condition: {dataset.manifest} has {conditions}, a fit is to the colonies of one: choose")
-    return dataset if condition is None else dataset.of(condition)
-
-
-def _write_targets(folder: Path, frames: Any, measured: list[Measured], targets: Targets, scales: Scales) -> None:
-    """What the fit sees: the measurements, the curves and a contact sheet."""
-    rows = [
-        {"replicate": frame.replicate, "hours": frame.hours, **one.row()}
-        for frame, one in zip(frames, measured, strict=True)
-    ]
-    write_table(folder / "measurements.csv", rows)
-    curves = [
-        {"statistic": name, "time": time, "hours": scales.hours(time), "replicates": count, "mean": mean, "scatter": sd}
-        for k, name in enumerate(targets.names)
-        for time, count, mean, sd in zip(
-            targets.times, targets.replicates, targets.mean[k], targets.scatter[k], strict=True
+        result = run_fit(
+            single, fixed=Parameters(**parameters), seed=seed, settings=settings, progress=stage, **options
         )
-    ]
-    write_table(folder / "targets.csv", curves)
-    titles = [f"{frame.replicate}, {frame.hours:g} h" for frame in frames]
-    plot.save(plot.contact_sheet(measured, titles), folder / "micrographs.png")
-
-
-def _truth(dataset: Path) -> dict[str, float] | None:
-    import json
-
-    path = dataset / "truth" / "parameters.json"
-    return {name: json.loads(path.read_text())[name] for name in NAMES} if path.is_file() else None
-
-
-def _print_fit(result: Fit, known: dict[str, float] | None, folder: Path) -> None:
-    table = Table("parameter", "fitted", "standard error", *(["true", "(fitted - true) / error"] if known else []))
-    for name, value in result.parameters.asdict().items():
-        error = result.standard_errors.get(name)
-        cells = [name, f"{value:.4g}", "fixed" if error is None else f"{error:.2g} ({error / value:.1%})"]  # type: ignore[operator]
-        if known:
-            cells += [f"{known[name]:.4g}", "" if error is None else f"{(value - known[name]) / error:+.1f}"]  # type: ignore[operator]
-        table.add_row(*cells)
-    out.print(table)
+    known = fit_command.read_truth(source) if truth else None
+    fit_command.write_fit(folder, result, known)
+    lines = _explored(folder, result, bootstrap, profile)
+    more = {"configuration": {"parameters": parameters, **options}, "seconds": result.seconds, "status": result.status}
+    write_manifest(folder, command="fit", seed=seed, inputs=data.inputs, **more)
+    _warn(list(result.warnings))
+    out.print(fit_command.table_of(result, known))
+    for line in lines:
+        out.print(line, highlight=False)
     out.print(
         f"{result.status}; chi-square {result.chi_square:.1f} on {result.degrees_of_freedom} degrees of freedom; "
         f"{result.simulations} simulated colonies in {result.seconds:.0f} s. Results in {folder}"
     )
+    if not result.converged:
+        raise typer.Exit(1)
+
+
+def _explored(folder: Path, result: Fit, bootstrap: int, profile: bool) -> list[str]:
+    """Bootstrap and profiles, where they are asked for."""
+    if not (bootstrap or profile):
+        return []
+    with _stages() as stage:
+        stage("growing colonies around the estimate", 0.0)
+        explored = explore(result)
+    lines = fit_command.write_bootstrap(folder, explored.bootstrap(bootstrap), result) if bootstrap else []
+    return lines + (fit_command.write_profiles(folder, profiles(explored)) if profile else [])
 
 
 @app.command()
+@_with_parameters
 def gradcheck(
     folder: Annotated[
         Path | None, typer.Option("--out", help="Folder for gradcheck.csv; without it, only the terminal.")
     ] = None,
-    diffusivity: Diffusivity = DEFAULT["diffusivity"],
-    elasticity: Elasticity = DEFAULT["elasticity"],
-    repulsivity: Repulsivity = DEFAULT["repulsivity"],
-    repulsion_radius: RepulsionRadius = DEFAULT["repulsion_radius"],
-    mobility: Mobility = DEFAULT["mobility"],
-    metabolic_rate: MetabolicRate = DEFAULT["metabolic_rate"],
-    aspect_ratio: AspectRatio = DEFAULT["aspect_ratio"],
     time: Annotated[float, typer.Option(help="How long the colony grows; it is looked at half-way, too.")] = 3.0,
     dt: Annotated[float, typer.Option(help="Time step.")] = 0.02,
     spacing: Annotated[float, typer.Option(help="Grid spacing in cell lengths L0.")] = 0.2,
@@ -324,18 +325,19 @@ def gradcheck(
     contact: Annotated[float, typer.Option(help="Width of the contact ramp in L0; 0 is the hard rule.")] = 0.2,
     tolerance: Annotated[float, typer.Option(help="Largest relative difference.")] = 5e-4,
     seed: Seed = 0,
+    *,
+    parameters: dict[str, float],
 ) -> None:
     """Check the derivatives of a colony's statistics against differences and reverse mode (gradcheck.csv).
 
     In every parameter and width, and in random directions of initial positions, nutrient and budding angles. Ends with
     exit code 1 unless all agree. The table shows the worst of each direction.
     """
-    values = [diffusivity, elasticity, repulsivity, repulsion_radius, mobility, metabolic_rate, aspect_ratio]
-    parameters = Parameters().replace(**dict(zip(NAMES, values, strict=True)))
+    chosen = Parameters(**parameters)
     numerics = Numerics(domain=domain, spacing=spacing, dt=dt, capacity=capacity)
     with _progress("comparing derivatives") as advance:
         result = check_gradients(
-            parameters,
+            chosen,
             times=[time / 2, time],
             key=seed,
             numerics=numerics,
@@ -350,7 +352,7 @@ def gradcheck(
     out.print(table)
     if folder:
         write_table(folder / "gradcheck.csv", result.rows())
-        configuration = {"parameters": parameters.asdict(), "contact": contact, "numerics": vars(numerics)}
+        configuration = {"parameters": chosen.asdict(), "contact": contact, "numerics": vars(numerics)}
         more = {"configuration": configuration, "passed": result.passed}
         write_manifest(folder, command="gradcheck", seed=seed, inputs=[], **more)
     _warn(result.warnings())
@@ -360,15 +362,9 @@ def gradcheck(
 
 
 @app.command()
+@_with_parameters
 def design(
     folder: Out,
-    diffusivity: Diffusivity = DEFAULT["diffusivity"],
-    elasticity: Elasticity = DEFAULT["elasticity"],
-    repulsivity: Repulsivity = DEFAULT["repulsivity"],
-    repulsion_radius: RepulsionRadius = DEFAULT["repulsion_radius"],
-    mobility: Mobility = DEFAULT["mobility"],
-    metabolic_rate: MetabolicRate = DEFAULT["metabolic_rate"],
-    aspect_ratio: AspectRatio = DEFAULT["aspect_ratio"],
     free: Annotated[str, typer.Option(help="Parameters to be found, by name, with commas.")] = ",".join(DEFAULT_FREE),
     times: Annotated[str, typer.Option(help="Model times that could be measured, with commas.")] = Run.times,
     statistics: Annotated[
@@ -395,14 +391,15 @@ def design(
         Path | None, typer.Option(help="sensitivity.json of an earlier run, instead of a new one.", show_default=False)
     ] = None,
     seed: Seed = 0,
+    *,
+    parameters: dict[str, float],
 ) -> None:
     """Say which time and which curve, measured next, shrinks the errors of λ most (design.csv).
 
     Grows colonies at and around the λ given. spectrum.png and information.json show what the data measured already can
     tell and what they cannot; design.png every candidate for the next measurement.
     """
-    values = [diffusivity, elasticity, repulsivity, repulsion_radius, mobility, metabolic_rate, aspect_ratio]
-    changed = {name: value for name, value in zip(NAMES, values, strict=True) if value != DEFAULT[name]}
+    changed = {name: value for name, value in parameters.items() if value != DEFAULT[name]}
     colonies = Run(changed, times, statistics, runs, dt, seed)
     for name in design_command.RESULTS:
         (folder / name).unlink(missing_ok=True)

@@ -1,4 +1,4 @@
-"""Every picture: colonies, curves, outlines and fits. Functions return a figure; `save` writes it."""
+"""Pictures of colonies, curves and outlines. Functions return a figure; `save` writes it."""
 
 import textwrap
 from collections.abc import Mapping, Sequence
@@ -6,7 +6,6 @@ from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import matplotlib as mpl
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import ListedColormap
@@ -14,12 +13,10 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from yeastfit.measure.segmentation import outline
-from yeastfit.measure.series import Measured
 from yeastfit.model.cells import cells_of, level_set
 from yeastfit.storage import written_whole
 
 if TYPE_CHECKING:
-    from yeastfit.infer.fit import Fit
     from yeastfit.simulation import Simulation
 
 COLONY, TRUTH, OUTLINE = "#7a5230", "#1b7837", "#ff4d00"
@@ -227,73 +224,3 @@ def _dot_panel(
     panel.plot(place + across, values, "o", color=color, ms=3, alpha=0.55, mew=0)
     for curve in mean:
         panel.errorbar(place, curve["mean"], curve["standard_deviation"], fmt="_", color="black", ms=14, lw=1.2)
-
-
-def contact_sheet(measured: list[Measured], titles: list[str], columns: int = 11) -> Figure:
-    """Small overlays of many micrographs."""
-    rows = -(-len(measured) // columns)
-    figure = Figure(figsize=(1.35 * columns, 1.5 * rows), layout="constrained")
-    axes = np.atleast_1d(figure.subplots(rows, columns)).ravel()
-    for panel in axes:
-        panel.axis("off")
-    for panel, one, title in zip(axes, measured, titles, strict=False):
-        panel.imshow(one.micrograph.pixels, cmap="gray")
-        for contour in outline(one.segmentation.mask):
-            panel.plot(contour[:, 1], contour[:, 0], color=OUTLINE, lw=0.6)
-        panel.set_title(title, fontsize=6)
-    return figure
-
-
-def fit(result: "Fit", hours_per_time: float, truth: dict[str, float] | None = None) -> Figure:
-    """Data with their standard errors, the fitted curves, and the residuals below; parameters in the title."""
-    targets = result.targets
-    hours = targets.times * hours_per_time
-    count = len(targets.names)
-    figure = Figure(figsize=(5.2 * count, 5.6), layout="constrained")
-    axes = np.atleast_2d(figure.subplots(2, count, sharex=True, height_ratios=(3, 1)).T)
-    error = targets.scatter / np.sqrt(targets.replicates)
-    spread = np.sqrt(np.diag(result.curve_covariance)).reshape(targets.mean.shape)
-    for k, (upper, lower) in enumerate(axes):
-        name = targets.names[k]
-        upper.fill_between(
-            hours, *(result.fitted[k] + sign * spread[k] for sign in (-1, 1)), color=COLONY, alpha=0.2, lw=0
-        )
-        upper.plot(hours, result.fitted[k], color=COLONY, lw=1.8, label="fitted model, ± error of the comparison")
-        upper.errorbar(
-            hours, targets.mean[k], error[k], fmt="o", ms=4, color="black", label="micrographs, mean ± standard error"
-        )
-        upper.set_title(LABELS.get(name, name), fontsize=10)
-        lower.axhline(0, color=COLONY, lw=1)
-        lower.plot(hours, (targets.mean[k] - result.fitted[k]) / spread[k], "o", ms=4, color="black")
-        lower.set(xlabel="hours", ylabel="residual / error" if k == 0 else "")
-    axes[0, 0].legend(fontsize=8, loc="upper left")
-    figure.suptitle(_summary(result, truth), fontsize=9)
-    return figure
-
-
-def _summary(result: "Fit", truth: dict[str, float] | None) -> str:
-    values = result.parameters.asdict()
-    parts = []
-    for name in result.free:
-        known = f", true {truth[name]:.3g}" if truth else ""
-        parts.append(f"{name} {values[name]:.3g} ± {result.standard_errors[name]:.2g}{known}")
-    return "    ".join(parts) + f"\nchi-square {result.chi_square:.1f} on {result.degrees_of_freedom}; {result.status}"
-
-
-def convergence(result: "Fit") -> Figure:
-    """The free parameters and χ² over the recorded steps."""
-    figure = Figure(figsize=(8, 4.5), layout="constrained")
-    upper, lower = figure.subplots(2, 1, sharex=True)
-    steps = np.arange(len(result.history))
-    for name, color in zip(result.free, mpl.colormaps["Dark2"].colors, strict=False):  # type: ignore[attr-defined]
-        upper.semilogy(steps, [row[name] for row in result.history], "o-", ms=3, color=color, label=name)
-    lower.semilogy(steps, [row["cost"] for row in result.history], "o-", ms=3, color="black")
-    upper.set_ylabel("parameter")
-    upper.legend(fontsize=8)
-    lower.set(xlabel="recorded step", ylabel="weighted squares")
-    stages = [row["stage"] for row in result.history]
-    for k in range(1, len(stages)):
-        if stages[k] != stages[k - 1]:
-            for axes in (upper, lower):
-                axes.axvline(k - 0.5, color="0.8", lw=0.8)
-    return figure

@@ -68,7 +68,7 @@ def ellipses(found: "Information") -> Figure:
             panel.axis("off")
             continue
         x, y = kept[column], kept[row + 1]
-        _ellipse(panel, found.covariance[np.ix_([x, y], [x, y])])
+        ellipse(panel, found.covariance[np.ix_([x, y], [x, y])])
         panel.tick_params(labelsize=7)
         if row == cells - 1:
             panel.set_xlabel(found.free[x].replace("_", " ") + " (%)", fontsize=8)
@@ -120,7 +120,8 @@ def design(found: "Design") -> Figure:
     return figure
 
 
-def _ellipse(panel: Any, covariance: np.ndarray) -> None:
+def ellipse(panel: Any, covariance: np.ndarray) -> None:
+    """One and two standard errors of a pair, in percent."""
     values, vectors = np.linalg.eigh(covariance)
     circle = np.stack([np.cos(CIRCLE), np.sin(CIRCLE)])
     one = 100 * (vectors * np.sqrt(np.maximum(values, 0.0))) @ circle

@@ -13,7 +13,8 @@ from jaxtyping import Array
 from benchmarks.gradients import compare, differences, estimates
 from yeastfit import InputError, Numerics, Parameters, Relaxation, Sensitivity, sensitivity
 from yeastfit.infer import sensitivity as module
-from yeastfit.infer.sensitivity import STATISTICS, Estimate, Scatter, combine, design
+from yeastfit.infer.regression import Local, Scatter, design, of_members, paired, pooled, regress
+from yeastfit.infer.sensitivity import STATISTICS, Estimate, combine
 from yeastfit.simulation import member_keys
 
 SMALL = Numerics(domain=12.0, spacing=0.25, dt=0.02, capacity=64)
@@ -48,14 +49,15 @@ class Toy:
         return away @ self.slopes.T + bent[:, None] + self.shared * of_key + self.own * own
 
 
-def pairs_of(toy: Toy, pairs: int, seed: int = 0) -> tuple[Estimate, Scatter, Scatter]:
-    keys, rng = member_keys(seed, pairs), np.random.default_rng(seed)
-    grow = partial(toy.members, keys=keys)
-    return module._regression(grow, np.zeros(7), np.arange(7), pairs, 0.2, rng, (1, len(toy.slopes)))
+def pairs_of(toy: Toy, pairs: int, seed: int = 0) -> Local:
+    keys, units = member_keys(seed, pairs), design(pairs, 7, np.random.default_rng(seed))
+    halves = np.split(paired(np.zeros(7), units, 0.2), 2)
+    return regress(np.concatenate([toy.members(half, keys) for half in halves]), units, 0.2)
 
 
 def regression(toy: Toy, pairs: int, seed: int = 0) -> Estimate:
-    return pairs_of(toy, pairs, seed)[0]
+    local = pairs_of(toy, pairs, seed)
+    return Estimate(local.jacobian[None], local.error[None])
 
 
 def test_curvature_and_what_a_key_brings_cancel_within_a_pair() -> None:
@@ -85,11 +87,12 @@ def test_scatter_is_that_of_one_colony_whatever_a_pair_has_in_common(own: float,
             return super().members(z, keys) - (3.0 * away.sum(axis=1) ** 2 + 2.0 * away[:, 0] * away[:, 1])[:, None]
 
     toy = Straight(np.random.default_rng(0).normal(size=(2, 7)), own, shared)
-    parts = [pairs_of(toy, 32, seed)[1:] for seed in range(200)]
+    found = [pairs_of(toy, 32, seed) for seed in range(200)]
+    parts = [(local.common, local.apart) for local in found]
     assert {(common.freedom, apart.freedom) for common, apart in parts} == {(31, 32 - 7)}
-    found = [common.covariance + apart.covariance for common, apart in parts]
     variance = own**2 + shared**2
-    np.testing.assert_allclose(np.mean(found, axis=0), variance * np.eye(2), atol=0.06 * variance)
+    whole = np.mean([local.scatter.covariance for local in found], axis=0)
+    np.testing.assert_allclose(whole, variance * np.eye(2), atol=0.06 * variance)
     np.testing.assert_allclose(
         np.mean([apart.covariance for _, apart in parts], axis=0), 0.5 * own**2 * np.eye(2), atol=0.03 * own**2 + 1e-9
     )
@@ -97,26 +100,24 @@ def test_scatter_is_that_of_one_colony_whatever_a_pair_has_in_common(own: float,
 
 def test_parts_of_the_scatter_are_pooled_by_their_degrees_of_freedom() -> None:
     curves = np.array([[1.0, 2.0], [3.0, 2.0], [np.nan, 0.0], [2.0, 5.0]])
-    alone = module._of_members(curves)
+    alone = of_members(curves)
     assert alone.freedom == 2
     np.testing.assert_allclose(alone.covariance, np.cov(curves[[0, 1, 3]].T))
-    pooled = module._pooled(alone, Scatter(np.eye(2), 4), Scatter(2 * np.eye(2), 2))
-    np.testing.assert_allclose(pooled, (2 * alone.covariance + 6 * 3 * np.eye(2)) / 8)
+    found = pooled(alone, Scatter(np.eye(2), 4), Scatter(2 * np.eye(2), 2))
+    np.testing.assert_allclose(found, (2 * alone.covariance + 6 * 3 * np.eye(2)) / 8)
 
 
 def test_errors_of_the_regression_are_correlated_as_stated() -> None:
     """Three curves that repeat each other's noise, over 200 repetitions."""
     mix = np.array([[1.0, 0.8, 0.0], [0.0, 0.6, 0.0], [0.0, 0.0, 0.0]])
 
-    def grow(seed: int) -> tuple[Estimate, Scatter, Scatter]:
+    def grow(seed: int) -> Local:
         rng = np.random.default_rng(seed)
-        return module._regression(
-            lambda z: rng.normal(size=(32, 3)) @ mix, np.zeros(7), np.arange(7), 32, 0.2, rng, (1, 3)
-        )
+        return regress(rng.normal(size=(64, 3)) @ mix, design(32, 7, rng), 0.2)
 
     found = [grow(seed) for seed in range(200)]
-    errors = np.concatenate([estimate.jacobian[0].T for estimate, _, _ in found])
-    stated = np.mean([module._correlation(apart) for _, _, apart in found], axis=0)
+    errors = np.concatenate([local.jacobian.T for local in found])
+    stated = np.mean([local.apart.correlation for local in found], axis=0)
     np.testing.assert_allclose(stated[:2, :2], np.corrcoef(errors[:, :2].T), atol=0.03)
     np.testing.assert_array_equal(stated[2], [0.0, 0.0, 1.0])
 

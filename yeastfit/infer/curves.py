@@ -1,6 +1,5 @@
-"""Ensemble-mean curves as a differentiable function of parameters."""
+"""Curves of single colonies as a function of log λ: what fits, sensitivities and posteriors are made of."""
 
-from abc import abstractmethod
 from collections import Counter
 from collections.abc import Iterator
 from functools import partial
@@ -11,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from yeastfit.infer.bijection import from_free
+from yeastfit.measure.hard import HardStatistics
 from yeastfit.measure.smooth import SmoothStatistics
 from yeastfit.model.colony import PROBLEMS, Colony, start
 from yeastfit.model.numerics import Numerics, map_members, on_one_device
@@ -25,79 +24,45 @@ OUTLIER = 5.0  # times its scale a derivative may be off the median
 
 
 class Curves(eqx.Module):
-    """Curves of chosen statistics at chosen steps, of every member of an ensemble with fixed keys.
+    """Curves of chosen statistics at chosen steps, of every member of an ensemble with fixed keys, in log λ1 … log λ7.
 
-    What z means is a subclass's matter: `parameters` makes λ of it. Means over members are differentiable in z: the
-    derivative of the mean is the `robust_mean` of the members' derivatives.
+    A member's values are its curves, statistic by statistic, and then which of `PROBLEMS` it ran into, 0 or 1 each.
     """
 
     names: tuple[str, ...] = eqx.field(static=True)
     numerics: Numerics = eqx.field(static=True)
-    observe: SmoothStatistics
+    observe: SmoothStatistics | HardStatistics
     relaxation: Relaxation
     schedule: Schedule
 
-    @abstractmethod
-    def parameters(self, z: Float[Array, " free"]) -> Parameters:
-        """λ of z."""
-
-    def grown(self, z: Float[Array, " free"], key: Array) -> tuple[Colony, Float[Array, " curve"]]:
-        """One colony at the end, and its curves, statistic by statistic."""
-        colony = start(key, self.numerics)
+    def grown(self, z: Float[Array, " 7"], key: Array) -> tuple[Colony, dict[str, Array]]:
+        """One colony at the end, and what was observed."""
         rules = self.schedule, self.relaxation, self.numerics, self.observe
-        colony, observed = trajectory(self.parameters(z), colony, *rules)
-        return colony, jnp.concatenate([observed[name] for name in self.names])
+        return trajectory(Parameters(*jnp.unstack(jnp.exp(z))), start(key, self.numerics), *rules)
 
-    def member(self, z: Float[Array, " free"], key: Array) -> Float[Array, " curve"]:
-        """One colony's curves."""
-        return self.grown(z, key)[1]
+    def member(self, z: Float[Array, " 7"], key: Array) -> Float[Array, " value"]:
+        """One colony's values; of smooth statistics, and then differentiable where the relaxation is."""
+        colony, observed = self.grown(z, key)
+        curves = [observed[name] for name in self.names]
+        problems = jnp.stack([getattr(colony.problems, name) for name in PROBLEMS])
+        return jnp.concatenate([*curves, problems.astype(curves[0].dtype)])
 
-    def members(self, z: Float[Array, "... free"], keys: Array) -> Float[Array, "member curve"]:
-        """All members, with one z for all or one for each."""
-        return jnp.concatenate(
-            [on_one_device(_members(self, *block))[:size] for *block, size in _blocks(z, keys, BLOCK)]
-        )
+    def members(self, z: Float[Array, "*member 7"], keys: Array) -> Float[Array, "member value"]:
+        """All members, with one z for all or one for each. Statistics of masks are taken on the host."""
+        run = _masked if isinstance(self.observe, HardStatistics) else _members
+        return jnp.concatenate([run(self, *block)[:size] for *block, size in _blocks(z, keys, BLOCK)])
 
     def members_with_tangents(
-        self, z: Float[Array, " free"], keys: Array
-    ) -> tuple[Float[Array, "member curve"], Float[Array, "member free curve"]]:
+        self, z: Float[Array, " 7"], keys: Array
+    ) -> tuple[Float[Array, "member value"], Float[Array, "member 7 value"]]:
         """All members, and their derivatives in z."""
         blocks = [(on_one_device(_with_tangents(self, *block)), size) for *block, size in _blocks(z, keys, TANGENTS)]
         values, tangents = ([block[k][:size] for block, size in blocks] for k in (0, 1))
         return jnp.concatenate(values), jnp.concatenate(tangents)
 
-    def mean(self, z: Float[Array, " free"], keys: Array) -> Float[Array, " curve"]:
-        """Ensemble mean, whose derivative is `robust_mean` of the members'."""
-        return _mean(self, z, keys)
-
-
-class FreeCurves(Curves):
-    """As a function of the free parameters, `infer.bijection`'s z; the others are fixed."""
-
-    free: tuple[str, ...] = eqx.field(static=True)
-    fixed: Parameters
-
-    def parameters(self, z: Float[Array, " free"]) -> Parameters:
-        """λ of z, inside the plausible ranges."""
-        return from_free(z, self.free, self.fixed)
-
-
-class LogCurves(Curves):
-    """As a function of log λ1 … log λ7; a member's last values say which of `PROBLEMS` it ran into, 0 or 1 each."""
-
-    def parameters(self, z: Float[Array, " 7"]) -> Parameters:
-        """λ of its logarithms."""
-        return Parameters(*jnp.unstack(jnp.exp(z)))
-
-    def member(self, z: Float[Array, " 7"], key: Array) -> Float[Array, " value"]:
-        """One colony's curves, and its problems."""
-        colony, curves = self.grown(z, key)
-        problems = [getattr(colony.problems, name) for name in PROBLEMS]
-        return jnp.concatenate([curves, jnp.stack(problems).astype(curves.dtype)])
-
 
 def without_problems(values: Array) -> tuple[Float[np.ndarray, "member curve"], Counter[str]]:
-    """The curves among `LogCurves`' values, and how many members ran into each of `PROBLEMS`."""
+    """The curves among `Curves`' values, and how many members ran into each of `PROBLEMS`."""
     table = np.asarray(values, dtype=float)
     met = dict(zip(PROBLEMS, table[:, -len(PROBLEMS) :].sum(axis=0).astype(int).tolist(), strict=True))
     return table[:, : -len(PROBLEMS)], Counter({name: count for name, count in met.items() if count})
@@ -139,7 +104,7 @@ def robust_mean(values: Float[Array, "member *entry"]) -> Robust:
     )
 
 
-def _blocks(z: Float[Array, "... free"], keys: Array, block: int) -> Iterator[tuple[Array, Array, int]]:
+def _blocks(z: Float[Array, "... 7"], keys: Array, block: int) -> Iterator[tuple[Array, Array, int]]:
     """Members in blocks of one size; the last is filled up with repetitions."""
     # explicit type: a weakly typed z would compile everything a second time
     z = jnp.broadcast_to(jnp.asarray(z, jnp.result_type(float)), (*keys.shape, z.shape[-1]))
@@ -149,27 +114,31 @@ def _blocks(z: Float[Array, "... free"], keys: Array, block: int) -> Iterator[tu
         yield z[pick], keys[pick], size
 
 
+def _members(curves: Curves, z: Float[Array, "member 7"], keys: Array) -> Float[Array, "member value"]:
+    return on_one_device(_smooth_members(curves, z, keys))
+
+
+def _masked(curves: Curves, z: Float[Array, "member 7"], keys: Array) -> Float[Array, "member value"]:
+    colony, observed = on_one_device(_grown(curves, z, keys))
+    found = curves.observe.finish(jax.tree.map(np.asarray, observed))
+    problems = np.stack([np.asarray(getattr(colony.problems, name)) for name in PROBLEMS], axis=1)
+    return jnp.asarray(np.concatenate([*(found[name] for name in curves.names), problems], axis=1, dtype=float))
+
+
 @eqx.filter_jit
-def _members(curves: Curves, z: Float[Array, "member free"], keys: Array) -> Float[Array, "member curve"]:
+def _smooth_members(curves: Curves, z: Float[Array, "member 7"], keys: Array) -> Float[Array, "member value"]:
     return map_members(curves.member, z, keys)
 
 
 @eqx.filter_jit
-def _with_tangents(curves: Curves, z: Float[Array, "member free"], keys: Array) -> tuple[Array, Array]:
+def _grown(curves: Curves, z: Float[Array, "member 7"], keys: Array) -> tuple[Colony, dict[str, Array]]:
+    return map_members(curves.grown, z, keys)
+
+
+@eqx.filter_jit
+def _with_tangents(curves: Curves, z: Float[Array, "member 7"], keys: Array) -> tuple[Array, Array]:
     def one(z: Array, key: Array) -> tuple[Array, Array]:
         push = partial(jax.jvp, lambda z: curves.member(z, key), (z,))
         return jax.vmap(lambda direction: push((direction,)), out_axes=(None, 0))(jnp.eye(z.size, dtype=z.dtype))
 
     return map_members(one, z, keys)
-
-
-@eqx.filter_custom_jvp
-def _mean(curves: Curves, z: Float[Array, " free"], keys: Array) -> Array:
-    return jnp.mean(curves.members(z, keys), axis=0)
-
-
-@_mean.def_jvp
-def _mean_jvp(primals: tuple, tangents: tuple) -> tuple[Array, Array]:
-    curves, z, keys = primals
-    values, derivatives = curves.members_with_tangents(z, keys)
-    return jnp.mean(values, axis=0), tangents[1] @ robust_mean(derivatives).mean

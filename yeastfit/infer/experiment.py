@@ -140,10 +140,12 @@ def curve_covariance(
     return inflation * scatter * (1.0 / np.maximum(colonies[:, None], colonies) + 1.0 / members)
 
 
-def systematic(mean: Float[np.ndarray, "statistic time"], relative: float) -> CurveSquare:
+def systematic(
+    mean: Float[np.ndarray, "statistic time"], relative: float | Float[np.ndarray, "statistic 1"]
+) -> CurveSquare:
     """Covariance of a relative error of every mean, half of its variance common to all times of a statistic."""
-    if not relative >= 0:
+    if not (np.asarray(relative) >= 0).all():
         raise InputError(f"measurement_error is {relative}, it must be at least 0")
-    error = relative * mean.ravel()
+    error = (relative * mean).ravel()
     same = np.kron(np.eye(len(mean)), np.ones((mean.shape[1], mean.shape[1])))
     return 0.5 * same * np.outer(error, error) + 0.5 * np.diag(error**2)

@@ -3,13 +3,10 @@
 Colonies are chaotic and divide: what one colony does when λ changes a little says nothing about another, and after a
 while nothing about itself. What a fit needs is J = ∂E[y] / ∂log λ, the derivative of the mean. Two estimators:
 
-**Regression** runs the model away from λ and needs no derivative, so the model may be the hard one. Pairs of colonies
-with one key each are grown at log λ ± spread · ε, ε a row of a randomly signed and permuted Hadamard matrix, so that
-all parameters vary at once and orthogonally: J_k = Σ_pairs ½ (y₊ − y₋) ε_k / (pairs · spread). What is even in ε, the
-curvature, cancels within each pair; what is left, of order spread², are third derivatives (Box & Hunter 1961,
-doi:10.1080/00401706.1961.10489951): at spread 0.2 two or three standard errors of 256 runs, at 0.1 a fraction of one.
-Error: what the pairs scatter around the straight line. Were all colonies independent, n runs would tell seven
-parameters apart with a seventh of the variance of n runs of central differences; common keys help those more.
+**Regression** (`infer.regression`) runs the model away from λ, in pairs at log λ ± spread · ε, and needs no derivative,
+so the model may be the hard one. Its bias, of order spread², is two or three standard errors of 256 runs at spread 0.2
+and a fraction of one at 0.1. Were all colonies independent, n runs would tell seven parameters apart with a seventh of
+the variance of n runs of central differences; common keys help those more.
 
 **Pathwise** is forward mode through the relaxed model, a mean over members that outliers cannot carry away
 (`robust_mean`). Exact derivatives of single colonies explode with the number of contacts; taming them
@@ -27,14 +24,8 @@ first- and zeroth-order gradients by their variances: Suh et al. 2022, arXiv:220
 the p parameters is not above regression's, whatever the bias of P is. With fewer than three parameters nothing of the
 kind exists, and w is 0.
 
-**Scatter**, the covariance S of one colony's curves, comes of the same runs. The two of a pair share their key, so they
-are not independent; but with c and h half their sum and half their difference, cov y = cov c + cov h whatever the two
-have in common, where c is left without its mean and h without its slopes. The colonies at λ itself are a third part:
-
-    S = (ν₀ S₀ + ν (S_c + S_h)) / (ν₀ + ν),    ν₀ = members − 1,  ν = 2 pairs − 1 − p,
-
-a sum of matrices that are positive semi-definite. What curvature adds to S_c is of order spread⁴.
-S_h / (pairs · spread²) is the covariance over curves of the errors of one column of the regression's J.
+**Scatter**, the covariance S of one colony's curves, comes of the same runs: of the pairs, and of the colonies at λ
+itself (`regression.pooled`).
 """
 
 import json
@@ -49,10 +40,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
-from scipy.linalg import hadamard
 
 from yeastfit.errors import InputError
-from yeastfit.infer.curves import LogCurves, robust_mean, without_problems
+from yeastfit.infer.curves import Curves, robust_mean, without_problems
+from yeastfit.infer.regression import design, of_members, paired, pooled, regress
 from yeastfit.measure.smooth import SmoothStatistics
 from yeastfit.model.colony import PROBLEMS
 from yeastfit.model.numerics import Numerics
@@ -68,14 +59,6 @@ PATH_NODES = 64  # of the mean colony, up to which pathwise derivatives are of u
 EXPLODED = 3.0  # times the scatter of the members left as they are: the tails would decide a plain mean
 
 Table = Float[np.ndarray, "statistic time free"]
-
-
-@dataclass(frozen=True)
-class Scatter:
-    """A covariance over curves, and the degrees of freedom it was estimated with."""
-
-    covariance: Float[np.ndarray, "curve curve"]
-    freedom: int
 
 
 @dataclass(frozen=True)
@@ -219,8 +202,8 @@ def sensitivity(
     recorded = tuple(statistics) + (() if COUNT in statistics else (COUNT,))
     say = progress or (lambda what, share: None)
 
-    def curves(numerics: Numerics, relaxation: Relaxation, times: np.ndarray) -> LogCurves:
-        return LogCurves(recorded, numerics, observe, relaxation, schedule_of(times, numerics))
+    def curves(numerics: Numerics, relaxation: Relaxation, times: np.ndarray) -> Curves:
+        return Curves(recorded, numerics, observe, relaxation, schedule_of(times, numerics))
 
     model = curves(numerics, relaxation, times)
     parts: dict[str, Estimate] = {}
@@ -230,6 +213,12 @@ def sensitivity(
     say("the mean", 0.0)
     problems: dict[str, Counter[str]] = {"regression and mean": Counter(), "pathwise": Counter()}
 
+    def at(points: np.ndarray) -> np.ndarray:
+        """All seven log λ of points in the chosen ones."""
+        whole = np.tile(log_values, (len(points), 1))
+        whole[:, chosen] = points
+        return whole
+
     def grow(log_values: np.ndarray, keys: Array) -> np.ndarray:
         found, met = without_problems(model.members(jnp.asarray(log_values, jnp.result_type(float)), keys))
         problems["regression and mean"] += met
@@ -238,24 +227,18 @@ def sensitivity(
     centre = grow(log_values, member_keys(jax.random.fold_in(jax.random.key(seed), 1), spent["mean"]))
     nodes = centre[:, recorded.index(COUNT)].mean(axis=0) + 1
     centre = centre[:, : shape[0]]
-    alone = _of_members(centre.reshape(len(centre), -1))
-    scatter, correlation = alone.covariance, _correlation(alone)
+    alone = of_members(centre.reshape(len(centre), -1))
+    scatter, correlation = alone.covariance, alone.correlation
     seconds["mean"] = clock.perf_counter() - began
     if method != "pathwise":
         say("regression", 0.1)
         began = clock.perf_counter()
         keys = member_keys(jax.random.fold_in(jax.random.key(seed), 0), runs // 2)
-        rng = np.random.default_rng(seed)
-        parts["regression"], common, apart = _regression(
-            lambda z: grow(z, keys)[:, : shape[0]].reshape(len(keys), -1),
-            log_values,
-            chosen,
-            len(keys),
-            spread,
-            rng,
-            shape,
-        )
-        scatter, correlation = _pooled(alone, common, apart), _correlation(apart)
+        units = design(len(keys), len(chosen), np.random.default_rng(seed))
+        grown = grow(at(paired(log_values[chosen], units, spread)), jnp.concatenate([keys, keys]))
+        local = regress(grown[:, : shape[0]].reshape(runs, -1), units, spread)
+        parts["regression"] = Estimate(local.jacobian.reshape(*shape, -1), local.error.reshape(*shape, -1))
+        scatter, correlation = pooled(alone, local.common, local.apart), local.apart.correlation
         spent["regression"], seconds["regression"] = runs, clock.perf_counter() - began
     sampled = len(times) if method == "pathwise" else int(np.sum(nodes <= PATH_NODES))  # from the first on
     if method != "regression" and sampled:
@@ -332,65 +315,6 @@ def combine(unbiased: Estimate, quiet: Estimate) -> tuple[Table, Table, Float[np
     jacobian = unbiased.jacobian + w * (path - unbiased.jacobian)
     error = np.sqrt((1 - w) ** 2 * unbiased.error**2 + w**2 * (path_error**2 + b * scale**2))
     return jacobian, error, share
-
-
-def design(pairs: int, free: int, rng: np.random.Generator) -> Float[np.ndarray, "pair free"]:
-    """Rows of ±1 with orthogonal columns: Hadamard matrices without their first column, signs and columns at random."""
-    order = 1 << free.bit_length()
-    rows = hadamard(order)[:, 1:]
-    blocks = [rows[:, rng.permutation(order - 1)[:free]] * rng.choice([-1, 1], free) for _ in range(-(-pairs // order))]
-    return np.concatenate(blocks)[:pairs].astype(float)
-
-
-def _regression(
-    grow: Callable[[np.ndarray], np.ndarray],
-    log_values: np.ndarray,
-    chosen: np.ndarray,
-    pairs: int,
-    spread: float,
-    rng: np.random.Generator,
-    shape: tuple[int, int],
-) -> tuple[Estimate, Scatter, Scatter]:
-    """J with its errors, S_c and S_h."""
-    units = design(pairs, len(chosen), rng)
-    away = np.zeros((pairs, len(NAMES)))
-    away[:, chosen] = spread * units
-    up, down = (grow(log_values + sign * away) for sign in (1.0, -1.0))
-    half, middle = 0.5 * (up - down), 0.5 * (up + down)
-    good = np.isfinite(half).all(axis=1)
-    if good.sum() < 0.5 * len(good):
-        raise InputError(f"{(~good).sum()} of {len(good)} pairs of colonies came to nothing (not finite): lower dt")
-    slopes, _, _, _ = np.linalg.lstsq(spread * units[good], half[good], rcond=None)
-    rest = half[good] - spread * units[good] @ slopes
-    freedom = max(1, int(good.sum()) - len(chosen))
-    inverse = np.linalg.inv(units[good].T @ units[good]) / spread**2
-    error = np.sqrt(np.outer((rest**2).sum(axis=0) / freedom, np.diag(inverse)))
-    estimate = Estimate(slopes.T.reshape(*shape, -1), error.reshape(*shape, -1))
-    return estimate, _of_members(middle[good]), Scatter(rest.T @ rest / freedom, freedom)
-
-
-def _of_members(curves: Float[np.ndarray, "member curve"]) -> Scatter:
-    """Covariance of what is finite among independent colonies, and its degrees of freedom."""
-    good = curves[np.isfinite(curves).all(axis=1)]
-    rest = good - good.mean(axis=0) if len(good) else good
-    freedom = max(1, len(good) - 1)
-    return Scatter(rest.T @ rest / freedom, freedom)
-
-
-def _pooled(alone: Scatter, common: Scatter, apart: Scatter) -> Float[np.ndarray, "curve curve"]:
-    """S (see above)."""
-    freedom = common.freedom + apart.freedom
-    whole = alone.freedom * alone.covariance + freedom * (common.covariance + apart.covariance)
-    return whole / (alone.freedom + freedom)
-
-
-def _correlation(scatter: Scatter) -> Float[np.ndarray, "curve curve"]:
-    """Correlations, 1 on the diagonal and 0 beside it for a curve that does not vary."""
-    scale = np.sqrt(np.diag(scatter.covariance))
-    known = np.where(scale > 0, scale, 1.0)
-    found = scatter.covariance / np.outer(known, known)
-    np.fill_diagonal(found, 1.0)
-    return found
 
 
 def _pathwise(

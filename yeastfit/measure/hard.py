@@ -37,6 +37,10 @@ class HardStatistics(eqx.Module):
         """Statistics by name, of the shape of the ensemble and its sample times."""
         masks = observed["mask"]
         batch = masks.shape[:-2]
-        found = [mask_statistics(mask, self.spacing, self.statistics) for mask in masks.reshape(-1, *masks.shape[-2:])]
+        unseen = dict.fromkeys(self.statistics, np.nan)  # of a colony that came to nothing
+        found = [
+            mask_statistics(mask, self.spacing, self.statistics) if mask.any() else unseen
+            for mask in masks.reshape(-1, *masks.shape[-2:])
+        ]
         measured = {name: np.array([each[name] for each in found]).reshape(batch) for name in self.statistics}
         return {**measured, **{name: values for name, values in observed.items() if name != "mask"}}

@@ -1,0 +1,184 @@
+"""What `yeastfit fit` does: measurements, made or read, the fit to them, and the files of both."""
+
+import json
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.table import Table
+
+from yeastfit import plot, plot_fit
+from yeastfit.errors import InputError
+from yeastfit.infer.fitted import Fit
+from yeastfit.infer.measurements import TABLE, conditions_of, read_measurements, targets_of
+from yeastfit.infer.targets import Targets
+from yeastfit.infer.uncertainty import Bootstrap, Profile
+from yeastfit.measure.dataset import MANIFESTS, read_dataset
+from yeastfit.measure.tasks import find_tasks
+from yeastfit.model.parameters import NAMES, Scales
+from yeastfit.storage import write_table
+from yeastfit.survey import survey
+from yeastfit.survey_results import clear_results, write_results
+
+RESULTS = (
+    "fit.json",
+    "parameters.csv",
+    "targets.csv",
+    "fit.png",
+    "convergence.png",
+    "spectrum.png",
+    "ellipses.png",
+    "bootstrap.csv",
+    "bootstrap.png",
+    "profiles.csv",
+    "profiles.png",
+    "manifest.json",
+)
+
+
+@dataclass(frozen=True)
+class Measurements:
+    """A table of measurements, where it lies, what it was made from, and what went wrong."""
+
+    rows: list[dict[str, Any]]
+    folder: Path
+    inputs: list[Path]
+    warnings: list[str]
+
+    def targets(self, chosen: Sequence[str], statistics: Sequence[str], scales: Scales) -> dict[str, Targets]:
+        """Of the chosen conditions, by name; of the only one where none is chosen."""
+        there = conditions_of(self.rows)
+        if not chosen and len(there) > 1:
+            names = ", ".join(map(repr, there))
+            raise InputError(f"--condition: the data have {names}; choose one, or several by giving it again")
+        return {
+            name: targets_of(self.rows, self.folder, condition=name, statistics=statistics, scales=scales)
+            for name in chosen or there
+        }
+
+
+def measurements(source: Path, folder: Path, jobs: int, progress: Callable[[int, int], None]) -> Measurements:
+    """Read measurements.csv, or the one in a folder; or measure a data set, with all that `yeastfit measure` leaves."""
+    table = source / TABLE if source.is_dir() else source
+    data_set = source.name in MANIFESTS or any((source / name).is_file() for name in MANIFESTS)
+    if not data_set and table.is_file():
+        return Measurements(read_measurements(table), table.parent, [table], [])
+    where = source.parent if source.name in MANIFESTS else source
+    dataset = read_dataset(where)
+    if folder.resolve() == where.resolve():
+        raise InputError(f"--out: {folder} holds the micrographs, need another folder for the results")
+    tasks, _, _ = find_tasks([where])
+    clear_results(folder)
+    outcomes = survey(tasks, folder, jobs=jobs, progress=progress)
+    write_results(folder, f"Micrographs of {where.resolve().name}", outcomes, dataset=dataset)
+    rows = [outcome.row for outcome in outcomes if outcome.row]
+    failed = [f"left out: {outcome.error}" for outcome in outcomes if not outcome.row]
+    if not rows:
+        raise InputError("; ".join(failed))
+    doubts = [f"{outcome.task.label}: {doubt}" for outcome in outcomes for doubt in outcome.doubts]
+    inputs = [dataset.manifest, *(outcome.task.path for outcome in outcomes if outcome.row)]
+    return Measurements(rows, folder, inputs, failed + doubts)
+
+
+def named_numbers(option: str, texts: Sequence[str], what: str) -> dict[str, tuple[float, float]]:
+    """NAME=A:B, several times."""
+    found = {}
+    for text in texts:
+        name, _, pair = text.partition("=")
+        try:
+            first, second = (float(part) for part in pair.split(":"))
+        except ValueError:
+            raise InputError(f"{option} is {text!r}, it must be a name and {what}, such as mobility=0.5:2") from None
+        found[name.strip().replace("-", "_")] = (first, second)
+    return found
+
+
+def read_truth(source: Path) -> dict[str, float] | None:
+    """The parameters of a synthetic data set."""
+    path = (source.parent if source.is_file() else source) / "truth" / "parameters.json"
+    return {name: json.loads(path.read_text())[name] for name in NAMES} if path.is_file() else None
+
+
+def write_targets(folder: Path, targets: Mapping[str, Targets]) -> None:
+    """targets.csv: the curves that are fitted."""
+    write_table(
+        folder / "targets.csv",
+        [
+            {
+                "condition": name,
+                "statistic": each.names[row],
+                "time": float(each.times[column]),
+                "hours": each.scales.hours(float(each.times[column])),
+                "replicates": int(each.replicates[row, column]),
+                "mean": float(each.mean[row, column]),
+                "scatter": float(each.scatter[row, column]),
+                "estimator": each.estimator,
+            }
+            for name, each in targets.items()
+            for row, column in np.argwhere(each.measured)
+        ],
+    )
+
+
+def write_fit(folder: Path, result: Fit, known: dict[str, float] | None) -> None:
+    """Tables, JSON and pictures."""
+    result.save(folder / "fit.json")
+    write_table(folder / "parameters.csv", result.rows())
+    by_entry = {entry.name: known[entry.parameter] for entry in result.space.entries} if known else None
+    plot.save(plot_fit.curves(result, by_entry), folder / "fit.png")
+    plot.save(plot_fit.convergence(result), folder / "convergence.png")
+    plot.save(result.information.plot(), folder / "spectrum.png")
+    plot.save(result.information.plot_ellipses(), folder / "ellipses.png")
+
+
+def write_bootstrap(folder: Path, found: Bootstrap, result: Fit) -> list[str]:
+    """bootstrap.csv and its picture; lines for the terminal."""
+    write_table(folder / "bootstrap.csv", [dict(zip(found.free, row, strict=True)) for row in found.values.tolist()])
+    plot.save(plot_fit.bootstrap(found, result), folder / "bootstrap.png")
+    said = [
+        f"bootstrap of replicates: {name} {found.intervals[name][0]:.4g} to {found.intervals[name][1]:.4g} (95 %)"
+        for name in found.free
+    ]
+    if found.at_edge > 0.02:
+        said.append(f"{found.at_edge:.0%} of the draws ended where the surface ends: these intervals are too narrow")
+    return said
+
+
+def write_profiles(folder: Path, found: Mapping[str, Profile]) -> list[str]:
+    """profiles.csv and its picture; lines for the terminal."""
+    rows = [
+        {"parameter": name, "value": value, "chi_square_rise": rise}
+        for name, each in found.items()
+        for value, rise in zip(each.values.tolist(), each.rise.tolist(), strict=True)
+    ]
+    write_table(folder / "profiles.csv", rows)
+    plot.save(plot_fit.profiles(found), folder / "profiles.png")
+    return [f"profile of {name}: {_interval(each.intervals['95%'])} (95 %)" for name, each in found.items()]
+
+
+def table_of(result: Fit, known: dict[str, float] | None) -> Table:
+    """Parameters with their errors, beside the true ones where these are known."""
+    rows = result.rows()
+    several = "condition" in rows[0]
+    columns = ["parameter", "fitted", "standard error", *(["true", "(fitted - true) / error"] if known else [])]
+    table = Table(*(["condition"] if several else []), *columns)
+    for row in rows:
+        value, error = row["value"], row["standard_error"]
+        cells = [row["condition"]] if several else []
+        cells += [row["parameter"], f"{value:.4g}", "fixed" if error is None else _error(error, value)]
+        if known:
+            off = "" if error is None or not np.isfinite(error) else f"{(value - known[row['parameter']]) / error:+.1f}"
+            cells += [f"{known[row['parameter']]:.4g}", off]
+        table.add_row(*cells)
+    return table
+
+
+def _error(error: float, value: float) -> str:
+    return f"{error:.2g} ({error / value:.1%})" if np.isfinite(error) else "not determined"
+
+
+def _interval(ends: tuple[float, float]) -> str:
+    low, high = (f"{end:.4g}" if np.isfinite(end) else "beyond the surface" for end in ends)
+    return f"{low} to {high}"

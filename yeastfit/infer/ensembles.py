@@ -1,0 +1,171 @@
+"""What all conditions' colonies say about a point θ: mean curves, derivatives, and the covariance of the comparison.
+
+For each condition an ensemble is grown in pairs around the point (`infer.regression`), with the same keys wherever it
+is, so that two points are compared by the same chance. One colony's curves have the covariance S. The data, means over
+R replicates, scatter with S too, scaled statistic by statistic to the measured scatter, where that is known. So
+
+    Σ = h (S_scaled / R + cov m) + measurement error,
+
+h for S being an estimate (`experiment.curve_covariance`), cov m the Monte-Carlo error of the ensemble's mean. Where the
+ensemble is too small to tell correlations, and to begin with, `rough` stands for Σ: variances only, with a twentieth of
+the mean as a tolerance, under which the problem is less curved.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+from scipy.linalg import block_diag
+
+from yeastfit.errors import InputError
+from yeastfit.infer.colonies import Colonies
+from yeastfit.infer.experiment import curve_covariance, systematic
+from yeastfit.infer.regression import CurveSquare, Local, design, order, paired, regress
+from yeastfit.infer.settings import FitSettings
+from yeastfit.infer.space import Space, Vector
+from yeastfit.infer.targets import Targets
+from yeastfit.simulation import member_keys
+
+SCATTER = 0.2  # of the mean: one colony's scatter where nobody knows it, to begin with
+ROUGH = 0.05  # of the mean: tolerance of a rough comparison
+
+
+@dataclass(frozen=True)
+class Joint:
+    """Curves of all conditions around a point, one after the other. sigma: Σ. locals: by condition."""
+
+    theta: Vector
+    mean: Float[np.ndarray, " curve"]
+    jacobian: Float[np.ndarray, "curve entry"]
+    error: Float[np.ndarray, "curve entry"]
+    correlation: CurveSquare
+    locals: dict[str, Local]
+
+
+@dataclass(frozen=True)
+class Ensembles:
+    """The conditions of a fit: their targets and their colonies."""
+
+    targets: dict[str, Targets]
+    colonies: dict[str, Colonies]
+    space: Space
+    seed: int
+    settings: FitSettings
+
+    @staticmethod
+    def of(targets: Mapping[str, Targets], space: Space, seed: int, settings: FitSettings) -> "Ensembles":
+        """Colonies for each condition's targets."""
+        how = {"dt": settings.dt, "spacing": settings.spacing, "capacity": settings.capacity}
+        colonies = {name: Colonies.of(each, **how) for name, each in targets.items()}  # type: ignore[arg-type]
+        return Ensembles(dict(targets), colonies, space, seed, settings)
+
+    @property
+    def values(self) -> Float[np.ndarray, " curve"]:
+        """All data."""
+        return np.concatenate([each.values for each in self.targets.values()])
+
+    @property
+    def grown(self) -> int:
+        """Colonies so far."""
+        return sum(each.grown for each in self.colonies.values())
+
+    def pairs(self, condition: str, members: int, full: bool) -> int:
+        """Pairs of an ensemble: whole Hadamard matrices, and enough to know the covariance of the curves in full."""
+        rows = order(len(self.space.columns(condition)))
+        wanted = max(members // 2, 2 * len(self.targets[condition].values) if full else 0)
+        return rows * -(-wanted // rows)
+
+    def alone(self, points: Float[np.ndarray, "point entry"]) -> Float[np.ndarray, "point curve"]:
+        """One colony at each point, each with a key of its own."""
+        keys = member_keys(self.seed + 1, len(points))
+        grown = [
+            colonies.grow(self.space.log_parameters(name, points), keys) for name, colonies in self.colonies.items()
+        ]
+        return np.concatenate(grown, axis=1)
+
+    def around(
+        self, places: list[Vector], members: int, spread: float, full: bool = False
+    ) -> "list[Joint | InputError]":
+        """A `Joint` for each place, in one batch a condition; an error where colonies came to nothing."""
+        found: list[dict[str, Local] | InputError] = [{} for _ in places]
+        for condition, colonies in self.colonies.items():
+            columns, count = self.space.columns(condition), self.pairs(condition, members, full)
+            units = design(count, len(columns), np.random.default_rng(self.seed))
+            points = np.repeat(np.stack(places), 2 * count, axis=0)
+            points[:, columns] = np.concatenate([paired(place[columns], units, spread) for place in places])
+            keys = jnp.concatenate([member_keys(self.seed, count)] * (2 * len(places)))
+            grown = colonies.grow(self.space.log_parameters(condition, points), keys)
+            for k, curves in enumerate(np.split(grown, len(places))):
+                known = found[k]
+                if isinstance(known, InputError):
+                    continue
+                try:
+                    known[condition] = regress(curves, units, spread)
+                except InputError as error:
+                    found[k] = InputError(f"{self.described(places[k])}: {error}")
+        return [
+            each if isinstance(each, InputError) else self._joined(place, each)
+            for place, each in zip(places, found, strict=True)
+        ]
+
+    def described(self, theta: Vector) -> str:
+        """A point in words."""
+        return ", ".join(f"{name} {value:.3g}" for name, value in zip(self.space.names, np.exp(theta), strict=True))
+
+    def rough(self, members: int) -> CurveSquare:
+        """Variances of data and ensemble, as far as the data alone tell them."""
+        parts = []
+        for targets in self.targets.values():
+            mean, scatter = targets.values, targets.scatter[targets.measured]
+            variance = np.where(np.isfinite(scatter), scatter, SCATTER * mean) ** 2
+            share = 1.0 / targets.replicates[targets.measured] + 2.0 / members
+            parts.append(variance * share + (ROUGH * mean) ** 2)
+        return np.diag(np.concatenate(parts))
+
+    def sigma(self, joint: Joint) -> CurveSquare:
+        """Σ (see above)."""
+        return block_diag(*(self.sigma_of(name, joint.locals[name]) for name in self.targets))
+
+    def sigma_of(self, condition: str, local: Local) -> CurveSquare:
+        """Σ of one condition."""
+        targets = self.targets[condition]
+        error = np.array([[self.settings.error_of(name)] for name in targets.names])
+        measured = targets.measured.ravel()
+        chance, replicates, freedom = self.scatter_of(condition, local), targets.replicates[targets.measured], 0.0
+        freedom = float(local.scatter.freedom)
+        data = curve_covariance(chance, replicates=replicates.astype(float), freedom=freedom)
+        inflation = freedom / (freedom - len(chance) - 1)
+        known = systematic(np.nan_to_num(targets.mean), error)[np.ix_(measured, measured)]
+        return data + inflation * local.mean_covariance + known
+
+    def scatter_of(self, condition: str, local: Local) -> CurveSquare:
+        """One colony's covariance, scaled statistic by statistic to the measured scatter where that is known."""
+        targets, chance = self.targets[condition], local.scatter.covariance
+        rows = np.argwhere(targets.measured)[:, 0]
+        spread = targets.scatter[targets.measured]
+        ratio = np.ones(len(rows))
+        for row in range(len(targets.names)):
+            known = (rows == row) & np.isfinite(spread)
+            if known.any():
+                ratio[rows == row] = np.sqrt((spread[known] ** 2).mean() / np.diag(chance)[known].mean())
+        return chance * np.outer(ratio, ratio)
+
+    def _joined(self, theta: Vector, found: dict[str, Local]) -> Joint:
+        entries = len(self.space.entries)
+        jacobians, errors = list[np.ndarray](), list[np.ndarray]()
+        for condition, local in found.items():
+            columns = self.space.columns(condition)
+            for part, whole in ((local.jacobian, jacobians), (local.error, errors)):
+                wide = np.zeros((len(part), entries))
+                wide[:, columns] = part
+                whole.append(wide)
+        return Joint(
+            theta,
+            np.concatenate([local.mean for local in found.values()]),
+            np.concatenate(jacobians),
+            np.concatenate(errors),
+            block_diag(*(local.apart.correlation for local in found.values())),
+            found,
+        )

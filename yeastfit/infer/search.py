@@ -1,0 +1,111 @@
+"""One start of a fit: optimistix's steps on a problem that answers with values and Jacobians.
+
+At each point where the optimiser wants to know, an ensemble is grown, which gives residuals r and their Jacobian J at
+once. optimistix is shown the affine function r + J (z − z₀): at z₀, the only place where it looks, that has the right
+value and the right derivative, and nothing is traced through a colony.
+"""
+
+from functools import cached_property
+from typing import Any, ClassVar
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import optimistix as optx
+from jaxtyping import Array, Float
+
+STIFFEST = 100.0  # largest eigenvalue of c² JᵀJ at the first point of a careful search
+
+Residuals = Float[np.ndarray, " residual"]
+Jacobian = Float[np.ndarray, "residual entry"]
+
+
+class Search:
+    """A point, what is known there, and where the optimiser wants to look next.
+
+    z: the best point so far. trial: the one to be evaluated next. cost: r · r at z; refused: steps in a row. careful:
+    the first steps are short. The optimiser sees r times a constant c: Levenberg–Marquardt begins with the damping 1,
+    BFGS with the Hessian 1, which must be something beside c² JᵀJ.
+    """
+
+    SOLVERS: ClassVar[dict[str, Any]] = {
+        "levenberg-marquardt": optx.LevenbergMarquardt,
+        "dogleg": optx.Dogleg,
+        "bfgs": optx.BFGS,
+    }
+
+    def __init__(self, method: str, z: Float[np.ndarray, " entry"], size: int, careful: bool = False) -> None:
+        self.method, self.size = method, size
+        self.stiffest = STIFFEST if careful else 1.0 if method == "bfgs" else None
+        self.scale = 1.0
+        self.solver = self.SOLVERS[method](rtol=1e-6, atol=1e-6)
+        self.z = jnp.asarray(z)
+        self.residuals, self.jacobian = np.zeros(size), np.zeros((size, len(z)))
+        self.cost, self.refused, self.failure = np.inf, 0, ""
+
+    @cached_property
+    def _function(self) -> Any:
+        return _half_square if self.method == "bfgs" else _affine
+
+    @cached_property
+    def state(self) -> Any:
+        """optimistix's."""
+        out = () if self.method == "bfgs" else (self.size,)
+        shape = jax.ShapeDtypeStruct(out, self.z.dtype)
+        at = self._known(self.residuals, self.jacobian)
+        return self.solver.init(self._function, self.z, at, {"jac": "bwd"}, shape, None, frozenset())
+
+    @property
+    def trial(self) -> Float[np.ndarray, " entry"]:
+        """Where residuals are wanted."""
+        return np.asarray(self.state.y_eval, dtype=float)
+
+    def tell(self, residuals: Residuals, jacobian: Jacobian) -> bool:
+        """Residuals and their Jacobian at `trial`; whether the step there is taken."""
+        trial = self.state.y_eval
+        if self.stiffest and not np.isfinite(self.cost):
+            self.scale = float(np.sqrt(self.stiffest) / max(np.linalg.norm(jacobian, 2), 1e-12))
+        at = self._known(self.scale * residuals, self.scale * jacobian)
+        self.z, self.state, result = _step(self.solver, self._function, self.z, at, self.state)
+        taken = bool(jnp.all(self.z == trial))
+        if taken:
+            self.residuals, self.jacobian = residuals, jacobian
+            self.cost, self.refused = float(residuals @ residuals), 0
+        else:
+            self.refused += 1
+        if result != optx.RESULTS.successful:
+            self.failure = f"the optimiser failed: {optx.RESULTS[result]}"  # type: ignore[misc]
+        elif not np.isfinite(self.trial).all():
+            self.failure = "the optimiser asked for a point that is not finite"
+        return taken
+
+    @property
+    def promise(self) -> float:
+        """By how much r · r would fall at the minimum of the affine function around z."""
+        scale = np.abs(self.jacobian).max(axis=0)
+        basis = np.linalg.qr(self.jacobian[:, scale > 1e-9 * max(1.0, scale.max())])[0]
+        return float(np.sum((basis.T @ self.residuals) ** 2))
+
+    def _known(self, residuals: Residuals, jacobian: Jacobian) -> tuple[Array, Array, Array]:
+        return (
+            jnp.asarray(self.z if "state" not in self.__dict__ else self.state.y_eval),
+            jnp.asarray(residuals, self.z.dtype),
+            jnp.asarray(jacobian, self.z.dtype),
+        )
+
+
+@eqx.filter_jit
+def _step(solver: Any, function: Any, z: Array, at: tuple[Array, Array, Array], state: Any) -> tuple[Array, Any, Any]:
+    options, tags = {"jac": "bwd"}, frozenset[object]()
+    z, state, _ = solver.step(function, z, at, options, state, tags)
+    return z, state, solver.terminate(function, z, at, options, state, tags)[1]
+
+
+def _affine(z: Array, at: tuple[Array, Array, Array]) -> tuple[Array, None]:
+    centre, residuals, jacobian = at
+    return residuals + jacobian @ (z - centre), None
+
+
+def _half_square(z: Array, at: tuple[Array, Array, Array]) -> tuple[Array, None]:
+    return 0.5 * jnp.sum(_affine(z, at)[0] ** 2), None

@@ -1,0 +1,148 @@
+"""Pictures of a fit: curves with their band and residuals, how it got there, and likelihood profiles."""
+
+from typing import TYPE_CHECKING, Any
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.figure import Figure
+
+from yeastfit.plot import COLONY, CONDITIONS, LABELS
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from yeastfit.infer.fitted import Condition, Fit
+    from yeastfit.infer.uncertainty import Bootstrap, Profile
+
+
+def curves(result: "Fit", truth: "Mapping[str, float] | None" = None) -> Figure:
+    """Data with their standard errors, the fitted model with the error of the comparison, and residuals below.
+
+    A column for each statistic, a colour for each condition. truth: λ by entry, for the title.
+    """
+    names = list(dict.fromkeys(name for each in result.conditions for name in each.targets.names))
+    figure = Figure(figsize=(max(5.2 * len(names), 6.5), 5.8), layout="constrained")
+    axes = figure.subplots(2, len(names), sharex=True, height_ratios=(3, 1), squeeze=False)
+    for k, each in enumerate(result.conditions):
+        color = COLONY if len(result.conditions) == 1 else CONDITIONS[k % len(CONDITIONS)]
+        for row, name in enumerate(each.targets.names):
+            upper, lower = axes[:, names.index(name)]
+            _panel(upper, lower, each, row, color)
+    for k, name in enumerate(names):
+        axes[0, k].set_title(LABELS.get(name, name.replace("_", " ")), fontsize=10)
+        axes[1, k].axhline(0, color="0.6", lw=1)
+        axes[1, k].set(xlabel="hours", ylabel="residual / error" if not k else "")
+    axes[0, 0].legend(fontsize=8, loc="best")
+    figure.suptitle(_summary(result, truth), fontsize=9)
+    return figure
+
+
+def convergence(result: "Fit") -> Figure:
+    """The free parameters and χ² over the colonies grown, start by start; steps that were refused are crosses."""
+    count = len(result.free)
+    figure = Figure(figsize=(8, 2.2 + 1.3 * count), layout="constrained")
+    *upper, lowest = figure.subplots(count + 1, 1, sharex=True, height_ratios=[1] * count + [1.4])
+    colors = mpl.colormaps["Dark2"].colors  # type: ignore[attr-defined]
+    for number in sorted({step.start for step in result.history}):
+        steps = [step for step in result.history if step.start == number]
+        taken = [step for step in steps if step.taken]
+        refused = [step for step in steps if not step.taken]
+        color = colors[(number - 1) % len(colors)]
+        for panel, name in zip([*upper, lowest], [*result.free, None], strict=True):
+            for shown, mark in ((taken, "o-"), (refused, "x")):
+                values = [step.values[name] if name else step.cost for step in shown]
+                label = f"start {number}" if name is None and mark == "o-" else None
+                panel.plot([s.simulations for s in shown], values, mark, ms=4, lw=1.2, color=color, label=label)
+    for panel, name in zip(upper, result.free, strict=True):
+        panel.set_yscale("log")
+        panel.set_ylabel(name.replace("_", " "), fontsize=8)
+        value, error = result.values[name], result.standard_errors[name]
+        if np.isfinite(error):
+            panel.axhspan(max(value - error, 1e-3 * value), value + error, color=COLONY, alpha=0.18, lw=0)
+        panel.axhline(value, color=COLONY, lw=1)
+    lowest.set(yscale="log", xlabel="colonies grown", ylabel="weighted squares")
+    lowest.legend(fontsize=8, ncols=3)
+    stages = [step.stage for step in result.history]
+    for k in range(1, len(stages)):
+        if stages[k] != stages[k - 1]:
+            between = 0.5 * (result.history[k - 1].simulations + result.history[k].simulations)
+            for panel in (*upper, lowest):
+                panel.axvline(between, color="0.8", lw=0.8)
+    upper[0].set_title(f"{result.status}; lines part the stages, bands are one standard error", fontsize=9)
+    return figure
+
+
+def profiles(found: "Mapping[str, Profile]") -> Figure:
+    """Δχ² of each parameter with the others at their best, beside the parabola of its standard error."""
+    figure = Figure(figsize=(1.2 + 3.1 * len(found), 3.3), layout="constrained")
+    for panel, (name, each) in zip(figure.subplots(1, len(found), squeeze=False)[0], found.items(), strict=True):
+        panel.plot(each.values, each.rise, "o-", ms=3, color=COLONY, label="profile")
+        if np.isfinite(each.standard_error):
+            away = np.log(each.values / each.estimate) / each.standard_error
+            panel.plot(each.values, away**2, color="0.5", lw=1, ls="--", label="standard error")
+        for level, share in ((1.0, "68 %"), (3.84, "95 %")):
+            panel.axhline(level, color="0.8", lw=0.8)
+            panel.annotate(share, (1, level), xycoords=("axes fraction", "data"), fontsize=7, ha="right", va="bottom")
+        panel.set(ylim=(-0.2, 9), xlabel=name.replace("_", " "))
+    figure.axes[0].set_ylabel("rise of χ²")
+    figure.axes[0].legend(fontsize=7)
+    return figure
+
+
+def bootstrap(found: "Bootstrap", result: "Fit") -> Figure:
+    """Estimates from resampled replicates, pair by pair, with the ellipse of the covariance."""
+    from yeastfit.plot_information import ellipse
+
+    count = max(1, len(result.free) - 1)
+    figure = Figure(figsize=(1.6 + 2.2 * count, 1.0 + 2.1 * count), layout="constrained")
+    axes: Any = figure.subplots(count, count, squeeze=False)
+    away = 100 * (np.log(found.values) - result.theta)
+    for (row, column), panel in np.ndenumerate(axes):
+        if column > row or len(result.free) < 2:
+            panel.axis("off")
+            continue
+        x, y = column, row + 1
+        part = result.covariance[np.ix_([x, y], [x, y])]
+        if np.isfinite(part).all():
+            ellipse(panel, part)
+        panel.plot(away[:, x], away[:, y], ".", ms=2.5, color="black", alpha=0.5)
+        panel.tick_params(labelsize=7)
+        if row == count - 1:
+            panel.set_xlabel(result.free[x].replace("_", " ") + " (%)", fontsize=8)
+        if column == 0:
+            panel.set_ylabel(result.free[y].replace("_", " ") + " (%)", fontsize=8)
+    figure.suptitle(
+        "log λ of resampled replicates, less the estimate;\nellipses: one and two standard errors", fontsize=9
+    )
+    return figure
+
+
+def _panel(upper: Any, lower: Any, each: "Condition", row: int, color: str) -> None:
+    """One statistic of one condition."""
+    targets = each.targets
+    seen = targets.measured[row]
+    hours = np.array([targets.scales.hours(time) for time in targets.times])[seen]
+    error = np.full(targets.mean.shape, np.nan)
+    error[targets.measured] = np.sqrt(np.diag(each.covariance))
+    fitted, mean, spread = each.fitted[row, seen], targets.mean[row, seen], error[row, seen]
+    of = f" of {each.name}" if each.name else ""
+    if seen.sum() > 1:
+        upper.fill_between(hours, fitted - spread, fitted + spread, color=color, alpha=0.2, lw=0)
+        upper.plot(hours, fitted, color=color, lw=1.8, label=f"fitted model{of}, ± error of the comparison")
+    else:
+        upper.errorbar(hours, fitted, spread, fmt="_", ms=18, color=color, label=f"fitted model{of}, ± error")
+    scatter = targets.scatter[row, seen] / np.sqrt(targets.replicates[row, seen])
+    known = np.where(np.isfinite(scatter), scatter, 0.0)
+    dots = "black" if not each.name else color
+    upper.errorbar(hours, mean, known, fmt="o", ms=4, color=dots, label=f"data{of}, mean ± standard error")
+    lower.plot(hours, (mean - fitted) / spread, "o", ms=4, color=dots)
+
+
+def _summary(result: "Fit", truth: "Mapping[str, float] | None") -> str:
+    parts = []
+    for name, value in result.values.items():
+        error = result.standard_errors[name]
+        known = f", true {truth[name]:.3g}" if truth and name in truth else ""
+        parts.append(f"{name} {value:.3g}" + (f" ± {error:.2g}" if np.isfinite(error) else " (no error)") + known)
+    lines = ["    ".join(parts[k : k + 3]) for k in range(0, len(parts), 3)]
+    return "\n".join([*lines, f"chi-square {result.chi_square:.1f} on {result.degrees_of_freedom}; {result.status}"])
