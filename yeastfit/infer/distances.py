@@ -10,7 +10,7 @@ o observed, s simulated. Where a simulation came to nothing, d = ∞. Kernels K_
 """
 
 from dataclasses import asdict, dataclass
-from typing import Any, Literal, Protocol
+from typing import Any, Literal, Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float
@@ -26,6 +26,7 @@ Statistics = Float[np.ndarray, "draw statistic"]
 Vector = Float[np.ndarray, " statistic"]
 
 
+@runtime_checkable
 class Distance(Protocol):
     """From data that it holds to any number of simulated ones."""
 

@@ -44,3 +44,10 @@ def seed_of(seed: int, numbers: Sequence[int] | np.ndarray) -> Int[np.ndarray, "
         raise InputError(f"seed is {seed}, it must be at least 0 and below 2^{BITS}")
     words = [np.random.SeedSequence(seed, spawn_key=(int(n),)).generate_state(1)[0] for n in np.ravel(numbers)]
     return np.array(words, dtype=np.int64)
+
+
+def stream_of(seed: int, *key: int) -> np.random.SeedSequence:
+    """Where a run's other random numbers come from, such as proposals; two or more numbers say which they are."""
+    if len(key) < 2:
+        raise InputError(f"key is {key}, it needs at least two numbers: those of one are simulations'")
+    return np.random.SeedSequence(seed, spawn_key=key)

@@ -1,0 +1,94 @@
+"""Pilot simulations: λ from the prior, what comes of them, and what that says before anything is sampled."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from yeastfit.errors import InputError
+from yeastfit.infer.distances import Distance, KernelName, log_kernel
+from yeastfit.infer.priors import Prior
+from yeastfit.infer.simulations import Recorded
+from yeastfit.infer.simulator import Simulator, seed_of, stream_of
+
+NEAREST = 5  # simulations per parameter that a covariance is made of, at least
+
+
+@dataclass(frozen=True)
+class Pilot:
+    """Simulations 0..n−1 of a run.
+
+    x: λ in the prior's coordinates; log_prior: density in them. distances: inf where a simulation came to nothing.
+    warnings: in words, of observations that the prior does not reach.
+    """
+
+    x: Float[np.ndarray, "draw free"]
+    log_prior: Float[np.ndarray, " draw"]
+    statistics: Float[np.ndarray, "draw statistic"]
+    distances: Float[np.ndarray, " draw"]
+    warnings: list[str]
+
+    def quantile(self, share: float) -> float:
+        """ε that this share of the simulations that came to something reaches; above 0."""
+        whole = self.distances[np.isfinite(self.distances)]
+        found = float(np.quantile(whole, share, method="higher"))
+        return found if found > 0 else float(np.min(whole[whole > 0], initial=1.0))
+
+    def weights(self, kernel: KernelName, epsilon: float) -> Float[np.ndarray, " draw"]:
+        """K_ε, scaled to sum 1."""
+        log_weights = log_kernel(kernel, self.distances, epsilon)
+        if not np.isfinite(log_weights).any():
+            raise InputError(
+                f"epsilon is {epsilon:g}, none of {len(self.distances)} simulations from the prior comes that close, "
+                f"the nearest has distance {self.distances.min():g}: a larger epsilon, more simulations, or another "
+                f"prior or model is needed{''.join(f'; {one}' for one in self.warnings)}"
+            )
+        weights = np.exp(log_weights - log_weights.max())
+        return weights / weights.sum()
+
+    def covariance(self, epsilon: float) -> Float[np.ndarray, "free free"]:
+        """Of x, of those within ε or of the nearest where these are too few."""
+        free = self.x.shape[1]
+        whole = int(np.isfinite(self.distances).sum())
+        count = min(whole, max(int(np.sum(self.distances <= epsilon)), NEAREST * (free + 1)))
+        nearest = np.argsort(self.distances, kind="stable")[:count]
+        found = np.atleast_2d(np.cov(self.x[nearest], rowvar=False)) if count > free else np.zeros((free, free))
+        if np.linalg.eigvalsh(found)[0] <= 0:
+            raise InputError(
+                f"{count} pilot simulations came to something, too few for a covariance: give a larger pilot"
+            )
+        return found
+
+
+def pilot_of(recorded: Recorded, prior: Prior, distance: Distance, count: int, seed: int) -> Pilot:
+    """The first simulations of a run: the same for every method, so that stored ones serve again."""
+    values = prior.sample(count, np.random.default_rng(stream_of(seed, 0, 0)))
+    statistics = recorded(values, seed_of(seed, np.arange(count)))
+    distances = distance(statistics)
+    if not np.isfinite(distances).any():
+        raise InputError(f"all {count} simulations from the prior came to nothing: look at the simulator or the prior")
+    x = prior.coordinates(values)
+    warnings = _unreached(statistics[np.isfinite(distances)], distance.observed, recorded.labels)
+    return Pilot(x, prior.log_density_of_coordinates(x), statistics, distances, warnings)
+
+
+def check_problem(simulator: Simulator, prior: Prior, distance: Distance) -> None:
+    """Raises `InputError` where simulator, prior and data do not go together."""
+    if prior.free != simulator.free:
+        raise InputError(f"prior is of {', '.join(prior.free)}, the simulator takes {', '.join(simulator.free)}")
+    if len(distance.observed) != len(simulator.labels):
+        raise InputError(
+            f"observed has {len(distance.observed)} statistics, the simulator gives {', '.join(simulator.labels)}"
+        )
+
+
+def _unreached(
+    statistics: Float[np.ndarray, "draw statistic"], observed: Float[np.ndarray, " statistic"], labels: tuple[str, ...]
+) -> list[str]:
+    """Observations outside all that was simulated."""
+    low, high = statistics.min(axis=0), statistics.max(axis=0)
+    out = np.flatnonzero((observed < low) | (observed > high))
+    return [
+        f"{labels[k]} was observed as {observed[k]:.4g}, the prior's simulations have {low[k]:.4g}..{high[k]:.4g}"
+        for k in out
+    ]
