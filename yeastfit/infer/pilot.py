@@ -68,7 +68,7 @@ def pilot_of(recorded: Recorded, prior: Prior, distance: Distance, count: int, s
     if not np.isfinite(distances).any():
         raise InputError(f"all {count} simulations from the prior came to nothing: look at the simulator or the prior")
     x = prior.coordinates(values)
-    warnings = _unreached(statistics[np.isfinite(distances)], distance.observed, recorded.labels)
+    warnings = unreached(statistics[np.isfinite(distances)], distance.observed, recorded.labels)
     return Pilot(x, prior.log_density_of_coordinates(x), statistics, distances, warnings)
 
 
@@ -82,10 +82,10 @@ def check_problem(simulator: Simulator, prior: Prior, distance: Distance) -> Non
         )
 
 
-def _unreached(
+def unreached(
     statistics: Float[np.ndarray, "draw statistic"], observed: Float[np.ndarray, " statistic"], labels: tuple[str, ...]
 ) -> list[str]:
-    """Observations outside all that was simulated."""
+    """Observations outside all that was simulated, in words."""
     low, high = statistics.min(axis=0), statistics.max(axis=0)
     out = np.flatnonzero((observed < low) | (observed > high))
     return [

@@ -113,7 +113,7 @@ class Samples:
     def load(path: str | Path) -> "Samples":
         """What `save` wrote. Raises `InputError` for anything else."""
         try:
-            with np.load(Path(path), allow_pickle=False) as file:
+            with Path(path).open("rb") as opened, np.load(opened, allow_pickle=False) as file:
                 arrays = {name: file[name] for name in ARRAYS}
                 rest = json.loads(str(file["rest"]))
         except (OSError, KeyError, ValueError, EOFError, zipfile.BadZipFile) as error:

@@ -1,0 +1,106 @@
+"""Populations of ABC-SMC and the file that they are taken up from."""
+
+import json
+import zipfile
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+from scipy.linalg import solve_triangular
+from scipy.spatial.distance import cdist
+from scipy.special import logsumexp
+
+from yeastfit.errors import InputError
+from yeastfit.storage import written_whole
+
+
+@dataclass(frozen=True)
+class Population:
+    """Weighted draws within ε.
+
+    x: in the prior's coordinates, log_prior: density in them. acceptance: share of the proposals within ε. simulated:
+    data sets for it and all before it.
+    """
+
+    x: Float[np.ndarray, "draw free"]
+    weights: Float[np.ndarray, " draw"]
+    log_prior: Float[np.ndarray, " draw"]
+    statistics: Float[np.ndarray, "draw statistic"]
+    distances: Float[np.ndarray, " draw"]
+    epsilon: float
+    acceptance: float
+    simulated: int
+
+
+@dataclass(frozen=True)
+class Mixture:
+    """Proposals Σ_j w_j N(x_j, 2 C), C the weighted covariance of the x_j."""
+
+    x: Float[np.ndarray, "draw free"]
+    weights: Float[np.ndarray, " draw"]
+    root: Float[np.ndarray, "free free"]
+
+    @staticmethod
+    def of(population: Population) -> "Mixture":
+        """Around a population. Raises `InputError` where its draws do not span the space."""
+        covariance = 2 * np.atleast_2d(np.cov(population.x, rowvar=False, aweights=population.weights))
+        if not np.isfinite(covariance).all() or np.linalg.eigvalsh(covariance)[0] <= 0:
+            raise InputError(f"population is {len(population.x)}, its draws have no covariance: take a larger one")
+        return Mixture(population.x, population.weights, np.linalg.cholesky(covariance))
+
+    def draw(self, count: int, rng: np.random.Generator) -> Float[np.ndarray, "proposal free"]:
+        """Independent proposals."""
+        centres = self.x[rng.choice(len(self.x), size=count, p=self.weights)]
+        return centres + rng.standard_normal(centres.shape) @ self.root.T
+
+    def log_density(self, x: Float[np.ndarray, "proposal free"]) -> Float[np.ndarray, " proposal"]:
+        """Up to a constant."""
+        here, there = (solve_triangular(self.root, one.T, lower=True).T for one in (x, self.x))
+        return logsumexp(-0.5 * cdist(here, there, "sqeuclidean"), b=self.weights, axis=1)
+
+
+class PopulationFile:
+    """Populations in one .npz file, written whole; head: what they are of, plain data, which must be the same.
+
+    Raises `InputError` for a file that is none of these.
+    """
+
+    def __init__(self, path: str | Path, head: Mapping[str, Any]) -> None:
+        self.path, self.head = Path(path), json.loads(json.dumps(head, default=np.ndarray.tolist))
+
+    def read(self) -> list[Population]:
+        """None where there is no file."""
+        if not self.path.exists():
+            return []
+        try:
+            with self.path.open("rb") as opened, np.load(opened, allow_pickle=False) as file:
+                head, count = json.loads(str(file["head"])), int(file["count"])
+                found = [_population({name: file[f"{name}_{k}"] for name in FIELDS}) for k in range(count)]
+        except (OSError, KeyError, ValueError, EOFError, zipfile.BadZipFile) as error:
+            raise InputError(
+                f"{self.path}: no populations can be read, remove it and they are made anew from stored simulations: "
+                f"{error}"
+            ) from error
+        different = [key for key in self.head if head.get(key) != self.head[key]]
+        if different:
+            said = "; ".join(f"{key} was {head.get(key)}, now it is {self.head[key]}" for key in different)
+            raise InputError(f"{self.path} holds other populations: {said}")
+        return found
+
+    def write(self, populations: Sequence[Population]) -> None:
+        """All of them."""
+        arrays = {f"{name}_{k}": value for k, one in enumerate(populations) for name, value in asdict(one).items()}
+        with written_whole(self.path) as temporary, temporary.open("wb") as file:
+            np.savez(file, allow_pickle=False, head=json.dumps(self.head), count=len(populations), **arrays)
+
+
+FIELDS = tuple(Population.__dataclass_fields__)
+
+
+def _population(data: Mapping[str, np.ndarray]) -> Population:
+    """Of arrays, numbers among them."""
+    plain: dict[str, Any] = {name: value if value.ndim else value.item() for name, value in data.items()}
+    return Population(**plain)
