@@ -1,0 +1,337 @@
+"""What a fit is worth: known parameters, put into synthetic micrographs, measured and fitted again.
+
+Twenty truths, low-discrepancy points (scrambled Sobol') of a box in log λ: mobility 0.5 to 3, metabolic rate 0.4 to
+2.5, aspect ratio 0.45 to 0.9, the other four at the source's values. For each one ten colonies are photographed at
+eleven times, 4 h to 14 h, as data/synthetic/recipes.toml has it, on a wider picture; outlined and measured by
+`yeastfit measure`; and fitted as `yeastfit fit` does by default: compactness and radius, three starts, plausible ranges
+as bounds. A pull is (log λ̂ − log λ) / standard error of log λ. A fit that fails, or gives a parameter no error, has
+missed.
+
+Targets: of all parameters, 90 % to 98 % within two standard errors; a normal distribution has 95 %. The interval beside
+it is Wilson's, as if all were independent, which the three of one truth are not.
+
+    python -m benchmarks.recovery [--quick] [--json FILE] [--docs DIR] [--work DIR] [--again]
+
+All is kept in DIR of --work, out/recovery by default: the data sets, and a line in fits.jsonl for each truth that is
+done. A run that was interrupted goes on there. With --again the fits are made anew, from the same photographs; those of
+another recipe are replaced. With --quick: two truths, four colonies, five times, small ensembles, no targets, as
+six parameters cannot tell 90 % from 98 %. With --docs, DIR/recovery.md and DIR/recovery.png are written.
+"""
+
+import argparse
+import gc
+import json
+import os
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from datetime import date
+from pathlib import Path
+from typing import Any
+
+import jax
+import numpy as np
+from matplotlib.figure import Figure
+from scipy.stats import binomtest
+
+from benchmarks.report import Report, command, machine
+from yeastfit.errors import InputError
+from yeastfit.fit_command import measurements
+from yeastfit.infer.fit import DEFAULT_FREE, fit
+from yeastfit.infer.settings import FitSettings
+from yeastfit.infer.space import Space
+from yeastfit.model.numerics import Numerics
+from yeastfit.model.parameters import Parameters
+from yeastfit.synthesis import Recipe, synthesize
+
+BOX = {"mobility": (0.5, 3.0), "metabolic_rate": (0.4, 2.5), "aspect_ratio": (0.45, 0.9)}
+COUNT, SEED = 20, 2031
+HOURS = tuple(float(hour) for hour in range(4, 15))
+STATISTICS = ("compactness", "radius")
+LOWEST, HIGHEST = 90.0, 98.0  # %, of parameters within two standard errors
+QUICK = FitSettings(screened=32, starts=2, members=(16, 48), spreads=(0.2, 0.15))
+Record = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Study:
+    """What is recovered, and how. work: where all of it is kept."""
+
+    recipes: tuple[Recipe, ...]
+    settings: FitSettings
+    work: Path
+
+    @staticmethod
+    def of(quick: bool, work: Path) -> "Study":
+        """The full study, or a quick one in a folder of its own."""
+        truths = np.exp(Space.of(tuple(BOX), {"": Parameters()}, bounds=BOX).scattered(COUNT, SEED))
+        recipes = tuple(
+            Recipe(
+                parameters=dict(zip(BOX, truth.tolist(), strict=True)),
+                seed=SEED + number,
+                hours=HOURS[2::2] if quick else HOURS,
+                replicates=4 if quick else 10,
+                extent=165.0,
+                numerics=Numerics(domain=24.0, spacing=0.1, dt=0.01 if quick else 0.005, capacity=256),
+            )
+            for number, truth in enumerate(truths[: 2 if quick else COUNT], start=1)
+        )
+        return Study(recipes, QUICK if quick else FitSettings(), work / ("quick" if quick else "full"))
+
+    @property
+    def lines(self) -> Path:
+        """A line of JSON for each truth that is done."""
+        return self.work / "fits.jsonl"
+
+    def asked(self, number: int) -> dict[str, Any]:
+        """What makes a record: another of these, another record."""
+        what = {"recipe": asdict(self.recipes[number - 1]), "settings": asdict(self.settings)}
+        return json.loads(json.dumps(what))
+
+    def done(self) -> dict[int, Record]:
+        """Records by the number of their truth. A last line that a kill cut short is taken away.
+
+        Raises `InputError` where a record was made of something else.
+        """
+        if not self.lines.is_file():
+            return {}
+        text = self.lines.read_text()
+        whole = text[: text.rfind("\n") + 1]
+        if whole != text:
+            self.lines.write_text(whole)
+        records = {record["truth"]: record for record in map(json.loads, whole.splitlines())}
+        for number, record in records.items():
+            if number > len(self.recipes) or record["asked"] != self.asked(number):
+                raise InputError(
+                    f"--work: {self.lines} holds fits of other truths or settings; name another folder, or say --again"
+                )
+        return records
+
+    def keep(self, record: Record) -> None:
+        """Append a record, on disk before anything else is begun."""
+        self.work.mkdir(parents=True, exist_ok=True)
+        with self.lines.open("a") as file:
+            file.write(json.dumps(record) + "\n")
+            file.flush()
+            os.fsync(file.fileno())
+
+
+def recovered(study: Study, number: int, report: Report) -> Record:
+    """One truth: photographed, unless that was done, measured and fitted."""
+    recipe, folder = study.recipes[number - 1], study.work / f"truth{number:02d}"
+    what = f"truth {number} of {len(study.recipes)}: {_words(recipe.parameters)}"
+    if not _same_recipe(folder, study.asked(number)["recipe"]):
+        report.stage(f"{what}, photographed")
+        synthesize(recipe, folder)
+    report.stage(f"{what}, measured")
+    data = measurements(folder, study.work / f"measured{number:02d}", os.cpu_count() or 1, lambda done, total: None)
+    report.stage(f"{what}, fitted")
+    began = time.perf_counter()
+    record: Record = {"truth": number, "asked": study.asked(number), "left out": len(data.warnings)}
+    try:
+        (targets,) = data.targets((), STATISTICS, recipe.scales).values()
+        found = fit(targets, seed=number, settings=study.settings)
+    except InputError as error:
+        nothing = dict.fromkeys(DEFAULT_FREE)
+        failed = {"status": f"failed: {error}", "converged": False, "simulations": None, "warnings": []}
+        return record | failed | {"seconds": time.perf_counter() - began, "log": nothing, "error": nothing}
+    return record | {
+        "status": found.status,
+        "converged": found.converged,
+        "simulations": found.simulations,
+        "seconds": time.perf_counter() - began,
+        "chi_square": found.chi_square,
+        "degrees_of_freedom": found.degrees_of_freedom,
+        "log": dict(zip(found.free, found.theta.tolist(), strict=True)),
+        "error": {name: _or_none(value) for name, value in found.information.standard_errors.items()},
+        "warnings": list(found.warnings),
+    }
+
+
+def _same_recipe(folder: Path, recipe: Mapping[str, Any]) -> bool:
+    """Whether a data set is there and was made so. It is written whole or not at all."""
+    file = folder / "truth" / "parameters.json"
+    return file.is_file() and json.loads(file.read_text())["recipe"] == recipe
+
+
+def _words(values: Mapping[str, float]) -> str:
+    return ", ".join(f"{name.replace('_', ' ')} {value:.3g}" for name, value in values.items())
+
+
+def _or_none(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None
+
+
+def table_of(records: Sequence[Record]) -> dict[str, np.ndarray]:
+    """truth, log, error and pull, [truth, parameter]; nan where a fit gave none."""
+    names = DEFAULT_FREE
+    truth = np.log([[record["asked"]["recipe"]["parameters"][name] for name in names] for record in records])
+    log, error = (
+        np.array([[record[key][name] for name in names] for record in records], dtype=float) for key in ("log", "error")
+    )
+    return {"truth": truth, "log": log, "error": error, "pull": (log - truth) / error}
+
+
+def verdicts(report: Report, records: Sequence[Record]) -> None:
+    """Figures and tables."""
+    found = table_of(records)
+    pull, off = found["pull"], np.abs(np.expm1(found["log"] - found["truth"]))
+    for number, limit in enumerate((2.0, 1.0)):
+        inside = int((np.abs(pull) <= limit).sum())
+        ends = binomtest(inside, pull.size).proportion_ci(method="wilson")
+        note = f"{inside} of {pull.size}; 95 % interval {100 * ends.low:.0f} to {100 * ends.high:.0f} %"
+        share, what = 100 * inside / pull.size, f"within {limit:g} standard error{'s' if limit > 1 else ''}"
+        if number or report.quick:
+            report.add(what, share, "%", note=note)
+        else:
+            report.add(what, share, "%", LOWEST, note=note)
+            report.add(f"{what}, at most", share, "%", HIGHEST, at_least=False, note="above it, errors are too large")
+    rows: list[dict[str, Any]] = [
+        {
+            "parameter": name,
+            "rms pull": _rms(pull[:, k]),
+            "mean pull": float(np.nanmean(pull[:, k])),
+            "within 1": int((np.abs(pull[:, k]) <= 1).sum()),
+            "within 2": int((np.abs(pull[:, k]) <= 2).sum()),
+            "of": len(pull),
+            "median error %": float(100 * np.nanmedian(off[:, k])),
+            "median standard error %": float(100 * np.nanmedian(found["error"][:, k])),
+        }
+        for k, name in enumerate(DEFAULT_FREE)
+        if np.isfinite(pull[:, k]).any()
+    ]
+    for row in rows:
+        report.add(f"{row['parameter']}: rms pull", row["rms pull"], "", note="1 where errors are right")
+        report.add(f"{row['parameter']}: median relative error", row["median error %"], "%")
+    seconds = np.array([record["seconds"] for record in records])
+    report.add("a fit, median", np.median(seconds), "s", note=f"longest {seconds.max():.0f} s; measuring is apart")
+    colonies = np.array([record["simulations"] for record in records], dtype=float)
+    report.add("simulated colonies, median", np.nanmedian(colonies), "", note=f"most {np.nanmax(colonies):.0f}")
+    good = sum(record["converged"] for record in records)
+    report.add("converged", 100 * good / len(records), "%", note=f"{good} of {len(records)}")
+    if rows:
+        report.table("by parameter", rows)
+    report.table("by truth: true, fitted, pull", [_row(record, found, k) for k, record in enumerate(records)])
+    report.details["truths"] = list(records)
+
+
+def _rms(values: np.ndarray) -> float:
+    return float(np.sqrt(np.nanmean(values**2)))
+
+
+def _row(record: Record, found: Mapping[str, np.ndarray], k: int) -> dict[str, Any]:
+    row: dict[str, Any] = {"truth": record["truth"]}
+    for column, name in enumerate(DEFAULT_FREE):
+        true, log, pull = (found[key][k, column] for key in ("truth", "log", "pull"))
+        row[name.replace("_", " ")] = f"{np.exp(true):.3g}, {np.exp(log):.3g}, {pull:+.1f}"
+    seen = {"χ²": record.get("chi_square"), "of": record.get("degrees_of_freedom"), "s": record["seconds"]}
+    return (
+        row
+        | seen
+        | {"colonies": record["simulations"], "warnings": len(record["warnings"])}
+        | {"status": record["status"]}
+    )
+
+
+def picture(records: Sequence[Record], path: Path) -> None:
+    """Fitted against true, with two standard errors, and the pulls."""
+    found = table_of(records)
+    figure = Figure(figsize=(15, 4), layout="constrained")
+    *panels, last = figure.subplots(1, len(DEFAULT_FREE) + 1)
+    for k, (name, panel) in enumerate(zip(DEFAULT_FREE, panels, strict=True)):
+        true, log, error = (found[key][:, k] for key in ("truth", "log", "error"))
+        value = np.exp(log)
+        bars = np.nan_to_num([value - np.exp(log - 2 * error), np.exp(log + 2 * error) - value])
+        panel.errorbar(np.exp(true), value, bars, fmt="o", ms=4, lw=1, color="#7a5230")
+        panel.plot(BOX[name], BOX[name], color="black", lw=0.8)
+        panel.set(xscale="log", yscale="log", xlabel=f"true {name.replace('_', ' ')}", ylabel="fitted, ± 2 errors")
+    pulls = found["pull"][np.isfinite(found["pull"])]
+    last.hist(np.clip(pulls, -4, 4), bins=np.linspace(-4, 4, 17), density=True, color="#c9a57b")
+    grid = np.linspace(-4, 4, 161)
+    last.plot(grid, np.exp(-0.5 * grid**2) / np.sqrt(2 * np.pi), color="black", lw=1, label="normal distribution")
+    last.set(xlabel="pull (those beyond 4 at 4)", ylabel="density")
+    last.legend(fontsize=8)
+    figure.savefig(path, dpi=70)
+
+
+def markdown(report: Report) -> str:
+    """The page."""
+    about = "; ".join(f"{key} {value}" for key, value in machine().items())
+    box = "; ".join(f"{name.replace('_', ' ')} {low:g} to {high:g}" for name, (low, high) in BOX.items())
+    parts = [
+        f"""# Parameters put in and found again
+
+Written by `python -m benchmarks.recovery --docs docs` on {date.today()}. {about}.
+
+Truths from a low-discrepancy sequence in log λ ({box}; the others at the source's values). Each was rendered as
+micrographs of ten colonies at eleven times, outlined and measured like any photograph, and fitted by default settings
+from three starts to compactness and radius. A pull is (log λ̂ − log λ) / standard error of log λ.
+
+![Fitted against true](recovery.png)
+"""
+    ]
+    for title, rows in report.tables.items():
+        parts.append(f"## {title[0].upper()}{title[1:]}\n\n{markdown_table(rows)}")
+    return "\n".join([*parts, f"## Figures\n\n{markdown_table(figure_rows(report))}"])
+
+
+def figure_rows(report: Report) -> list[dict[str, Any]]:
+    """The figures of a report as rows of a table."""
+    return [
+        {
+            "figure": f.name,
+            "value": f.value,
+            "unit": f.unit,
+            "target": "" if f.target is None else f"{'≥' if f.at_least else '≤'} {f.target:g}",
+            "met": {True: "yes", False: "**no**", None: ""}[f.met],
+            "note": f.note,
+        }
+        for f in report.figures
+    ]
+
+
+def markdown_table(rows: Sequence[Mapping[str, Any]]) -> str:
+    """Rows as a table of a page, numbers in three digits."""
+
+    def text(value: Any) -> str:
+        return "" if value is None else f"{value:.3g}" if isinstance(value, float) else str(value)
+
+    head = "| " + " | ".join(rows[0]) + " |\n" + "|---" * len(rows[0]) + "|\n"
+    return head + "\n".join("| " + " | ".join(map(text, row.values())) + " |" for row in rows) + "\n"
+
+
+def recover(report: Report, study: Study) -> None:
+    """All truths that are not done, one at a time, and what came of all."""
+    records = study.done()
+    for number in range(1, len(study.recipes) + 1):
+        if number not in records:
+            records[number] = recovered(study, number, report)
+            study.keep(records[number])
+            jax.clear_caches()  # each truth has programs of its own: dishes differ in size
+            gc.collect()
+    ordered = [records[number] for number in sorted(records)]
+    verdicts(report, ordered)
+    if report.docs is not None:
+        report.docs.mkdir(parents=True, exist_ok=True)
+        picture(ordered, report.docs / "recovery.png")
+        (report.docs / "recovery.md").write_text(markdown(report))
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """The command: options of its own, then those of every benchmark."""
+    parser = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
+    parser.add_argument("--work", type=Path, default=Path("out/recovery"))
+    parser.add_argument("--again", action="store_true")
+    own, others = parser.parse_known_args(arguments)
+
+    def run(report: Report, quick: bool) -> None:
+        study = Study.of(quick, own.work)
+        if own.again:
+            study.lines.unlink(missing_ok=True)
+        recover(report, study)
+
+    command("recovery", run, others)
+
+
+if __name__ == "__main__":
+    main()
