@@ -49,11 +49,18 @@ class ChainFile(HDFBackend):
             file[GROUP]["steps"].resize(len(file[GROUP]["chain"]), axis=0)
 
     def save_step(self, state: State, accepted: np.ndarray) -> None:
-        """Adds a step."""
-        check = _check(state.coords, state.log_prob, state.blobs)
+        """Adds a step, as emcee's backend does, but opens the file only once."""
+        rows = {"chain": state.coords, "log_prob": state.log_prob, "blobs": state.blobs}
         with self.open("a") as file:
-            file[GROUP]["steps"][file[GROUP].attrs["iteration"]] = (self.count(), check)
-        super().save_step(state, accepted)
+            group = file[GROUP]
+            step = group.attrs["iteration"]
+            for name, values in rows.items():
+                group[name][step, :] = values
+            group["steps"][step] = (self.count(), _check(*rows.values()))
+            group["accepted"][:] += accepted
+            for k, part in enumerate(state.random_state):
+                group.attrs[f"random_state_{k}"] = part
+            group.attrs["iteration"] = step + 1
 
     def take_up(self) -> int:
         """Steps that are whole, after which emcee is to go on; 0 where there is no file."""
