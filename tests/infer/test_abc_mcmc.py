@@ -1,5 +1,8 @@
 """ABC-MCMC: chains against posteriors that are known, and against themselves after a kill."""
 
+import os
+import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -8,6 +11,7 @@ import h5py
 import known_posteriors
 import numpy as np
 import pytest
+from emcee.backends import HDFBackend
 from helpers import wrong_types
 from known_posteriors import Drawing, Known, assert_agrees
 from numpy.random import Generator, RandomState
@@ -211,6 +215,47 @@ def test_a_step_that_was_half_written_is_taken_again(tmp_path: Path, dataset: st
     found = run(GAUSSIAN, SHORT, seed=13, path=path)
     assert_same(found, expected)
     assert found.warnings == ["chain.h5 was torn: 16 of 17 steps are whole, the chains go on after them"]
+
+
+KILLS_ITSELF = """
+import os, signal, sys, threading
+from known_posteriors import gaussian
+from yeastfit.infer.abc_mcmc import abc_mcmc
+from yeastfit.infer.mcmc_settings import McmcSettings
+from yeastfit.infer.simulations import Store
+folder, seconds = sys.argv[1], float(sys.argv[2])
+known, settings = gaussian(), McmcSettings(steps=300, walkers=4, pilot=60, share=0.2)
+threading.Timer(seconds, lambda: os.kill(os.getpid(), signal.SIGKILL)).start()
+with Store(folder + "/simulations.h5", ("mean",), ("average",)) as store:
+    path = folder + "/chain.h5"
+    abc_mcmc(known.simulator, known.prior, known.distance, settings, seed=19, path=path, store=store)
+os._exit(0)
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(sys.platform == "win32", reason="no SIGKILL")
+def test_killed_for_real(tmp_path: Path) -> None:
+    """The operating system's kill, at random, until enough is done."""
+    settings, rng = replace(SHORT, steps=300), np.random.default_rng(20)
+    where = {
+        **os.environ,
+        "PYTHONPATH": os.pathsep.join(map(str, (Path(__file__).parents[1], Path(__file__).parents[2]))),
+    }
+    for seconds in rng.uniform(0.05, 0.5, size=8):
+        subprocess.run([sys.executable, "-c", KILLS_ITSELF, str(tmp_path), str(seconds)], env=where, check=False)
+    with Store(tmp_path / "simulations.h5", ("mean",), ("average",)) as store:
+        assert len(store) > SHORT.pilot
+        found = run(GAUSSIAN, settings, seed=19, path=tmp_path / "chain.h5", store=store)
+    assert_same(found, run(GAUSSIAN, settings, seed=19))
+
+
+def test_emcee_reads_the_file(tmp_path: Path) -> None:
+    found = run(GAUSSIAN, SHORT, seed=21, path=tmp_path / "chain.h5")
+    backend = HDFBackend(str(tmp_path / "chain.h5"), read_only=True)
+    np.testing.assert_array_equal(backend.get_chain(), np.swapaxes(found.values, 0, 1))
+    np.testing.assert_array_equal(backend.get_log_prob(), found.log_probability.T)
+    np.testing.assert_array_equal(backend.accepted / SHORT.steps, found.acceptance)
 
 
 def test_steps_are_the_total(tmp_path: Path) -> None:

@@ -165,6 +165,21 @@ def test_killed_while_it_writes(tmp_path: Path) -> None:
     np.testing.assert_array_equal(statistics[:, 0], seeds / 7)
 
 
+def test_a_file_in_use_is_said_to_be(tmp_path: Path) -> None:
+    path = tmp_path / "simulations.h5"
+    Store(path, FREE, LABELS).close()
+    code = "import h5py, sys; file = h5py.File(sys.argv[1], 'r+'); print(file.mode, flush=True); sys.stdin.read()"
+    with subprocess.Popen(
+        [sys.executable, "-c", code, str(path)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    ) as other:
+        assert other.stdout is not None
+        assert other.stdout.readline() == "r+\n"
+        with pytest.raises(InputError, match=r"simulations\.h5 is in use by another process"):
+            Store(path, FREE, LABELS)
+        other.communicate("")
+    Store(path, FREE, LABELS).close()
+
+
 def test_files_that_are_something_else_are_refused(tmp_path: Path) -> None:
     path = tmp_path / "simulations.h5"
     with Store(path, FREE, LABELS, about="colonies of 3 h") as store:
