@@ -1,10 +1,13 @@
 """Two ellipses with p = 1, q = 0.9 that part (source figures 2.1 and 2.2), under the minimum and under smoothmin."""
 
 from collections.abc import Callable
+from functools import partial
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from jaxtyping import Array
 from scipy.optimize import brentq
 
 from yeastfit.measure.smooth import smooth_shape
@@ -37,18 +40,25 @@ def exact(d: float, s: float | None) -> tuple[float, float]:
 
 def measured(d: float, s: float | None, width: float, spacing: float) -> tuple[float, float]:
     """Area and perimeter by the package, K = width."""
+    shape = on_grid(d, s, width, spacing)
+    return float(shape["area"]), float(shape["perimeter"])
+
+
+@partial(jax.jit, static_argnames="spacing")
+def on_grid(d: Array | float, s: Array | float | None, width: Array | float, spacing: float) -> dict[str, Array]:
+    """All statistics of the shape, on so fine a grid."""
+    away = jnp.stack([jnp.asarray(d), jnp.zeros_like(d)])
     cells = Cells(
-        centres=jnp.array([[-d, 0.0], [d, 0.0]]),
+        centres=jnp.stack([-away, away]),
         directions=jnp.array([[1.0, 0.0], [1.0, 0.0]]),
         half_lengths=jnp.full(2, P),
         half_widths=jnp.full(2, Q),
         weights=jnp.ones(2),
     )
-    reach = 1.0 + max(12.0 * (s or 0.0), 4.5 * width)
+    reach = 1.0 + jnp.maximum(0.0 if s is None else 12.0 * s, 4.5 * width)
     points = 2 * round(4.0 / spacing) + 1
     g = level_set(cells, None if s is None else jnp.asarray(s), reach, -4.0, spacing, points)
-    shape = smooth_shape(0.5 + 0.5 * jnp.tanh(-g / width), spacing, 0.0)
-    return float(shape["area"]), float(shape["perimeter"])
+    return smooth_shape(0.5 + 0.5 * jnp.tanh(-g / width), spacing, 0.0)
 
 
 PLACES = pytest.mark.parametrize("d", [0.0, 0.6, 1.4])
