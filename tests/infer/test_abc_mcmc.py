@@ -285,6 +285,11 @@ def test_chains_of_something_else_are_refused(tmp_path: Path) -> None:
         run(GAUSSIAN, replace(SHORT, share=0.3), seed=16, path=path)
     with pytest.raises(InputError, match=r"holds other chains: observed was \[0.8\], now it is \[0.9\]"):
         run(known_posteriors.gaussian(0.9), SHORT, seed=16, path=path)
+    with (
+        Store(tmp_path / "simulations.h5", ("mean",), ("average",), about="another model") as store,
+        pytest.raises(InputError, match=r"holds other chains: about was , now it is another model"),
+    ):
+        run(GAUSSIAN, SHORT, seed=16, path=path, store=store)
     path.write_text("notes")
     with pytest.raises(InputError, match=r"chain\.h5 exists and is no file of chains"):
         run(GAUSSIAN, SHORT, seed=16, path=path)

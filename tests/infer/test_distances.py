@@ -1,5 +1,7 @@
 """Distances and kernels on numbers done by hand."""
 
+import json
+
 import numpy as np
 import pytest
 from helpers import wrong_types
@@ -41,6 +43,13 @@ def test_mahalanobis_of_simulations_leaves_out_those_that_came_to_nothing() -> N
     np.testing.assert_allclose(Mahalanobis.of(OBSERVED, torn).covariance, np.cov(simulated.T))
     one = Mahalanobis.of(OBSERVED[:1], simulated[:, :1])
     np.testing.assert_allclose(one(simulated[:, :1]), np.abs(simulated[:, 0] - 0.2) / simulated[:, 0].std(ddof=1))
+
+
+def test_distances_are_told_apart_by_plain_data() -> None:
+    one = np.ones(3)
+    found = [each.asdict() for each in (LiDistance(one), WeightedCurves(one, 2 * one), Mahalanobis(one, np.eye(3)))]
+    assert json.loads(json.dumps(found)) == found
+    assert found[1] == {"distance": "weighted curves", "observed": [1.0, 1.0, 1.0], "scale": [2.0, 2.0, 2.0]}
 
 
 def test_kernels() -> None:

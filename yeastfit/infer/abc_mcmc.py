@@ -83,7 +83,7 @@ def abc_mcmc(
     done, notes = 0, list[str]()
     if path is not None:
         head = {"prior": prior.asdict(), **distance.asdict(), "labels": simulator.labels, **settings.fixed}
-        backend = ChainFile(path, {**head, "seed": seed}, lambda: recorded.asked)
+        backend = ChainFile(path, {**head, "seed": seed, "about": recorded.about}, lambda: recorded.asked)
         done, notes = backend.take_up(), backend.notes
     if not done:
         backend.reset(*first.coords.shape)

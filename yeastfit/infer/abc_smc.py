@@ -98,8 +98,8 @@ def abc_smc(
     problem = _Problem(recorded, prior, distance, settings, seed)
     file = None if path is None else PopulationFile(path, problem.head())
     earlier = [] if file is None else file.read()
-    populations, end = list[Population](), ""
-    while not end:
+    populations = list[Population]()
+    while True:
         end, epsilon = _next(populations, settings)
         if end:
             break
@@ -110,10 +110,11 @@ def abc_smc(
             populations += held
             continue
         end, found = problem.population(populations, epsilon)
-        if found is not None:
-            populations.append(found)
-            if file is not None:
-                file.write(populations)
+        if found is None:
+            break
+        populations.append(found)
+        if file is not None:
+            file.write(populations)
     return problem.samples(populations, end, clock.perf_counter() - began)
 
 
@@ -152,7 +153,7 @@ class _Problem:
         named = ("population", "quantile", "epsilon", "acceptance", "batch")
         settings = {name: getattr(self.settings, name) for name in named}
         data = {"prior": self.prior.asdict(), **self.distance.asdict(), "labels": list(self.recorded.labels)}
-        return {**data, **settings, "seed": self.seed}
+        return {**data, **settings, "seed": self.seed, "about": self.recorded.about}
 
     def population(self, populations: list[Population], epsilon: float) -> tuple[str, Population | None]:
         """The next one, or why there is none."""

@@ -58,7 +58,7 @@ class LiDistance:
 
     def asdict(self) -> dict[str, Any]:
         """Plain data."""
-        return {"distance": "Li", **asdict(self)}
+        return {"distance": "Li", **_lists(self)}
 
 
 @dataclass(frozen=True)
@@ -80,7 +80,7 @@ class WeightedCurves:
 
     def asdict(self) -> dict[str, Any]:
         """Plain data."""
-        return {"distance": "weighted curves", **asdict(self)}
+        return {"distance": "weighted curves", **_lists(self)}
 
 
 @dataclass(frozen=True)
@@ -123,7 +123,7 @@ class Mahalanobis:
 
     def asdict(self) -> dict[str, Any]:
         """Plain data."""
-        return {"distance": "Mahalanobis", **asdict(self)}
+        return {"distance": "Mahalanobis", **_lists(self)}
 
 
 def log_kernel(kernel: KernelName, distance: Float[np.ndarray, " draw"], epsilon: float) -> Float[np.ndarray, " draw"]:
@@ -144,6 +144,10 @@ def _differences(simulated: Statistics, observed: Vector, scale: Vector) -> tupl
         raise InputError(f"simulated has {simulated.shape[1]} statistics, observed has {len(observed)}")
     whole = np.isfinite(simulated).all(axis=1)
     return np.where(whole[:, None], simulated - observed, 0.0) / scale, whole
+
+
+def _lists(distance: "LiDistance | WeightedCurves | Mahalanobis") -> dict[str, list[Any]]:
+    return {name: values.tolist() for name, values in asdict(distance).items()}
 
 
 def _check_finite(name: str, values: np.ndarray) -> None:

@@ -192,6 +192,11 @@ class Recorded:
         return statistics
 
     @property
+    def about(self) -> str:
+        """What is simulated, by the store's words."""
+        return self.store.about if self.store is not None else ""
+
+    @property
     def notes(self) -> list[str]:
         """The store's."""
         return self.store.notes if self.store is not None else []
