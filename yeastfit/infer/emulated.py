@@ -1,0 +1,277 @@
+"""Posteriors by an emulator of the likelihood, learnt in rounds where the posterior is.
+
+1. λ of low discrepancy from the prior (scrambled Sobol') are simulated.
+2. An emulator learns from all simulations so far (`emulator`); chains sample its likelihood times the prior.
+3. Unless the posterior has settled, further λ are simulated: draws x + √(w² − 1) ξ, in the prior's coordinates, x from
+   the posterior and ξ ~ N(0, its covariance), which has w times its width. Those outside the prior are drawn again.
+   Then 2. again.
+
+**Settled**: from one round to the next no mean moved by more than `settle` standard deviations and no standard
+deviation by more than that share of itself. Else rounds go on until the budget of simulations is spent.
+
+As the likelihood is what is learnt, where the simulations were made has no influence on the posterior but by the
+emulator's error (Papamakarios et al. 2019, arXiv:1805.07226). Every step depends on the seed alone: a run that is
+repeated with the store of simulations of one that was stopped repeats its training and its chains, simulates only what
+is missing, and comes to the same result.
+"""
+
+import time as clock
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+import numpy as np
+from jaxtyping import Bool, Float
+from scipy.stats import chi2, qmc
+
+from yeastfit.errors import InputError
+from yeastfit.infer.diagnostics import diagnose
+from yeastfit.infer.emulator import Emulator, train
+from yeastfit.infer.networks import EmulatorSettings
+from yeastfit.infer.posterior_chain import Chains, Posterior, walk
+from yeastfit.infer.priors import Prior
+from yeastfit.infer.samples import Samples
+from yeastfit.infer.simulations import Recorded, Store
+from yeastfit.infer.simulator import Simulator, seed_of, stream_of
+
+NEAR = 0.99  # of draws as wide as the proposals are: simulations among which the emulator is checked
+LARGEST_ERROR = 0.3  # of the variance of the data, from which the emulator's error is warned of
+TRIES = 100  # rounds of drawing again what fell outside the prior
+
+Progress = Callable[[str, float], None]
+
+
+@dataclass(frozen=True)
+class EmulatedSettings:
+    """How a posterior is found by an emulator.
+
+    first: simulations from the prior, a power of two. each: simulations of every further round. most: in all. widen: w.
+    settle: see above. walkers: chains; most_steps: of each. batch: rows of every call of the simulator.
+    """
+
+    first: int = 512
+    each: int = 512
+    most: int = 4096
+    widen: float = 2.5
+    settle: float = 0.1
+    walkers: int = 32
+    most_steps: int = 5000
+    batch: int = 128
+    emulator: EmulatorSettings = field(default_factory=EmulatorSettings)
+
+    def __post_init__(self) -> None:
+        for name, least in (("first", 2), ("each", 1), ("walkers", 4), ("most_steps", 500), ("batch", 1)):
+            if getattr(self, name) < least:
+                raise InputError(f"{name} is {getattr(self, name)}, it must be at least {least}")
+        if self.first & (self.first - 1):
+            raise InputError(f"first is {self.first}, it must be a power of two: Sobol' points are balanced then")
+        if self.most < self.first:
+            raise InputError(f"most is {self.most}, it must be at least first, which is {self.first}")
+        if not self.widen >= 1 or not self.settle > 0:
+            raise InputError(f"widen is {self.widen} and settle {self.settle}, they must be at least 1 and above 0")
+
+
+def emulated(
+    simulator: Simulator,
+    prior: Prior,
+    observed: Float[np.ndarray, " statistic"],
+    settings: EmulatedSettings | None = None,
+    *,
+    replicates: int = 1,
+    seed: int = 0,
+    store: Store | None = None,
+    progress: Progress | None = None,
+) -> Samples:
+    """The posterior of λ given the mean statistics of R replicates.
+
+    store: of simulations, see above. `statistics` of the result are drawn from the emulator, as means of R replicates;
+    `log_probability` is that in the prior's coordinates; the emulator's checks, round by round, are in `diagnostics`.
+    Raises `InputError`, also where too many simulations fail.
+    """
+    began = clock.perf_counter()
+    settings = settings or EmulatedSettings()
+    _check(simulator, prior, observed, replicates, settings)
+    run = _Run(Recorded(simulator, settings.batch, store), prior, observed, replicates, settings, seed)
+    found = run.rounds(progress or (lambda what, share: None))
+    return run.samples(found, clock.perf_counter() - began)
+
+
+@dataclass(frozen=True)
+class Round:
+    """One round's emulator and chains. moved: from the round before, see `settle`."""
+
+    emulator: Emulator
+    chains: Chains
+    mean: Float[np.ndarray, " free"]
+    covariance: Float[np.ndarray, "free free"]
+    moved: float
+
+    @property
+    def sd(self) -> Float[np.ndarray, " free"]:
+        """Of the posterior in the prior's coordinates."""
+        return np.sqrt(np.diag(self.covariance))
+
+
+@dataclass(frozen=True)
+class _Run:
+    recorded: Recorded
+    prior: Prior
+    observed: Float[np.ndarray, " statistic"]
+    replicates: int
+    settings: EmulatedSettings
+    seed: int
+
+    def rounds(self, say: Progress) -> list[Round]:
+        """Until settled, or the budget is spent."""
+        free, most = len(self.prior.free), self.settings.most
+        unit = qmc.Sobol(free, rng=np.random.default_rng(stream_of(self.seed, 1, 0))).random(self.settings.first)
+        values = self.prior.quantile(unit)
+        statistics = self._simulated(values, 0)
+        done = [self._round(values, statistics, None)]
+        while not done[-1].moved <= self.settings.settle and len(values) < most:
+            say(f"round {len(done)}", len(values) / most)
+            new = self._proposals(done[-1], min(self.settings.each, most - len(values)), len(done))
+            statistics = np.concatenate([statistics, self._simulated(new, len(values))])
+            values = np.concatenate([values, new])
+            done.append(self._round(values, statistics, done[-1]))
+        say("done", 1.0)
+        return done
+
+    def _simulated(self, values: Float[np.ndarray, "row free"], start: int) -> Float[np.ndarray, "row statistic"]:
+        return self.recorded(values, seed_of(self.seed, range(start, start + len(values))))
+
+    def _round(
+        self,
+        values: Float[np.ndarray, "row free"],
+        statistics: Float[np.ndarray, "row statistic"],
+        before: Round | None,
+    ) -> Round:
+        near = None if before is None else self._near(values, before)
+        emulator = train(
+            values,
+            statistics,
+            prior=self.prior,
+            labels=self.recorded.labels,
+            seed=self.seed,
+            settings=self.settings.emulator,
+            near=near,
+            room=self.settings.most,
+        )
+        came = np.isfinite(statistics).all(axis=1)
+        chains = walk(
+            Posterior(emulator, self.prior, self.observed, self.replicates),
+            self.prior.coordinates(values[came]),
+            walkers=self.settings.walkers,
+            most_steps=self.settings.most_steps,
+            seed=self.seed,
+            room=self.settings.most,
+        )
+        mean, covariance = chains.flat.mean(axis=0), np.atleast_2d(np.cov(chains.flat, rowvar=False))
+        if before is None:
+            return Round(emulator, chains, mean, covariance, np.inf)
+        sd = np.sqrt(np.diag(covariance))
+        moved = max(np.abs((mean - before.mean) / before.sd).max(), np.abs(sd / before.sd - 1.0).max())
+        return Round(emulator, chains, mean, covariance, float(moved))
+
+    def _near(self, values: Float[np.ndarray, "row free"], last: Round) -> Bool[np.ndarray, " row"]:
+        off = self.prior.coordinates(values) - last.mean
+        distance = np.einsum("rf,rf->r", off, np.linalg.solve(last.covariance, off.T).T)
+        return distance <= self.settings.widen**2 * chi2.ppf(NEAR, len(last.mean))
+
+    def _proposals(self, last: Round, count: int, number: int) -> Float[np.ndarray, "row free"]:
+        rng = np.random.default_rng(stream_of(self.seed, 2, number))
+        root = np.sqrt(self.settings.widen**2 - 1.0) * np.linalg.cholesky(last.covariance)
+        found = np.zeros((0, len(last.mean)))
+        for _ in range(TRIES):
+            draws = last.chains.flat[rng.integers(len(last.chains.flat), size=count)]
+            x = draws + rng.standard_normal(draws.shape) @ root.T
+            x = x[np.isfinite(self.prior.log_density_of_coordinates(x))]
+            found = np.concatenate([found, x])[:count]
+            if len(found) == count:
+                return self.prior.values(found)
+        raise InputError(f"widen is {self.settings.widen:g}: with it hardly a draw lies in the prior, lower it")
+
+    def samples(self, rounds: list[Round], seconds: float) -> Samples:
+        """The last round's chains."""
+        last = rounds[-1]
+        chains, draws, free = last.chains.x.shape
+        values = self.prior.values(last.chains.flat)
+        rng = np.random.default_rng(stream_of(self.seed, 3, 0))
+        found = Samples(
+            free=self.prior.free,
+            values=values.reshape(chains, draws, free),
+            weights=np.full((chains, draws), 1.0 / (chains * draws)),
+            log_probability=last.chains.log_density,
+            acceptance=last.chains.acceptance,
+            labels=self.recorded.labels,
+            statistics=last.emulator.draw(values, rng, self.replicates).reshape(chains, draws, -1),
+            simulations=self.recorded.asked,
+            seconds=seconds,
+            seed=self.seed,
+            method="emulator",
+            settings={
+                **asdict(self.settings),
+                "prior": self.prior.asdict(),
+                "observed": self.observed.tolist(),
+                "replicates": self.replicates,
+            },
+            diagnostics={
+                "rounds": [self._said(one) for one in rounds],
+                "steps": last.chains.steps,
+                "autocorrelation_time": last.chains.times.tolist(),
+                "chains": diagnose(last.chains.x, free=self.prior.free, acceptance=last.chains.acceptance).asdict(),
+            },
+        )
+        return found.warned(*self._warnings(last))
+
+    def _said(self, one: Round) -> dict[str, Any]:
+        """What is kept of a round."""
+        held_out = one.emulator.held_out
+        return {
+            "simulations": one.emulator.simulations,
+            "failed": one.emulator.failed,
+            "moved": one.moved,
+            "error_share": self._error_share(one),
+            "held_out": {**asdict(held_out), "sentences": held_out.sentences()},
+        }
+
+    def _error_share(self, one: Round) -> float:
+        """Of the emulator's error in the variance that data are compared with, at the posterior's mean."""
+        _, scatter, error, _ = one.emulator.moments(self.prior.values(one.mean[None]))
+        total = scatter[0] / self.replicates + error[0]
+        return float(np.trace(np.linalg.solve(total, error[0])) / len(total))
+
+    def _warnings(self, last: Round) -> list[str]:
+        said = [*self.recorded.notes, *last.emulator.held_out.sentences()]
+        if not last.moved <= self.settings.settle:
+            said.append(
+                f"the posterior still moves: in the last of its rounds by {last.moved:.2f} standard deviations, "
+                f"{self.settings.settle:g} is wanted; {last.emulator.simulations} simulations were allowed: raise most"
+            )
+        if (share := self._error_share(last)) > LARGEST_ERROR:
+            said.append(
+                f"the emulator's error is {100 * share:.0f} % of the variance of the data and widens the posterior: "
+                "more simulations narrow it"
+            )
+        found = diagnose(last.chains.x, free=self.prior.free, acceptance=last.chains.acceptance)
+        return said + found.sentences()
+
+
+def _check(
+    simulator: Simulator,
+    prior: Prior,
+    observed: Float[np.ndarray, " statistic"],
+    replicates: int,
+    settings: EmulatedSettings,
+) -> None:
+    """Raises `InputError` where the arguments do not belong together."""
+    if simulator.free != prior.free:
+        raise InputError(f"prior is of {', '.join(prior.free)}, the simulator's parameters are {simulator.free}")
+    if observed.shape != (len(simulator.labels),) or not np.isfinite(observed).all():
+        raise InputError(f"observed is {observed}, {len(simulator.labels)} finite statistics are expected")
+    if replicates < 1:
+        raise InputError(f"replicates is {replicates}, it must be at least 1")
+    if settings.walkers < 2 * len(prior.free):
+        raise InputError(
+            f"walkers is {settings.walkers}, {len(prior.free)} parameters need at least {2 * len(prior.free)}"
+        )

@@ -1,0 +1,284 @@
+"""An emulator of a simulator: the mean and the scatter of the statistics of one simulated data set, given λ.
+
+Statistics s are whitened to u = L⁻¹(s − c), L Lᵀ the scatter that a quadratic in x leaves, x the prior's coordinates of
+λ standardised. Networks (`networks`) give u | x ~ N(m(x), C(x)).
+
+**Members.** The simulations are dealt into as many parts as there are networks; each network, its baseline included,
+is learnt without one part. So every simulation is held out once, and its standardised residual e = P(u − m) should be
+a draw of N(0, 1).
+
+**Error of the emulator.** It does not average out over replicates. Of R of them, none of which failed, the mean has
+
+    ū | x ~ N(m̄(x), C̄(x) / R + W(x) + G Δ Gᵀ),    C̄ = G Gᵀ = mean of the members' C,
+
+m̄ and W are the mean and the covariance of m over members. Δ is diagonal: the mean square of what a quadratic in x
+still finds in the held-out residuals, less what it finds in as much noise. The likelihood of data is that density
+times the probability of R successes. Networks as emulators of a likelihood: Lueckmann et al. 2019, arXiv:1805.09294.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float
+
+from yeastfit.errors import InputError
+from yeastfit.infer.heldout import HeldOut
+from yeastfit.infer.networks import (
+    EmulatorSettings,
+    Network,
+    Shape,
+    Simulated,
+    deal,
+    fitted,
+    quadratic,
+)
+from yeastfit.infer.priors import Prior
+
+ROUNDING = 1e-10  # of correlations' eigenvalues: where one is below, statistics repeat one another
+ROWS = 128  # of λ at a time: each takes several covariances
+ROWS_PER_TERM = 4  # simulations for each term of the quadratic, at least
+
+Values = Float[np.ndarray, "simulation free"]
+Statistics = Float[np.ndarray, "simulation statistic"]
+
+
+class Members(eqx.Module):
+    """All networks, their baselines B, and Δ. fails: whether simulations fail at all."""
+
+    networks: Network
+    baselines: Float[Array, "member feature statistic"]
+    shape: Shape
+    misfit: Float[Array, " statistic"]
+    fails: bool = eqx.field(static=True)
+
+    def moments(self, x: Float[Array, " free"]) -> tuple[Array, Array, Array, Array]:
+        """m̄, C̄, the emulator's error W + GΔGᵀ, and the logarithm of the probability of success."""
+        features = quadratic(x)
+
+        def one(network: Network, baseline: Array) -> tuple[Array, Array, Array]:
+            mean, root, logit = network.moments(x, self.shape)
+            return features @ baseline + mean, root, logit
+
+        means, roots, logits = eqx.filter_vmap(one)(self.networks, self.baselines)
+        scatter = jnp.einsum("mij,mkj->ik", roots, roots) / len(roots)
+        off = means - means.mean(axis=0)
+        root = jnp.linalg.cholesky(scatter)
+        error = off.T @ off / (len(means) - 1) + (root * self.misfit) @ root.T
+        success = jnp.mean(jax.nn.log_sigmoid(logits)) if self.fails else jnp.zeros(())
+        return means.mean(axis=0), scatter, error, success
+
+    def log_likelihood(self, x: Float[Array, " free"], u: Float[Array, " statistic"], replicates: Array) -> Array:
+        """log p(ū | x) of R replicates, none of which failed."""
+        mean, scatter, error, success = self.moments(x)
+        root = jnp.linalg.cholesky(scatter / replicates + error)
+        deviation = jax.scipy.linalg.solve_triangular(root, u - mean, lower=True)
+        normal = -0.5 * jnp.sum(deviation**2 + jnp.log(2 * jnp.pi)) - jnp.sum(jnp.log(jnp.diag(root)))
+        return normal + replicates * success
+
+
+_moments = eqx.filter_jit(lambda members, x: jax.lax.map(members.moments, x, batch_size=ROWS))
+_log_likelihood = eqx.filter_jit(
+    lambda members, x, u, replicates: jax.lax.map(
+        lambda one: members.log_likelihood(one, u, replicates), x, batch_size=ROWS
+    )
+)
+
+
+@dataclass(frozen=True)
+class Coordinates:
+    """x: the prior's coordinates, log λ where its law is one of log λ, standardised."""
+
+    prior: Prior
+    shift: Float[np.ndarray, " free"]
+    scale: Float[np.ndarray, " free"]
+
+    @staticmethod
+    def of(prior: Prior, values: Values) -> "Coordinates":
+        """Standardised over these values."""
+        plain = prior.coordinates(values)
+        return Coordinates(prior, plain.mean(axis=0), plain.std(axis=0))
+
+    def of_values(self, values: Float[np.ndarray, "row free"]) -> Float[np.ndarray, "row free"]:
+        """x of λ."""
+        return (self.prior.coordinates(values) - self.shift) / self.scale
+
+
+@dataclass(frozen=True)
+class Emulator:
+    """What `train` returns. simulations: learnt from, `failed` of them failures. center, root: c and L."""
+
+    labels: tuple[str, ...]
+    coordinates: Coordinates
+    center: Float[np.ndarray, " statistic"]
+    root: Float[np.ndarray, "statistic statistic"]
+    members: Members
+    held_out: HeldOut
+    simulations: int
+    failed: int
+    settings: EmulatorSettings
+    seed: int
+
+    def log_likelihood(
+        self, values: Float[np.ndarray, "row free"], observed: Float[np.ndarray, " statistic"], replicates: int = 1
+    ) -> Float[np.ndarray, " row"]:
+        """log density of the mean of R replicates' statistics, and of none having failed, at each row of λ."""
+        x = jnp.asarray(self.coordinates.of_values(values))
+        u = jnp.asarray(self.whiten(observed))
+        found = np.asarray(_log_likelihood(self.members, x, u, jnp.asarray(float(replicates))), dtype=float)
+        return found - np.log(np.diag(self.root)).sum()
+
+    def moments(
+        self, values: Float[np.ndarray, "row free"]
+    ) -> tuple[
+        Float[np.ndarray, "row statistic"],
+        Float[np.ndarray, "row statistic statistic"],
+        Float[np.ndarray, "row statistic statistic"],
+        Float[np.ndarray, " row"],
+    ]:
+        """Mean and covariance of one data set's statistics, covariance of the emulator's error, share that succeeds."""
+        found = _moments(self.members, jnp.asarray(self.coordinates.of_values(values)))
+        mean, scatter, error, success = (np.asarray(one, dtype=float) for one in found)
+        back = self.root.T
+        return self.center + mean @ back, self.root @ scatter @ back, self.root @ error @ back, np.exp(success)
+
+    def draw(
+        self, values: Float[np.ndarray, "row free"], rng: np.random.Generator, replicates: int = 1
+    ) -> Float[np.ndarray, "row statistic"]:
+        """Statistics drawn at each row of λ, means over R replicates, with the emulator's error."""
+        mean, scatter, error, _ = self.moments(values)
+        roots = np.linalg.cholesky(scatter / replicates + error)
+        return mean + np.einsum("rij,rj->ri", roots, rng.standard_normal(mean.shape))
+
+    def whiten(self, statistics: Float[np.ndarray, "*row statistic"]) -> Float[np.ndarray, "*row statistic"]:
+        """u of s."""
+        return np.linalg.solve(self.root, (statistics - self.center).T).T
+
+
+def train(
+    values: Values,
+    statistics: Statistics,
+    *,
+    prior: Prior,
+    labels: Sequence[str],
+    seed: int,
+    settings: EmulatorSettings | None = None,
+    near: Bool[np.ndarray, " simulation"] | None = None,
+    room: int | None = None,
+) -> Emulator:
+    """An emulator of the simulations whose parameters and statistics these are, the same for the same seed.
+
+    A row of nan is a simulation that failed. near: which
+    simulations the held-out checks, and Δ, are about; all by default, and where they are too few. room:
+    simulations that there may be in later calls, which then need no further compilation.
+
+    Raises `InputError` where simulations are too few, a parameter or a statistic does not vary, or statistics repeat
+    one another.
+    """
+    settings = settings or EmulatorSettings()
+    came = np.isfinite(statistics).all(axis=1)
+    _check(values, statistics, came, prior.free, tuple(labels), settings)
+    rng = np.random.default_rng(seed)
+    room = max(room or 0, len(values))
+    coordinates = Coordinates.of(prior, values)
+    x = coordinates.of_values(values)
+    features = quadratic(x)
+    center, root = _whitening(features[came], statistics[came], tuple(labels))
+    u = np.where(came[:, None], np.linalg.solve(root, (statistics - center).T).T, 0.0)
+    dealt, part = deal(len(values), settings.members, rng, room)
+    baselines = np.stack([_least_squares(features, u, came & (part != one)) for one in range(settings.members)])
+    shape = Shape.of(root)
+    data = Simulated(*(jnp.asarray(_padded(one, room)) for one in (x, u, came.astype(float))))
+    networks, _ = fitted(jax.random.key(seed), jnp.asarray(baselines), shape, data, dealt, settings)
+    found = _residuals(networks, jnp.asarray(baselines), shape, data, jnp.asarray(_padded(part, room)))
+    residuals = np.asarray(found, dtype=float)[: len(values)]
+    chosen = came & (np.ones(len(values), dtype=bool) if near is None else near)
+    if chosen.sum() < ROWS_PER_TERM * features.shape[1]:
+        chosen = came
+    held_out = HeldOut.of(residuals[chosen], features[chosen], tuple(labels))
+    members = Members(networks, jnp.asarray(baselines), shape, jnp.asarray(held_out.misfit), fails=not came.all())
+    return Emulator(
+        tuple(labels),
+        coordinates,
+        center,
+        root,
+        members,
+        held_out,
+        len(values),
+        int((~came).sum()),
+        settings,
+        seed,
+    )
+
+
+@eqx.filter_jit
+def _residuals(
+    networks: Network, baselines: Array, shape: Shape, data: Simulated, part: Array
+) -> Float[Array, "row statistic"]:
+    """e of every row, by the member that it was held out from."""
+
+    def by(network: Network, baseline: Array) -> Array:
+        rest = data.u - quadratic(data.x) @ baseline
+        return jax.vmap(lambda x, left: network.residual(x, left, shape)[0])(data.x, rest)
+
+    every = eqx.filter_vmap(by)(networks, baselines)
+    return jnp.take_along_axis(every, part[None, :, None], axis=0)[0]
+
+
+def _padded(rows: np.ndarray, room: int) -> np.ndarray:
+    """With rows of 0 at the end."""
+    return np.concatenate([rows, np.zeros((room - len(rows), *rows.shape[1:]), rows.dtype)])
+
+
+def _least_squares(features: np.ndarray, u: np.ndarray, rows: np.ndarray) -> Float[np.ndarray, "feature statistic"]:
+    return np.linalg.lstsq(features[rows], u[rows], rcond=None)[0]
+
+
+def _whitening(
+    features: Float[np.ndarray, "simulation feature"], statistics: Statistics, labels: tuple[str, ...]
+) -> tuple[Float[np.ndarray, " statistic"], Float[np.ndarray, "statistic statistic"]]:
+    """c and L."""
+    still = statistics.std(axis=0) <= ROUNDING * np.abs(statistics).max(axis=0)
+    if still.any():
+        names = ", ".join(label for label, one in zip(labels, still, strict=True) if one)
+        raise InputError(f"statistics: {names} is the same in all simulations, leave it out")
+    rest = statistics - features @ np.linalg.lstsq(features, statistics, rcond=None)[0]
+    covariance = np.cov(rest, rowvar=False).reshape(len(labels), len(labels))
+    scale = np.sqrt(np.diag(covariance))
+    correlation = covariance / np.outer(scale, scale)
+    least = float(np.linalg.eigvalsh(correlation).min())
+    if not least > ROUNDING:
+        raise InputError(
+            f"statistics: the smallest eigenvalue of the correlations of {', '.join(labels)} is {least:.1g}, it must "
+            f"be above {ROUNDING:g}: leave out statistics that follow from others"
+        )
+    return statistics.mean(axis=0), scale[:, None] * np.linalg.cholesky(correlation)
+
+
+def _check(
+    values: Values,
+    statistics: Statistics,
+    came: Bool[np.ndarray, " simulation"],
+    free: tuple[str, ...],
+    labels: tuple[str, ...],
+    settings: EmulatorSettings,
+) -> None:
+    """Raises `InputError` where the simulations cannot be learnt from."""
+    if values.shape != (len(statistics), len(free)) or statistics.shape[1] != len(labels):
+        raise InputError(
+            f"values and statistics have shapes {values.shape} and {statistics.shape}, "
+            f"{len(free)} parameters and {len(labels)} statistics in as many rows are expected"
+        )
+    terms = (len(free) + 1) * (len(free) + 2) // 2
+    least = max(ROWS_PER_TERM * terms, 2 * (len(labels) + 1), settings.members)
+    if came.sum() < least:
+        raise InputError(
+            f"values: {came.sum()} of {len(came)} simulations came to something, an emulator of {len(free)} parameters "
+            f"and {len(labels)} statistics needs at least {least}"
+        )
+    for name, column in zip(free, values.T, strict=True):
+        if not np.isfinite(column).all() or np.ptp(column) == 0:
+            raise InputError(f"values: {name} must be finite and vary from simulation to simulation")

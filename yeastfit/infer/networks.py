@@ -1,0 +1,209 @@
+"""Small neural networks that learn a normal distribution as a function of coordinates.
+
+Of statistics s = c + L u, given coordinates x of which φ(x) are the terms of a quadratic,
+
+    u | x ~ N(m(x), C(x)),    m = Bφ(x) + f_m(x),    C⁻¹ = PᵀP,    P = (1 + A) L⁻¹ diag(exp(−f_s(x))) L.
+
+B is a least-squares fit that the network f corrects, L Lᵀ the covariance of what such a fit leaves. f_s scales the
+statistics themselves, A is strictly lower triangular and the same for all x: scatter depends on x, correlations of
+statistics do not. On curves, neighbours of which hang together, that does better than scaling the entries of u, and
+than an A that depends on x. Where simulations fail, one more output is the logit of their success.
+
+Trained by maximum likelihood, and cross-entropy of success, with Adam, decoupled weight decay (Loshchilov & Hutter
+2019, arXiv:1711.05101) and a rate that falls as a cosine. What did best on held-out simulations is kept.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import Any, TypeVar
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import optax
+from jaxtyping import Array, Float, Int, PRNGKeyArray
+
+from yeastfit.errors import InputError
+
+Table = TypeVar("Table", Array, np.ndarray)
+LARGEST_LOG_SCALE = 6.0  # of f_s either way: a scatter 400 times smaller than elsewhere is as good as none
+
+
+@dataclass(frozen=True)
+class EmulatorSettings:
+    """How an emulator is trained.
+
+    members: networks, and parts that the simulations are dealt into. width, depth: of hidden layers. steps: of Adam,
+    each with `batch` simulations. rate: of learning, at the start. decay: of weights. checks: how often the held-out
+    simulations are looked at.
+    """
+
+    members: int = 5
+    width: int = 64
+    depth: int = 2
+    steps: int = 1000
+    batch: int = 128
+    rate: float = 3e-3
+    decay: float = 0.1
+    checks: int = 50
+
+    def __post_init__(self) -> None:
+        for name, least in (("members", 2), ("width", 1), ("depth", 1), ("batch", 1), ("checks", 1)):
+            if getattr(self, name) < least:
+                raise InputError(f"{name} is {getattr(self, name)}, it must be at least {least}")
+        if self.steps < self.checks:
+            raise InputError(f"steps is {self.steps}, it must be at least checks, which is {self.checks}")
+        if not self.rate > 0 or not self.decay >= 0:
+            raise InputError(f"rate is {self.rate} and decay {self.decay}, they must be above 0 and at least 0")
+
+
+class Network(eqx.Module):
+    """One member, or all of them with a leading axis. mixing: A's entries below the diagonal."""
+
+    layers: eqx.nn.MLP
+    mixing: Float[Array, "*member pair"]
+
+    @staticmethod
+    def start(key: PRNGKeyArray, free: int, statistics: int, settings: EmulatorSettings) -> "Network":
+        """Hardly a correction yet: the last layer's weights are small, A is 0."""
+        layers = eqx.nn.MLP(free, 2 * statistics + 1, settings.width, settings.depth, jax.nn.silu, key=key)
+        layers = eqx.tree_at(
+            lambda one: (one.layers[-1].weight, one.layers[-1].bias), layers, replace_fn=lambda leaf: 0.01 * leaf
+        )
+        return Network(layers, jnp.zeros(statistics * (statistics - 1) // 2))
+
+    def __call__(self, x: Float[Array, " free"]) -> tuple[Array, Array, Array]:
+        """f_m [statistic], f_s [statistic] and the logit of success."""
+        outputs = self.layers(x)
+        mean, log_scale = jnp.split(outputs[:-1], 2)
+        return mean, LARGEST_LOG_SCALE * jnp.tanh(log_scale / LARGEST_LOG_SCALE), outputs[-1]
+
+    def mixer(self) -> Float[Array, "statistic statistic"]:
+        """1 + A."""
+        pairs = self.mixing.shape[-1]
+        size = (1 + math.isqrt(1 + 8 * pairs)) // 2
+        return jnp.eye(size).at[jnp.tril_indices(size, -1)].set(self.mixing)
+
+    def residual(
+        self, x: Float[Array, " free"], rest: Float[Array, " statistic"], shape: "Shape"
+    ) -> tuple[Float[Array, " statistic"], Float[Array, ""], Float[Array, ""]]:
+        """P(u − m) where rest is u − Bφ(x), log det P, and the logit of success."""
+        mean, log_scale, logit = self(x)
+        scaled = jnp.exp(-log_scale) * (shape.root @ (rest - mean))
+        return self.mixer() @ (shape.inverse @ scaled), -jnp.sum(log_scale), logit
+
+    def moments(self, x: Float[Array, " free"], shape: "Shape") -> tuple[Array, Array, Array]:
+        """f_m, P⁻¹, which is the Cholesky factor of C, and the logit of success."""
+        mean, log_scale, logit = self(x)
+        unmixed = jax.scipy.linalg.solve_triangular(self.mixer(), jnp.eye(len(mean)), lower=True, unit_diagonal=True)
+        return mean, shape.inverse @ (jnp.exp(log_scale)[:, None] * (shape.root @ unmixed)), logit
+
+
+class Shape(eqx.Module):
+    """L with each row over a number of its own, which changes nothing in P, and its inverse."""
+
+    root: Float[Array, "statistic statistic"]
+    inverse: Float[Array, "statistic statistic"]
+
+    @staticmethod
+    def of(root: Float[np.ndarray, "statistic statistic"]) -> "Shape":
+        """Rows of length 1."""
+        scaled = root / np.linalg.norm(root, axis=1, keepdims=True)
+        return Shape(jnp.asarray(scaled), jnp.asarray(np.linalg.inv(scaled)))
+
+
+class Simulated(eqx.Module):
+    """What networks learn from, padded to one length. came: whether a simulation came to something."""
+
+    x: Float[Array, "row free"]
+    u: Float[Array, "row statistic"]
+    came: Float[Array, " row"]
+
+
+class Dealt(eqx.Module):
+    """Which rows each member learns from, and which it is tested on; the first `count` of them count."""
+
+    learn: Int[Array, "member learn"]
+    learn_count: Int[Array, " member"]
+    test: Int[Array, "member test"]
+    test_count: Int[Array, " member"]
+
+
+def quadratic(x: Table) -> Table:
+    """φ [..., feature]: 1, all x [..., free] and all their products, by NumPy or JAX as x is. Differentiable."""
+    first, second = np.triu_indices(x.shape[-1])
+    library: Any = x.__array_namespace__()
+    return library.concat([library.ones_like(x[..., :1]), x, x[..., first] * x[..., second]], axis=-1)
+
+
+def deal(rows: int, members: int, rng: np.random.Generator, room: int) -> tuple[Dealt, Int[np.ndarray, " row"]]:
+    """Rows dealt at random into one part per member; also the member that each row is held out from.
+
+    room: rows that there may be later; tables have a place for them, so that more data need no further compilation.
+    """
+    part = rng.permutation(np.arange(rows) % members)
+    learn, learn_count = _table([np.flatnonzero(part != member) for member in range(members)], room)
+    test, test_count = _table([np.flatnonzero(part == member) for member in range(members)], room // members + 1)
+    return Dealt(learn, learn_count, test, test_count), part
+
+
+def _table(rows: list[Int[np.ndarray, " row"]], width: int) -> tuple[Int[Array, "member row"], Int[Array, " member"]]:
+    table = np.zeros((len(rows), width), dtype=int)
+    for one, line in zip(rows, table, strict=True):
+        line[: len(one)] = one
+    return jnp.asarray(table), jnp.asarray(np.array([len(one) for one in rows]))
+
+
+@eqx.filter_jit
+def fitted(
+    key: PRNGKeyArray,
+    baselines: Float[Array, "member feature statistic"],
+    shape: Shape,
+    data: Simulated,
+    dealt: Dealt,
+    settings: EmulatorSettings,
+) -> tuple[Network, Float[Array, "member check"]]:
+    """Networks after training, each as it was when its held-out loss was least, and these losses."""
+    optimiser = optax.adamw(optax.cosine_decay_schedule(settings.rate, settings.steps), weight_decay=settings.decay)
+    features = quadratic(data.x)
+    free, statistics = data.x.shape[1], data.u.shape[1]
+    first, second = (jax.random.split(one, len(baselines)) for one in jax.random.split(key))
+    starts = eqx.filter_vmap(lambda one: Network.start(one, free, statistics, settings))(first)
+    trained, still = eqx.partition(starts, eqx.is_inexact_array)
+
+    def loss(params: Network, baseline: Array, rows: Array) -> Array:
+        network = eqx.combine(params, still)
+        rest = data.u[rows] - features[rows] @ baseline
+        residual, log_det, logit = jax.vmap(lambda x, left: network.residual(x, left, shape))(data.x[rows], rest)
+        came = data.came[rows]
+        surprise = came * (0.5 * jnp.sum(residual**2, axis=-1) - log_det)
+        return surprise + optax.sigmoid_binary_cross_entropy(logit, came)
+
+    def train(
+        params: Network, baseline: Array, learn: Array, count: Array, test: Array, tests: Array, key: Array
+    ) -> tuple[Network, Array]:
+        weight = (jnp.arange(len(test)) < tests) / tests
+
+        def step(carry: tuple[Network, optax.OptState], key: Array) -> tuple[Any, None]:
+            params, state = carry
+            rows = learn[jax.random.randint(key, (settings.batch,), 0, count)]
+            slope = jax.grad(lambda one: jnp.mean(loss(one, baseline, rows)))(params)
+            updates, state = optimiser.update(slope, state, params)
+            return (optax.apply_updates(params, updates), state), None
+
+        def check(carry: tuple[Network, optax.OptState, Network, Array], keys: Array) -> tuple[Any, Array]:
+            params, state, best, least = carry
+            (params, state), _ = jax.lax.scan(step, (params, state), keys)
+            found = jnp.sum(weight * loss(params, baseline, test))
+            best = jax.tree.map(lambda new, old: jnp.where(found < least, new, old), params, best)
+            return (params, state, best, jnp.minimum(found, least)), found
+
+        keys = jax.random.split(key, (settings.checks, settings.steps // settings.checks))
+        start = (params, optimiser.init(params), params, jnp.asarray(jnp.inf))
+        (_, _, best, _), losses = jax.lax.scan(check, start, keys)
+        return best, losses
+
+    tables = (dealt.learn, dealt.learn_count, dealt.test, dealt.test_count)
+    best, losses = jax.vmap(train)(trained, baselines, *tables, second)
+    return eqx.combine(best, still), losses

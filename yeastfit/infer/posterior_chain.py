@@ -1,0 +1,101 @@
+"""Chains of emcee on a posterior whose likelihood is an emulator's.
+
+They walk in the prior's coordinates, log λ where its law is one of log λ, by differential evolution (ter Braak 2006,
+doi:10.1007/s11222-006-8769-1) and its snooker update (ter Braak & Vrugt 2008, doi:10.1007/s11222-008-9104-9). They
+start at simulations drawn by their posterior density, and run until they are `ENOUGH` autocorrelation times long.
+"""
+
+from dataclasses import dataclass
+
+import emcee
+import numpy as np
+from jaxtyping import Float
+
+from yeastfit.infer.diagnostics import LONG, autocorrelation_time
+from yeastfit.infer.emulator import Emulator
+from yeastfit.infer.priors import Prior
+
+ENOUGH = 1.2 * LONG  # autocorrelation times; `diagnose` has its own estimate of them, and asks for LONG
+BURN_IN = 3  # autocorrelation times, after the first `PIECE` steps
+PIECE = 500  # steps between looks at the autocorrelation time
+APART = 0.5  # autocorrelation times between draws that are kept
+
+
+@dataclass(frozen=True)
+class Posterior:
+    """log posterior density in the prior's coordinates, up to a constant, as emcee calls it."""
+
+    emulator: Emulator
+    prior: Prior
+    observed: Float[np.ndarray, " statistic"]
+    replicates: int
+
+    def __call__(self, x: Float[np.ndarray, "walker free"]) -> Float[np.ndarray, " walker"]:
+        """−inf outside the prior."""
+        before = self.prior.log_density_of_coordinates(x)
+        inside = np.isfinite(before)
+        values = np.where(inside[:, None], self.prior.values(x), self.prior.values(self._somewhere))
+        likelihood = self.emulator.log_likelihood(values, self.observed, self.replicates)
+        return np.where(inside, before + likelihood, -np.inf)
+
+    @property
+    def _somewhere(self) -> Float[np.ndarray, "1 free"]:
+        """A place inside the prior, for walkers that are outside."""
+        return self.emulator.coordinates.shift[None]
+
+
+@dataclass(frozen=True)
+class Chains:
+    """x: coordinates of the draws kept. steps: of every walker, burn-in included; acceptance: of every walker."""
+
+    x: Float[np.ndarray, "chain draw free"]
+    log_density: Float[np.ndarray, "chain draw"]
+    acceptance: Float[np.ndarray, " chain"]
+    times: Float[np.ndarray, " free"]
+    steps: int
+
+    @property
+    def flat(self) -> Float[np.ndarray, "draw free"]:
+        """All draws."""
+        return self.x.reshape(-1, self.x.shape[-1])
+
+
+def walk(
+    posterior: Posterior,
+    places: Float[np.ndarray, "place free"],
+    *,
+    walkers: int,
+    most_steps: int,
+    seed: int,
+    room: int,
+) -> Chains:
+    """Chains from places of which some have a high density, the same for the same seed. room: places at most."""
+    rng = np.random.default_rng(seed)
+    start, density = _start(posterior, places, walkers, rng, room)
+    moves = [(emcee.moves.DEMove(), 0.8), (emcee.moves.DESnookerMove(), 0.2)]
+    sampler = emcee.EnsembleSampler(*start.shape, posterior, moves=moves, vectorize=True)
+    state = emcee.State(start, log_prob=density, random_state=np.random.RandomState(rng.integers(2**32)).get_state())
+    times, burnt = np.full(start.shape[1], np.inf), 0
+    while sampler.iteration < most_steps and sampler.iteration - burnt < ENOUGH * times.max():
+        state = sampler.run_mcmc(state, min(PIECE, most_steps - sampler.iteration))
+        half = sampler.get_chain(discard=sampler.iteration // 2)
+        times = autocorrelation_time(half.transpose(1, 0, 2))
+        burnt = min(int(PIECE / 2 + BURN_IN * times.max()), sampler.iteration // 2)
+    thin = max(1, int(APART * times.max()))
+    return Chains(
+        sampler.get_chain(discard=burnt, thin=thin).transpose(1, 0, 2),
+        sampler.get_log_prob(discard=burnt, thin=thin).T,
+        np.asarray(sampler.acceptance_fraction, dtype=float),
+        times,
+        sampler.iteration,
+    )
+
+
+def _start(
+    posterior: Posterior, places: Float[np.ndarray, "place free"], walkers: int, rng: np.random.Generator, room: int
+) -> tuple[Float[np.ndarray, "walker free"], Float[np.ndarray, " walker"]]:
+    """Different places, drawn without replacement by their density (Gumbel's trick), and its logarithm."""
+    padded = np.concatenate([places, np.repeat(places[:1], room - len(places), axis=0)])
+    density = posterior(padded)[: len(places)]
+    chosen = np.argsort(-(density + rng.gumbel(size=len(places))))[:walkers]
+    return places[chosen], density[chosen]
