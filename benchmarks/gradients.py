@@ -63,9 +63,7 @@ def times_of(parameters: Parameters, numerics: Numerics, counts: tuple[int, ...]
 
 def differences(parameters: Parameters, times: np.ndarray, numerics: Numerics, members: int) -> tuple[Estimate, int]:
     """Central differences of the hard ensemble's mean, and the colonies they needed."""
-    model = Curves(
-        STATISTICS, numerics, _observe(numerics), hard_but_smoothly_measured(), schedule_of(times, numerics)
-    )
+    model = Curves(STATISTICS, numerics, _observe(numerics), hard_but_smoothly_measured(), schedule_of(times, numerics))
     centre = np.log([float(getattr(parameters, name)) for name in NAMES])
     keys = member_keys(7, members)
     columns = []

@@ -22,7 +22,7 @@ from scipy.linalg import block_diag
 from yeastfit.errors import InputError
 from yeastfit.infer.colonies import Colonies
 from yeastfit.infer.experiment import curve_covariance, systematic
-from yeastfit.infer.regression import CurveSquare, Local, design, order, paired, regress
+from yeastfit.infer.regression import CurveSquare, Local, design, order, paired, regress_together
 from yeastfit.infer.settings import FitSettings
 from yeastfit.infer.space import Space, Vector
 from yeastfit.infer.targets import Targets
@@ -33,8 +33,16 @@ ROUGH = 0.05  # of the mean: tolerance of a rough comparison
 
 
 @dataclass(frozen=True)
+class Grown:
+    """Curves of the colonies of one ensemble, and the rows of the design that its pairs were grown at."""
+
+    curves: Float[np.ndarray, "colony curve"]
+    units: Float[np.ndarray, "pair entry"]
+
+
+@dataclass(frozen=True)
 class Joint:
-    """Curves of all conditions around a point, one after the other. sigma: Σ. locals: by condition."""
+    """Curves of all conditions around a point, one condition after the other. locals, grown: by condition."""
 
     theta: Vector
     mean: Float[np.ndarray, " curve"]
@@ -42,6 +50,7 @@ class Joint:
     error: Float[np.ndarray, "curve entry"]
     correlation: CurveSquare
     locals: dict[str, Local]
+    grown: dict[str, Grown]
 
 
 @dataclass(frozen=True)
@@ -89,7 +98,7 @@ class Ensembles:
         self, places: list[Vector], members: int, spread: float, full: bool = False
     ) -> "list[Joint | InputError]":
         """A `Joint` for each place, in one batch a condition; an error where colonies came to nothing."""
-        found: list[dict[str, Local] | InputError] = [{} for _ in places]
+        found: list[dict[str, Grown]] = [{} for _ in places]
         for condition, colonies in self.colonies.items():
             columns, count = self.space.columns(condition), self.pairs(condition, members, full)
             units = design(count, len(columns), np.random.default_rng(self.seed))
@@ -97,18 +106,20 @@ class Ensembles:
             points[:, columns] = np.concatenate([paired(place[columns], units, spread) for place in places])
             keys = jnp.concatenate([member_keys(self.seed, count)] * (2 * len(places)))
             grown = colonies.grow(self.space.log_parameters(condition, points), keys)
-            for k, curves in enumerate(np.split(grown, len(places))):
-                known = found[k]
-                if isinstance(known, InputError):
-                    continue
-                try:
-                    known[condition] = regress(curves, units, spread)
-                except InputError as error:
-                    found[k] = InputError(f"{self.described(places[k])}: {error}")
-        return [
-            each if isinstance(each, InputError) else self._joined(place, each)
-            for place, each in zip(places, found, strict=True)
-        ]
+            for each, curves in zip(found, np.split(grown, len(places)), strict=True):
+                each[condition] = Grown(curves, units)
+        joints: list[Joint | InputError] = []
+        for place, each in zip(places, found, strict=True):
+            try:
+                joints.append(self._joint(place, [each], spread))
+            except InputError as error:
+                joints.append(InputError(f"{self.described(place)}: {error}"))
+        return joints
+
+    def together(self, joints: list[Joint], spread: float) -> Joint:
+        """One `Joint` of several, whose points are close to each other and whose ensembles have the same size."""
+        theta = np.mean([joint.theta for joint in joints], axis=0)
+        return self._joint(theta, [joint.grown for joint in joints], spread)
 
     def described(self, theta: Vector) -> str:
         """A point in words."""
@@ -152,20 +163,24 @@ class Ensembles:
                 ratio[rows == row] = np.sqrt((spread[known] ** 2).mean() / np.diag(chance)[known].mean())
         return chance * np.outer(ratio, ratio)
 
-    def _joined(self, theta: Vector, found: dict[str, Local]) -> Joint:
-        entries = len(self.space.entries)
+    def _joint(self, theta: Vector, grown: list[dict[str, Grown]], spread: float) -> Joint:
+        """Of ensembles at one place, or at several close to θ."""
+        entries, locals_ = len(self.space.entries), dict[str, Local]()
         jacobians, errors = list[np.ndarray](), list[np.ndarray]()
-        for condition, local in found.items():
-            columns = self.space.columns(condition)
+        for condition in self.targets:
+            columns, units = self.space.columns(condition), grown[0][condition].units
+            local = regress_together([each[condition].curves for each in grown], units, spread)
             for part, whole in ((local.jacobian, jacobians), (local.error, errors)):
                 wide = np.zeros((len(part), entries))
                 wide[:, columns] = part
                 whole.append(wide)
+            locals_[condition] = local
         return Joint(
             theta,
-            np.concatenate([local.mean for local in found.values()]),
+            np.concatenate([local.mean for local in locals_.values()]),
             np.concatenate(jacobians),
             np.concatenate(errors),
-            block_diag(*(local.apart.correlation for local in found.values())),
-            found,
+            block_diag(*(local.apart.correlation for local in locals_.values())),
+            locals_,
+            grown[0],
         )

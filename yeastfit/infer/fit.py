@@ -15,8 +15,9 @@ a measurement error (`infer.ensembles`). The stages:
 3. larger and larger ensembles, with Σ as it is at the stage's first point. Each stage lets optimistix's solver step
    (`infer.search`) until another step promises to lower χ² by less than a tolerance.
 
-The estimate is the minimum of the last affine function, θ̂ = θ + F⁻¹ g; cov θ̂ = F⁻¹ is the Fisher information's, J's
-noise taken out, and no error is given in a direction that the data do not see (`infer.information`).
+The estimate is the minimum of one more affine function, that of the last stage's ensembles near its best point taken
+together: θ̂ = θ + F⁻¹ g. cov θ̂ = F⁻¹, F the Fisher information, J's noise taken out; no error is given in a direction
+that the data do not see (`infer.information`).
 """
 
 import time as clock
@@ -47,6 +48,7 @@ ALONE = ""  # the name of the only condition
 APART = 0.3  # of log λ, in one entry at least, between two places that are not the same
 ABOUT_AS_GOOD = 9.0  # of the rough χ²: what a start may lag behind the best and still go on; later, of χ²,
 NEARLY_AS_GOOD = 4.0
+WITHIN_NOISE = 1.0  # of χ²: a fall by less is one standard error in one direction, at most
 CARRIED = 2  # starts that go on, at most
 FARTHEST = 0.5  # of log λ: the longest last step
 
@@ -86,14 +88,15 @@ def fit(
 
 @dataclass
 class _Run:
-    """One start on its way. joint: at the best point of its stage."""
+    """One start on its way. joint: at the best point of its stage; seen: all of its stage's."""
 
     number: int
     theta: Vector
     cost: float = np.inf
     ended: str = ""
     joint: Joint | None = None
-    promise: float = np.inf
+    seen: list[Joint] = field(default_factory=list)
+    failed: bool = False
 
 
 @dataclass
@@ -105,6 +108,7 @@ class _Fitter:
     progress: Progress
     history: list[Step] = field(default_factory=list)
     starts: tuple[Start, ...] = ()
+    notes: list[str] = field(default_factory=list)
 
     def __post_init__(self) -> None:
         space = self.ensembles.space
@@ -155,7 +159,7 @@ class _Fitter:
         size = len(self.y) + len(self.pull)
         searches = {run.number: Search(settings.method, self.space.to_z(run.theta), size, not stage) for run in runs}
         for run in runs:
-            run.ended = ""
+            run.ended, run.seen, run.joint, run.cost = "", [], None, np.inf
         for step in range(settings.max_steps):
             active = [run for run in runs if not run.ended]
             if not active:
@@ -172,7 +176,8 @@ class _Fitter:
                     factor = np.linalg.cholesky(self.ensembles.rough(members) if sigma is None else sigma)
                 self._tell(run, searches[run.number], joint, factor, place, f"stage {stage + 1}", members)
             for run in active:
-                run.ended = run.ended or self._ended(run, searches[run.number])
+                run.failed = bool(searches[run.number].failure)
+                run.ended = run.ended or self._ended(searches[run.number], settings.tolerance if last else WITHIN_NOISE)
         for run in runs:
             run.ended = run.ended or f"the limit of {settings.max_steps} steps was reached"
 
@@ -182,13 +187,15 @@ class _Fitter:
         residuals, jacobian = self._whitened(joint, factor)
         cost = float(residuals @ residuals)
         taken = search.tell(residuals, jacobian * self.space.slope(place))
+        run.seen.append(joint)
         if taken:
-            run.theta, run.joint, run.cost, run.promise = place, joint, search.cost, search.promise
+            run.theta, run.joint, run.cost = place, joint, search.cost
         values = dict(zip(self.space.names, np.exp(place).tolist(), strict=True))
         self.history.append(Step(stage, run.number, members, self.ensembles.grown, cost, taken, values))
 
     def _refused(self, run: _Run, search: Search, error: InputError) -> None:
         """A point without colonies is one of endless cost; a start there ends."""
+        self.notes.append(f"start {run.number}: {error}")
         if run.joint is None:
             run.ended = str(error)
         else:
@@ -201,11 +208,11 @@ class _Fitter:
         pulled = self.pull * (joint.theta - self.centre)
         return np.concatenate([residuals, pulled]), np.concatenate([jacobian, np.diag(self.pull)])
 
-    def _ended(self, run: _Run, search: Search) -> str:
-        """How a run ended, or nothing. At a refused point there is nothing to ask but patience."""
+    def _ended(self, search: Search, tolerance: float) -> str:
+        """How a run ended, or nothing."""
         if search.failure:
             return search.failure
-        if search.promise < self.settings.tolerance:
+        if search.promise < tolerance:
             return "converged"
         if search.refused >= self.settings.patience:
             return f"{search.refused} steps in a row were refused"
@@ -238,10 +245,10 @@ class _Fitter:
         return float(0.05 + 0.95 * behind / members.sum())
 
     def _result(self, runs: list[_Run], seconds: float) -> Fit:
-        best, ensembles = runs[0], self.ensembles
-        joint = best.joint
-        if joint is None:
-            raise InputError(best.ended)
+        best, ensembles, spread = runs[0], self.ensembles, self.settings.spreads[-1]
+        joint = ensembles.together(
+            [one for one in best.seen if (np.abs(one.theta - best.theta) <= spread).all()], spread
+        )
         sigma = ensembles.sigma(joint)
         widths = {name: width for name, (_, width) in self.pulls.items()}
         known = information(
@@ -263,7 +270,13 @@ class _Fitter:
             table[targets.measured] = fitted[here]
             conditions.append(Condition(name, targets, parameters[name], table, sigma[here, here]))
             first = here.stop
-        converged = best.ended == "converged"
+        away = theta - best.theta
+        apart = float(np.sqrt(away @ known.matrix @ away))
+        settled = best.ended == "converged"
+        converged = settled or (apart < 1 and not best.failed)
+        status = "converged" if settled else f"converged within the noise of the ensemble: {best.ended}"
+        if not converged:
+            status = f"not converged: {best.ended}, and the estimate is {apart:.1f} standard errors from the last point"
         result = Fit(
             conditions=tuple(conditions),
             space=self.space,
@@ -272,9 +285,7 @@ class _Fitter:
             jacobian=joint.jacobian,
             chi_square=float(rest @ rest),
             converged=converged,
-            status=best.ended
-            if converged
-            else f"not converged: {best.ended}, another promises {best.promise:.2g} of χ²",
+            status=status,
             starts=self.starts,
             history=tuple(self.history),
             simulations=ensembles.grown,
@@ -295,7 +306,7 @@ class _Fitter:
         return np.clip(theta + step, self.space.low, self.space.high) - theta
 
     def _warnings(self, result: Fit, known: Information, runs: list[_Run]) -> list[str]:
-        said = known.sentences()
+        said = self.notes + known.sentences()
         for entry in self.space.at_a_bound(result.theta):
             low, high = entry.bounds
             said.append(f"{entry.name} ran to an end of its range, {low:g} to {high:g}: its error is not to be trusted")

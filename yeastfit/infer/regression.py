@@ -14,7 +14,8 @@ have in common, where c is left without its mean and h without its slopes. What 
 cov c / pairs is the covariance of m's Monte-Carlo errors, cov h / (pairs · s²) that of one column of J over curves.
 """
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
@@ -44,7 +45,10 @@ class Scatter:
 
 @dataclass(frozen=True)
 class Local:
-    """Mean curves around a point to first order. error: standard errors of J's entries. pairs: those that came out."""
+    """Mean curves around a point to first order.
+
+    error: standard errors of J's entries. common, apart: of c and h. pairs: that came out. scatter: of one colony.
+    """
 
     mean: Float[np.ndarray, " curve"]
     jacobian: Float[np.ndarray, "curve entry"]
@@ -52,11 +56,7 @@ class Local:
     common: Scatter
     apart: Scatter
     pairs: int
-
-    @property
-    def scatter(self) -> Scatter:
-        """Covariance of one colony's curves."""
-        return Scatter(self.common.covariance + self.apart.covariance, self.common.freedom + self.apart.freedom)
+    scatter: Scatter
 
     @property
     def mean_covariance(self) -> CurveSquare:
@@ -102,8 +102,26 @@ def regress(curves: Float[np.ndarray, "colony curve"], units: Float[np.ndarray, 
     rest = half[good] - steps @ slopes
     freedom = max(1, int(good.sum()) - units.shape[1])
     error = np.sqrt(np.outer((rest**2).sum(axis=0) / freedom, np.diag(np.linalg.inv(steps.T @ steps))))
-    apart = Scatter(rest.T @ rest / freedom, freedom)
-    return Local(middle[good].mean(axis=0), slopes.T, error, of_members(middle[good]), apart, int(good.sum()))
+    apart, common = Scatter(rest.T @ rest / freedom, freedom), of_members(middle[good])
+    scatter = Scatter(common.covariance + apart.covariance, common.freedom + freedom)
+    return Local(middle[good].mean(axis=0), slopes.T, error, common, apart, int(good.sum()), scatter)
+
+
+def regress_together(
+    curves: Sequence[Float[np.ndarray, "colony curve"]], units: Float[np.ndarray, "pair entry"], spread: float
+) -> Local:
+    """`regress` around the middle of several points close to each other, where the same pairs were grown.
+
+    A pair's curves are averaged over the points before they are compared with other pairs': so the errors are right
+    whatever a pair has in common from point to point, and smaller than those of one point where chaos sets in.
+    scatter is the mean over points, with the degrees of freedom of one.
+    """
+    found = [regress(each, units, spread) for each in curves]
+    if len(found) == 1:
+        return found[0]
+    together = regress(np.mean(curves, axis=0), units, spread)
+    covariance = np.mean([local.scatter.covariance for local in found], axis=0)
+    return replace(together, scatter=Scatter(covariance, min(local.scatter.freedom for local in found)))
 
 
 def of_members(curves: Float[np.ndarray, "member curve"]) -> Scatter:

@@ -18,9 +18,9 @@ class FitSettings:
     are many curves, four for each. spreads: of log λ among them, likewise. dt, spacing: of the model, spacing of the
     nutrient's grid in L0. capacity: most nodes of a colony; by default as many as could be born, at most 4096.
 
-    tolerance: of χ². A stage ends where another step is not expected to lower χ² by more: 1 is one standard error in
-    one direction. max_steps: evaluations in a stage, at most. patience: refused steps in a row that end a stage, as a
-    finite ensemble's mean is rough on the scale of its Monte-Carlo error.
+    tolerance: of χ². The last stage ends where another step is not expected to lower χ² by more; the others at 1, which
+    is one standard error in one direction. max_steps: evaluations in a stage, at most. patience: refused steps in a row
+    that end a stage, as a finite ensemble's mean is rough on the scale of its Monte-Carlo error.
 
     measurement_error: relative error of a measured mean that replicates do not average out, half of its variance common
     to all times; one number, or by statistic.
@@ -34,7 +34,7 @@ class FitSettings:
     dt: float = 0.01
     spacing: float = 0.2
     capacity: int | None = None
-    tolerance: float = 1.0
+    tolerance: float = 0.3
     max_steps: int = 8
     patience: int = 2
     measurement_error: float | Mapping[str, float] = field(default=0.01)
