@@ -148,7 +148,7 @@ def deal(rows: int, members: int, rng: np.random.Generator, room: int) -> tuple[
     return Dealt(learn, learn_count, test, test_count), part
 
 
-def _table(rows: list[Int[np.ndarray, " row"]], width: int) -> tuple[Int[Array, "member row"], Int[Array, " member"]]:
+def _table(rows: list[np.ndarray], width: int) -> tuple[Int[Array, "member row"], Int[Array, " member"]]:
     table = np.zeros((len(rows), width), dtype=int)
     for one, line in zip(rows, table, strict=True):
         line[: len(one)] = one

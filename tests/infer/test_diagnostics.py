@@ -1,0 +1,93 @@
+"""Diagnostics on chains whose autocorrelation is known, and on chains that are wrong in known ways."""
+
+import numpy as np
+import pytest
+from emcee.autocorr import integrated_time
+
+from yeastfit import InputError
+from yeastfit.infer.diagnostics import Diagnostics, autocorrelation_time, diagnose, rank_statistics, split_r_hat
+
+
+def autoregressive(coefficient: float, chains: int = 8, draws: int = 20000, seed: int = 0) -> np.ndarray:
+    """x_t = φ x_(t−1) + noise, started in its stationary state, of variance 1 in two parameters."""
+    rng = np.random.default_rng(seed)
+    values = np.zeros((chains, draws, 2))
+    values[:, 0] = rng.normal(size=(chains, 2))
+    for t in range(1, draws):
+        noise = np.sqrt(1 - coefficient**2) * rng.normal(size=(chains, 2))
+        values[:, t] = coefficient * values[:, t - 1] + noise
+    return values
+
+
+def diagnosed(values: np.ndarray, acceptance: float = 0.4) -> Diagnostics:
+    return diagnose(values, free=("a", "b"), acceptance=np.full(len(values), acceptance))
+
+
+@pytest.mark.parametrize("coefficient", [0.0, 0.5, 0.9])
+def test_autocorrelation_time_of_a_first_order_process(coefficient: float) -> None:
+    """τ = (1 + φ) / (1 − φ)."""
+    times = autocorrelation_time(autoregressive(coefficient))
+    np.testing.assert_allclose(times, (1 + coefficient) / (1 - coefficient), rtol=0.06)
+
+
+def test_it_is_the_estimate_of_emcee() -> None:
+    values = autoregressive(0.8, chains=4, draws=3000)
+    np.testing.assert_allclose(autocorrelation_time(values), integrated_time(values.transpose(1, 0, 2)), rtol=1e-12)
+
+
+def test_good_chains_are_said_to_be_good() -> None:
+    found = diagnosed(autoregressive(0.8, draws=4000))
+    assert found.sentences() == []
+    np.testing.assert_allclose(found.effective_size, 8 * 4000 / 9, rtol=0.15)
+    np.testing.assert_allclose(found.lengths, 4000 / 9, rtol=0.15)
+    assert (found.r_hat < 1.01).all()
+    np.testing.assert_allclose(found.ranks.sum(axis=2), 1.0)
+    assert found.asdict()["r_hat"].keys() == {"a", "b"}
+
+
+def test_the_mean_scatters_as_the_effective_size_says() -> None:
+    means = np.array([autoregressive(0.7, chains=1, draws=1000, seed=seed).mean(axis=(0, 1)) for seed in range(100)])
+    expected = np.sqrt(autocorrelation_time(autoregressive(0.7))[0] / 1000)
+    np.testing.assert_allclose(means.std(), expected, rtol=4 / np.sqrt(2 * means.size))
+
+
+def test_chains_that_differ_in_place_or_in_spread_have_a_large_r_hat() -> None:
+    values = autoregressive(0.0, chains=4, draws=500)
+    values[0, :, 0] += 1.0
+    values[0, :, 1] *= 3.0
+    found = diagnosed(values)
+    assert (found.r_hat > 1.05).all()
+    assert (found.unequal < 1e-6).all()
+    assert [line.split(":")[0] for line in found.sentences()] == ["a", "b"]
+    assert "chains do not agree, split R̂ is 1." in found.sentences()[0]
+
+
+def test_a_drifting_chain_disagrees_with_itself() -> None:
+    values = autoregressive(0.0, chains=1, draws=1000)
+    values[0, :, 0] += np.linspace(0, 2, 1000)
+    drifting, steady = split_r_hat(values)
+    assert drifting > 1.05
+    assert steady < 1.01
+
+
+def test_p_values_of_ranks_are_uniform_where_chains_agree() -> None:
+    found = [autoregressive(0.0, chains=4, draws=400, seed=seed) for seed in range(60)]
+    shares = np.array([rank_statistics(one, np.ones(2))[1] for one in found]).ravel()
+    assert abs(shares.mean() - 0.5) < 4 / np.sqrt(12 * len(shares))
+    assert shares.min() > 1e-4
+
+
+def test_short_and_stuck_chains_in_words() -> None:
+    short = diagnosed(autoregressive(0.9, draws=100), acceptance=0.01)
+    said = "\n".join(short.sentences())
+    assert "chains are too short for a: 100 draws are" in said
+    assert "8 of 8 chains accept 1.0 to 1.0 % of proposals, 5 to 95 % are usual" in said
+    still = diagnosed(np.ones((2, 50, 2)), acceptance=0.0)
+    assert np.isinf(still.times).all()
+    assert (still.effective_size == 0).all()
+    assert "it does not move" in still.sentences()[0]
+
+
+def test_what_is_refused() -> None:
+    with pytest.raises(InputError, match=r"values have shape \(2, 3, 2\).*at least 4"):
+        diagnosed(np.zeros((2, 3, 2)))
