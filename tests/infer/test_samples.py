@@ -5,10 +5,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from emcee.autocorr import integrated_time
 from scipy import stats
 
 from yeastfit import InputError
-from yeastfit.infer.samples import Samples
+from yeastfit.infer.samples import Samples, autocorrelation_time
 
 
 def made_up(values: np.ndarray, weights: np.ndarray | None = None) -> Samples:
@@ -59,11 +60,30 @@ def test_chains_are_worth_their_length_over_tau() -> None:
     assert made_up(walk(0.0, 4, 4000)).effective_size[0] == pytest.approx(16000, rel=0.1)
 
 
-def test_chains_that_stand_still_count_as_one_draw_each() -> None:
+def test_autocorrelation_times_agree_with_emcee_on_long_chains() -> None:
+    values = walk(0.9, 6, 10000)[..., 0]
+    assert autocorrelation_time(values) == pytest.approx(integrated_time(values.T[:, :, None])[0], rel=0.02)
+
+
+def test_short_chains_are_not_worth_more_than_they_are() -> None:
+    """How far the mean of short chains scatters, over many repetitions, in units of what their own estimate says."""
+    values = walk(0.97, 1600, 120)[..., 0].reshape(200, 8, 120)
+    squares = values.mean(axis=(1, 2)) ** 2 * 960
+    ours, emcees = (
+        np.sqrt(np.mean(squares / [time(one) for one in values]))
+        for time in (autocorrelation_time, lambda one: integrated_time(one.T[:, :, None], tol=0)[0])
+    )
+    assert 0.6 < ours < 1.1
+    assert emcees > 1.3
+
+
+def test_chains_that_stand_still_are_worth_little() -> None:
     values = walk(0.8, 4, 4000)
-    still = np.concatenate([values[:3], np.full((1, 4000, 1), 7.0)])
-    assert made_up(still).effective_size[0] == pytest.approx(made_up(values[:3]).effective_size[0] + 1)
-    assert made_up(still[3:]).effective_size[0] == 1.0
+    apart = np.concatenate([values[:3], np.full((1, 4000, 1), 7.0)])
+    assert made_up(apart).effective_size[0] < 10
+    assert made_up(apart[3:]).effective_size[0] == 1.0
+    assert made_up(np.full((3, 50, 1), 7.0)).effective_size[0] == 1.0
+    assert 1.0 <= made_up(np.repeat(values[:, :1], 50, axis=1)).effective_size[0] <= 4.0
 
 
 def test_draws_of_equal_weight() -> None:
