@@ -260,7 +260,7 @@ class _Fitter:
             prior=widths,
         )
         residuals, jacobian = self._whitened(joint, np.linalg.cholesky(sigma))
-        step = self._last_step(known, -jacobian.T @ residuals, joint.theta)
+        step = self._last_step(known, residuals, jacobian, joint.theta)
         theta, rest = joint.theta + step, residuals + jacobian @ step
         parameters = self.space.parameters(theta)
         fitted, conditions, first = joint.mean + joint.jacobian @ step, [], 0
@@ -297,8 +297,14 @@ class _Fitter:
         )
         return result.with_warnings(self._warnings(result, known, runs))
 
-    def _last_step(self, known: Information, gradient: np.ndarray, theta: Vector) -> Vector:
-        """To the minimum of the affine function, in the directions that are seen, not far and inside the bounds."""
+    def _last_step(self, known: Information, residuals: np.ndarray, jacobian: np.ndarray, theta: Vector) -> Vector:
+        """To the minimum of the affine function, in the directions that are seen, not far and inside the bounds.
+
+        Where the data see nothing, their gradient is noise, and must not pull against a prior.
+        """
+        count, (_, told) = len(self.y), known.told_apart
+        data = told.T @ (told @ (jacobian[:count].T @ residuals[:count]))
+        gradient = -data - jacobian[count:].T @ residuals[count:]
         seen = known.eigenvalues > 0
         rows = known.directions[seen]
         step = rows.T @ (rows @ gradient / known.eigenvalues[seen])

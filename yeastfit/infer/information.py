@@ -59,12 +59,17 @@ class Information:
     limit: float = 1.0
 
     @cached_property
+    def told_apart(self) -> tuple[Float[np.ndarray, " direction"], Float[np.ndarray, "direction free"]]:
+        """Eigenvalues and eigenvectors of the data's part that are told from the noise of J."""
+        values, vectors = np.linalg.eigh(self.data)
+        seen = values > np.maximum(self._floor(vectors.T), ROUNDING * np.abs(values).max())
+        return values[seen], vectors.T[seen]
+
+    @cached_property
     def matrix(self) -> Square:
         """F without the directions in which the data's part is not told from the noise of J."""
-        values, vectors = np.linalg.eigh(self.data)
-        least = np.maximum(self._floor(vectors.T), ROUNDING * np.abs(values).max())
-        seen = values > least
-        return (vectors[:, seen] * values[seen]) @ vectors[:, seen].T + np.diag(precision(self.prior, self.free))
+        values, rows = self.told_apart
+        return (rows.T * values) @ rows + np.diag(precision(self.prior, self.free))
 
     @cached_property
     def _spectrum(self) -> tuple[np.ndarray, np.ndarray]:
