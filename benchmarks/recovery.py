@@ -186,6 +186,10 @@ def verdicts(report: Report, records: Sequence[Record]) -> None:
         else:
             report.add(what, share, "%", LOWEST, note=note)
             report.add(f"{what}, at most", share, "%", HIGHEST, at_least=False, note="above it, errors are too large")
+    told = np.isfinite(pull)
+    inside = int((np.abs(pull[told]) <= 2).sum())
+    note = f"{inside} of {told.sum()}; the other {(~told).sum()} are said to be not determined, or their fits failed"
+    report.add("within 2, of those with an error", 100 * inside / max(1, told.sum()), "%", note=note)
     rows: list[dict[str, Any]] = [
         {
             "parameter": name,

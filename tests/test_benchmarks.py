@@ -9,10 +9,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks import recovery
+from benchmarks import contest, optimisers, recovery
 from benchmarks.programs import placed, samples
 from benchmarks.report import Figure, Report, command
-from yeastfit import InputError
+from yeastfit import FitSettings, InputError, Parameters, Targets
+from yeastfit.infer.space import Space
+from yeastfit.infer.surface import study
+from yeastfit.model.parameters import NAMES
 
 ROOT = Path(__file__).parents[1]
 
@@ -84,7 +87,7 @@ def test_what_was_measured_before_a_failure_is_shown(tmp_path: Path, capsys: pyt
     assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.parametrize("name", ["model", "convergence", "recovery"])
+@pytest.mark.parametrize("name", ["model", "convergence", "recovery", "optimisers"])
 def test_help_says_what_is_measured(name: str) -> None:
     said = subprocess.run(
         [sys.executable, "-m", f"benchmarks.{name}", "--help"], cwd=ROOT, capture_output=True, text=True, check=True
@@ -148,6 +151,7 @@ def test_recovery_counts_what_is_inside_its_errors_and_a_missing_error_as_missed
     assert found["within 2 standard errors"].met is False
     assert found["within 2 standard errors, at most"].met is True
     assert found["within 1 standard error"].value == pytest.approx(100 * 2 / 6)
+    assert found["within 2, of those with an error"].value == pytest.approx(100 * 4 / 5)
     assert found["mobility: rms pull"].value == pytest.approx(math.sqrt((0.5**2 + 0.9**2) / 2))
     assert found["mobility: median relative error"].value == pytest.approx(50 * (math.expm1(0.05) - math.expm1(-0.09)))
     assert found["a fit, median"].value == 15.0
@@ -166,3 +170,64 @@ def test_recovery_goes_on_after_the_last_whole_line_and_refuses_other_settings(t
     study.keep({**record_of(study, 4, (0.0, 0.0, 0.0)), "asked": study.asked(5)})
     with pytest.raises(InputError, match="--again"):
         study.done()
+
+
+class Straight:
+    """In the place of colonies: curves that are affine in log λ of mobility and aspect ratio, and do not scatter."""
+
+    slopes = np.array([[20.0, 5.0], [-5.0, 30.0], [10.0, 10.0], [0.0, -20.0]])
+    middle = np.log([1.3, 0.65])
+    columns = (NAMES.index("mobility"), NAMES.index("aspect_ratio"))
+
+    def grow(self, log_parameters: np.ndarray, keys: np.ndarray) -> np.ndarray:
+        assert len(log_parameters) == len(keys)
+        return 100.0 + (log_parameters[:, self.columns] - self.middle) @ self.slopes.T
+
+
+@pytest.fixture
+def straight(monkeypatch: pytest.MonkeyPatch) -> contest.Contest:
+    monkeypatch.setattr(contest.Contest, "colonies", lambda self: Straight())
+    targets = Targets.from_means({"radius": [100.0, 100.0], "area": [100.0, 100.0]}, [1.0, 2.0])
+    space = Space.of(("mobility", "aspect_ratio"), {"": Parameters()})
+    surface = study(
+        lambda points: 100.0 + (points - Straight.middle) @ Straight.slopes.T, Straight.middle, np.full(2, 0.2), 64, 0
+    )
+    best, least = surface.minimise(np.eye(4), targets.values[None])
+    return contest.Contest(targets, space, FitSettings(), np.eye(4), surface, best[0], float(least[0]))
+
+
+def test_what_judges_knows_the_minimum_and_the_rise_around_it(straight: contest.Contest) -> None:
+    np.testing.assert_allclose(straight.best, Straight.middle, atol=1e-3)
+    away = np.array([0.05, -0.02])
+    assert straight.rise(straight.best + away) == pytest.approx(np.sum((Straight.slopes @ away) ** 2), rel=0.02)
+    assert straight.rise(straight.best + 0.3) == math.inf
+    assert straight.directly(straight.best, 8) == pytest.approx(straight.least, abs=1e-2)
+
+
+def test_differences_are_the_derivatives_in_z_and_are_counted(straight: contest.Contest) -> None:
+    objective = contest.Objective(straight, members=8, seed=1, budget=1000)
+    z = straight.space.to_z(np.log([3.0, 0.4]))
+    objective.residuals(z)
+    slope = straight.space.slope(straight.space.of_z(z))
+    np.testing.assert_allclose(objective.differences(z), Straight.slopes * slope, rtol=0.1, atol=0.1)
+    assert objective.spent == 8 * (1 + 2)
+
+
+@pytest.mark.parametrize("name", contest.ALTERNATIVES)
+def test_an_alternative_arrives_is_counted_and_is_stopped_by_its_budget(name: str, straight: contest.Contest) -> None:
+    size, start = optimisers.Size(members=8), np.log([3.0, 0.4])
+    done, again = (optimisers.alternative(straight, size, name, 1, start, 4000.0) for _ in range(2))
+    assert done["arrived"]
+    assert done["colonies"] == again["colonies"]
+    assert done["colonies"] % 8 == 0
+    assert straight.rise(np.array(done["theta"])) < contest.MARGIN
+    short = optimisers.alternative(straight, size, name, 1, start, done["colonies"] - 8.0)
+    assert not short["arrived"]
+    assert short["colonies"] < done["colonies"]
+    assert "not within" in short["ended"]
+
+
+def test_a_run_that_did_not_arrive_took_longer_than_all_others() -> None:
+    runs = [{"colonies": count, "arrived": count < 900} for count in (300, 500, 400, 900, 900)]
+    assert optimisers.median(runs) == 500
+    assert optimisers.median([*runs, *runs[-1:]]) == math.inf

@@ -1,0 +1,297 @@
+"""What a fit costs beside what one would do otherwise: simulated colonies until the same residual is reached.
+
+The curves of data/synthetic/demo, mobility, metabolic rate and aspect ratio free. The residual is that of the exact
+mean, for all alike: χ²(θ) = (m(θ) − y)ᵀ Σ⁻¹ (m(θ) − y), with Σ as it is at the true parameters, and m from a response
+surface over ±0.2 in log λ around them, of 1536 colonies that nobody pays for. A run has arrived when the best point it
+has found so far, by its own reckoning, is within 2 of the least χ² on that surface. The surface is checked by large
+ensembles at the points that were found.
+
+The alternatives minimise that χ² with m the mean of 64 colonies, whose keys stay the same, over the same bounds in the
+same unbounded coordinates z (`infer.space`), with the same model, time step and estimator, from the three starts that
+`yeastfit.fit` chose, whose screening they are not charged for:
+
+- Nelder and Mead's simplex (SciPy), edges of 0.5 in z;
+- `scipy.optimize.least_squares` with forward differences of 0.1 in log λ. Its own step, 1e-8, makes no sense here: a
+  colony is chaotic, the mean of 64 with fixed keys jumps, and on that scale differences show nothing but the jumps;
+- CMA-ES (package cma), step 0.5 in z, populations as it chooses.
+
+They are stopped when they arrive: that is more than a user would know. `yeastfit.fit`, by default settings, is counted
+from its first screened colony, all starts included, both until it arrives and until it stops by itself. Each seed has
+keys of its own. A run that has not arrived after the budget, or stops elsewhere, did not, and counts as infinitely long
+in the median. To keep the time down, an alternative is given up at twice the colonies that the best one before
+it needed in the median: it cannot be the best one any more.
+
+Targets: the best alternative needs at least 3 times the colonies of `yeastfit.fit`, medians over starts and seeds.
+
+    python -m benchmarks.optimisers [--quick] [--json FILE] [--docs DIR]
+
+With --json, a run that was interrupted goes on. With --quick: five times up to 8 h, where the metabolic rate cannot be
+told from mobility and is held, small ensembles, one seed, one start, no target. With --docs, DIR/optimisers.md and
+DIR/optimisers.png are written.
+"""
+
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from datetime import date
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from benchmarks.contest import ALTERNATIVES, MARGIN, Contest, Objective, Stopped
+from benchmarks.recovery import figure_rows, markdown_table
+from benchmarks.report import Report, command, machine
+from yeastfit import Fit, FitSettings, InputError, Targets, fit, measure_dataset, read_dataset
+from yeastfit.fit_command import read_truth
+from yeastfit.infer.fit import ALONE, DEFAULT_FREE
+from yeastfit.infer.space import Vector
+
+DEMO = Path(__file__).parents[1] / "data" / "synthetic" / "demo"
+HOPELESS = 2.0  # times the best median so far
+OURS, FEWER = "yeastfit.fit", 3.0
+
+
+@dataclass(frozen=True)
+class Size:
+    """members: of an alternative's ensemble. judges: colonies of the surface. witnesses: of an ensemble to check it."""
+
+    members: int = 64
+    judges: int = 1536
+    witnesses: int = 384
+    budget: int = 6400
+    seeds: tuple[int, ...] = (1, 2, 3)
+    starts: int = 3
+    times: int = 11
+    free: tuple[str, ...] = DEFAULT_FREE
+    settings: FitSettings = field(default_factory=FitSettings)
+
+
+QUICK = Size(
+    members=8,
+    judges=128,
+    witnesses=64,
+    budget=480,
+    seeds=(1,),
+    starts=1,
+    times=5,
+    free=("mobility", "aspect_ratio"),
+    settings=FitSettings(screened=32, starts=1, members=(16, 32), spreads=(0.2, 0.15), max_steps=6),
+)
+
+
+def alternative(contest: Contest, size: Size, name: str, seed: int, start: Vector, budget: float) -> dict[str, Any]:
+    """One run of one of them."""
+    objective, began = Objective(contest, size.members, seed, budget), time.perf_counter()
+    try:
+        ALTERNATIVES[name](objective, contest.space.to_z(start), seed)
+        ended = "stopped elsewhere"
+    except Stopped:
+        ended = "arrived" if objective.arrived else f"not within {budget:.0f}"
+    theta = start if objective.theta is None else objective.theta
+    return {
+        "method": name,
+        "seed": seed,
+        "colonies": objective.spent,
+        "seconds": time.perf_counter() - began,
+        "arrived": objective.arrived,
+        "ended": ended,
+        "theta": theta.tolist(),
+    }
+
+
+def ours(contest: Contest, seed: int) -> dict[str, Any]:
+    """A fit; colonies until its estimate, as it would be at each step, arrives, and until its end."""
+    found = fit(
+        contest.targets,
+        free=contest.space.names,
+        fixed=contest.space.fixed[ALONE],
+        seed=seed,
+        settings=contest.settings,
+    )
+    arrived = [(spent, theta) for spent, theta in estimates(found) if contest.rise(theta) < MARGIN]
+    spent, theta = arrived[0] if arrived else (found.simulations, found.theta)
+    return {
+        "method": OURS,
+        "seed": seed,
+        "colonies": spent,
+        "seconds": found.seconds * spent / found.simulations,
+        "arrived": bool(arrived),
+        "ended": "arrived" if arrived else found.status,
+        "theta": theta.tolist(),
+        "status": found.status,
+        "whole": {"colonies": found.simulations, "seconds": found.seconds, "rise": contest.rise(found.theta)},
+        "starts": [start.begin.tolist() for start in found.starts],
+    }
+
+
+def estimates(found: Fit) -> list[tuple[int, Vector]]:
+    """Colonies so far, and the best point of the stage so far; last the estimate."""
+    said, stage, cost = list[tuple[int, Vector]](), "", np.inf
+    for step in found.history:
+        if step.stage != stage:
+            stage, cost = step.stage, np.inf
+        if step.cost < cost:
+            cost = step.cost
+            said.append((step.simulations, np.log([step.values[name] for name in found.free])))
+    return [*said, (found.simulations, found.theta)]
+
+
+def median(runs: Sequence[Mapping[str, Any]], what: str = "colonies") -> float:
+    """Of those that arrived, with the others beyond all of them."""
+    return float(np.median([run[what] if run["arrived"] else np.inf for run in runs]))
+
+
+def all_runs(report: Report, contest: Contest, size: Size) -> dict[str, list[dict[str, Any]]]:
+    """By method. What is done is kept, and not done again after an interruption."""
+    report.stage("compiling")
+    Objective(contest, size.members, 0, np.inf).residuals(contest.space.to_z(contest.best) + 1.0)
+    runs: dict[str, list[dict[str, Any]]] = {OURS: []}
+    for seed in size.seeds:
+        report.stage(f"{OURS}, seed {seed}")
+        runs[OURS].append(report.part(f"{OURS}, seed {seed}, {report.quick}", partial(ours, contest, seed)))
+    for name in ALTERNATIVES:
+        best = min((median(done) for other, done in runs.items() if other != OURS), default=np.inf)
+        budget = min(size.budget, HOPELESS * best)
+        runs[name] = []
+        for one in runs[OURS]:
+            for number, start in enumerate(one["starts"][: size.starts], start=1):
+                what = f"{name}, seed {one['seed']}, start {number}"
+                report.stage(what)
+                make = partial(alternative, contest, size, name, one["seed"], np.array(start), budget)
+                runs[name].append(report.part(f"{what}, {report.quick}", make))
+    return runs
+
+
+def verdicts(report: Report, runs: Mapping[str, list[dict[str, Any]]], contest: Contest) -> None:
+    """Medians, failures and the ratio."""
+    rows = []
+    for name, done in runs.items():
+        came = [run["colonies"] for run in done if run["arrived"]]
+        ends = [run["ended"] for run in done if not run["arrived"]]
+        report.add(
+            f"{name}: colonies until there",
+            median(done),
+            "",
+            note=f"{len(came)} of {len(done)} arrived" + (f"; {', '.join(dict.fromkeys(ends))}" if ends else ""),
+        )
+        rows += [
+            {
+                "method": name,
+                "seed": run["seed"],
+                "colonies": run["colonies"],
+                "seconds": run["seconds"],
+                "ended": run["ended"],
+                "χ² above least": contest.rise(np.array(run["theta"])),
+                **{key: float(np.exp(value)) for key, value in zip(contest.space.names, run["theta"], strict=True)},
+            }
+            for run in done
+        ]
+    for name, done in runs.items():
+        report.add(f"{name}: seconds until there", median(done, "seconds"), "s")
+    whole = [run["whole"] for run in runs[OURS]]
+    rises = ", ".join(f"{one['rise']:.2f}" for one in whole)
+    note = f"χ² there above the least: {rises}"
+    report.add(f"{OURS}: colonies until it stopped", np.median([one["colonies"] for one in whole]), "", note=note)
+    report.add(f"{OURS}: seconds until it stopped", np.median([one["seconds"] for one in whole]), "s")
+    best = min(ALTERNATIVES, key=lambda name: median(runs[name]))
+    ratio, target = median(runs[best]) / median(runs[OURS]), None if report.quick else FEWER
+    report.add("colonies, best alternative / ours", ratio, "×", target, note=best)
+    report.add(
+        "colonies, best alternative / ours until it stopped",
+        median(runs[best]) / float(np.median([one["colonies"] for one in whole])),
+        "×",
+        note="as if the alternative knew when to stop",
+    )
+    seconds = median(runs[best], "seconds") / median(runs[OURS], "seconds")
+    report.add("seconds, best alternative / ours", seconds, "×", note=best)
+    report.table("runs", rows)
+
+
+def checked(report: Report, contest: Contest, runs: Mapping[str, list[dict[str, Any]]], members: int) -> None:
+    """The surface beside ensembles grown at the minimum and where one run of each method arrived."""
+    places = {"least": contest.best}
+    for name, done in runs.items():
+        if came := [run for run in done if run["arrived"]]:
+            places[name] = np.array(came[0]["theta"])
+    direct = {}
+    for name, theta in places.items():
+        report.stage(f"checking the surface: {name}")
+        direct[name] = report.part(f"direct, {name}, {report.quick}", partial(contest.directly, theta, members))
+    rows = [
+        {"at": name, "χ² above least, surface": contest.rise(theta), "grown": direct[name] - direct["least"]}
+        for name, theta in places.items()
+    ]
+    report.table(f"the surface beside ensembles of {members}", rows)
+    off = max(abs(row["χ² above least, surface"] - row["grown"]) for row in rows)
+    report.add("surface, furthest from ensembles", off, "of χ²", note=f"least χ² {contest.least:.1f}")
+
+
+def picture(runs: Mapping[str, list[dict[str, Any]]], path: Path) -> None:
+    """Colonies of every run; crosses did not arrive."""
+    figure = Figure(figsize=(8, 3), layout="constrained")
+    panel = figure.subplots()
+    for height, done in enumerate(runs.values()):
+        away = height + np.linspace(-0.2, 0.2, len(done))
+        for place, run in zip(away, done, strict=True):
+            panel.plot(run["colonies"], place, "o" if run["arrived"] else "x", color=f"C{height}", ms=5)
+        if np.isfinite(middle := median(done)):
+            panel.plot([middle] * 2, [height - 0.35, height + 0.35], color=f"C{height}")
+    panel.set(xscale="log", xlabel=f"colonies until χ² was within {MARGIN:g} of its least (×: it never was)")
+    panel.set_yticks(range(len(runs)), list(runs))
+    panel.invert_yaxis()
+    figure.savefig(path, dpi=80)
+
+
+def markdown(report: Report, size: Size) -> str:
+    """The page."""
+    about = "; ".join(f"{key} {value}" for key, value in machine().items())
+    parts = [
+        f"""# What a fit costs, beside the alternatives
+
+Written by `python -m benchmarks.optimisers --docs docs` on {date.today()}. {about}.
+
+Simulated colonies, and seconds without compilation, until the exact χ² of the best point found is within {MARGIN:g} of
+its least. The alternatives minimise the χ² of a mean of {size.members} colonies with fixed keys from the starts that
+`yeastfit.fit` chose, are not charged for these, and are stopped where they arrive; `yeastfit.fit` pays for all of its
+starts. `python -m benchmarks.optimisers --help` has the rules.
+
+![Colonies of every run](optimisers.png)
+"""
+    ]
+    for title, rows in report.tables.items():
+        parts.append(f"## {title[0].upper()}{title[1:]}\n\n{markdown_table(rows)}")
+    return "\n".join([*parts, f"## Figures\n\n{markdown_table(figure_rows(report))}"])
+
+
+def run(report: Report, quick: bool) -> None:
+    """Measured data, the surface, all runs, and the page."""
+    size, truth = QUICK if quick else Size(), read_truth(DEMO)
+    if truth is None:
+        raise InputError(f"{DEMO}: no true parameters there, make the data set with `make data`")
+    report.stage("measuring the micrographs")
+    dataset = read_dataset(DEMO)
+    targets = first_times(Targets.from_dataset(dataset, measure_dataset(dataset)), size.times)
+    report.stage("the surface that judges")
+    contest = Contest.of(targets, truth, size.free, size.settings, size.judges)
+    runs = all_runs(report, contest, size)
+    verdicts(report, runs, contest)
+    checked(report, contest, runs, size.witnesses)
+    if report.docs is not None:
+        report.docs.mkdir(parents=True, exist_ok=True)
+        picture(runs, report.docs / "optimisers.png")
+        (report.docs / "optimisers.md").write_text(markdown(report, size))
+    report.details["runs"] = runs
+
+
+def first_times(targets: Targets, count: int) -> Targets:
+    """The same up to the count-th time."""
+    curves = None if targets.curves is None else targets.curves[..., :count]
+    tables = {name: getattr(targets, name)[:, :count] for name in ("mean", "scatter", "replicates")}
+    return replace(targets, times=targets.times[:count], curves=curves, **tables)
+
+
+if __name__ == "__main__":
+    command("optimisers", run)
