@@ -1,125 +1,19 @@
 """The estimators where the answer is known, their blend's risk, and the whole on small colonies."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
-import jax
 import numpy as np
 import pytest
 from helpers import wrong_types
-from jaxtyping import Array
 
 from benchmarks.gradients import compare, differences, estimates
 from yeastfit import InputError, Numerics, Parameters, Relaxation, Sensitivity, sensitivity
 from yeastfit.infer import sensitivity as module
-from yeastfit.infer.regression import Local, Scatter, design, of_members, paired, pooled, regress
 from yeastfit.infer.sensitivity import STATISTICS, Estimate, combine
-from yeastfit.simulation import member_keys
 
 SMALL = Numerics(domain=12.0, spacing=0.25, dt=0.02, capacity=64)
-
-
-# --- the design and the regression ------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("free", [1, 2, 3, 4, 7])
-@pytest.mark.parametrize("seed", range(3))
-def test_columns_of_the_design_are_orthogonal(free: int, seed: int) -> None:
-    units = design(32, free, np.random.default_rng(seed))
-    assert units.shape == (32, free)
-    assert (np.abs(units) == 1).all()
-    np.testing.assert_array_equal(units.T @ units, 32 * np.eye(free))
-
-
-@dataclass(frozen=True)
-class Toy:
-    """Curves of known slope, with curvature, interactions, noise of their own, and noise that a key brings."""
-
-    slopes: np.ndarray
-    own: float
-    shared: float = 0.0
-
-    def members(self, z: np.ndarray, keys: Array) -> np.ndarray:
-        away, count = np.asarray(z, float), len(self.slopes)
-        bent = 3.0 * away.sum(axis=1) ** 2 + 2.0 * away[:, 0] * away[:, 1]
-        of_key = np.random.default_rng(int(jax.random.key_data(keys)[0, 1])).normal(size=(len(away), count))
-        seed = int(abs(1e6 * away[0]).sum()) + int(jax.random.key_data(keys)[0, 1]) + int(away[0, 0] > 0)
-        own = np.random.default_rng(seed).normal(size=(len(away), count))
-        return away @ self.slopes.T + bent[:, None] + self.shared * of_key + self.own * own
-
-
-def pairs_of(toy: Toy, pairs: int, seed: int = 0) -> Local:
-    keys, units = member_keys(seed, pairs), design(pairs, 7, np.random.default_rng(seed))
-    halves = np.split(paired(np.zeros(7), units, 0.2), 2)
-    return regress(np.concatenate([toy.members(half, keys) for half in halves]), units, 0.2)
-
-
-def regression(toy: Toy, pairs: int, seed: int = 0) -> Estimate:
-    local = pairs_of(toy, pairs, seed)
-    return Estimate(local.jacobian[None], local.error[None])
-
-
-def test_curvature_and_what_a_key_brings_cancel_within_a_pair() -> None:
-    slopes = np.random.default_rng(0).normal(size=(3, 7))
-    found = regression(Toy(slopes, own=0.0, shared=5.0), 8)
-    np.testing.assert_allclose(found.jacobian[0], slopes, atol=1e-6)
-
-
-def test_errors_of_the_regression_are_those_of_many_repetitions() -> None:
-    """σ / (spread √runs) each; 60 repetitions with 64 pairs tell their scatter to 3 %."""
-    slopes = np.random.default_rng(0).normal(size=(3, 7))
-    found = [regression(Toy(slopes, own=1.0), 64, seed) for seed in range(60)]
-    z = np.array([(f.jacobian[0] - slopes) / f.error[0] for f in found])
-    assert z.std() == pytest.approx(1.0, abs=0.07)
-    assert abs(z.mean()) < 0.1
-    assert np.mean([f.error for f in found]) == pytest.approx(1.0 / (0.2 * np.sqrt(128)), rel=0.03)
-
-
-@pytest.mark.parametrize(("own", "shared"), [(1.0, 0.0), (0.3, 1.0), (0.0, 1.0)])
-def test_scatter_is_that_of_one_colony_whatever_a_pair_has_in_common(own: float, shared: float) -> None:
-    """Of one colony the variance is own² + shared²; 200 repetitions tell their mean to 1 or 2 %."""
-
-    @dataclass(frozen=True)
-    class Straight(Toy):
-        def members(self, z: np.ndarray, keys: Array) -> np.ndarray:
-            away = np.asarray(z, float)
-            return super().members(z, keys) - (3.0 * away.sum(axis=1) ** 2 + 2.0 * away[:, 0] * away[:, 1])[:, None]
-
-    toy = Straight(np.random.default_rng(0).normal(size=(2, 7)), own, shared)
-    found = [pairs_of(toy, 32, seed) for seed in range(200)]
-    parts = [(local.common, local.apart) for local in found]
-    assert {(common.freedom, apart.freedom) for common, apart in parts} == {(31, 32 - 7)}
-    variance = own**2 + shared**2
-    whole = np.mean([local.scatter.covariance for local in found], axis=0)
-    np.testing.assert_allclose(whole, variance * np.eye(2), atol=0.06 * variance)
-    np.testing.assert_allclose(
-        np.mean([apart.covariance for _, apart in parts], axis=0), 0.5 * own**2 * np.eye(2), atol=0.03 * own**2 + 1e-9
-    )
-
-
-def test_parts_of_the_scatter_are_pooled_by_their_degrees_of_freedom() -> None:
-    curves = np.array([[1.0, 2.0], [3.0, 2.0], [np.nan, 0.0], [2.0, 5.0]])
-    alone = of_members(curves)
-    assert alone.freedom == 2
-    np.testing.assert_allclose(alone.covariance, np.cov(curves[[0, 1, 3]].T))
-    found = pooled(alone, Scatter(np.eye(2), 4), Scatter(2 * np.eye(2), 2))
-    np.testing.assert_allclose(found, (2 * alone.covariance + 6 * 3 * np.eye(2)) / 8)
-
-
-def test_errors_of_the_regression_are_correlated_as_stated() -> None:
-    """Three curves that repeat each other's noise, over 200 repetitions."""
-    mix = np.array([[1.0, 0.8, 0.0], [0.0, 0.6, 0.0], [0.0, 0.0, 0.0]])
-
-    def grow(seed: int) -> Local:
-        rng = np.random.default_rng(seed)
-        return regress(rng.normal(size=(64, 3)) @ mix, design(32, 7, rng), 0.2)
-
-    found = [grow(seed) for seed in range(200)]
-    errors = np.concatenate([local.jacobian.T for local in found])
-    stated = np.mean([local.apart.correlation for local in found], axis=0)
-    np.testing.assert_allclose(stated[:2, :2], np.corrcoef(errors[:, :2].T), atol=0.03)
-    np.testing.assert_array_equal(stated[2], [0.0, 0.0, 1.0])
 
 
 # --- the blend --------------------------------------------------------------------------------------------------------
