@@ -1,15 +1,36 @@
-"""Shapes are checked at run time, and the real micrographs are found, for all tests."""
+"""Shapes are checked at run time, compiled programs are kept, and the real micrographs are found, for all tests."""
 
 import os
+import shutil
+import tempfile
 from pathlib import Path
 
 import jax
 import pytest
 from jaxtyping import install_import_hook
 
+# What one process of a run has compiled, tests or programs that they start, the others need not.
+ALONE_OR_FIRST = "PYTEST_XDIST_WORKER" not in os.environ
+if ALONE_OR_FIRST:
+    os.environ["JAX_COMPILATION_CACHE_DIR"] = tempfile.mkdtemp(prefix="yeastfit-tests-")
+    os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0.1"
+PROGRAMS = os.environ["JAX_COMPILATION_CACHE_DIR"]
+jax.config.update("jax_compilation_cache_dir", PROGRAMS)
+jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.1)
 jax.config.update("jax_num_cpu_devices", 2)
 jax.config.update("jax_debug_nans", False)
 install_import_hook("yeastfit", "typechecking.check")
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """jax writes its files in place: a process that reads half of one says so, and compiles."""
+    config.addinivalue_line("filterwarnings", "ignore:Error reading persistent compilation cache entry")
+
+
+def pytest_unconfigure() -> None:
+    """Nothing is left behind."""
+    if ALONE_OR_FIRST:
+        shutil.rmtree(PROGRAMS)
 
 
 @pytest.fixture
