@@ -18,7 +18,7 @@ same unbounded coordinates z (`infer.space`), with the same model, time step and
 They are stopped when they arrive: that is more than a user would know. `yeastfit.fit`, by default settings, is counted
 from its first screened colony, all starts included, both until it arrives and until it stops by itself. Each seed has
 keys of its own. A run that has not arrived after the budget, or stops elsewhere, did not, and counts as infinitely long
-in the median. To keep the time down, an alternative is given up at twice the colonies that the best one before
+in the median. To keep the time down, an alternative is given up at 1.5 times the colonies that the best one before
 it needed in the median: it cannot be the best one any more.
 
 Targets: the best alternative needs at least 3 times the colonies of `yeastfit.fit`, medians over starts and seeds.
@@ -50,7 +50,7 @@ from yeastfit.infer.fit import ALONE, DEFAULT_FREE
 from yeastfit.infer.space import Vector
 
 DEMO = Path(__file__).parents[1] / "data" / "synthetic" / "demo"
-HOPELESS = 2.0  # times the best median so far
+HOPELESS = 1.5  # times the best median so far
 OURS, FEWER = "yeastfit.fit", 3.0
 
 
