@@ -9,10 +9,14 @@ R replicates, scatter with S too, scaled statistic by statistic to the measured 
 h for S being an estimate (`experiment.curve_covariance`), cov m the Monte-Carlo error of the ensemble's mean. Where the
 ensemble is too small to tell correlations, and to begin with, `rough` stands for Σ: variances only, with a twentieth of
 the mean as a tolerance, under which the problem is less curved.
+
+**Refinement.** Ensembles are grown with a coarse time step and grid. What the finer ones of the model that is meant
+change, d = mean of (fine − coarse) over some of the same pairs, is a second level of the ensemble's mean (multilevel
+Monte Carlo: Giles 2008, doi:10.1287/opre.1070.0496). Its covariance joins Σ.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import jax.numpy as jnp
 import numpy as np
@@ -22,7 +26,7 @@ from scipy.linalg import block_diag
 from yeastfit.errors import InputError
 from yeastfit.infer.colonies import Colonies
 from yeastfit.infer.experiment import curve_covariance, systematic
-from yeastfit.infer.regression import CurveSquare, Local, design, order, paired, regress_together
+from yeastfit.infer.regression import CurveSquare, Local, design, of_members, order, paired, regress_together
 from yeastfit.infer.settings import FitSettings
 from yeastfit.infer.space import Space, Vector
 from yeastfit.infer.targets import Targets
@@ -54,21 +58,35 @@ class Joint:
 
 
 @dataclass(frozen=True)
+class Defect:
+    """What finer numerics change in the mean curves, and the covariance of that."""
+
+    mean: Float[np.ndarray, " curve"]
+    covariance: CurveSquare
+
+
+@dataclass(frozen=True)
 class Ensembles:
-    """The conditions of a fit: their targets and their colonies."""
+    """The conditions of a fit: their targets and their colonies, coarse and, where they are refined, fine."""
 
     targets: dict[str, Targets]
     colonies: dict[str, Colonies]
     space: Space
     seed: int
     settings: FitSettings
+    fine: dict[str, Colonies] = field(default_factory=dict)
 
     @staticmethod
     def of(targets: Mapping[str, Targets], space: Space, seed: int, settings: FitSettings) -> "Ensembles":
         """Colonies for each condition's targets."""
-        how = {"dt": settings.dt, "spacing": settings.spacing, "capacity": settings.capacity}
-        colonies = {name: Colonies.of(each, **how) for name, each in targets.items()}  # type: ignore[arg-type]
-        return Ensembles(dict(targets), colonies, space, seed, settings)
+
+        def colonies(dt: float, spacing: float) -> dict[str, Colonies]:
+            room = settings.capacity
+            return {name: Colonies.of(each, dt=dt, spacing=spacing, capacity=room) for name, each in targets.items()}
+
+        coarse = colonies(settings.dt, settings.spacing)
+        fine = colonies(settings.fine_dt, settings.fine_spacing) if settings.refined else {}
+        return Ensembles(dict(targets), coarse, space, seed, settings, fine)
 
     @property
     def values(self) -> Float[np.ndarray, " curve"]:
@@ -78,7 +96,7 @@ class Ensembles:
     @property
     def grown(self) -> int:
         """Colonies so far."""
-        return sum(each.grown for each in self.colonies.values())
+        return sum(each.grown for each in (*self.colonies.values(), *self.fine.values()))
 
     def pairs(self, condition: str, members: int, full: bool) -> int:
         """Pairs of an ensemble: whole Hadamard matrices, and enough to know the covariance of the curves in full."""
@@ -86,12 +104,13 @@ class Ensembles:
         wanted = max(members // 2, 2 * len(self.targets[condition].values) if full else 0)
         return rows * -(-wanted // rows)
 
-    def alone(self, points: Float[np.ndarray, "point entry"]) -> Float[np.ndarray, "point curve"]:
-        """One colony at each point, each with a key of its own."""
+    def alone(
+        self, points: Float[np.ndarray, "point entry"], *, refined: bool = False
+    ) -> Float[np.ndarray, "point curve"]:
+        """One colony at each point, each with a key of its own; fine ones where the fit is refined, if asked for."""
         keys = member_keys(self.seed + 1, len(points))
-        grown = [
-            colonies.grow(self.space.log_parameters(name, points), keys) for name, colonies in self.colonies.items()
-        ]
+        chosen = self.colonies | (self.fine if refined else {})
+        grown = [colonies.grow(self.space.log_parameters(name, points), keys) for name, colonies in chosen.items()]
         return np.concatenate(grown, axis=1)
 
     def around(
@@ -120,6 +139,30 @@ class Ensembles:
         """One `Joint` of several, whose points are close to each other and whose ensembles have the same size."""
         theta = np.mean([joint.theta for joint in joints], axis=0)
         return self._joint(theta, [joint.grown for joint in joints], spread)
+
+    def defect(self, joint: Joint, spread: float) -> Defect:
+        """Of refinement around a point where an ensemble has been grown; nothing where the fit is not refined."""
+        means, covariances = list[np.ndarray](), list[np.ndarray]()
+        for condition, grown in joint.grown.items():
+            if condition not in self.fine:
+                count = grown.curves.shape[1]
+                means.append(np.zeros(count))
+                covariances.append(np.zeros((count, count)))
+                continue
+            units = grown.units[: self.settings.refined // 2]
+            coarse = np.concatenate([half[: len(units)] for half in np.split(grown.curves, 2)])
+            points = np.tile(joint.theta, (len(coarse), 1))
+            columns = self.space.columns(condition)
+            points[:, columns] = paired(joint.theta[columns], units, spread)
+            keys = jnp.concatenate([member_keys(self.seed, len(units))] * 2)
+            fine = self.fine[condition].grow(self.space.log_parameters(condition, points), keys)
+            change = np.mean(np.split(fine - coarse, 2), axis=0)
+            of_pairs = change[np.isfinite(change).all(axis=1)]
+            if len(of_pairs) < 4:
+                raise InputError(f"{self.described(joint.theta)}: refined colonies came to nothing: lower fine_dt")
+            means.append(of_pairs.mean(axis=0))
+            covariances.append(of_members(of_pairs).covariance / len(of_pairs))
+        return Defect(np.concatenate(means), block_diag(*covariances))
 
     def described(self, theta: Vector) -> str:
         """A point in words."""

@@ -12,8 +12,9 @@ a measurement error (`infer.ensembles`). The stages:
 1. one colony at each of some low-discrepancy points of the box; the best of them are the starts;
 2. small ensembles, all starts in one batch, the comparison blunted (`Ensembles.rough`); the best start goes on, and
    another one if it is about as good and ended elsewhere;
-3. larger and larger ensembles, with Σ as it is at the stage's first point. Each stage lets optimistix's solver step
-   (`infer.search`) until another step promises to lower χ² by less than a tolerance.
+3. larger and larger ensembles, with Σ as it is at the stage's first point; in the last stage what finer numerics change
+   is added to m. Each stage lets optimistix's solver step (`infer.search`) until another step promises to lower χ² by
+   less than a tolerance.
 
 The estimate is the minimum of one more affine function, that of the last stage's ensembles near its best point taken
 together: θ̂ = θ + F⁻¹ g. cov θ̂ = F⁻¹, F the Fisher information, J's noise taken out; no error is given in a direction
@@ -28,7 +29,7 @@ import numpy as np
 from scipy.linalg import solve_triangular
 
 from yeastfit.errors import InputError
-from yeastfit.infer.ensembles import Ensembles, Joint
+from yeastfit.infer.ensembles import Defect, Ensembles, Joint
 from yeastfit.infer.fitted import Condition, Fit, Start, Step
 from yeastfit.infer.information import Information, information
 from yeastfit.infer.search import Search
@@ -97,6 +98,7 @@ class _Run:
     joint: Joint | None = None
     seen: list[Joint] = field(default_factory=list)
     failed: bool = False
+    defect: Defect | None = None
 
 
 @dataclass
@@ -171,9 +173,11 @@ class _Fitter:
                 if isinstance(joint, InputError):
                     self._refused(run, searches[run.number], joint)
                     continue
+                if last and run.defect is None:
+                    run.defect = self.ensembles.defect(joint, spread)
                 if factor is None:
-                    sigma = self.ensembles.sigma(joint) if self._knows_scatter(joint, stage) else None
-                    factor = np.linalg.cholesky(self.ensembles.rough(members) if sigma is None else sigma)
+                    known = self._knows_scatter(joint, stage)
+                    factor = np.linalg.cholesky(self._sigma(run, joint) if known else self.ensembles.rough(members))
                 self._tell(run, searches[run.number], joint, factor, place, f"stage {stage + 1}", members)
             for run in active:
                 run.failed = bool(searches[run.number].failure)
@@ -184,7 +188,7 @@ class _Fitter:
     def _tell(
         self, run: _Run, search: Search, joint: Joint, factor: np.ndarray, place: Vector, stage: str, members: int
     ) -> None:
-        residuals, jacobian = self._whitened(joint, factor)
+        residuals, jacobian = self._whitened(run, joint, factor)
         cost = float(residuals @ residuals)
         taken = search.tell(residuals, jacobian * self.space.slope(place))
         run.seen.append(joint)
@@ -201,9 +205,14 @@ class _Fitter:
         else:
             search.tell(np.full(search.size, 1e6), np.zeros((search.size, len(self.pull))))
 
-    def _whitened(self, joint: Joint, factor: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _sigma(self, run: _Run, joint: Joint) -> np.ndarray:
+        """Σ, with the refinement's error."""
+        return self.ensembles.sigma(joint) + (0.0 if run.defect is None else run.defect.covariance)
+
+    def _whitened(self, run: _Run, joint: Joint, factor: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Residuals and their Jacobian in θ, priors included, all of variance 1."""
-        residuals = solve_triangular(factor, joint.mean - self.y, lower=True)
+        change = 0.0 if run.defect is None else run.defect.mean
+        residuals = solve_triangular(factor, joint.mean + change - self.y, lower=True)
         jacobian = solve_triangular(factor, joint.jacobian, lower=True)
         pulled = self.pull * (joint.theta - self.centre)
         return np.concatenate([residuals, pulled]), np.concatenate([jacobian, np.diag(self.pull)])
@@ -249,7 +258,7 @@ class _Fitter:
         joint = ensembles.together(
             [one for one in best.seen if (np.abs(one.theta - best.theta) <= spread).all()], spread
         )
-        sigma = ensembles.sigma(joint)
+        sigma = self._sigma(best, joint)
         widths = {name: width for name, (_, width) in self.pulls.items()}
         known = information(
             joint.jacobian,
@@ -259,11 +268,11 @@ class _Fitter:
             correlation=joint.correlation,
             prior=widths,
         )
-        residuals, jacobian = self._whitened(joint, np.linalg.cholesky(sigma))
+        residuals, jacobian = self._whitened(best, joint, np.linalg.cholesky(sigma))
         step = self._last_step(known, residuals, jacobian, joint.theta)
         theta, rest = joint.theta + step, residuals + jacobian @ step
         parameters = self.space.parameters(theta)
-        fitted, conditions, first = joint.mean + joint.jacobian @ step, [], 0
+        fitted, conditions, first = self.y + np.linalg.cholesky(sigma) @ rest[: len(self.y)], [], 0
         for name, targets in ensembles.targets.items():
             here = slice(first, first + len(targets.values))
             table = np.full(targets.mean.shape, np.nan)

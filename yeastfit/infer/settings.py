@@ -15,8 +15,9 @@ class FitSettings:
 
     method: of optimistix. screened: points of the box that are looked at, one colony each; starts: the best of them,
     from which the fit begins. members: colonies of an ensemble, stage by stage; the last stage takes more where there
-    are many curves, four for each. spreads: of log λ among them, likewise. dt, spacing: of the model, spacing of the
-    nutrient's grid in L0. capacity: most nodes of a colony; by default as many as could be born, at most 4096.
+    are many curves, four for each. spreads: of log λ among them, likewise. dt, spacing: of their model, spacing of the
+    nutrient's grid in L0. refined: colonies that tell what fine_dt and fine_spacing change, those of the model that is
+    meant; 0 for none. capacity: most nodes of a colony; by default as many as could be born, at most 4096.
 
     tolerance: of χ². The last stage ends where another step is not expected to lower χ² by more; the others at 1, which
     is one standard error in one direction. max_steps: evaluations in a stage, at most. patience: refused steps in a row
@@ -33,6 +34,9 @@ class FitSettings:
     spreads: tuple[float, ...] = (0.2, 0.15, 0.1)
     dt: float = 0.01
     spacing: float = 0.2
+    refined: int = 96
+    fine_dt: float = 0.005
+    fine_spacing: float = 0.1
     capacity: int | None = None
     tolerance: float = 0.3
     max_steps: int = 8
@@ -45,7 +49,9 @@ class FitSettings:
         for name in ("screened", "starts", "max_steps", "patience"):
             if getattr(self, name) < 1:
                 raise InputError(f"{name} is {getattr(self, name)}, it must be at least 1")
-        for name in ("dt", "spacing", "tolerance"):
+        if self.refined < 0 or 0 < self.refined < 16 or self.refined % 2:
+            raise InputError(f"refined is {self.refined}, it must be 0 or an even number of at least 16")
+        for name in ("dt", "spacing", "fine_dt", "fine_spacing", "tolerance"):
             if not getattr(self, name) > 0:
                 raise InputError(f"{name} is {getattr(self, name)}, it must be above 0")
         if not self.members or len(self.members) != len(self.spreads):

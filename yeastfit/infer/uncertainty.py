@@ -1,12 +1,13 @@
 """Errors of a fit beyond its covariance: a bootstrap over replicates, and profiles of the likelihood.
 
-Both take hundreds of fits. They are made on a response surface around the estimate (`infer.surface`), from hard
+Both take hundreds of fits. They are made on a response surface around the estimate (`infer.surface`), from fine
 colonies of their own, with the fit's Σ. Its box reaches three and a half standard errors from the estimate, at least
 `NEAREST` and at most `FARTHEST` in log λ, and not beyond the bounds: what lies at its edge is told as such.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import partial
 
 import numpy as np
 from jaxtyping import Float
@@ -111,7 +112,7 @@ def explore(fit: Fit, *, runs: int = 512) -> Explored:
     """
     targets = {each.name: each.targets for each in fit.conditions}
     ensembles = Ensembles.of(targets, fit.space, fit.seed + 1, fit.settings)
-    surface = study(ensembles.alone, *_box(fit), runs, fit.seed)
+    surface = study(partial(ensembles.alone, refined=True), *_box(fit), runs, fit.seed)
     return Explored(fit, surface, ensembles.grown)
 
 
