@@ -15,8 +15,9 @@ same unbounded coordinates z (`infer.space`), with the same model, time step and
   colony is chaotic, the mean of 64 with fixed keys jumps, and on that scale differences show nothing but the jumps;
 - CMA-ES (package cma), step 0.5 in z, populations as it chooses.
 
-They are stopped when they arrive: that is more than a user would know. `yeastfit.fit`, by default settings, is counted
-from its first screened colony, all starts included, both until it arrives and until it stops by itself. Each seed has
+They are stopped when they arrive: that is more than a user would know. `yeastfit.fit`, by default settings but without
+refinement, which changes the model and which the others would need as well, is counted from its first screened colony,
+all starts included, both until it arrives and until it stops by itself. Each seed has
 keys of its own. A run that has not arrived after the budget, or stops elsewhere, did not, and counts as infinitely long
 in the median. To keep the time down, an alternative is given up at 1.5 times the colonies that the best one before
 it needed in the median: it cannot be the best one any more.
@@ -66,7 +67,7 @@ class Size:
     starts: int = 3
     times: int = 11
     free: tuple[str, ...] = DEFAULT_FREE
-    settings: FitSettings = field(default_factory=FitSettings)
+    settings: FitSettings = field(default_factory=lambda: FitSettings(refined=0))
 
 
 QUICK = Size(
@@ -78,7 +79,7 @@ QUICK = Size(
     starts=1,
     times=5,
     free=("mobility", "aspect_ratio"),
-    settings=FitSettings(screened=32, starts=1, members=(16, 32), spreads=(0.2, 0.15), max_steps=6),
+    settings=FitSettings(screened=32, starts=1, members=(16, 32), spreads=(0.2, 0.15), max_steps=6, refined=0),
 )
 
 

@@ -49,7 +49,7 @@ COUNT, SEED = 20, 2031
 HOURS = tuple(float(hour) for hour in range(4, 15))
 STATISTICS = ("compactness", "radius")
 LOWEST, HIGHEST = 90.0, 98.0  # %, of parameters within two standard errors
-QUICK = FitSettings(screened=32, starts=2, members=(16, 48), spreads=(0.2, 0.15))
+QUICK = FitSettings(screened=32, starts=2, members=(16, 48), spreads=(0.2, 0.15), refined=16)
 Record = dict[str, Any]
 
 
