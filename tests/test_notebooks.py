@@ -26,6 +26,7 @@ FIGURES = {  # statements about each in the last table of source_figures.ipynb
     "chapter 4": 1,
 }
 FULL_SIZE = {  # what the first cell says
+    "fitting.ipynb": "full size: 10 colonies to 14 h",
     "gradients.ipynb": "full size: 64 colonies to t = 7.5",
     "source_figures.ipynb": "full size: 6 members, to 35.0 h",
 }
