@@ -11,6 +11,7 @@ from yeastfit.infer.information import Information, information
 from yeastfit.infer.sensitivity import Sensitivity, sensitivity
 from yeastfit.infer.settings import FitSettings
 from yeastfit.infer.targets import Targets
+from yeastfit.infer.uncertainty import explore
 from yeastfit.measure.dataset import Dataset, read_dataset
 from yeastfit.measure.series import measure_dataset, measure_file
 from yeastfit.model.numerics import Numerics
@@ -39,6 +40,7 @@ __all__ = [
     "check_derivatives",
     "check_gradients",
     "design",
+    "explore",
     "fit",
     "information",
     "information_of",
