@@ -4,6 +4,7 @@ import functools
 import inspect
 import os
 import sys
+import time as clock
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -13,10 +14,10 @@ import jax
 import numpy as np
 import typer
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.table import Table
 
-from yeastfit import design_command, fit_command, plot
+from yeastfit import design_command, fit_command, infer_command, plot
 from yeastfit.design_command import Run
 from yeastfit.errors import InputError
 from yeastfit.gradients import check_gradients
@@ -25,7 +26,9 @@ from yeastfit.infer.directions import percent
 from yeastfit.infer.fit import DEFAULT_FREE
 from yeastfit.infer.fit import fit as run_fit
 from yeastfit.infer.fitted import Fit
+from yeastfit.infer.priors import template
 from yeastfit.infer.settings import FitSettings
+from yeastfit.infer.space import check_free
 from yeastfit.infer.uncertainty import explore, profiles
 from yeastfit.measure.dataset import find_manifest, given, read_overrule
 from yeastfit.measure.tasks import Task, find_tasks
@@ -313,6 +316,116 @@ def _explored(folder: Path, result: Fit, bootstrap: int, profile: bool) -> list[
 
 @app.command()
 @_with_parameters
+def infer(
+    source: Annotated[
+        Path | None, typer.Argument(help="A data set, or measurements.csv of `yeastfit measure`.", show_default=False)
+    ] = None,
+    folder: Annotated[
+        Path | None, typer.Option("--out", help="Folder of the run; made if missing.", show_default=False)
+    ] = None,
+    method: Annotated[
+        str | None, typer.Option(help="emulator (by default), abc-mcmc or abc-smc.", show_default=False)
+    ] = None,
+    free: Annotated[str, typer.Option(help="Parameters to infer, by name, with commas.")] = ",".join(DEFAULT_FREE),
+    statistics: Annotated[
+        str, typer.Option(help="Curves of the data, with commas: compactness, radius, area, perimeter, or the table's.")
+    ] = "compactness,radius",
+    condition: Annotated[str | None, typer.Option(help="Which condition's colonies.", show_default=False)] = None,
+    prior: Annotated[
+        Path | None, typer.Option(help="TOML file; by default log-uniform, plausible ranges.", show_default=False)
+    ] = None,
+    print_prior: Annotated[
+        bool, typer.Option("--print-prior", help="Print such a file for the free parameters, and end.")
+    ] = False,
+    simulations: Annotated[
+        int | None,
+        typer.Option(help="Simulated data sets at most; 4096, abc-smc 20000.", show_default=False),
+    ] = None,
+    steps: Annotated[
+        int | None, typer.Option(help="abc-mcmc: steps of each chain, in all, resumed ones included; 1000.")
+    ] = None,
+    walkers: Annotated[int | None, typer.Option(help="Chains; 32, which colonies are grown together.")] = None,
+    distance: Annotated[
+        str | None, typer.Option(help="ABC: mahalanobis (by default), curves or li.", show_default=False)
+    ] = None,
+    tolerance: Annotated[float | None, typer.Option(help="ABC: ε, the largest distance.", show_default=False)] = None,
+    pilot_quantile: Annotated[
+        float | None, typer.Option(help="abc-mcmc: or ε as this quantile of the pilot's distances; 0.02.")
+    ] = None,
+    pilot: Annotated[int | None, typer.Option(help="ABC: simulations from the prior beforehand; 500.")] = None,
+    kernel: Annotated[str | None, typer.Option(help="abc-mcmc: indicator (by default) or gaussian.")] = None,
+    move: Annotated[str | None, typer.Option(help="abc-mcmc: gaussian (by default), stretch or de.")] = None,
+    population: Annotated[int | None, typer.Option(help="abc-smc: draws of a population; 500.")] = None,
+    colonies: Annotated[
+        int | None, typer.Option(help="ABC: colonies whose mean is one simulated data set; 1.", show_default=False)
+    ] = None,
+    li: Annotated[
+        bool,
+        typer.Option("--li", help="As Li et al. 2024: abc-mcmc, their distance, indicator, Gaussian proposal Σ/3."),
+    ] = False,
+    draws: Annotated[int, typer.Option(min=10, help="Of the posterior predictive check.")] = 40,
+    dt: Annotated[float, typer.Option(help="Time step.")] = FitSettings.dt,
+    rate: Rate = Scales.rate,
+    length: Length = Scales.length,
+    truth: Annotated[bool, typer.Option("--truth", help="Show the true parameters beside, if known.")] = False,
+    resume: Annotated[bool, typer.Option("--resume", help="Go on with the run in the folder.")] = False,
+    jobs: Annotated[
+        int | None, typer.Option(min=1, help="Most processes that measure; by default one a core.", show_default=False)
+    ] = None,
+    seed: Seed = 0,
+    *,
+    parameters: dict[str, float],
+) -> None:
+    """Infer the posterior of model parameters from a data set (posterior.csv, samples.npz, index.html).
+
+    Micrographs are measured first. Every simulation is kept: a run that was stopped, or killed, goes on with --resume
+    to the bits it would have come to, and with more --steps or --simulations it gets longer. The emulator compares the
+    data with means of as many colonies as were observed; ABC with single ones, unless --colonies says otherwise, which
+    widens its posterior. Parameters that are not free are held at the values given here.
+    """
+    if print_prior:
+        sys.stdout.write(template(check_free(design_command.names(free))))
+        return
+    if source is None or folder is None:
+        raise InputError(f"{'SOURCE' if source is None else '--out'} is missing: yeastfit infer SOURCE --out FOLDER")
+    request = infer_command.Request.of(
+        li,
+        {
+            "method": method or ("abc-mcmc" if li else "emulator"),
+            **{"free": check_free(design_command.names(free)), "statistics": design_command.names(statistics)},
+            **{"condition": condition, "prior": prior, "fixed": parameters, "distance": distance, "epsilon": tolerance},
+            **{"share": pilot_quantile, "kernel": kernel, "move": move, "pilot": pilot, "steps": steps},
+            **{"walkers": walkers, "population": population, "simulations": simulations, "colonies": colonies},
+            **{"draws": draws, "dt": dt, "rate": rate, "length": length, "seed": seed},
+        },
+    )
+    with _progress("measuring micrographs") as advance:
+        run = infer_command.Run.begin(request, source, folder, resume, jobs or os.cpu_count() or 1, advance)
+    _warn([*run.folder.notes, *run.data.warnings])
+    if run.folder.finished:
+        out.print(f"this run is finished: results in {folder}, on one page: index.html")
+        return
+    try:
+        with _simulations() as (tell, say):
+            samples = run.sample(tell, say)
+            say("posterior predictive check", 1.0)
+            results, remarks = run.results(samples, fit_command.read_truth(source) if truth else None, tell)
+    except KeyboardInterrupt:
+        err.print(f"stopped; {run.folder.resume_hint()}", markup=False, highlight=False, soft_wrap=True)
+        raise
+    except OSError as error:
+        raise InputError(f"{folder}: {error}; {run.folder.resume_hint()}") from error
+    more = {"configuration": run.folder.configuration, "seconds": samples.seconds, "warnings": results.warnings}
+    write_manifest(folder, command="infer", seed=seed, inputs=infer_command.inputs_of(source), **more)
+    _warn([*results.warnings, *remarks])
+    out.print(results.table())
+    for line in results.lines():
+        out.print(line, highlight=False)
+    out.print(f"{samples.simulations} simulated data sets. Results in {folder}, on one page: index.html")
+
+
+@app.command()
+@_with_parameters
 def gradcheck(
     folder: Annotated[
         Path | None, typer.Option("--out", help="Folder for gradcheck.csv; without it, only the terminal.")
@@ -453,6 +566,26 @@ def _stages() -> Iterator[Callable[[str, float], None]]:
     with Progress(*columns, console=err, disable=not err.is_terminal, transient=True) as bar:
         task = bar.add_task("fitting", total=1.0)
         yield lambda what, share: bar.update(task, description=what, completed=share)
+
+
+@contextmanager
+def _simulations() -> Iterator[tuple[Callable[[int], None], Callable[[str, float], None]]]:
+    """What a sampler is doing, with colonies grown a second and the time that is left; nothing but on a terminal."""
+    columns = (
+        *(TextColumn("{task.description}"), BarColumn(), TextColumn("{task.fields[grown]}")),
+        *(TimeElapsedColumn(), TimeRemainingColumn(elapsed_when_finished=True)),
+    )
+    with Progress(*columns, console=err, disable=not err.is_terminal, transient=True) as bar:
+        task = bar.add_task("sampling", total=1.0, grown="")
+        began, grown = clock.perf_counter(), 0
+
+        def tell(rows: int) -> None:
+            nonlocal grown
+            grown += rows
+            each = grown / (clock.perf_counter() - began)
+            bar.update(task, grown=f"{grown} colonies, {each:.1f} a second")
+
+        yield tell, lambda what, share: bar.update(task, description=what, completed=share)
 
 
 def _warn(lines: list[str]) -> None:

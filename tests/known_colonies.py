@@ -1,0 +1,84 @@
+"""A table of measurements, and colonies whose curves are a known function of λ in the place of grown ones.
+
+compactness = a (1 + 0.3 log mobility + 0.2 log t),   radius = 2 + t √aspect_ratio,   10 % noise of each colony
+"""
+
+import csv
+import os
+import signal
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from yeastfit import infer_command
+from yeastfit.infer.colony_simulator import ColonySimulator
+from yeastfit.model.parameters import NAMES, Parameters, Scales
+
+TRUTH = {"mobility": 1.5, "aspect_ratio": 0.5}
+HOURS = (4.0, 6.0, 8.0)
+SCATTER = 0.1
+
+
+def curves(mobility: np.ndarray, aspect_ratio: np.ndarray, times: np.ndarray) -> np.ndarray:
+    """[row, statistic and time]."""
+    t = times[None]
+    compactness = 2 * (1 + 0.3 * np.log(mobility)[:, None] + 0.2 * np.log(t))
+    return np.concatenate([compactness, 2 + t * np.sqrt(aspect_ratio)[:, None]], axis=1)
+
+
+def simulated(self: ColonySimulator, values: np.ndarray, seeds: np.ndarray) -> np.ndarray:
+    """In the place of `ColonySimulator.__call__`."""
+    fixed = Parameters().asdict()
+    each = {name: np.full(len(values), fixed[name]) for name in NAMES}
+    each |= {name: values[:, k] for k, name in enumerate(self.free)}
+    times = np.array([Scales().time(hours) for hours in HOURS])
+    mean = curves(each["mobility"], each["aspect_ratio"], times)
+    noise = np.array([np.random.default_rng(int(seed)).normal(size=mean.shape[1]) for seed in seeds])
+    return mean * (1 + SCATTER * noise)
+
+
+def discs(values: np.ndarray, simulator: ColonySimulator, time: float, seed: int = 0) -> list[np.ndarray]:
+    """In the place of `silhouettes`."""
+    x = np.arange(-80, 81)
+    return [np.hypot(x[:, None], x) <= 40 + 10 * k for k in range(len(values))]
+
+
+def stand_in(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Colonies as above, for one test."""
+    monkeypatch.setattr(ColonySimulator, "__call__", simulated)
+    monkeypatch.setattr(infer_command, "silhouettes", discs)
+
+
+def write_measurements(path: Path, replicates: int = 6, seed: int = 3, conditions: tuple[str, ...] = ("",)) -> Path:
+    """Colonies of the truth, as `yeastfit measure` would write them, without masks."""
+    rng, scales, rows = np.random.default_rng(seed), Scales(), []
+    times = np.array([scales.time(hours) for hours in HOURS])
+    mean = curves(np.array([TRUTH["mobility"]]), np.array([TRUTH["aspect_ratio"]]), times)[0].reshape(2, -1)
+    for condition in conditions:
+        for replicate in range(replicates):
+            one = mean * (1 + SCATTER * rng.normal(size=mean.shape))
+            for hours, compactness, radius in zip(HOURS, *one, strict=True):
+                size = {"radius": radius * scales.length, "max_radius": 2 * radius * scales.length}
+                named = {"file": f"{replicate}.tif", "condition": condition, "replicate": replicate, "hours": hours}
+                rows.append({**named, "um_per_pixel": 0.75, "compactness": compactness, **size, "mask": "none.png"})
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with path.open("w", newline="") as file:
+        writer = csv.DictWriter(file, list(rows[0]))
+        writer.writeheader()
+        writer.writerows(rows)
+    return path
+
+
+def kill_after(calls: int) -> None:
+    """From now on in this process: known colonies, and the operating system's kill in one of their calls."""
+    left = [calls]
+
+    def dying(self: ColonySimulator, values: np.ndarray, seeds: np.ndarray) -> np.ndarray:
+        left[0] -= 1
+        if not left[0]:
+            os.kill(os.getpid(), signal.SIGKILL)
+        return simulated(self, values, seeds)
+
+    ColonySimulator.__call__ = dying  # type: ignore[method-assign]
+    infer_command.silhouettes = discs

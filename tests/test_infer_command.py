@@ -1,0 +1,283 @@
+"""`yeastfit infer` from end to end, on colonies whose curves are known; stopped, killed and taken up again."""
+
+import csv
+import json
+import os
+import resource
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from helpers import wrong_types
+from known_colonies import TRUTH, stand_in, write_measurements
+
+from yeastfit import cli
+from yeastfit.errors import InputError
+from yeastfit.infer.colony_simulator import ColonySimulator
+from yeastfit.infer.samples import Samples
+from yeastfit.infer_command import Request
+
+TINY = {
+    "emulator": ["--simulations", "96", "--walkers", "8"],
+    "abc-mcmc": ["--steps", "40", "--walkers", "8", "--pilot", "96", "--pilot-quantile", "0.1"],
+    "abc-smc": ["--population", "64", "--simulations", "600", "--pilot", "96"],
+}
+FILES = ("run.json", "targets.csv", "simulations.h5", "samples.npz", "posterior.csv", "diagnostics.json")
+FILES += ("predictive.csv", "predictive.npz", "corner.png", "traces.png", "predictive.png", "colonies.png")
+FILES += ("index.html", "manifest.json", "posterior.nc")
+
+
+@pytest.fixture
+def data(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    stand_in(monkeypatch)
+    return write_measurements(tmp_path / "data" / "measurements.csv")
+
+
+def arguments(data: Path, out: Path, method: str, *more: str) -> list[str]:
+    common = ["--free", "mobility,aspect-ratio", "--draws", "12", "--method", method, *TINY[method]]
+    return ["infer", str(data), "--out", str(out), *common, *more]
+
+
+def assert_same(found: Path, expected: Path) -> None:
+    """Draws, to the last bit."""
+    one, other = (Samples.load(folder / "samples.npz") for folder in (found, expected))
+    for name in ("values", "weights", "log_probability", "acceptance", "statistics"):
+        np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
+    assert (one.simulations, one.settings, one.seed) == (other.simulations, other.settings, other.seed)
+
+
+@pytest.mark.parametrize("method", [pytest.param("emulator", marks=pytest.mark.slow), "abc-mcmc", "abc-smc"])
+def test_a_table_becomes_a_posterior(
+    data: Path, tmp_path: Path, method: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "out"
+    (data.parent / "truth").mkdir()
+    (data.parent / "truth" / "parameters.json").write_text(json.dumps({**ColonyDefaults, **TRUTH}))
+    assert cli.run(arguments(data, out, method, "--truth")) == 0
+    assert all((out / name).is_file() for name in FILES)
+    with (out / "posterior.csv").open() as file:
+        rows = {row["parameter"]: row for row in csv.DictReader(file)}
+    assert list(rows) == ["mobility", "aspect_ratio"]
+    for name, row in rows.items():
+        assert float(row["q05"]) < float(row["median"]) < float(row["q95"])
+        assert abs(np.log(float(row["median"]) / TRUTH[name])) < 1.0
+        assert row["inside_90"] == str(float(row["q05"]) <= TRUTH[name] <= float(row["q95"]))
+    found = json.loads((out / "diagnostics.json").read_text())
+    assert found["observations"] == 6
+    assert found["warnings"] == json.loads((out / "manifest.json").read_text())["warnings"]
+    run = json.loads((out / "run.json").read_text())
+    assert run["configuration"]["method"] == method
+    assert len(run["inputs"]["measurements.csv"]) == 64
+    assert "Results in" in capsys.readouterr().out
+    assert cli.run(arguments(data, out, method, "--resume")) == 0
+    assert "this run is finished" in capsys.readouterr().out
+
+
+ColonyDefaults = {
+    **{"diffusivity": 0.1, "elasticity": 5.0, "repulsivity": 5.0, "repulsion_radius": 0.5},
+    **{"mobility": 1.0, "metabolic_rate": 1.0, "aspect_ratio": 0.6},
+}
+
+
+class Stopped(BaseException):
+    """Not an error that anything would catch."""
+
+
+@pytest.mark.parametrize("method", ["abc-mcmc", "abc-smc"])
+def test_a_run_that_stopped_anywhere_comes_to_the_same_bits(
+    data: Path, tmp_path: Path, method: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert cli.run(arguments(data, tmp_path / "whole", method)) == 0
+    undisturbed = ColonySimulator.__call__
+    for calls in (1, 4, 7, 12):
+        left = [calls]
+
+        def stopping(self: Any, values: np.ndarray, seeds: np.ndarray, left: list[int] = left) -> np.ndarray:
+            left[0] -= 1
+            if left[0] == 0:
+                raise Stopped
+            return undisturbed(self, values, seeds)
+
+        monkeypatch.setattr(ColonySimulator, "__call__", stopping)
+        with pytest.raises(Stopped):
+            cli.run(arguments(data, tmp_path / "parts", method, "--resume"))
+        assert not (tmp_path / "parts" / "manifest.json").exists()
+    monkeypatch.setattr(ColonySimulator, "__call__", undisturbed)
+    assert cli.run(arguments(data, tmp_path / "parts", method, "--resume")) == 0
+    assert_same(tmp_path / "parts", tmp_path / "whole")
+
+
+KILLED = """
+import sys
+from known_colonies import kill_after
+from yeastfit import cli
+kill_after(int(sys.argv[1]))
+sys.exit(cli.run(sys.argv[2:]))
+"""
+
+
+def run_apart(calls: int, arguments: list[str], limit: int | None = None) -> subprocess.CompletedProcess[str]:
+    """In a process of its own, killed in that call of the simulator; limit: bytes of the largest file."""
+    tests = Path(__file__).parent
+    where = {**os.environ, "PYTHONPATH": os.pathsep.join(map(str, (tests, tests.parent)))}
+
+    def limited() -> None:
+        if limit is not None:
+            resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
+
+    command = [sys.executable, "-c", KILLED, str(calls), *arguments]
+    return subprocess.run(command, env=where, capture_output=True, text=True, check=False, preexec_fn=limited)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("method", ["emulator", "abc-mcmc", "abc-smc"])
+def test_killed_for_real_it_comes_to_the_same_bits(data: Path, tmp_path: Path, method: str) -> None:
+    assert cli.run(arguments(data, tmp_path / "whole", method)) == 0
+    for calls in (2, 3, 5):
+        done = run_apart(calls, arguments(data, tmp_path / "parts", method, "--resume"))
+        assert done.returncode == -9, done.stderr
+    assert cli.run(arguments(data, tmp_path / "parts", method, "--resume")) == 0
+    assert_same(tmp_path / "parts", tmp_path / "whole")
+
+
+@pytest.mark.slow
+def test_a_full_disk_is_one_line_and_loses_nothing(data: Path, tmp_path: Path) -> None:
+    assert cli.run(arguments(data, tmp_path / "whole", "abc-mcmc")) == 0
+    largest = (tmp_path / "whole" / "chains.h5").stat().st_size
+    done = run_apart(10**9, arguments(data, tmp_path / "parts", "abc-mcmc"), limit=largest // 2)
+    assert done.returncode == 2
+    errors = [line for line in done.stderr.splitlines() if not line.startswith("warning: ")]
+    assert len(errors) == 1, done.stderr
+    assert "--resume" in errors[0]
+    assert cli.run(arguments(data, tmp_path / "parts", "abc-mcmc", "--resume")) == 0
+    assert_same(tmp_path / "parts", tmp_path / "whole")
+
+
+def test_more_steps_make_a_run_longer(data: Path, tmp_path: Path) -> None:
+    longer = [*arguments(data, tmp_path / "long", "abc-mcmc"), "--steps", "55"]
+    assert cli.run(longer) == 0
+    assert cli.run(arguments(data, tmp_path / "parts", "abc-mcmc")) == 0
+    assert cli.run([*arguments(data, tmp_path / "parts", "abc-mcmc"), "--steps", "55", "--resume"]) == 0
+    assert_same(tmp_path / "parts", tmp_path / "long")
+
+
+def test_ctrl_c_says_how_to_go_on(
+    data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def interrupted(self: Any, values: np.ndarray, seeds: np.ndarray) -> np.ndarray:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(ColonySimulator, "__call__", interrupted)
+    assert cli.run(arguments(data, tmp_path / "out", "abc-mcmc")) == 130
+    assert "repeat the command with --resume" in capsys.readouterr().err
+
+
+def test_what_lies_in_the_folder_is_never_overwritten(
+    data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def failing(self: Any, values: np.ndarray, seeds: np.ndarray) -> np.ndarray:
+        raise InputError("no colonies today")
+
+    monkeypatch.setattr(ColonySimulator, "__call__", failing)
+    first = arguments(data, tmp_path / "out", "abc-mcmc")
+
+    def refused(*arguments: str) -> str:
+        capsys.readouterr()
+        assert cli.run(list(arguments)) == 2
+        (line,) = capsys.readouterr().err.splitlines()
+        return line
+
+    assert "no colonies today" in refused(*first)
+    before = (tmp_path / "out" / "run.json").read_bytes()
+    assert "a run that was not finished: give --resume" in refused(*first)
+    assert "mobility was 1" not in refused(*first, "--resume", "--mobility", "3")  # free: of no account
+    said = refused(*first, "--resume", "--seed", "4", "--dt", "0.02", "--elasticity", "6", "--distance", "li")
+    for words in (
+        "seed was 0, now it is 4",
+        "dt was 0.01, now it is 0.02",
+        "elasticity was",
+        "distance was mahalanobis",
+    ):
+        assert words in said
+    write_measurements(data, seed=4)
+    assert "measurements.csv has changed" in refused(*first, "--resume")
+    assert (tmp_path / "out" / "run.json").read_bytes() == before
+    assert "holds the data" in refused(*arguments(data, data.parent, "abc-mcmc"))
+
+
+def test_a_file_of_chains_that_is_none_is_refused(
+    data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "out"
+    assert cli.run(arguments(data, out, "abc-mcmc")) == 0
+    kept = (out / "simulations.h5").read_bytes()
+    (out / "manifest.json").unlink()
+    (out / "chains.h5").write_text("nothing")
+    capsys.readouterr()
+    assert cli.run(arguments(data, out, "abc-mcmc", "--resume")) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "chains.h5 exists and is no file of chains" in line
+    assert (out / "simulations.h5").read_bytes() == kept
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ({"method": "abc"}, "--method is 'abc'"),
+        ({"method": "emulator", "epsilon": 0.1}, "--tolerance is of --method abc-mcmc or abc-smc, not of emulator"),
+        ({"method": "abc-smc", "steps": 100}, "--steps is of --method abc-mcmc"),
+        ({"method": "abc-mcmc", "simulations": 100}, "--simulations is of --method abc-smc or emulator"),
+        ({"method": "abc-mcmc", "epsilon": 0.1, "share": 0.1}, "need one of the two"),
+        ({"method": "abc-mcmc", "distance": "far"}, "--distance is 'far'"),
+        ({"method": "abc-mcmc", "steps": 3}, "at least 4"),
+    ],
+)
+def test_options_that_do_not_go_together(options: dict[str, Any], said: str) -> None:
+    with wrong_types(), pytest.raises(InputError, match=said):
+        Request.of(False, options)
+
+
+def test_li_and_coauthors() -> None:
+    request = Request.of(True, {"method": None, "epsilon": 0.03})
+    settled = request.settled()
+    chosen = {name: settled[name] for name in ("distance", "kernel", "move", "colonies", "epsilon")}
+    assert chosen == {"distance": "li", "kernel": "indicator", "move": "gaussian", "colonies": 1, "epsilon": 0.03}
+    with wrong_types(), pytest.raises(InputError, match="--kernel is gaussian, with --li it is indicator"):
+        Request.of(True, {"method": None, "kernel": "gaussian"})
+    with pytest.raises(InputError, match="not of emulator"):
+        Request.of(True, {"method": "emulator"})
+
+
+def test_prior_of_a_file_and_its_template(data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.run(["infer", "--print-prior", "--free", "mobility"]) == 0
+    text = capsys.readouterr().out
+    file = tmp_path / "prior.toml"
+    file.write_text(text.replace("high = 20.0", "high = 4.0"))
+    request = Request(free=("mobility",), prior=file)
+    assert request.configuration()["prior"] == {"mobility": {"law": "log-uniform", "low": 0.02, "high": 4.0}}
+    file.write_text("[mobility]\nlaw = 'cauchy'\n")
+    assert cli.run(arguments(data, tmp_path / "out", "abc-mcmc", "--prior", str(file))) == 2
+    assert "cauchy" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
+def test_what_is_missing_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for given, said in (
+        (["infer"], "SOURCE is missing"),
+        (["infer", str(tmp_path)], "--out is missing"),
+        (["infer", str(tmp_path), "--out", str(tmp_path / "out")], "neither a data set"),
+    ):
+        assert cli.run(given) == 2
+        assert said in capsys.readouterr().err
+
+
+def test_one_condition_at_a_time(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    stand_in(monkeypatch)
+    two = write_measurements(tmp_path / "data" / "measurements.csv", conditions=("a", "b"))
+    assert cli.run(arguments(two, tmp_path / "out", "abc-mcmc")) == 2
+    assert "--condition: the data have 'a', 'b'" in capsys.readouterr().err
