@@ -24,6 +24,8 @@ FREE = ("mobility", "metabolic_rate", "aspect_ratio")
 SETTINGS = FitSettings(screened=32, starts=2, members=(16, 64, 256), measurement_error=0.0)
 ROOT = 0.1 * np.linalg.cholesky(0.5 ** np.abs(np.subtract.outer(np.arange(CURVES), np.arange(CURVES))))
 
+QUIET = 1e-4 * ROOT  # colonies nearly without noise; Σ is then the data's, by their scatter
+
 Mean = Callable[[np.ndarray], np.ndarray]
 
 

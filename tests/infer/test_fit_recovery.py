@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from stand_in import CENTRE, CURVES, FREE, ROOT, SETTINGS, SLOPES, StandIn, bent, drawn, exact, fitted, logs, straight
+from stand_in import CENTRE, CURVES, FREE, QUIET, SETTINGS, SLOPES, StandIn, bent, drawn, exact, fitted, logs, straight
 
 from yeastfit import Fit, Parameters, Targets
 from yeastfit.infer.settings import Method
@@ -16,7 +16,6 @@ AT_TRUTH = np.log([2.0, 0.7, 0.6])
 NEAR = np.log([1.5, 0.9, 0.5])
 COLUMNS = [NAMES.index(name) for name in FREE]
 SHORT = replace(SETTINGS, members=(64, 256), spreads=(0.15, 0.1))
-QUIET = 1e-4 * ROOT  # colonies nearly without noise; Σ is then the data's, by their scatter
 
 
 def known_scatter(targets: Targets) -> Targets:
