@@ -1,0 +1,81 @@
+"""Posterior predictive checks: against normal data whose bands are known, and data that the model does not make."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from known_posteriors import Drawing
+
+from yeastfit.errors import InputError
+from yeastfit.infer.predictive import Predictive, Replicates, predict
+from yeastfit.infer.samples import Samples
+
+NORMAL = Drawing(("mean",), ("a", "b"), lambda value, rng: value + rng.standard_normal(2))
+
+
+def samples_at(values: np.ndarray) -> Samples:
+    """One chain of these draws of the mean."""
+    count = len(values)
+    return Samples(
+        free=("mean",),
+        values=values[None, :, None],
+        weights=np.full((1, count), 1 / count),
+        log_probability=np.zeros((1, count)),
+        acceptance=np.ones(1),
+        labels=("a", "b"),
+        statistics=np.zeros((1, count, 2)),
+        simulations=0,
+        seconds=0.0,
+        seed=0,
+        method="none",
+    )
+
+
+def test_a_mean_over_replicates_scatters_less() -> None:
+    values, seeds = np.zeros((2000, 1)), np.arange(2000)
+    found = Replicates(NORMAL, 16)(values, seeds)
+    assert found.std() == pytest.approx(0.25, rel=0.05)
+    np.testing.assert_array_equal(Replicates(NORMAL, 16)(values[7:9], seeds[7:9]), found[7:9])
+
+
+def test_one_failure_fails_the_mean() -> None:
+    def draw(value: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+        return np.full(2, np.nan if rng.random() < 0.1 else 1.0)
+
+    found = Replicates(Drawing(("mean",), ("a", "b"), draw), 5)(np.zeros((1000, 1)), np.arange(1000))
+    assert np.isfinite(found).all(axis=1).mean() == pytest.approx(0.9**5, abs=0.06)
+
+
+def test_bands_are_those_of_the_normal_distribution(tmp_path: Path) -> None:
+    posterior = samples_at(np.random.default_rng(1).normal(size=4000))
+    found = predict(posterior, NORMAL, np.array([0.5, -0.5]), replicates=4, draws=2000, seed=3)
+    sd = np.sqrt(1 + 1 / 4)
+    np.testing.assert_allclose(found.band(0.9), [[-1.645 * sd, 1.645 * sd]] * 2, atol=0.15)
+    assert found.inside(0.5).tolist() == [True, True]
+    assert found.sentences() == []
+    assert predict(posterior, NORMAL, found.observed, replicates=4, draws=20, seed=3).values.shape == (20, 1)
+    found.save(tmp_path / "predictive.npz")
+    again = Predictive.load(tmp_path / "predictive.npz")
+    assert again.rows() == found.rows()
+    assert (again.labels, again.replicates) == (("a", "b"), 4)
+
+
+def test_data_that_the_model_does_not_make_are_told_of() -> None:
+    found = predict(samples_at(np.zeros(100)), NORMAL, np.array([0.0, 6.0]), draws=200)
+    assert found.p_value == 0.0
+    (said,) = found.sentences()
+    assert "mostly by b" in said
+
+
+def test_p_values_of_data_like_the_predicted_are_uniform() -> None:
+    posterior, rng = samples_at(np.zeros(100)), np.random.default_rng(5)
+    shares = [predict(posterior, NORMAL, rng.normal(size=2), draws=100, seed=k).p_value for k in range(200)]
+    assert np.mean(shares) == pytest.approx(0.5, abs=0.08)
+    assert np.mean(np.array(shares) < 0.2) == pytest.approx(0.2, abs=0.1)
+
+
+def test_too_few_draws_are_refused() -> None:
+    with pytest.raises(InputError, match="at least 10"):
+        predict(samples_at(np.zeros(100)), NORMAL, np.zeros(2), draws=9)
+    with pytest.raises(InputError, match="simulator is of"):
+        predict(samples_at(np.zeros(100)), NORMAL, np.zeros(3))

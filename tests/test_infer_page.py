@@ -1,0 +1,73 @@
+"""The page of a posterior, opened in a real browser where there is one."""
+
+import re
+from pathlib import Path
+
+import pytest
+import test_page
+from known_colonies import stand_in, write_measurements
+from test_page import Reader, open_in_browser
+
+from yeastfit import cli
+
+LATE = """<script>addEventListener("load", () => {
+  const seen = { pictures: [...document.images].map(image => [image.alt, image.naturalWidth, image.complete]) };
+  document.querySelector("figure button").click();
+  seen.enlarged = [document.querySelector("dialog").open, document.querySelector("dialog img").naturalWidth > 1];
+  document.querySelector("dialog form button").click();
+  const table = document.querySelector("table");
+  const names = () => [...table.tBodies[0].rows].map(row => row.cells[0].textContent);
+  const head = [...table.tHead.rows[0].cells].find(cell => cell.textContent.startsWith("mean"));
+  seen.sorted = [1, 2].map(() => { head.querySelector("button").click(); return names(); });
+  seen.requests = performance.getEntriesByType("resource").map(each => each.name).filter(name => !/^data:/.test(name));
+  seen.wide = document.documentElement.scrollWidth - document.documentElement.clientWidth;
+  seen.faults = faults;
+  const report = document.createElement("pre");
+  report.id = "report";
+  report.textContent = JSON.stringify(seen);
+  document.body.append(report);
+});</script>"""
+PICTURES = ("corner", "predictive", "colonies", "traces", "ranks")
+
+
+@pytest.fixture(scope="module")
+def page(tmp_path_factory: pytest.TempPathFactory) -> str:
+    """Of short chains, which leave doubts."""
+    folder = tmp_path_factory.mktemp("infer")
+    data = write_measurements(folder / "data" / "measurements.csv")
+    command = ["infer", str(data), "--out", str(folder / "out"), "--free", "mobility,aspect-ratio", "--draws", "12"]
+    command += ["--method", "abc-mcmc", "--steps", "20", "--walkers", "4", "--pilot", "96", "--pilot-quantile", "0.2"]
+    with pytest.MonkeyPatch.context() as patch:
+        stand_in(patch)
+        assert cli.run(command) == 0
+    return (folder / "out" / "index.html").read_text(encoding="utf-8")
+
+
+def test_the_page_is_whole(page: str) -> None:
+    read = Reader(page)
+    assert read.open == []
+    names = [attributes["id"] for _, attributes in read.tags if "id" in attributes]
+    assert len(set(names)) == len(names)
+    assert set(PICTURES) <= set(names)
+    assert {(link["href"] or "")[1:] for link in read.of("a")} <= set(names)
+    assert all((image["src"] or "").startswith("data:image/") for image in read.of("img"))
+    assert all(image["alt"] for image in read.of("img")[:-1])
+    for words in ("chains are too short for mobility", "90 % band", "ABC-MCMC", "log-uniform", "measurements.csv"):
+        assert words in read.words
+    assert read.words.index("chains are too short") < read.words.index("Mean, standard deviation")
+    assert not re.search(r"(?:src|href)=[\"'](?!#|data:)", page)
+    assert not re.search(r"/tmp|pytest-of", re.sub(r"base64,[A-Za-z0-9+/=]+", "", page))
+
+
+@pytest.mark.parametrize("width", [1280, 500])
+def test_a_browser_shows_it(page: str, tmp_path: Path, width: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(test_page, "LATE", LATE)
+    seen, console = open_in_browser(page, tmp_path, width)
+    assert console == []
+    assert seen["faults"] == []
+    assert seen["requests"] == []
+    assert len(seen["pictures"]) == len(PICTURES) + 1  # and the one that grows
+    assert all(wide > 0 and complete for _, wide, complete in seen["pictures"])
+    assert seen["enlarged"] == [True, True]
+    assert seen["sorted"] == [["aspect_ratio", "mobility"], ["mobility", "aspect_ratio"]]
+    assert seen["wide"] <= 0

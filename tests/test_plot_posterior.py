@@ -1,0 +1,104 @@
+"""Pictures of posteriors: what they show, of draws that are known, weighted, at an end of the prior, or all alike."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+
+from yeastfit import plot, plot_posterior
+from yeastfit.infer.diagnostics import diagnose
+from yeastfit.infer.priors import Prior
+from yeastfit.infer.samples import Samples
+
+PRIOR = Prior.of(
+    {
+        "mobility": {"law": "log-uniform", "low": 0.1, "high": 10.0},
+        "aspect_ratio": {"law": "uniform", "low": 0.0, "high": 1.0},
+    }
+)
+
+
+def samples(weighted: bool = False, still: bool = False) -> Samples:
+    """Three chains, or one of weighted draws."""
+    rng = np.random.default_rng(2)
+    values = np.stack([np.exp(0.2 * rng.normal(size=(3, 200))), rng.beta(20, 1.2, size=(3, 200))], axis=2)
+    values = np.broadcast_to(values[:1, :1], values.shape) if still else values
+    values = values.reshape(1, 600, 2) if weighted else values
+    weights = rng.random(values.shape[:2]) if weighted else np.ones(values.shape[:2])
+    return Samples(
+        free=PRIOR.free,
+        values=values,
+        weights=weights / weights.sum(),
+        log_probability=np.zeros(values.shape[:2]),
+        acceptance=np.full(len(values), 0.3),
+        labels=("a",),
+        statistics=np.zeros((*values.shape[:2], 1)),
+        simulations=600,
+        seconds=1.0,
+        seed=0,
+        method="none",
+    )
+
+
+def drawn(figure: Figure) -> Figure:
+    """As `plot.save` would draw it; warnings are errors."""
+    plot.FigureCanvasAgg(figure).draw()
+    return figure
+
+
+@pytest.mark.parametrize(("weighted", "still"), [(False, False), (True, False), (False, True)])
+def test_corner(weighted: bool, still: bool) -> None:
+    found = samples(weighted, still)
+    figure = drawn(plot_posterior.corner(found, PRIOR, {"mobility": 1.1, "aspect_ratio": 0.9}))
+    first, _, pair, second = figure.axes
+    assert (pair.get_xlabel(), pair.get_ylabel()) == ("mobility", "aspect ratio")
+    truths = [line.get_xdata()[0] for line in first.lines if line.get_color() == plot.TRUTH]  # type: ignore[index]
+    assert truths == [1.1]
+    (bars,) = first.patches
+    heights, edges, _ = bars.get_data()  # type: ignore[attr-defined]
+    assert heights @ np.diff(edges) == pytest.approx(1.0, abs=0.01)
+    if not still:
+        ends = [line.get_xdata()[0] for line in second.lines if line.get_linestyle() == "--"]  # type: ignore[index]
+        assert ends == [1.0]  # the prior's upper end, which the posterior leans on
+
+
+def test_the_prior_is_a_density_of_what_the_axis_shows() -> None:
+    narrow = samples()
+    wide = replace(narrow, values=narrow.values ** np.array([3.0, 1.0]))
+    for found, scale in ((narrow, "linear"), (wide, "log")):
+        panel = plot_posterior.corner(found, PRIOR).axes[0]
+        assert panel.get_xscale() == scale
+        line = next(line for line in panel.lines if line.get_color() == "0.5")
+        x, density = (np.asarray(one, dtype=float) for one in line.get_data())
+        np.testing.assert_allclose(density, 1 / np.log(100) / (x if scale == "linear" else 1.0))
+
+
+def test_traces_and_ranks() -> None:
+    found = samples()
+    figure = drawn(plot_posterior.traces(found))
+    assert [len(panel.lines) for panel in figure.axes] == [3, 3]
+    drawn(plot_posterior.traces(samples(weighted=True)))
+    chains = diagnose(found.values, free=found.free, acceptance=found.acceptance)
+    ranks = drawn(plot_posterior.ranks(chains))
+    assert [len(panel.patches) for panel in ranks.axes] == [3, 3]
+
+
+def test_colonies_have_one_scale() -> None:
+    x = np.arange(-40, 41)
+    small, large = (np.hypot(x[:, None], x) <= radius for radius in (10, 30))
+    grey = np.where(small, 60.0, 180.0)
+    figure = drawn(plot_posterior.colonies([("a", grey, small, 2.0), ("b", None, large, 1.0)], [("c", large, 0.5)] * 3))
+    assert len(figure.axes) == 6
+    shown = [panel for panel in figure.axes if panel.images]
+    assert len(shown) == 5
+    assert {panel.get_xlim() for panel in shown} == {(-32.0, 32.0)}
+    outline = np.concatenate([np.asarray(line.get_data()) for line in shown[0].lines], axis=1)
+    assert np.hypot(*outline).max() == pytest.approx(21.0, abs=1.5)  # µm: ten pixels and a half of 2 µm
+
+
+def test_held_out_residuals() -> None:
+    rounds = [{"held_out": {"mean": [0.1, -0.2], "covariance": [[1.1, 0.0], [0.0, 0.8]], "rows": 400}}]
+    upper, lower = drawn(plot_posterior.held_out(rounds, ("a", "b"))).axes
+    np.testing.assert_allclose(upper.lines[-1].get_ydata(), [0.1, -0.2])  # type: ignore[arg-type]
+    np.testing.assert_allclose(lower.lines[-1].get_ydata(), [1.1, 0.8])  # type: ignore[arg-type]
