@@ -28,6 +28,7 @@ FIGURES = {  # statements about each in the last table of source_figures.ipynb
 FULL_SIZE = {  # what the first cell says
     "fitting.ipynb": "full size: 10 colonies to 14 h",
     "gradients.ipynb": "full size: 64 colonies to t = 7.5",
+    "posterior.ipynb": "full size: 10 colonies to 14 h, 4096 simulations",
     "source_figures.ipynb": "full size: 6 members, to 35.0 h",
 }
 VERDICTS = {
