@@ -268,26 +268,13 @@ class _Fitter:
             correlation=joint.correlation,
             prior=widths,
         )
-        residuals, jacobian = self._whitened(best, joint, np.linalg.cholesky(sigma))
+        factor = np.linalg.cholesky(sigma)
+        residuals, jacobian = self._whitened(best, joint, factor)
         step = self._last_step(known, residuals, jacobian, joint.theta)
         theta, rest = joint.theta + step, residuals + jacobian @ step
-        parameters = self.space.parameters(theta)
-        fitted, conditions, first = self.y + np.linalg.cholesky(sigma) @ rest[: len(self.y)], [], 0
-        for name, targets in ensembles.targets.items():
-            here = slice(first, first + len(targets.values))
-            table = np.full(targets.mean.shape, np.nan)
-            table[targets.measured] = fitted[here]
-            conditions.append(Condition(name, targets, parameters[name], table, sigma[here, here]))
-            first = here.stop
-        away = theta - best.theta
-        apart = float(np.sqrt(away @ known.matrix @ away))
-        settled = best.ended == "converged"
-        converged = settled or (apart < 1 and not best.failed)
-        status = "converged" if settled else f"converged within the noise of the ensemble: {best.ended}"
-        if not converged:
-            status = f"not converged: {best.ended}, and the estimate is {apart:.1f} standard errors from the last point"
+        converged, status = self._verdict(best, theta, known)
         result = Fit(
-            conditions=tuple(conditions),
+            conditions=self._conditions(theta, self.y + factor @ rest[: len(self.y)], sigma),
             space=self.space,
             theta=theta,
             information=known,
@@ -305,6 +292,35 @@ class _Fitter:
             warnings=(),
         )
         return result.with_warnings(self._warnings(result, known, runs))
+
+    def _conditions(self, theta: Vector, fitted: np.ndarray, sigma: np.ndarray) -> tuple[Condition, ...]:
+        """Each condition's part of the result."""
+        parameters, found, first = self.space.parameters(theta), list[Condition](), 0
+        for name, targets in self.ensembles.targets.items():
+            here = slice(first, first + len(targets.values))
+            table = np.full(targets.mean.shape, np.nan)
+            table[targets.measured] = fitted[here]
+            found.append(Condition(name, targets, parameters[name], table, sigma[here, here]))
+            first = here.stop
+        return tuple(found)
+
+    @staticmethod
+    def _verdict(best: _Run, theta: Vector, known: Information) -> tuple[bool, str]:
+        """Whether the fit converged, and how it ended in words.
+
+        Where the optimiser did not say so, it has if the estimate, which all ensembles near its last point make
+        together, is within one standard error of that point.
+        """
+        if best.ended == "converged":
+            return True, best.ended
+        away = theta - best.theta
+        apart = float(np.sqrt(away @ known.matrix @ away))
+        if apart < 1 and not best.failed:
+            return True, f"converged within the noise of the ensemble: {best.ended}"
+        return (
+            False,
+            f"not converged: {best.ended}, and the estimate is {apart:.1f} standard errors from the last point",
+        )
 
     def _last_step(self, known: Information, residuals: np.ndarray, jacobian: np.ndarray, theta: Vector) -> Vector:
         """To the minimum of the affine function, in the directions that are seen, not far and inside the bounds.
