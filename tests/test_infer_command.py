@@ -258,7 +258,7 @@ def test_prior_of_a_file_and_its_template(data: Path, tmp_path: Path, capsys: py
     file.write_text(text.replace("high = 20.0", "high = 4.0"))
     request = Request(free=("mobility",), prior=file)
     assert request.configuration()["prior"] == {"mobility": {"law": "log-uniform", "low": 0.02, "high": 4.0}}
-    file.write_text("[mobility]\nlaw = 'cauchy'\n")
+    file.write_text("[mobility]\nlaw = 'cauchy'\n[aspect_ratio]\nlaw = 'beta'\na = 2\nb = 2\n")
     assert cli.run(arguments(data, tmp_path / "out", "abc-mcmc", "--prior", str(file))) == 2
     assert "cauchy" in capsys.readouterr().err
     assert not (tmp_path / "out").exists()

@@ -399,8 +399,11 @@ def infer(
             **{"draws": draws, "dt": dt, "rate": rate, "length": length, "seed": seed},
         },
     )
-    with _progress("measuring micrographs") as advance:
-        run = infer_command.Run.begin(request, source, folder, resume, jobs or os.cpu_count() or 1, advance)
+    try:
+        with _progress("measuring micrographs") as advance:
+            run = infer_command.Run.begin(request, source, folder, resume, jobs or os.cpu_count() or 1, advance)
+    except OSError as error:
+        raise InputError(f"{folder}: {infer_command.reason(error)}") from error
     _warn([*run.folder.notes, *run.data.warnings])
     if run.folder.finished:
         out.print(f"this run is finished: results in {folder}, on one page: index.html")
@@ -414,7 +417,7 @@ def infer(
         err.print(f"stopped; {run.folder.resume_hint()}", markup=False, highlight=False, soft_wrap=True)
         raise
     except OSError as error:
-        raise InputError(f"{folder}: {error}; {run.folder.resume_hint()}") from error
+        raise InputError(f"{folder}: {infer_command.reason(error)}; {run.folder.resume_hint()}") from error
     more = {"configuration": run.folder.configuration, "seconds": samples.seconds, "warnings": results.warnings}
     write_manifest(folder, command="infer", seed=seed, inputs=infer_command.inputs_of(source), **more)
     _warn([*results.warnings, *remarks])

@@ -4,6 +4,7 @@ Files of a run: measured/ (where micrographs were measured), targets.csv, simula
 samples.npz, predictive.h5; then what `infer_results` makes of them.
 """
 
+import os
 from collections.abc import Callable
 from dataclasses import dataclass, field, fields
 from pathlib import Path
@@ -294,6 +295,12 @@ class Run:
         """What colonies ran into that were grown by this call."""
         grown = self.colonies.colonies
         return [f"{count} of {grown.grown} colonies: {PROBLEMS[name]}" for name, count in grown.problems.items()]
+
+
+def reason(error: OSError) -> str:
+    """In one line; HDF5's own words are many."""
+    where = f" ({error.filename})" if error.filename else ""
+    return os.strerror(error.errno) + where if error.errno else " ".join(str(error).split())
 
 
 def emulated_settings(simulations: int, walkers: int) -> EmulatedSettings:
