@@ -25,9 +25,11 @@ TINY = {
     "abc-mcmc": ["--steps", "40", "--walkers", "8", "--pilot", "96", "--pilot-quantile", "0.1"],
     "abc-smc": ["--population", "64", "--simulations", "600", "--pilot", "96"],
 }
-FILES = ("run.json", "targets.csv", "simulations.h5", "samples.npz", "posterior.csv", "diagnostics.json")
-FILES += ("predictive.csv", "predictive.npz", "corner.png", "traces.png", "predictive.png", "colonies.png")
-FILES += ("index.html", "manifest.json", "posterior.nc")
+FILES = (
+    *("run.json", "targets.csv", "simulations.h5", "samples.npz", "posterior.csv", "diagnostics.json"),
+    *("predictive.csv", "predictive.npz", "corner.png", "traces.png", "predictive.png", "colonies.png"),
+    *("index.html", "manifest.json", "posterior.nc"),
+)
 
 
 @pytest.fixture

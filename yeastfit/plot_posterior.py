@@ -221,7 +221,8 @@ class _Axis:
 
     def grid(self, count: int) -> Float[np.ndarray, " point"]:
         """Evenly spaced on the axis, in λ."""
-        return self.back(np.linspace(*self.plain(np.array(self.ends)), count))
+        low, high = self.plain(np.array(self.ends)).tolist()
+        return self.back(np.linspace(low, high, count))
 
 
 def _margin(panel: Any, samples: Samples, prior: "Prior", k: int, axis: _Axis) -> None:
