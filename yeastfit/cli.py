@@ -248,7 +248,12 @@ def fit(
     method: Annotated[str, typer.Option(help="levenberg-marquardt, dogleg or bfgs.")] = FitSettings.method,
     starts: Annotated[int, typer.Option(min=1, help="Places to begin from.")] = FitSettings.starts,
     dt: Annotated[float, typer.Option(help="Time step.")] = FitSettings.dt,
-    measurement_error: Annotated[float, typer.Option(min=0, help="Relative, beside the scatter of colonies.")] = 0.01,
+    measurement_error: Annotated[
+        float | None,
+        typer.Option(
+            min=0, help="Relative, beside the scatter of colonies; by default 0.02 of compactness, else 0.01."
+        ),
+    ] = None,
     bootstrap: Annotated[int, typer.Option(min=0, help="Fits of resampled replicates to make, 500 for instance.")] = 0,
     profile: Annotated[bool, typer.Option("--profile", help="Profile the likelihood of every parameter.")] = False,
     rate: Rate = Scales.rate,
@@ -280,7 +285,8 @@ def fit(
         "bounds": fit_command.named_numbers("--bounds", bounds or (), "the ends of a range"),
         "prior": fit_command.named_numbers("--prior", prior or (), "its centre and width"),
     }
-    settings = FitSettings(method=method, starts=starts, dt=dt, measurement_error=measurement_error)  # type: ignore[arg-type]
+    error = {} if measurement_error is None else {"measurement_error": measurement_error}
+    settings = FitSettings(method=method, starts=starts, dt=dt, **error)  # type: ignore[arg-type]
     single = next(iter(targets.values())) if len(targets) == 1 else targets
     with _stages() as stage:
         result = run_fit(

@@ -24,7 +24,8 @@ class FitSettings:
     that end a stage, as a finite ensemble's mean is rough on the scale of its Monte-Carlo error.
 
     measurement_error: relative error of a measured mean that replicates do not average out, half of its variance common
-    to all times; one number, or by statistic.
+    to all times; one number, or by statistic, 0.01 for those not named. On 8 synthetic sets means of outlines were off
+    those of the colonies put in by 0.5 to 1.9 % in compactness (standard deviation), and by 0.4 % at most in radius.
     """
 
     method: Method = "levenberg-marquardt"
@@ -41,7 +42,9 @@ class FitSettings:
     tolerance: float = 0.3
     max_steps: int = 8
     patience: int = 2
-    measurement_error: float | Mapping[str, float] = field(default=0.01)
+    measurement_error: float | Mapping[str, float] = field(
+        default_factory=lambda: {"compactness": 0.02, "outer_compactness": 0.02}
+    )
 
     def __post_init__(self) -> None:
         if self.method not in get_args(Method):
