@@ -1,0 +1,130 @@
+"""The emulator on simulators whose mean and scatter are known, what it says of itself, and what it refuses."""
+
+import numpy as np
+import pytest
+from known_likelihoods import Known, curved, fragile, linear, simulations
+
+from yeastfit import InputError
+from yeastfit.infer.emulator import Emulator, train
+from yeastfit.infer.heldout import HeldOut
+from yeastfit.infer.networks import EmulatorSettings
+
+QUICK = EmulatorSettings(members=3)
+
+
+def trained(known: Known, count: int = 1024, seed: int = 0, settings: EmulatorSettings = QUICK) -> Emulator:
+    values, statistics = simulations(known, count, seed)
+    return train(values, statistics, prior=known.prior, labels=known.labels, seed=seed, settings=settings)
+
+
+@pytest.fixture(scope="module")
+def of_curved() -> Emulator:
+    return trained(curved(), 2048)
+
+
+def inside(known: Known, count: int = 200) -> np.ndarray:
+    """λ in the middle of the prior."""
+    return known.prior.quantile(0.1 + 0.8 * np.random.default_rng(3).random((count, len(known.free))))
+
+
+def test_mean_and_scatter_of_a_curved_simulator(of_curved: Emulator) -> None:
+    """Mean within a fraction of the scatter, standard deviations and correlations within a tenth."""
+    known = curved()
+    values = inside(known)
+    mean, scatter, _, success = of_curved.moments(values)
+    sd = np.sqrt(np.diagonal(scatter, axis1=1, axis2=2))
+    exact_mean, exact_scatter = known.moments(values)
+    exact_sd = np.sqrt(np.diagonal(exact_scatter, axis1=1, axis2=2))
+    assert np.sqrt(np.mean(((mean - exact_mean) / exact_sd) ** 2)) < 0.15
+    assert np.sqrt(np.mean(np.log(sd / exact_sd) ** 2)) < 0.1
+    correlation = scatter[:, 0, 1] / (sd[:, 0] * sd[:, 1])
+    assert np.abs(correlation - 0.6).max() < 0.1
+    np.testing.assert_array_equal(success, 1.0)
+
+
+def test_the_error_it_claims_is_about_the_error_it_makes(of_curved: Emulator) -> None:
+    known = curved()
+    values = inside(known)
+    mean, scatter, error, _ = of_curved.moments(values)
+    off = mean - known.moments(values)[0]
+    made = np.mean(np.einsum("ri,rij,rj->r", off, np.linalg.inv(scatter), off))
+    claimed = np.mean(np.trace(np.linalg.solve(scatter, error), axis1=1, axis2=2))
+    assert 0.3 < claimed / made < 5
+
+
+def test_held_out_residuals_are_standard_normal(of_curved: Emulator) -> None:
+    found = of_curved.held_out
+    assert found.rows == 2048
+    np.testing.assert_allclose(found.mean, 0.0, atol=4 / np.sqrt(2048))
+    np.testing.assert_allclose(found.covariance, np.eye(3), atol=0.12)
+    assert found.sentences() == []
+
+
+def test_log_likelihood_is_a_density_of_replicates_means(of_curved: Emulator) -> None:
+    """Against the exact one of the mean of R data sets, and against its own moments."""
+    known = curved()
+    values = inside(known, 20)
+    mean, scatter, error, _ = of_curved.moments(values)
+    for replicates in (1, 5):
+        observed = mean[0]
+        off = observed - mean
+        covariance = scatter / replicates + error
+        expected = -0.5 * np.einsum("ri,rij,rj->r", off, np.linalg.inv(covariance), off)
+        expected -= 0.5 * np.linalg.slogdet(2 * np.pi * covariance)[1]
+        found = of_curved.log_likelihood(values, observed, replicates)
+        np.testing.assert_allclose(found, expected, rtol=1e-3, atol=1e-3)
+    drawn = of_curved.draw(np.repeat(values[:1], 20000, axis=0), np.random.default_rng(0), 5)
+    np.testing.assert_allclose(np.cov(drawn, rowvar=False), scatter[0] / 5 + error[0], rtol=0.06, atol=2e-3)
+
+
+def test_the_same_seed_gives_the_same_emulator() -> None:
+    one, two, other = (trained(linear(), 256, seed) for seed in (0, 0, 1))
+    values = inside(linear(), 5)
+    np.testing.assert_array_equal(one.moments(values)[0], two.moments(values)[0])
+    assert (one.moments(values)[0] != other.moments(values)[0]).all()
+
+
+def test_simulations_that_fail_give_a_probability_of_success() -> None:
+    known = fragile()
+    found = trained(known, 2048)
+    assert found.failed > 100
+    values = np.array([[np.exp(-1.0), 1.0], [np.exp(1.0), 1.0], [np.exp(1.7), 1.0]])
+    np.testing.assert_allclose(found.moments(values)[3], 1 - known.fails(values), atol=0.1)
+    observed = found.moments(values)[0][1]
+    without = found.log_likelihood(values, observed, 4) - 4 * np.log(found.moments(values)[3])
+    mean, scatter, error, _ = found.moments(values)
+    covariance = scatter / 4 + error
+    off = observed - mean
+    expected = -0.5 * np.einsum("ri,rij,rj->r", off, np.linalg.inv(covariance), off)
+    np.testing.assert_allclose(without, expected - 0.5 * np.linalg.slogdet(2 * np.pi * covariance)[1], rtol=1e-3)
+
+
+def test_what_is_off_is_told_in_words() -> None:
+    rng = np.random.default_rng(0)
+    x = rng.normal(size=1000)
+    terms = np.stack([np.ones(1000), x, x**2], axis=1)
+    residuals = rng.normal(size=(1000, 3)) * [1.0, 1.5, 1.0] + [0.3, 0.0, 0.0]
+    residuals[:, 2] += 0.5 * x
+    found = HeldOut.of(residuals, terms, ("area", "length", "count"))
+    assert found.sentences()[0].startswith("emulator: held-out area is off by +0.")
+    assert "held-out length scatters with 2." in found.sentences()[1]
+    np.testing.assert_allclose(found.misfit, [0.09, 0.0, 0.25], atol=0.04)
+
+
+def test_what_is_refused() -> None:
+    known = linear()
+    values, statistics = simulations(known, 64, 0)
+
+    def refused(match: str, values: np.ndarray = values, statistics: np.ndarray = statistics) -> None:
+        with pytest.raises(InputError, match=match):
+            train(values, statistics, prior=known.prior, labels=known.labels, seed=0, settings=QUICK)
+
+    refused(
+        "20 of 20 simulations came to something, an emulator of 2 parameters .* needs", values[:20], statistics[:20]
+    )
+    refused("s1 is the same in all simulations", statistics=statistics * [1, 0, 1, 1])
+    refused("leave out statistics that follow from others", statistics=statistics[:, [0, 1, 2, 2]])
+    refused("a must be finite and vary", values=np.stack([np.ones(64), values[:, 1]], axis=1))
+    refused("shapes", statistics=statistics[:, :2])
+    with pytest.raises(InputError, match="members is 1, it must be at least 2"):
+        EmulatorSettings(members=1)
