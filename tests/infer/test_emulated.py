@@ -1,0 +1,157 @@
+"""Posteriors by emulators beside exact ones: a plane, curves with noise that varies, failures; resuming, and words."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from known_likelihoods import Known, curved, fragile, linear
+
+from yeastfit import InputError
+from yeastfit.infer.emulated import EmulatedSettings, emulated
+from yeastfit.infer.networks import EmulatorSettings
+from yeastfit.infer.priors import Prior
+from yeastfit.infer.samples import Samples
+from yeastfit.infer.simulations import Store
+
+NETWORKS = EmulatorSettings(members=4)
+FEW = EmulatorSettings(members=2, width=16, steps=200)
+SETTINGS = EmulatedSettings(first=1024, each=1024, most=3072, batch=1024, emulator=NETWORKS)
+SMALL = EmulatedSettings(first=64, each=64, most=192, settle=1e-6, most_steps=500, batch=32, emulator=FEW)
+TRUTH = (1.3, 0.8)
+
+
+def compared(samples: Samples, known: Known, observed: np.ndarray, replicates: int) -> tuple[np.ndarray, np.ndarray]:
+    """Shift of the mean in posterior standard deviations, and ratio of standard deviations, in log λ."""
+    mean, covariance = known.posterior(observed, replicates)
+    sd = np.sqrt(np.diag(covariance))
+    x = np.log(samples.flat)
+    return (x.mean(axis=0) - mean) / sd, x.std(axis=0) / sd
+
+
+def test_a_linear_gaussian_simulator_has_its_closed_form() -> None:
+    """With log λ ~ N(0, 1) before the data its posterior is N(V MᵀW o, V), V = (MᵀWM + 1)⁻¹."""
+    normal = {"law": "log-normal", "median": 1.0, "sd": 1.0}
+    known = replace(linear(), prior=Prior.of({"a": normal, "b": normal}))
+    observed = known.observed(TRUTH, 1, seed=1)
+    found = emulated(known, known.prior, observed, SETTINGS, seed=0)
+    slopes = known.moments(np.exp(np.eye(2)))[0].T
+    weighted = np.linalg.solve(known.moments(np.ones((1, 2)))[1][0], slopes)
+    covariance = np.linalg.inv(slopes.T @ weighted + np.eye(2))
+    x = np.log(found.flat)
+    sd = np.sqrt(np.diag(covariance))
+    np.testing.assert_allclose((x.mean(axis=0) - covariance @ weighted.T @ observed) / sd, 0.0, atol=0.15)
+    np.testing.assert_allclose(x.std(axis=0) / sd, 1.0, atol=0.1)
+    np.testing.assert_allclose(np.corrcoef(x.T)[0, 1], covariance[0, 1] / sd.prod(), atol=0.1)
+    assert found.warnings == []
+    assert found.simulations == found.diagnostics["rounds"][-1]["simulations"] <= 3072
+    assert (found.effective_size > 1000).all()
+
+
+def test_curved_means_and_noise_that_depends_on_the_parameters() -> None:
+    known = curved()
+    observed = known.observed(TRUTH, 5, seed=2)
+    found = emulated(known, known.prior, observed, SETTINGS, replicates=5, seed=0)
+    shift, ratio = compared(found, known, observed, 5)
+    np.testing.assert_allclose(shift, 0.0, atol=0.25)
+    np.testing.assert_allclose(ratio, 1.0, atol=0.15)
+    predicted = found.statistics.reshape(-1, 3)
+    assert (np.abs(predicted.mean(axis=0) - observed) < 2 * predicted.std(axis=0)).all()
+
+
+def test_failures_count_as_evidence() -> None:
+    """Six data sets that did not fail tell against λ at which simulations fail."""
+    known = fragile()
+    observed = known.observed((2.4, 0.8), 6, seed=3)
+    found = emulated(known, known.prior, observed, SETTINGS, replicates=6, seed=0)
+    shift, ratio = compared(found, known, observed, 6)
+    np.testing.assert_allclose(shift, 0.0, atol=0.3)
+    np.testing.assert_allclose(ratio, 1.0, atol=0.15)
+    blind = replace(known, fails=lambda values: np.zeros(len(values)))
+    assert compared(found, blind, observed, 6)[0].min() < -0.5
+
+
+class Stops:
+    """A simulator that comes to an end after so many rows."""
+
+    def __init__(self, known: Known, rows: int) -> None:
+        self.known, self.rows = known, rows
+        self.free, self.labels = known.free, known.labels
+
+    def __call__(self, values: np.ndarray, seeds: np.ndarray) -> np.ndarray:
+        self.rows -= len(values)
+        if self.rows < 0:
+            raise KeyboardInterrupt
+        return self.known(values, seeds)
+
+
+def test_a_run_that_was_stopped_goes_on_to_the_same_bits(tmp_path: Path) -> None:
+    known = linear()
+    observed = known.observed(TRUTH, 1, seed=4)
+    whole = emulated(known, known.prior, observed, SMALL, seed=7)
+    assert len(whole.diagnostics["rounds"]) == 3
+    for rows in (40, 130):
+        with (
+            Store(tmp_path / f"{rows}.h5", known.free, known.labels) as store,
+            pytest.raises(KeyboardInterrupt),
+        ):
+            emulated(Stops(known, rows), known.prior, observed, SMALL, seed=7, store=store)
+    with Store(tmp_path / "130.h5", known.free, known.labels) as store:
+        kept = len(store)
+        again = emulated(Stops(known, 192 - kept), known.prior, observed, SMALL, seed=7, store=store)
+    assert kept == 128
+    np.testing.assert_array_equal(again.values, whole.values)
+    np.testing.assert_array_equal(again.statistics, whole.statistics)
+    assert (emulated(known, known.prior, observed, SMALL, seed=8).values[:, :10] != whole.values[:, :10]).all()
+
+
+def test_samples_save_what_the_emulator_said(tmp_path: Path) -> None:
+    known = linear()
+    heard = list[tuple[str, float]]()
+    found = emulated(
+        known,
+        known.prior,
+        known.observed(TRUTH, 500, seed=5),
+        SMALL,
+        replicates=500,
+        seed=1,
+        progress=lambda what, share: heard.append((what, share)),
+    )
+    assert "the posterior still moves" in "\n".join(found.warnings)
+    assert "of the variance of the data and widens the posterior" in "\n".join(found.warnings)
+    assert [what for what, _ in heard] == ["round 1", "round 2", "done"]
+    found.save(tmp_path / "samples.npz")
+    back = Samples.load(tmp_path / "samples.npz")
+    assert back.diagnostics["rounds"][-1]["held_out"]["labels"] == ["s0", "s1", "s2", "s3"]
+    assert back.method == "emulator"
+    assert back.settings["replicates"] == 500
+
+
+def test_what_is_refused() -> None:
+    known = linear()
+    observed = np.zeros(4)
+    with pytest.raises(InputError, match=r"observed is .* 4 finite statistics are expected"):
+        emulated(known, known.prior, np.zeros(3), SMALL)
+    with pytest.raises(InputError, match="replicates is 0, it must be at least 1"):
+        emulated(known, known.prior, observed, SMALL, replicates=0)
+    with pytest.raises(InputError, match="first is 100, it must be a power of two"):
+        EmulatedSettings(first=100)
+    with pytest.raises(InputError, match="most is 64, it must be at least first, which is 512"):
+        EmulatedSettings(most=64)
+    with pytest.raises(InputError, match="simulations came to something"):
+        emulated(replace(known, fails=lambda values: np.ones(len(values))), known.prior, observed, SMALL)
+
+
+@pytest.mark.slow
+def test_ranks_of_the_truth_are_uniform() -> None:
+    """Simulation-based calibration (Talts et al. 2018, arXiv:1804.06788) over draws from the prior."""
+    known = curved()
+    ranks = []
+    for number in range(40):
+        truth = known.prior.sample(1, np.random.default_rng(number))[0]
+        observed = known.observed(tuple(truth), 3, seed=1000 + number)
+        found = emulated(known, known.prior, observed, SETTINGS, replicates=3, seed=number)
+        ranks.append((found.flat < truth).mean(axis=0))
+    shares = np.sort(np.array(ranks), axis=0)
+    expected = (np.arange(40) + 0.5) / 40
+    assert np.abs(shares - expected[:, None]).max() < 1.63 / np.sqrt(40)  # Kolmogorov–Smirnov at 1 %
