@@ -31,6 +31,7 @@ FULL_SIZE = {  # what the first cell says
     "posterior.ipynb": "full size: 10 colonies to 14 h, 4096 simulations",
     "source_figures.ipynb": "full size: 6 members, to 35.0 h",
 }
+SLOW = ("fitting.ipynb", "gradients.ipynb")  # minutes, of compiling mostly
 VERDICTS = {
     *("agrees", "disagrees", "not resolved"),
     *("could be finished here", "could not be finished", "faster here", "not faster here"),
@@ -66,7 +67,7 @@ def test_there_are_notebooks() -> None:
 
 @pytest.mark.parametrize(
     "path",
-    [pytest.param(path, marks=pytest.mark.slow if path.name == "gradients.ipynb" else ()) for path in NOTEBOOKS],
+    [pytest.param(path, marks=pytest.mark.slow if path.name in SLOW else ()) for path in NOTEBOOKS],
     ids=lambda path: path.name,
 )
 def test_runs_in_reduced_size(path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
