@@ -65,7 +65,7 @@ class StandIn(Colonies):
         self.grown += size
         self.batches.append(size)
         phase = self.turn * log_parameters.sum(axis=1)[:, None]
-        one, other = np.asarray(_normals(_padded(keys), len(self.root)), dtype=float)[:size].swapaxes(0, 1)
+        one, other = np.asarray(_normals(_padded(keys), self.root.shape[1]), dtype=float)[:size].swapaxes(0, 1)
         return self.mean(log_parameters) + (np.cos(phase) * one + np.sin(phase) * other) @ self.root.T
 
 

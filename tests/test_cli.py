@@ -10,9 +10,7 @@ import tifffile
 from PIL import Image
 
 from yeastfit import cli
-from yeastfit.infer.fit import Fit
 from yeastfit.measure.dataset import read_dataset
-from yeastfit.model.parameters import NAMES
 from yeastfit.simulation import Simulation
 
 RECIPE = """
@@ -56,47 +54,6 @@ def test_a_data_set_holds_what_it_should_and_is_made_again_bit_for_bit(dataset: 
     assert cli.run(["synthesize", "--recipe", recipe, "--only", "small", "--out", str(tmp_path)]) == 0
     for frame in frames:
         assert frame.path.read_bytes() == (tmp_path / "small" / "images" / frame.path.name).read_bytes()
-
-
-@pytest.fixture(scope="session")
-def fitted(dataset: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("fit")
-    arguments = ["fit", str(dataset), "--out", str(folder), "--free", "aspect-ratio", "--seed", "3", "--truth"]
-    assert cli.run(arguments) == 0
-    return folder
-
-
-def test_fit_finds_the_aspect_ratio_of_photographed_colonies(fitted: Path) -> None:
-    result = json.loads((fitted / "fit.json").read_text())
-    assert set(result["parameters"]) == set(NAMES)
-    found = result["parameters"]["aspect_ratio"]
-    assert found["free"]
-    assert found["standard_error"] < 0.15 * found["value"]
-    assert abs(found["value"] - 0.6) < 3 * found["standard_error"]
-    assert not result["parameters"]["mobility"]["free"]
-    assert result["status"] == "converged"
-    assert result["seed"] == 3
-    assert result["versions"]["jax"]
-
-
-def test_fit_leaves_pictures_tables_and_a_manifest(fitted: Path) -> None:
-    for name in ("fit.png", "convergence.png", "micrographs.png"):
-        assert smallest_side(fitted / name) > 300
-    assert len(rows(fitted / "measurements.csv")) == 24
-    assert len(rows(fitted / "targets.csv")) == 8
-    manifest = json.loads((fitted / "manifest.json").read_text())
-    assert len(manifest["inputs"]) == 25
-    assert all(len(digest) == 64 for digest in manifest["inputs"].values())
-    assert not any("truth" in path for path in manifest["inputs"])
-
-
-def test_a_fit_is_loaded_as_it_was_saved(fitted: Path, tmp_path: Path) -> None:
-    Fit.load(fitted / "fit.json").save(tmp_path / "again.json")
-    first, again = (json.loads(path.read_text()) for path in (fitted / "fit.json", tmp_path / "again.json"))
-    assert first == pytest.approx(again) if isinstance(first, float) else True
-    for name in ("parameters", "history", "targets", "settings", "covariance_of_logarithms"):
-        assert json.dumps(first[name])[:60] == json.dumps(again[name])[:60]
-    np.testing.assert_allclose(first["fitted"], again["fitted"])
 
 
 @pytest.mark.parametrize("rules", ["--hard", "--relaxed"])
@@ -202,7 +159,6 @@ def test_bad_input_is_one_line_and_exit_code_2(
     [
         (lambda text: text.replace("colony01_03.0h.tif", "gone.tif"), ["line 2", "gone.tif"]),
         (lambda text: text.replace(",3.0,0.75", ",nan,0.75", 1), ["line 2", "hours is 'nan'"]),
-        (lambda text: "\n".join(text.splitlines()[:5]) + "\n", ["1 replicate"]),
     ],
 )
 def test_a_bad_data_set_leaves_no_fit(
@@ -217,22 +173,6 @@ def test_a_bad_data_set_leaves_no_fit(
     error = capsys.readouterr().err
     assert all(word in error for word in words)
     assert not (out / "fit.json").exists()
-
-
-def test_a_fit_to_one_of_several_conditions_asks_which(
-    dataset: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    (tmp_path / "images").symlink_to(dataset / "images")
-    lines = (dataset / "manifest.csv").read_text().splitlines()
-    kinds = ["condition", *("AWRI" if number % 2 else "Simi" for number in range(len(lines) - 1))]
-    (tmp_path / "manifest.csv").write_text("\n".join(",".join(pair) for pair in zip(lines, kinds, strict=True)))
-    for chosen in ([], ["--condition", "none"]):
-        assert cli.run(["fit", str(tmp_path), "--out", str(tmp_path / "out"), *chosen]) == 2
-        error = capsys.readouterr().err
-        assert "'Simi', 'AWRI'" in error
-        assert "condition" in error
-    simi = cli._of_one_condition(read_dataset(tmp_path), "Simi")
-    assert len(simi.frames) == (len(lines) - 1) // 2
 
 
 @pytest.mark.parametrize("command", ["simulate", "measure", "synthesize", "fit", "gradcheck"])

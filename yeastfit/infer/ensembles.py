@@ -10,9 +10,10 @@ h for S being an estimate (`experiment.curve_covariance`), cov m the Monte-Carlo
 ensemble is too small to tell correlations, and to begin with, `rough` stands for Σ: variances only, with a twentieth of
 the mean as a tolerance, under which the problem is less curved.
 
-**Refinement.** Ensembles are grown with a coarse time step and grid. What the finer ones of the model that is meant
-change, d = mean of (fine − coarse) over some of the same pairs, is a second level of the ensemble's mean (multilevel
-Monte Carlo: Giles 2008, doi:10.1287/opre.1070.0496). Its covariance joins Σ.
+**Refinement.** Ensembles are grown with a coarse time step and grid, and around θ, not at it. What both change is told
+by colonies of the model that is meant, fine and at θ, each with the key of a pair: d = mean of (fine − the pair's mean)
+is a second level of the ensemble's mean (multilevel Monte Carlo: Giles 2008, doi:10.1287/opre.1070.0496), which takes
+out the shift of ½ s² tr H, too. Its covariance joins Σ.
 """
 
 from collections.abc import Mapping
@@ -94,9 +95,14 @@ class Ensembles:
         return np.concatenate([each.values for each in self.targets.values()])
 
     @property
+    def everyone(self) -> tuple[Colonies, ...]:
+        """All conditions' colonies, coarse and fine."""
+        return (*self.colonies.values(), *self.fine.values())
+
+    @property
     def grown(self) -> int:
         """Colonies so far."""
-        return sum(each.grown for each in (*self.colonies.values(), *self.fine.values()))
+        return sum(each.grown for each in self.everyone)
 
     def pairs(self, condition: str, members: int, full: bool) -> int:
         """Pairs of an ensemble: whole Hadamard matrices, and enough to know the covariance of the curves in full."""
@@ -140,8 +146,8 @@ class Ensembles:
         theta = np.mean([joint.theta for joint in joints], axis=0)
         return self._joint(theta, [joint.grown for joint in joints], spread)
 
-    def defect(self, joint: Joint, spread: float) -> Defect:
-        """Of refinement around a point where an ensemble has been grown; nothing where the fit is not refined."""
+    def defect(self, joint: Joint) -> Defect:
+        """Of refinement at a point around which an ensemble has been grown; nothing where the fit is not refined."""
         means, covariances = list[np.ndarray](), list[np.ndarray]()
         for condition, grown in joint.grown.items():
             if condition not in self.fine:
@@ -149,19 +155,15 @@ class Ensembles:
                 means.append(np.zeros(count))
                 covariances.append(np.zeros((count, count)))
                 continue
-            units = grown.units[: self.settings.refined // 2]
-            coarse = np.concatenate([half[: len(units)] for half in np.split(grown.curves, 2)])
-            points = np.tile(joint.theta, (len(coarse), 1))
-            columns = self.space.columns(condition)
-            points[:, columns] = paired(joint.theta[columns], units, spread)
-            keys = jnp.concatenate([member_keys(self.seed, len(units))] * 2)
-            fine = self.fine[condition].grow(self.space.log_parameters(condition, points), keys)
-            change = np.mean(np.split(fine - coarse, 2), axis=0)
-            of_pairs = change[np.isfinite(change).all(axis=1)]
-            if len(of_pairs) < 4:
+            pairs = np.mean(np.split(grown.curves, 2), axis=0)[: self.settings.refined]
+            points = np.tile(joint.theta, (len(pairs), 1))
+            keys = member_keys(self.seed, len(pairs))
+            change = self.fine[condition].grow(self.space.log_parameters(condition, points), keys) - pairs
+            known = change[np.isfinite(change).all(axis=1)]
+            if len(known) < 4:
                 raise InputError(f"{self.described(joint.theta)}: refined colonies came to nothing: lower fine_dt")
-            means.append(of_pairs.mean(axis=0))
-            covariances.append(of_members(of_pairs).covariance / len(of_pairs))
+            means.append(known.mean(axis=0))
+            covariances.append(of_members(known).covariance / len(known))
         return Defect(np.concatenate(means), block_diag(*covariances))
 
     def described(self, theta: Vector) -> str:

@@ -12,9 +12,9 @@ a measurement error (`infer.ensembles`). The stages:
 1. one colony at each of some low-discrepancy points of the box; the best of them are the starts;
 2. small ensembles, all starts in one batch, the comparison blunted (`Ensembles.rough`); the best start goes on, and
    another one if it is about as good and ended elsewhere;
-3. larger and larger ensembles, with Σ as it is at the stage's first point; in the last stage what finer numerics change
-   is added to m. Each stage lets optimistix's solver step (`infer.search`) until another step promises to lower χ² by
-   less than a tolerance.
+3. larger and larger ensembles, with Σ as it is at the stage's first point; in the last stage, what finer numerics and
+   the width of the pairs change is added to m. Each stage lets optimistix's solver step (`infer.search`) until another
+   step promises to lower χ² by less than a tolerance.
 
 The estimate is the minimum of one more affine function, that of the last stage's ensembles near its best point taken
 together: θ̂ = θ + F⁻¹ g. cov θ̂ = F⁻¹, F the Fisher information, J's noise taken out; no error is given in a direction
@@ -126,7 +126,7 @@ class _Fitter:
         for stage, (count, spread) in enumerate(zip(members, settings.spreads, strict=True)):
             last = stage == len(members) - 1
             if last:
-                for colonies in self.ensembles.colonies.values():
+                for colonies in self.ensembles.everyone:
                     colonies.problems.clear()
             self._stage(runs, stage, count, spread, last)
             kept = self._best(runs, NEARLY_AS_GOOD if stage else ABOUT_AS_GOOD)
@@ -174,7 +174,7 @@ class _Fitter:
                     self._refused(run, searches[run.number], joint)
                     continue
                 if last and run.defect is None:
-                    run.defect = self.ensembles.defect(joint, spread)
+                    run.defect = self.ensembles.defect(joint)
                 if factor is None:
                     known = self._knows_scatter(joint, stage)
                     factor = np.linalg.cholesky(self._sigma(run, joint) if known else self.ensembles.rough(members))
@@ -346,7 +346,7 @@ class _Fitter:
             if (np.abs(run.theta - result.theta) > APART).any():
                 where = self.ensembles.described(run.theta)
                 said.append(f"another start ended at {where}, where χ² is only {run.cost - runs[0].cost:.1f} higher")
-        for colonies in self.ensembles.colonies.values():
+        for colonies in self.ensembles.everyone:
             said += [
                 f"{count} colonies of the last stage: {PROBLEMS[name]}" for name, count in colonies.problems.items()
             ]

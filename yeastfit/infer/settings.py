@@ -52,8 +52,8 @@ class FitSettings:
         for name in ("screened", "starts", "max_steps", "patience"):
             if getattr(self, name) < 1:
                 raise InputError(f"{name} is {getattr(self, name)}, it must be at least 1")
-        if self.refined < 0 or 0 < self.refined < 16 or self.refined % 2:
-            raise InputError(f"refined is {self.refined}, it must be 0 or an even number of at least 16")
+        if self.refined < 0 or 0 < self.refined < 16:
+            raise InputError(f"refined is {self.refined}, it must be 0 or at least 16")
         for name in ("dt", "spacing", "fine_dt", "fine_spacing", "tolerance"):
             if not getattr(self, name) > 0:
                 raise InputError(f"{name} is {getattr(self, name)}, it must be above 0")

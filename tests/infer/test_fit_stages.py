@@ -1,0 +1,236 @@
+"""The stages of a fit on stand-ins: where it starts, what it counts, how it ends, and what it says."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from jaxtyping import Array
+from stand_in import CENTRE, CURVES, FREE, QUIET, ROOT, SETTINGS, STATISTICS, StandIn, bent, drawn, exact, fitted
+
+from yeastfit import FitSettings, InputError, Parameters, Targets, fit
+from yeastfit.model.parameters import NAMES
+
+TRUTH = Parameters(mobility=2.0, metabolic_rate=0.7, aspect_ratio=0.6)
+NEAR = np.log([1.5, 0.9, 0.5])
+MOBILITY = NAMES.index("mobility")
+
+
+@pytest.fixture(scope="module")
+def targets() -> Targets:
+    return drawn(TRUTH, np.random.default_rng(0))
+
+
+def test_every_colony_is_counted_and_starts_go_in_batches(targets: Targets) -> None:
+    colonies = StandIn()
+    result = fitted(targets, colonies)
+    assert result.simulations == colonies.grown == sum(colonies.batches)
+    assert result.history[-1].simulations == colonies.grown
+    assert len(result.starts) == 2
+    screening, first, *_ = colonies.batches
+    assert screening == SETTINGS.screened
+    assert first == 2 * SETTINGS.members[0]  # both starts in one call
+    steps = {step.simulations for step in result.history}  # one number for all that were grown together
+    assert len(colonies.batches) == 1 + len(steps)
+    counts = [step.simulations for step in result.history]
+    assert counts == sorted(counts)
+
+
+def test_ensembles_grow_from_stage_to_stage(targets: Targets) -> None:
+    result = fitted(targets)
+    stages = list(dict.fromkeys((step.stage, step.members) for step in result.history))
+    assert stages == [("stage 1", 16), ("stage 2", 64), ("stage 3", 256)]
+    assert result.status == "converged"
+    assert result.converged
+    assert result.chi_square < 1.05 * result.history[-1].cost  # Σ is that of the last point, not of the stage's first
+
+
+def test_the_last_ensemble_is_large_enough_for_the_covariance(targets: Targets) -> None:
+    """Four colonies for each curve, whatever `members` says."""
+    colonies = StandIn()
+    fitted(targets, colonies, settings=replace(SETTINGS, members=(16,), spreads=(0.1,)), start=NEAR)
+    assert set(colonies.batches) == {4 * CURVES}
+
+
+def test_same_seed_same_result_bit_for_bit(targets: Targets) -> None:
+    first, again, other = (fitted(targets, seed=seed) for seed in (3, 3, 4))
+    np.testing.assert_array_equal(first.theta, again.theta)
+    np.testing.assert_array_equal(first.covariance, again.covariance)
+    assert first.history == again.history
+    for start, same in zip(first.starts, again.starts, strict=True):
+        np.testing.assert_array_equal(start.begin, same.begin)
+    assert (first.theta != other.theta).all()
+    errors = np.sqrt(np.diag(first.covariance))
+    assert (np.abs(first.theta - other.theta) < 1.5 * errors).all()
+
+
+def valley(tilt: float):
+    """Curves that log mobility and its opposite share but for a tilt: two minima, of which the right one is lower."""
+
+    def mean(away: np.ndarray) -> np.ndarray:
+        folded, x = away.copy(), away[:, MOBILITY]
+        folded[:, MOBILITY] = 2.0 * np.abs(x)
+        return bent(folded) * np.where(np.arange(CURVES) == 3, np.exp(tilt * x[:, None]), 1.0)
+
+    return mean
+
+
+@pytest.mark.parametrize(("tilt", "root", "said"), [(0.001, ROOT, True), (0.3, QUIET, False)])
+def test_of_two_minima_the_lower_is_found_and_the_other_reported(tilt: float, root: np.ndarray, said: bool) -> None:
+    mean = valley(tilt)
+    truth = TRUTH.replace(mobility=3.0)
+    settings = replace(SETTINGS, screened=128, starts=6)
+    result = fitted(exact(truth, mean), StandIn(mean), bounds={"mobility": (0.1, 10.0)}, settings=settings)
+    ends = np.array([start.end[0] for start in result.starts])
+    assert (ends > 0.3).any()
+    assert (ends < -0.3).any()
+    others = [warning for warning in result.warnings if warning.startswith("another start ended at mobility ")]
+    if said:
+        assert len(others) == 1
+        assert "where χ² is only" in others[0]
+    else:
+        assert not others
+        assert abs(result.values["mobility"] - 3.0) < 3 * result.standard_errors["mobility"]
+
+
+class Dying(StandIn):
+    """Comes to nothing where mobility is below 1, once the box has been looked at."""
+
+    everywhere = False
+
+    def grow(self, log_parameters: np.ndarray, keys: Array) -> np.ndarray:
+        curves = super().grow(log_parameters, keys)
+        dead = (log_parameters[:, MOBILITY] < 0) | self.everywhere
+        return np.where(dead[:, None] & (len(self.batches) > 1), np.nan, curves)
+
+
+def test_a_start_that_comes_to_nothing_does_not_stop_the_others() -> None:
+    mean = valley(0.05)
+    settings = replace(SETTINGS, screened=128, starts=6)
+    truth = TRUTH.replace(mobility=3.0)
+    result = fitted(exact(truth, mean), Dying(mean, QUIET), bounds={"mobility": (0.1, 10.0)}, settings=settings)
+    lost = [start for start in result.starts if "came to nothing" in start.ended]
+    assert lost
+    assert not any(start.carried for start in lost)
+    assert all(start.begin[0] < 0.3 for start in lost)
+    assert result.values["mobility"] == pytest.approx(3.0, rel=0.05)
+    assert any("came to nothing" in warning for warning in result.warnings)
+
+
+def test_colonies_that_come_to_nothing_everywhere_end_the_fit(targets: Targets) -> None:
+    colonies = Dying()
+    colonies.everywhere = True
+    with pytest.raises(InputError, match=r"no start led anywhere: mobility .* pairs of colonies came to nothing"):
+        fitted(targets, colonies)
+    with pytest.raises(InputError, match="32 colonies all over the box came to nothing"):
+        fitted(targets, StandIn(lambda away: np.full((len(away), CURVES), np.nan)))
+
+
+def test_what_colonies_ran_into_is_said(targets: Targets) -> None:
+    class Full(StandIn):
+        def grow(self, log_parameters: np.ndarray, keys: Array) -> np.ndarray:
+            self.problems["unstable"] += 5
+            return super().grow(log_parameters, keys)
+
+    result = fitted(targets, Full(), start=NEAR)
+    steps = len([step for step in result.history if step.stage == "stage 3"])
+    assert any(f"{5 * steps} colonies of the last stage: " in warning for warning in result.warnings)
+
+
+def test_a_limit_of_steps_is_said_with_what_is_left() -> None:
+    short = replace(SETTINGS, members=(64,), spreads=(0.1,), max_steps=1)
+    result = fitted(exact(TRUTH), StandIn(root=QUIET), start=np.log([0.3, 3.0, 0.3]), settings=short)
+    assert not result.converged
+    assert result.status.startswith("not converged: the limit of 1 steps was reached")
+    assert "standard errors from the last point" in result.status
+
+
+def test_data_out_of_reach_are_said_with_the_worst_curve() -> None:
+    reachable = exact(TRUTH)
+    mean = reachable.mean.copy()
+    mean[STATISTICS.index("radius"), 2] *= 2.0
+    result = fitted(replace(reachable, mean=mean), start=NEAR)
+    (said,) = [warning for warning in result.warnings if warning.startswith("the model does not reach the data")]
+    residuals = result.conditions[0].residuals
+    worst = int(np.abs(residuals).argmax())
+    side = "above" if residuals[worst] > 0 else "below"
+    named = f"{result.targets.label(worst)} is {abs(residuals[worst]):.1f} errors {side} it"
+    assert f"chi-square {result.chi_square:.0f} on 9 degrees of freedom; {named}" in said
+
+
+def test_a_parameter_that_runs_to_its_bound_is_said(targets: Targets) -> None:
+    result = fitted(targets, bounds={"mobility": (0.05, 1.0)})
+    assert result.values["mobility"] == pytest.approx(1.0, rel=0.04)
+    assert result.values["mobility"] <= 1.0 + 1e-9
+    assert any(w.startswith("mobility ran to an end of its range, 0.05 to 1") for w in result.warnings)
+
+
+def test_progress_goes_from_nothing_to_all(targets: Targets) -> None:
+    from yeastfit.infer.ensembles import Ensembles
+    from yeastfit.infer.fit import ALONE, _Fitter
+    from yeastfit.infer.space import Space
+
+    told: list[tuple[str, float]] = []
+    space = Space.of(FREE, {ALONE: Parameters(aspect_ratio=0.5)})
+    ensembles = Ensembles({ALONE: targets}, {ALONE: StandIn()}, space, 0, SETTINGS)
+    _Fitter(ensembles, {}, lambda what, share: told.append((what, share))).run(None)
+    shares = [share for _, share in told]
+    assert shares == sorted(shares)
+    assert 0 <= shares[0] < shares[-1] <= 1
+    assert told[0][0] == "looking at the box"
+    assert told[-1][0].startswith("stage 3 of 3, step ")
+
+
+# --- arguments --------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"prior": {"elasticity": (5.0, 0.1)}}, "prior names 'elasticity', which is not free: mobility"),
+        ({"prior": {"mobility": (1.0, 0.0)}}, "prior of mobility is 1, 0"),
+        ({"prior": {"mobility": (-1.0, 0.1)}}, "prior of mobility is -1, 0.1"),
+        ({"start": Parameters(mobility=500.0)}, "start: mobility is 500"),
+        ({"fixed": {"rich": Parameters()}}, "fixed is for 'rich', the conditions are ''"),
+        ({"own": ["mobility"]}, "there is one condition only"),
+        ({"free": NAMES, "targets": exact(TRUTH, replicates=3)}, None),
+    ],
+    ids=lambda value: str(value)[:40],
+)
+def test_bad_arguments_are_named(arguments: dict, message: str | None, targets: Targets) -> None:
+    few = Targets.from_means({"radius": np.arange(1.0, 8.0)}, np.arange(1.0, 8.0))
+    if message is None:
+        arguments, message = {"targets": few, "free": NAMES}, "7 target values cannot determine 7 free parameters"
+    with pytest.raises(InputError, match=message):
+        fit(**{"targets": targets, **arguments})
+
+
+def test_no_condition_is_refused() -> None:
+    with pytest.raises(InputError, match="there is no condition"):
+        fit({})
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ({"starts": 0}, "starts is 0, it must be at least 1"),
+        ({"dt": 0.0}, "dt is 0.0, it must be above 0"),
+        ({"members": (16,)}, "each stage has one of both"),
+        ({"members": (9,), "spreads": (0.1,)}, "a stage has members 9 and spread 0.1"),
+        ({"members": (16,), "spreads": (1.5,)}, "a stage has members 16 and spread 1.5"),
+    ],
+    ids=str,
+)
+def test_settings_are_checked(values: dict, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        FitSettings(**values)
+
+
+def test_the_noise_of_keys_is_what_a_fit_sees_at_its_centre() -> None:
+    """The stand-in itself: its covariance is the one it states, at any λ."""
+    from stand_in import ROOT
+
+    from yeastfit import member_keys
+
+    away = np.tile(CENTRE + 0.3, (4000, 1))
+    curves = StandIn().grow(away, member_keys(0, 4000)) - bent(away)
+    np.testing.assert_allclose(np.cov(curves.T), ROOT @ ROOT.T, atol=0.1 * 0.01)

@@ -1,0 +1,136 @@
+"""Targets from the table of `yeastfit measure`, with its masks and without."""
+
+import csv
+import shutil
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from yeastfit import InputError, Targets, measure_dataset, read_dataset
+from yeastfit.fit_command import measurements
+from yeastfit.infer.measurements import TABLE, conditions_of, read_measurements, targets_of
+from yeastfit.infer.targets import SMOOTHING, SPACING
+
+DEMO = Path(__file__).parents[2] / "data" / "synthetic" / "demo"
+FILES = [(f"colony{colony:02}_{hours:04.1f}h.tif", colony, hours) for colony in (1, 2) for hours in (6, 8)]
+
+
+@pytest.fixture(scope="module")
+def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two colonies at two times, photographed."""
+    folder = tmp_path_factory.mktemp("data")
+    lines = ["file,replicate,hours,um_per_pixel"]
+    for name, colony, hours in FILES:
+        shutil.copy(DEMO / "images" / name, folder / name)
+        lines.append(f"{name},{colony},{hours},0.75")
+    (folder / "manifest.csv").write_text("\n".join(lines) + "\n")
+    return folder
+
+
+@pytest.fixture(scope="module")
+def measured(data: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """What `yeastfit measure` leaves."""
+    folder = tmp_path_factory.mktemp("measured")
+    found = measurements(data, folder, 1, lambda done, all_: None)
+    assert len(found.rows) == 4
+    assert found.inputs[0].name == "manifest.csv"
+    return folder
+
+
+def same(one: Targets, other: Targets) -> None:
+    for name in ("times", "mean", "scatter", "replicates", "curves"):
+        np.testing.assert_allclose(getattr(one, name), getattr(other, name), rtol=1e-6)
+    assert (one.names, one.estimator, one.spacing, one.smoothing) == (
+        other.names,
+        other.estimator,
+        other.spacing,
+        other.smoothing,
+    )
+    assert one.extent == pytest.approx(other.extent, rel=1e-6)
+
+
+def test_the_table_gives_the_targets_of_the_data_set(data: Path, measured: Path) -> None:
+    dataset = read_dataset(data)
+    direct = Targets.from_dataset(dataset, measure_dataset(dataset))
+    rows = read_measurements(measured / TABLE)
+    assert conditions_of(rows) == ("",)
+    found = targets_of(rows, measured)
+    assert (found.estimator, found.spacing, found.smoothing) == ("smooth", SPACING, SMOOTHING)
+    assert found.mean.shape == (2, 2)
+    assert (found.replicates == 2).all()
+    same(found, direct)
+
+
+def test_a_table_without_its_masks_goes_to_the_mask_estimator(measured: Path, tmp_path: Path) -> None:
+    shutil.copy(measured / TABLE, tmp_path / TABLE)
+    rows = read_measurements(tmp_path / TABLE)
+    found = targets_of(rows, tmp_path, statistics=("compactness", "area"))
+    assert (found.estimator, found.smoothing) == ("mask", 0.0)
+    assert found.spacing == pytest.approx(0.75 / found.scales.length)
+    means = [
+        [np.mean([row[name] for row in rows if row["hours"] == hours]) for hours in (6, 8)] for name in found.names
+    ]
+    np.testing.assert_allclose(found.mean, np.array(means) / [[1.0], [found.scales.length**2]], rtol=1e-9)
+    beside = targets_of(read_measurements(measured / TABLE), measured, statistics=("outer_compactness",))
+    assert beside.estimator == "mask"  # the masks are there, but the smooth estimator does not know this
+
+
+def test_a_folder_or_its_table_is_read_as_it_is(measured: Path, tmp_path: Path) -> None:
+    for source in (measured, measured / TABLE):
+        found = measurements(source, tmp_path, 1, lambda done, all_: None)
+        assert found.folder == measured
+        assert found.inputs == [measured / TABLE]
+        assert len(found.rows) == 4
+    assert not list(tmp_path.iterdir())
+
+
+def test_conditions_are_told_apart(measured: Path) -> None:
+    rows = read_measurements(measured / TABLE)
+    split = [{**row, "condition": "rich" if row["replicate"] == rows[0]["replicate"] else "poor"} for row in rows]
+    assert set(conditions_of(split)) == {"rich", "poor"}
+    assert (targets_of(split, measured, condition="poor").replicates == 1).all()
+    for chosen, message in ((None, "targets are of one: choose"), ("none", "condition: got 'none', there are")):
+        with pytest.raises(InputError, match=message):
+            targets_of(split, measured, condition=chosen)
+
+
+def written(rows: list[dict[str, Any]], path: Path) -> Path:
+    with path.open("w", newline="") as file:
+        writer = csv.DictWriter(file, list(rows[0]))
+        writer.writeheader()
+        writer.writerows(rows)
+    return path
+
+
+def raw(measured: Path) -> list[dict[str, Any]]:
+    with (measured / TABLE).open(newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def test_tables_that_are_none_are_refused_in_words(measured: Path, tmp_path: Path) -> None:
+    rows = raw(measured)
+    with pytest.raises(InputError, match=r"nowhere\.csv: no table"):
+        read_measurements(tmp_path / "nowhere.csv")
+    (tmp_path / "empty.csv").write_text("")
+    with pytest.raises(InputError, match=r"empty\.csv: no rows"):
+        read_measurements(tmp_path / "empty.csv")
+    short = [{name: value for name, value in row.items() if name not in ("hours", "mask")} for row in rows]
+    with pytest.raises(InputError, match="no column hours, mask, need the measurements"):
+        read_measurements(written(short, tmp_path / "short.csv"))
+    odd = [*rows[:2], {**rows[2], "area": "large"}]
+    with pytest.raises(InputError, match="line 4: area is 'large', it must be a number"):
+        read_measurements(written(odd, tmp_path / "odd.csv"))
+
+
+def test_rows_that_no_fit_can_use_are_refused_in_words(measured: Path, tmp_path: Path) -> None:
+    rows = read_measurements(written([{**row, "hours": ""} for row in raw(measured)], tmp_path / TABLE))
+    with pytest.raises(InputError, match=r"colony01_06\.0h\.tif: its hours are unknown"):
+        targets_of(rows, measured)
+    rows = read_measurements(measured / TABLE)
+    with pytest.raises(InputError, match="'colour' is not in the table, which has"):
+        targets_of(rows, measured, statistics=("colour",))
+    sizes = [{**row, "um_per_pixel": row["um_per_pixel"] * (1 + 0.1 * k)} for k, row in enumerate(rows)]
+    with pytest.raises(InputError, match=r"um_per_pixel runs from 0\.75 to 0\.975: statistics of masks depend on it"):
+        targets_of(sizes, tmp_path)

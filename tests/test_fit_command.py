@@ -1,0 +1,228 @@
+"""`yeastfit fit`: a table of measurements in, tables and pictures out, and what it says of bad input."""
+
+import csv
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from helpers import wrong_types
+from PIL import Image
+from stand_in import ROOT, SETTINGS, STATISTICS, TIMES, StandIn, bent, fitted, logs
+
+from yeastfit import Fit, FitSettings, Parameters, Scales, Targets, cli
+from yeastfit.fit_command import RESULTS, named_numbers, read_truth
+from yeastfit.infer.measurements import NEEDED, TABLE
+from yeastfit.infer.surface import study
+from yeastfit.infer.uncertainty import Explored, _box
+from yeastfit.measure.statistics import STATISTICS as KINDS
+from yeastfit.model.parameters import NAMES
+from yeastfit.storage import write_json, write_table
+
+TRUTH = Parameters(mobility=2.0, metabolic_rate=0.7, aspect_ratio=0.6)
+SCALES = Scales()
+
+
+def table(folder: Path, conditions: dict[str, Parameters], replicates: int = 6) -> Path:
+    """A measurements.csv of colonies like the stand-ins, without masks."""
+    rng, lines = np.random.default_rng(0), list[dict[str, Any]]()
+    for condition, truth in conditions.items():
+        curves = bent(logs(truth)[None])[0] + rng.normal(size=(replicates, len(ROOT))) @ ROOT.T
+        for colony, values in enumerate(curves.reshape(replicates, len(STATISTICS), len(TIMES)), start=1):
+            for k, time in enumerate(TIMES):
+                name = f"{condition}{colony}_{k}.tif"
+                row = dict(
+                    zip(NEEDED, (name, condition, colony, SCALES.hours(time), 0.75, f"masks/{name}"), strict=True)
+                )
+                sizes = dict(zip(STATISTICS, values[:, k], strict=True)) | {"max_radius": 3.0}
+                lines.append(row | {n: v * SCALES.length ** KINDS[n].power for n, v in sizes.items()})
+    write_table(folder / TABLE, lines)
+    return folder / TABLE
+
+
+def rows(path: Path) -> list[dict[str, str]]:
+    with path.open(newline="") as file:
+        return list(csv.DictReader(file))
+
+
+@pytest.fixture
+def quick(monkeypatch: pytest.MonkeyPatch) -> list[dict[str, Any]]:
+    """Stand-ins in the place of colonies, for the fit and for what is grown around it; what the fit was asked for."""
+    asked: list[dict[str, Any]] = []
+
+    def run_fit(
+        targets: Targets | dict[str, Targets], *, settings: FitSettings, fixed: Parameters, **options: Any
+    ) -> Fit:
+        asked.append({"targets": targets, "settings": settings, "fixed": fixed, **options})
+        options["progress"]("growing", 0.5)
+        chosen = {name: options[name] for name in ("free", "own", "bounds", "seed")}
+        several = {"": targets} if isinstance(targets, Targets) else targets
+        short = replace(SETTINGS, members=(64,), spreads=(0.1,), measurement_error=settings.measurement_error)
+        colonies = {name: StandIn() for name in several}
+        return fitted(several, colonies, fixed=dict.fromkeys(several, fixed), settings=short, **chosen)
+
+    def explore(result: Fit) -> Explored:
+        grow: Callable[[np.ndarray], np.ndarray] = lambda theta: bent(result.space.log_parameters("", theta))  # noqa: E731
+        return Explored(result, study(grow, *_box(result), 64, seed=0), 64)
+
+    monkeypatch.setattr(cli, "run_fit", run_fit)
+    monkeypatch.setattr(cli, "explore", explore)
+    return asked
+
+
+def test_a_table_becomes_a_fit_with_tables_pictures_and_a_manifest(
+    quick: list[dict[str, Any]], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    source, out = table(tmp_path, {"": TRUTH}), tmp_path / "out"
+    write_json(tmp_path / "truth" / "parameters.json", TRUTH.asdict())
+    arguments = ["--statistics", ",".join(STATISTICS), "--bootstrap", "20", "--profile", "--truth", "--seed", "3"]
+    assert cli.run(["fit", str(source), "--out", str(out), *arguments]) == 0
+    assert {path.name for path in out.iterdir()} == {*RESULTS, "targets.csv"}
+    for picture in out.glob("*.png"):
+        with Image.open(picture) as image:
+            assert min(image.size) > 200
+    (asked,) = quick
+    assert asked["targets"].estimator == "mask"
+    assert asked["targets"].mean.shape == (3, 4)
+    result = Fit.load(out / "fit.json")
+    assert result.seed == 3
+    for name, value in (("mobility", 2.0), ("metabolic_rate", 0.7), ("aspect_ratio", 0.6)):
+        assert abs(result.values[name] - value) < 4 * result.standard_errors[name]
+    assert [row["parameter"] for row in rows(out / "parameters.csv")] == list(NAMES)
+    curves = rows(out / "targets.csv")
+    assert len(curves) == 12
+    assert {row["estimator"] for row in curves} == {"mask"}
+    assert float(curves[0]["mean"]) == pytest.approx(result.targets.mean[0, 0])
+    assert len(rows(out / "bootstrap.csv")) == 20
+    assert {row["parameter"] for row in rows(out / "profiles.csv")} == set(result.free)
+    manifest = json.loads((out / "manifest.json").read_text())
+    assert [Path(path).name for path in manifest["inputs"]] == [TABLE]
+    assert manifest["status"] == result.status
+    said = " ".join(capsys.readouterr().out.split())
+    for part in ("bootstrap of replicates: mobility", "profile of aspect_ratio", "converged", "true", "fixed"):
+        assert part in said
+
+
+def test_conditions_are_fitted_together_and_options_arrive(
+    quick: list[dict[str, Any]], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    source = table(tmp_path, {"rich": TRUTH, "poor": TRUTH.replace(mobility=1.0), "other": TRUTH})
+    several = ["--condition", "rich", "--condition", "poor", "--own", "mobility", "--free", "mobility,aspect-ratio"]
+    numbers = ["--prior", "aspect-ratio=0.6:0.3", "--bounds", "mobility=0.1:10", "--measurement-error", "0.02"]
+    how = ["--statistics", ",".join(STATISTICS), "--metabolic-rate", "0.7", "--starts", "2", "--method", "dogleg"]
+    assert cli.run(["fit", str(source), "--out", str(tmp_path / "out"), *several, *numbers, *how]) == 0
+    (asked,) = quick
+    assert list(asked["targets"]) == ["rich", "poor"]
+    assert (asked["free"], asked["own"]) == (("mobility", "aspect_ratio"), ("mobility",))
+    assert asked["prior"] == {"aspect_ratio": (0.6, 0.3)}
+    assert asked["bounds"] == {"mobility": (0.1, 10.0)}
+    settings = asked["settings"]
+    assert (settings.starts, settings.method, settings.measurement_error) == (2, "dogleg", 0.02)
+    assert float(asked["fixed"].metabolic_rate) == pytest.approx(0.7)
+    found = {(row["condition"], row["parameter"]): row for row in rows(tmp_path / "out" / "parameters.csv")}
+    assert found["rich", "aspect_ratio"]["role"] == "shared"
+    assert float(found["rich", "mobility"]["value"]) > float(found["poor", "mobility"]["value"])
+    assert "condition" in capsys.readouterr().out
+
+
+def test_a_fit_that_did_not_converge_is_exit_code_1(
+    quick: list[dict[str, Any]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run_fit = cli.run_fit
+    ended = "not converged: the limit of 8 steps was reached"
+    monkeypatch.setattr(cli, "run_fit", lambda *a, **k: replace(run_fit(*a, **k), converged=False, status=ended))
+    source = table(tmp_path, {"": TRUTH})
+    assert cli.run(["fit", str(source), "--out", str(tmp_path / "out"), "--statistics", ",".join(STATISTICS)]) == 1
+    assert ended in " ".join(capsys.readouterr().out.split())
+    assert (tmp_path / "out" / "fit.json").is_file()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--prior", "mobility"], ["--prior is 'mobility'", "mobility=0.5:2"]),
+        (["--prior", "mobility=1:wide"], ["--prior is 'mobility=1:wide'"]),
+        (["--prior", "elasticity=5:0.1"], ["prior names 'elasticity'", "not free"]),
+        (["--prior", "mobility=1:0"], ["prior of mobility is 1, 0"]),
+        (["--bounds", "mobility=2"], ["--bounds is 'mobility=2'"]),
+        (["--bounds", "mobility=2:1"], ["bounds of mobility are 2, 1"]),
+        (["--own", "elasticity"], ["own names 'elasticity'"]),
+        (["--own", "mobility"], ["there is one condition only"]),
+        (["--free", "speed"], ["'speed' is unknown"]),
+        (["--condition", "none"], ["condition: got 'none'"]),
+        (["--method", "guess"], ["method is 'guess'", "dogleg"]),
+        (["--statistics", "colour"], ["'colour'"]),
+    ],
+    ids=lambda value: " ".join(value)[:40],
+)
+def test_bad_options_are_one_line_and_exit_code_2(
+    arguments: list[str], words: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    source = table(tmp_path, {"": TRUTH})
+    with wrong_types():
+        assert cli.run(["fit", str(source), "--out", str(tmp_path / "out"), *arguments]) == 2
+    (line,) = capsys.readouterr().err.strip().splitlines()
+    assert line.startswith("error: ")
+    assert all(word in line for word in words), line
+    assert not (tmp_path / "out" / "fit.json").exists()
+
+
+def test_of_several_conditions_one_is_to_be_chosen(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    source = table(tmp_path, {"rich": TRUTH, "poor": TRUTH})
+    assert cli.run(["fit", str(source), "--out", str(tmp_path / "out")]) == 2
+    (line,) = capsys.readouterr().err.strip().splitlines()
+    assert "--condition: the data have 'rich', 'poor'; choose one, or several" in line
+
+
+def test_an_older_fit_does_not_outlive_a_failed_one(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = tmp_path / "out"
+    out.mkdir()
+    for name in RESULTS:
+        (out / name).write_text("an older fit")
+    assert cli.run(["fit", str(tmp_path / "nowhere.csv"), "--out", str(out)]) == 2
+    assert "nowhere.csv" in capsys.readouterr().err
+    assert not list(out.iterdir())
+
+
+def test_names_and_numbers_are_read() -> None:
+    found = named_numbers("--bounds", ["mobility=0.1:10", "aspect-ratio = 0.3:0.9"], "the ends of a range")
+    assert found == {"mobility": (0.1, 10.0), "aspect_ratio": (0.3, 0.9)}
+
+
+def test_the_truth_lies_beside_the_table_or_in_the_folder(tmp_path: Path) -> None:
+    assert read_truth(tmp_path) is None
+    write_json(tmp_path / "truth" / "parameters.json", TRUTH.asdict())
+    (tmp_path / TABLE).write_text("")
+    for source in (tmp_path, tmp_path / TABLE):
+        assert read_truth(source) == pytest.approx(TRUTH.asdict())
+
+
+RECIPE = """
+[small]
+seed = 5
+hours = [3, 5, 6]
+replicates = 6
+extent = 75.0
+parameters = { mobility = 1.0, metabolic_rate = 1.0, aspect_ratio = 0.6 }
+numerics = { domain = 14.0, spacing = 0.2, dt = 0.01, capacity = 32 }
+"""
+
+
+@pytest.mark.slow
+def test_photographs_become_a_fit(tmp_path: Path) -> None:
+    """The whole way, with colonies: measured, fitted, resampled and profiled."""
+    (tmp_path / "recipes.toml").write_text(RECIPE)
+    assert cli.run(["synthesize", "--recipe", str(tmp_path / "recipes.toml"), "--out", str(tmp_path)]) == 0
+    out, options = tmp_path / "fit", ["--free", "aspect-ratio", "--bootstrap", "20", "--profile", "--truth"]
+    assert cli.run(["fit", str(tmp_path / "small"), "--out", str(out), *options]) == 0
+    result = Fit.load(out / "fit.json")
+    assert result.targets.estimator == "smooth"
+    assert abs(result.values["aspect_ratio"] - 0.6) < 3 * result.standard_errors["aspect_ratio"]
+    assert result.standard_errors["aspect_ratio"] < 0.15 * 0.6
+    assert {*RESULTS, TABLE, "index.html", "masks"} <= {path.name for path in out.iterdir()}
+    manifest = json.loads((out / "manifest.json").read_text())
+    assert len(manifest["inputs"]) == 19
+    assert not any("truth" in path for path in manifest["inputs"])
