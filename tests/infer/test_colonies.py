@@ -1,5 +1,7 @@
 """Simulated colonies of a fit: their size, their room, and the estimator that measures them."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -10,7 +12,7 @@ from yeastfit.measure.smooth import SmoothStatistics
 from yeastfit.model.parameters import NAMES
 
 LOGS = np.log([[float(getattr(Parameters(), name)) for name in NAMES]])
-HOW = {"dt": 0.02, "spacing": 0.25}
+HOW: dict[str, Any] = {"dt": 0.02, "spacing": 0.25}
 
 
 def targets(estimator: str, names: tuple[str, ...], times: list[float]) -> Targets:

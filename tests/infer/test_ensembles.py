@@ -17,10 +17,10 @@ AT = np.log([2.0, 0.7, 0.6])
 COLUMNS = [NAMES.index(name) for name in FREE]
 
 
-def ensembles(targets: dict[str, Targets], own: tuple[str, ...] = (), **more: StandIn) -> Ensembles:
+def ensembles(targets: dict[str, Targets], colonies: dict[str, StandIn], own: tuple[str, ...] = ()) -> Ensembles:
     """Of stand-ins, by condition."""
     space = Space.of(FREE, dict.fromkeys(targets, Parameters(aspect_ratio=0.5)), own)
-    return Ensembles(targets, {**more}, space, 0, SETTINGS)
+    return Ensembles(targets, {**colonies}, space, 0, SETTINGS)
 
 
 def joint_of(found: Joint | InputError) -> Joint:
@@ -34,9 +34,8 @@ def targets() -> Targets:
 
 
 def test_means_and_jacobians_of_conditions_are_stacked(targets: Targets) -> None:
-    whole = ensembles(
-        {"a": targets, "b": targets}, ("mobility",), a=StandIn(straight, QUIET), b=StandIn(straight, QUIET)
-    )
+    colonies = {name: StandIn(straight, QUIET) for name in ("a", "b")}
+    whole = ensembles({"a": targets, "b": targets}, colonies, own=("mobility",))
     theta = np.array([AT[0], 0.0, *AT[1:]])
     (joint,) = (joint_of(each) for each in whole.around([theta], 32, 0.1))
     expected = np.zeros((2 * CURVES, 4))
@@ -50,9 +49,9 @@ def test_means_and_jacobians_of_conditions_are_stacked(targets: Targets) -> None
 
 def test_places_of_a_batch_do_not_know_of_each_other(targets: Targets) -> None:
     places = [AT, AT + 0.3, AT - 0.2]
-    together = [joint_of(each) for each in ensembles({"": targets}, **{"": StandIn()}).around(places, 16, 0.1)]
+    together = [joint_of(each) for each in ensembles({"": targets}, {"": StandIn()}).around(places, 16, 0.1)]
     for place, joint in zip(places, together, strict=True):
-        (alone,) = ensembles({"": targets}, **{"": StandIn()}).around([place], 16, 0.1)
+        (alone,) = ensembles({"": targets}, {"": StandIn()}).around([place], 16, 0.1)
         np.testing.assert_allclose(joint.mean, joint_of(alone).mean, rtol=1e-12)
         np.testing.assert_allclose(joint.jacobian, joint_of(alone).jacobian, rtol=1e-9)
 
@@ -61,7 +60,7 @@ def test_a_place_without_colonies_does_not_stop_the_others(targets: Targets) -> 
     def mean(away: np.ndarray) -> np.ndarray:
         return np.where(away[:, COLUMNS[:1]] > AT[0] + 1, np.nan, straight(away))
 
-    good, bad = ensembles({"": targets}, **{"": StandIn(mean)}).around([AT, AT + 2.0], 16, 0.1)
+    good, bad = ensembles({"": targets}, {"": StandIn(mean)}).around([AT, AT + 2.0], 16, 0.1)
     assert isinstance(good, Joint)
     assert isinstance(bad, InputError)
     assert str(bad).startswith("mobility 14.8, metabolic_rate 5.17, aspect_ratio 4.43: 8 of 8 pairs of colonies")
@@ -70,7 +69,7 @@ def test_a_place_without_colonies_does_not_stop_the_others(targets: Targets) -> 
 def test_sigma_holds_scatter_monte_carlo_and_measurement_errors(targets: Targets) -> None:
     """h (S / R + cov m) + measurement error, S scaled statistic by statistic to the measured scatter."""
     chosen = replace(targets, scatter=np.array([0.1, 0.2, np.nan])[:, None] * np.ones((3, 4)))
-    whole = ensembles({"": chosen}, **{"": StandIn(straight)})
+    whole = ensembles({"": chosen}, {"": StandIn(straight)})
     whole = replace(
         whole, settings=replace(SETTINGS, measurement_error={"radius": 0.0, "area": 0.03, "compactness": 0.0})
     )
@@ -91,7 +90,7 @@ def test_a_statistic_that_is_not_measured_has_no_row(targets: Targets) -> None:
     partial = Targets.from_replicates({n: curves[:, k] for k, n in enumerate(STATISTICS)}, targets.times, extent=5.0)
     kept = np.delete(np.arange(CURVES), 6)
     colonies = StandIn(lambda away: straight(away)[:, kept], ROOT[kept])
-    whole = ensembles({"": partial}, **{"": colonies})
+    whole = ensembles({"": partial}, {"": colonies})
     (joint,) = (joint_of(each) for each in whole.around([AT], 64, 0.1))
     assert whole.sigma(joint).shape == (CURVES - 1,) * 2
     np.testing.assert_allclose(joint.jacobian, SLOPES[kept][:, COLUMNS], atol=0.4)
@@ -99,7 +98,7 @@ def test_a_statistic_that_is_not_measured_has_no_row(targets: Targets) -> None:
 
 def test_the_rough_comparison_is_a_twentieth_of_the_mean_at_least() -> None:
     targets = exact(TRUTH, replicates=4)
-    rough = ensembles({"": targets}, **{"": StandIn()}).rough(16)
+    rough = ensembles({"": targets}, {"": StandIn()}).rough(16)
     np.testing.assert_allclose(rough, np.diag(targets.values**2 * (0.1**2 * (1 / 4 + 2 / 16) + 0.05**2)))
 
 
@@ -115,7 +114,7 @@ def finer(away: np.ndarray) -> np.ndarray:
 def test_what_finer_colonies_change_is_found_with_its_error(targets: Targets) -> None:
     """Noise that is a key's at every λ is the same in both and cancels."""
     still = {"": StandIn(straight, turn=0.0)}
-    whole = replace(ensembles({"": targets}, **still), fine={"": StandIn(finer, turn=0.0)})
+    whole = replace(ensembles({"": targets}, still), fine={"": StandIn(finer, turn=0.0)})
     (joint,) = (joint_of(each) for each in whole.around([AT], 128, 0.1))
     defect = whole.defect(joint)
     np.testing.assert_allclose(defect.mean, SHIFT, atol=1e-9)
@@ -128,7 +127,7 @@ def test_what_finer_colonies_change_is_found_with_its_error(targets: Targets) ->
 def test_a_fit_is_that_of_the_finer_model() -> None:
     """Without the refinement it would be off by what the finer model changes."""
     targets = exact(TRUTH, finer)
-    whole = ensembles({"": targets}, **{"": StandIn(straight, QUIET)})
+    whole = ensembles({"": targets}, {"": StandIn(straight, QUIET)})
     refined = _Fitter(replace(whole, fine={"": StandIn(finer, QUIET)}), {}, lambda what, share: None).run(AT + 0.2)
     coarse = _Fitter(whole, {}, lambda what, share: None).run(AT + 0.2)
     errors = np.sqrt(np.diag(refined.covariance))

@@ -33,7 +33,11 @@ def test_errors_of_the_mean_and_scatter_are_those_of_repetitions() -> None:
     point, pulls, scatter = CENTRE + np.array([0.3, -0.2]), [], []
     for seed in range(100):
         rng = np.random.default_rng(seed)
-        surface = study(lambda x, rng=rng: quadratic(x) + NOISE * rng.normal(size=(len(x), 4)), CENTRE, REACH, 64, seed)
+
+        def grow(x: np.ndarray, rng: np.random.Generator = rng) -> np.ndarray:
+            return quadratic(x) + NOISE * rng.normal(size=(len(x), 4))
+
+        surface = study(grow, CENTRE, REACH, 64, seed)
         away = surface.mean(point) - quadratic(point[None])[0]
         pulls.append(away / np.sqrt(np.diag(surface.mean_covariance(point))))
         scatter.append(surface.scatter.covariance)
