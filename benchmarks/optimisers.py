@@ -17,10 +17,9 @@ same unbounded coordinates z (`infer.space`), with the same model, time step and
 
 They are stopped when they arrive: that is more than a user would know. `yeastfit.fit`, by default settings but without
 refinement, which changes the model and which the others would need as well, is counted from its first screened colony,
-all starts included, both until it arrives and until it stops by itself. Each seed has
-keys of its own. A run that has not arrived after the budget, or stops elsewhere, did not, and counts as infinitely long
-in the median. To keep the time down, an alternative is given up at 1.5 times the colonies that the best one before
-it needed in the median: it cannot be the best one any more.
+all starts included, both until it arrives and until it stops by itself. Each seed has keys of its own. A run that has
+not arrived after the budget, or stops elsewhere, did not, and counts as infinitely long in the median. To keep the time
+down, an alternative is given up at 1.5 times the colonies that the best one before it needed in the median.
 
 Targets: the best alternative needs at least 3 times the colonies of `yeastfit.fit`, medians over starts and seeds.
 
