@@ -7,7 +7,6 @@ import pytest
 from PIL import Image
 
 from yeastfit.errors import InputError
-from yeastfit.infer.targets import Targets
 from yeastfit.measure.dataset import Frame, read_dataset
 from yeastfit.measure.overrule import Overrule
 from yeastfit.measure.series import measure_dataset, replicate_curves, smooth_statistics
@@ -193,38 +192,3 @@ def check_against_true_masks(path: Path, every: int) -> None:
     assert abs(area) < 0.015
     assert abs(radius) < 0.004
     assert abs(compactness) < 0.02
-
-
-def targets(**changes: object) -> Targets:
-    good: dict = {
-        "names": ("radius",),
-        "times": np.array([1.0, 2.0]),
-        "mean": np.ones((1, 2)),
-        "scatter": np.ones((1, 2)),
-        "replicates": np.array([5, 5]),
-        "spacing": 0.1,
-        "smoothing": 0.15,
-        "extent": 4.0,
-    }
-    return Targets(**{**good, **changes})
-
-
-@pytest.mark.parametrize(
-    ("changes", "words"),
-    [
-        ({"mean": np.array([[1.0, np.nan]])}, "mean holds 1 values"),
-        ({"times": np.array([2.0, 1.0])}, "times must rise"),
-        ({"replicates": np.array([5, 1])}, "1 replicate at time 2"),
-        ({"mean": np.zeros((1, 2))}, "means must be above 0"),
-    ],
-)
-def test_bad_targets_are_refused(changes: dict, words: str) -> None:
-    with pytest.raises(InputError, match=words):
-        targets(**changes)
-
-
-def test_one_replicate_has_no_scatter() -> None:
-    with pytest.raises(InputError, match="at least 2"):
-        Targets.from_replicates(
-            {"radius": np.ones((1, 3))}, np.arange(1.0, 4.0), spacing=0.1, smoothing=0.1, extent=1.0
-        )
