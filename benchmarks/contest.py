@@ -13,8 +13,7 @@ from scipy.optimize import least_squares, minimize
 from yeastfit import FitSettings, InputError, Parameters, Targets, member_keys
 from yeastfit.infer.colonies import Colonies
 from yeastfit.infer.ensembles import Ensembles
-from yeastfit.infer.fit import ALONE
-from yeastfit.infer.space import Space, Vector
+from yeastfit.infer.space import ALONE, Space, Vector
 from yeastfit.infer.surface import Surface, study
 
 MARGIN = 2.0  # of χ², above its least: the same residual

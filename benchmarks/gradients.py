@@ -340,34 +340,12 @@ parameters of the distance from the hard model's derivatives (512 runs of regres
 "combined" with what the bias of its pathwise part may be. "largest" is that of any λ and time.
 """
     ]
-    for title, rows in report.tables.items():
-        parts.append(f"## {title[0].upper()}{title[1:]}\n\n{_table(rows)}\n")
-    figures = [
-        {
-            "figure": f.name,
-            "value": f.value,
-            "unit": f.unit,
-            "target": "" if f.target is None else f"{'≥' if f.at_least else '≤'} {f.target:g}",
-            "met": {True: "yes", False: "**no**", None: ""}[f.met],
-            "note": f.note,
-        }
-        for f in report.figures
-    ]
-    parts.append(f"## Figures\n\n{_table(figures)}")
-    return "\n".join(parts)
+    return "\n".join([*parts, *report.sections()])
 
 
 def _words(relaxation: Relaxation) -> str:
     shares = {name: getattr(relaxation, name) for name in ("contact", "overhang", "turning")}
     return ", ".join(f"{name} {float(value):g}" for name, value in shares.items() if value is not None)
-
-
-def _table(rows: list[dict[str, Any]]) -> str:
-    def text(value: Any) -> str:
-        return "" if value is None else f"{value:.3g}" if isinstance(value, float) else str(value)
-
-    head = "| " + " | ".join(str(key).strip() for key in rows[0]) + " |\n" + "|---" * len(rows[0]) + "|\n"
-    return head + "\n".join("| " + " | ".join(map(text, row.values())) + " |" for row in rows) + "\n"
 
 
 def run(report: Report, quick: bool) -> None:

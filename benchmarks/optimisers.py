@@ -42,12 +42,11 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from benchmarks.contest import ALTERNATIVES, MARGIN, Contest, Objective, Stopped
-from benchmarks.recovery import figure_rows, markdown_table
 from benchmarks.report import Report, command, machine
 from yeastfit import Fit, FitSettings, InputError, Targets, fit, measure_dataset, read_dataset
 from yeastfit.fit_command import read_truth
-from yeastfit.infer.fit import ALONE, DEFAULT_FREE
-from yeastfit.infer.space import Vector
+from yeastfit.infer.fit import DEFAULT_FREE
+from yeastfit.infer.space import ALONE, Vector
 
 DEMO = Path(__file__).parents[1] / "data" / "synthetic" / "demo"
 HOPELESS = 1.5  # times the best median so far
@@ -261,9 +260,7 @@ starts. `python -m benchmarks.optimisers --help` has the rules.
 ![Colonies of every run](optimisers.png)
 """
     ]
-    for title, rows in report.tables.items():
-        parts.append(f"## {title[0].upper()}{title[1:]}\n\n{markdown_table(rows)}")
-    return "\n".join([*parts, f"## Figures\n\n{markdown_table(figure_rows(report))}"])
+    return "\n".join([*parts, *report.sections()])
 
 
 def run(report: Report, quick: bool) -> None:

@@ -275,34 +275,7 @@ from three starts to compactness and radius. A pull is (log λ̂ − log λ) / s
 ![Fitted against true](recovery.png)
 """
     ]
-    for title, rows in report.tables.items():
-        parts.append(f"## {title[0].upper()}{title[1:]}\n\n{markdown_table(rows)}")
-    return "\n".join([*parts, f"## Figures\n\n{markdown_table(figure_rows(report))}"])
-
-
-def figure_rows(report: Report) -> list[dict[str, Any]]:
-    """The figures of a report as rows of a table."""
-    return [
-        {
-            "figure": f.name,
-            "value": f.value,
-            "unit": f.unit,
-            "target": "" if f.target is None else f"{'≥' if f.at_least else '≤'} {f.target:g}",
-            "met": {True: "yes", False: "**no**", None: ""}[f.met],
-            "note": f.note,
-        }
-        for f in report.figures
-    ]
-
-
-def markdown_table(rows: Sequence[Mapping[str, Any]]) -> str:
-    """Rows as a table of a page, numbers in three digits."""
-
-    def text(value: Any) -> str:
-        return "" if value is None else f"{value:.3g}" if isinstance(value, float) else str(value)
-
-    head = "| " + " | ".join(rows[0]) + " |\n" + "|---" * len(rows[0]) + "|\n"
-    return head + "\n".join("| " + " | ".join(map(text, row.values())) + " |" for row in rows) + "\n"
+    return "\n".join([*parts, *report.sections()])
 
 
 def recover(report: Report, study: Study) -> None:

@@ -111,6 +111,22 @@ class Report:
             **self.details,
         }
 
+    def sections(self) -> list[str]:
+        """Tables and figures as parts of a page in Markdown."""
+        figures = [
+            {
+                "figure": f.name,
+                "value": f.value,
+                "unit": f.unit,
+                "target": "" if f.target is None else f"{'≥' if f.at_least else '≤'} {f.target:g}",
+                "met": {True: "yes", False: "**no**", None: ""}[f.met],
+                "note": f.note,
+            }
+            for f in self.figures
+        ]
+        tables = {**self.tables, "figures": figures}
+        return [f"## {title[0].upper()}{title[1:]}\n\n{_markdown(rows)}" for title, rows in tables.items()]
+
     def print(self) -> None:
         """Tables and figures on the terminal, with the machine above."""
         console = Console(width=None if sys.stdout.isatty() else 150)
@@ -127,6 +143,16 @@ class Report:
             verdict = {True: "[green]met[/]", False: "[bold red]MISSED[/]", None: ""}[f.met]
             table.add_row(f.name, _text(f.value), f.unit, target, verdict, f.note)
         console.print(table)
+
+
+def _markdown(rows: Sequence[dict[str, Any]]) -> str:
+    """Rows as a table of a page, numbers in three digits."""
+
+    def text(value: Any) -> str:
+        return "" if value is None else f"{value:.3g}" if isinstance(value, float) else str(value)
+
+    head = "| " + " | ".join(str(key).strip() for key in rows[0]) + " |\n" + "|---" * len(rows[0]) + "|\n"
+    return head + "\n".join("| " + " | ".join(map(text, row.values())) + " |" for row in rows) + "\n"
 
 
 def machine() -> dict[str, Any]:

@@ -118,3 +118,23 @@ def exact_interval(known: Known, epsilon: float, level: float) -> Float[np.ndarr
     points, weights = known.exact(epsilon)
     shares = (0.5 - level / 2, 0.5 + level / 2)
     return np.array([[weighted_quantile(column, weights, share) for share in shares] for column in points.T])
+
+
+class Killed(Exception):
+    pass
+
+
+class Interrupted:
+    """A simulator that works for a number of calls, then raises at each."""
+
+    def __init__(self, simulator: Drawing, calls: int) -> None:
+        self.simulator, self.calls = simulator, calls
+        self.free, self.labels = simulator.free, simulator.labels
+        self.sizes = set[int]()
+
+    def __call__(self, values: np.ndarray, seeds: np.ndarray) -> np.ndarray:
+        self.calls -= 1
+        if self.calls < 0:
+            raise Killed
+        self.sizes.add(len(values))
+        return self.simulator(values, seeds)

@@ -11,9 +11,9 @@ from jaxtyping import Array
 from yeastfit import FitSettings, Parameters
 from yeastfit.infer.colonies import Colonies
 from yeastfit.infer.ensembles import Ensembles
-from yeastfit.infer.fit import ALONE, _Fitter
+from yeastfit.infer.fit import _Fitter
 from yeastfit.infer.fitted import Fit
-from yeastfit.infer.space import Bounds, Space
+from yeastfit.infer.space import ALONE, Bounds, Space
 from yeastfit.infer.targets import Targets
 from yeastfit.model.parameters import NAMES
 

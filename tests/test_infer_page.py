@@ -6,11 +6,12 @@ from pathlib import Path
 import pytest
 import test_page
 from known_colonies import stand_in, write_measurements
-from test_page import Reader, open_in_browser
+from test_page import REPORT, Reader, open_in_browser
 
 from yeastfit import cli
 
-LATE = """<script>addEventListener("load", () => {
+LATE = (
+    """<script>addEventListener("load", () => {
   const seen = { pictures: [...document.images].map(image => [image.alt, image.naturalWidth, image.complete]) };
   document.querySelector("figure button").click();
   seen.enlarged = [document.querySelector("dialog").open, document.querySelector("dialog img").naturalWidth > 1];
@@ -19,14 +20,9 @@ LATE = """<script>addEventListener("load", () => {
   const names = () => [...table.tBodies[0].rows].map(row => row.cells[0].textContent);
   const head = [...table.tHead.rows[0].cells].find(cell => cell.textContent.startsWith("mean"));
   seen.sorted = [1, 2].map(() => { head.querySelector("button").click(); return names(); });
-  seen.requests = performance.getEntriesByType("resource").map(each => each.name).filter(name => !/^data:/.test(name));
-  seen.wide = document.documentElement.scrollWidth - document.documentElement.clientWidth;
-  seen.faults = faults;
-  const report = document.createElement("pre");
-  report.id = "report";
-  report.textContent = JSON.stringify(seen);
-  document.body.append(report);
-});</script>"""
+"""
+    + REPORT
+)
 PICTURES = ("corner", "predictive", "colonies", "traces", "ranks")
 
 

@@ -29,7 +29,17 @@ EARLY = (
     "<script>window.faults = []; addEventListener('error', event => faults.push(event.message || 'resource'), true);"
 )
 EARLY += "addEventListener('securitypolicyviolation', event => faults.push(event.blockedURI));</script>"
-LATE = """<script>addEventListener("load", () => {
+REPORT = """
+  seen.requests = performance.getEntriesByType("resource").map(each => each.name).filter(name => !/^data:/.test(name));
+  seen.wide = document.documentElement.scrollWidth - document.documentElement.clientWidth;
+  seen.faults = faults;
+  const report = document.createElement("pre");
+  report.id = "report";
+  report.textContent = JSON.stringify(seen);
+  document.body.append(report);
+});</script>"""
+LATE = (
+    """<script>addEventListener("load", () => {
   const seen = { pictures: [...document.images].map(image => [image.alt, image.naturalWidth, image.complete]) };
   const first = document.querySelector("figure button");
   first.click();
@@ -39,14 +49,9 @@ LATE = """<script>addEventListener("load", () => {
   const names = () => [...document.querySelectorAll("tbody tr")].map(row => row.cells[0].textContent);
   const head = [...document.querySelectorAll("thead th")].find(cell => cell.textContent.startsWith("area"));
   seen.sorted = [1, 2].map(() => { head.querySelector("button").click(); return [head.ariaSort, names()]; });
-  seen.requests = performance.getEntriesByType("resource").map(each => each.name).filter(name => !/^data:/.test(name));
-  seen.wide = document.documentElement.scrollWidth - document.documentElement.clientWidth;
-  seen.faults = faults;
-  const report = document.createElement("pre");
-  report.id = "report";
-  report.textContent = JSON.stringify(seen);
-  document.body.append(report);
-});</script>"""
+"""
+    + REPORT
+)
 
 
 @pytest.fixture(scope="module")

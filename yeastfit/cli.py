@@ -30,8 +30,8 @@ from yeastfit.infer.priors import template
 from yeastfit.infer.settings import FitSettings
 from yeastfit.infer.space import check_free
 from yeastfit.infer.uncertainty import explore, profiles
-from yeastfit.measure.dataset import find_manifest, given, read_overrule
-from yeastfit.measure.tasks import Task, find_tasks
+from yeastfit.measure.dataset import given, read_overrule
+from yeastfit.measure.tasks import find_tasks
 from yeastfit.model.numerics import Numerics
 from yeastfit.model.parameters import NAMES, PARAMETERS, Parameters, Scales
 from yeastfit.model.relaxation import HARD, Relaxation
@@ -39,7 +39,7 @@ from yeastfit.simulation import member_keys
 from yeastfit.simulation import simulate as run_simulation
 from yeastfit.storage import write_manifest, write_table
 from yeastfit.survey import survey
-from yeastfit.survey_results import clear_results, write_results
+from yeastfit.survey_results import clear_results, refuse_mixed_folder, write_results
 from yeastfit.synthesis import read_recipes
 from yeastfit.synthesis import synthesize as make_dataset
 
@@ -50,6 +50,10 @@ out, err = Console(), Console(stderr=True)
 Out = Annotated[Path, typer.Option("--out", help="Folder for the results; made if missing.", show_default=False)]
 Seed = Annotated[int, typer.Option("--seed", min=0, help="Random seed: same seed, same result.")]
 Rate = Annotated[float, typer.Option("--rate", help="Maximal growth rate μ* per hour; the unit of time is 1/μ*.")]
+Truth = Annotated[bool, typer.Option("--truth", help="Show the true parameters beside, if known.")]
+Jobs = Annotated[
+    int | None, typer.Option(min=1, help="Most processes that measure; by default one a core.", show_default=False)
+]
 Length = Annotated[float, typer.Option("--length", help="Cell length L0 in µm: the model's unit of length.")]
 
 
@@ -163,7 +167,7 @@ def measure(
     """
     options: dict[str, Any] = {"seed_point": seed_point, "threshold": threshold, "roi": roi}
     tasks, dataset, skipped = find_tasks(paths, pixel_size, read_overrule(options, "options"))
-    _refuse_mixed_folder(folder, tasks)
+    refuse_mixed_folder(folder, tasks)
     clear_results(folder)
     with _progress("measuring") as advance:
         outcomes = survey(tasks, folder, jobs=jobs or os.cpu_count() or 1, progress=advance)
@@ -183,12 +187,6 @@ def measure(
     out.print(f"{len(measured)} of {len(tasks)} micrographs measured. Results in {folder}, on one page: index.html")
     if failed:
         _fail(failed)
-
-
-def _refuse_mixed_folder(folder: Path, tasks: list[Task]) -> None:
-    """Results among the micrographs would be measured the next time."""
-    if folder.resolve() in {task.path.parent.resolve() for task in tasks} or find_manifest(folder):
-        raise InputError(f"--out: {folder} holds the micrographs, need another folder for the results")
 
 
 @app.command()
@@ -258,10 +256,8 @@ def fit(
     profile: Annotated[bool, typer.Option("--profile", help="Profile the likelihood of every parameter.")] = False,
     rate: Rate = Scales.rate,
     length: Length = Scales.length,
-    truth: Annotated[bool, typer.Option("--truth", help="Print the true parameters beside, if known.")] = False,
-    jobs: Annotated[
-        int | None, typer.Option(min=1, help="Most processes that measure; by default one a core.", show_default=False)
-    ] = None,
+    truth: Truth = False,
+    jobs: Jobs = None,
     seed: Seed = 0,
     *,
     parameters: dict[str, float],
@@ -373,11 +369,9 @@ def infer(
     dt: Annotated[float, typer.Option(help="Time step.")] = FitSettings.dt,
     rate: Rate = Scales.rate,
     length: Length = Scales.length,
-    truth: Annotated[bool, typer.Option("--truth", help="Show the true parameters beside, if known.")] = False,
+    truth: Truth = False,
     resume: Annotated[bool, typer.Option("--resume", help="Go on with the run in the folder.")] = False,
-    jobs: Annotated[
-        int | None, typer.Option(min=1, help="Most processes that measure; by default one a core.", show_default=False)
-    ] = None,
+    jobs: Jobs = None,
     seed: Seed = 0,
     *,
     parameters: dict[str, float],

@@ -8,9 +8,10 @@ import numpy as np
 from yeastfit import plot
 from yeastfit.errors import InputError
 from yeastfit.infer.choices import Design
-from yeastfit.infer.sensitivity import Progress, Sensitivity, sensitivity
+from yeastfit.infer.sensitivity import Sensitivity, sensitivity
 from yeastfit.model.numerics import Numerics
 from yeastfit.model.parameters import Parameters
+from yeastfit.progress import Progress
 from yeastfit.storage import write_table
 
 RESULTS = ("design.csv", "design.json", "information.json", "design.png", "spectrum.png", "ellipses.png")

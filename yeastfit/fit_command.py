@@ -15,12 +15,12 @@ from yeastfit.infer.fitted import Fit
 from yeastfit.infer.measurements import TABLE, conditions_of, read_measurements, targets_of
 from yeastfit.infer.targets import Targets
 from yeastfit.infer.uncertainty import Bootstrap, Profile
-from yeastfit.measure.dataset import MANIFESTS, read_dataset
-from yeastfit.measure.tasks import find_tasks
+from yeastfit.measure.dataset import dataset_folder, read_dataset
+from yeastfit.measure.tasks import dataset_tasks
 from yeastfit.model.parameters import NAMES, Scales
 from yeastfit.storage import write_table
 from yeastfit.survey import survey
-from yeastfit.survey_results import clear_results, write_results
+from yeastfit.survey_results import clear_results, refuse_mixed_folder, write_results
 
 RESULTS = (
     "fit.json",
@@ -62,17 +62,15 @@ class Measurements:
 def measurements(source: Path, folder: Path, jobs: int, progress: Callable[[int, int], None]) -> Measurements:
     """Read measurements.csv, or the one in a folder; or measure a data set, with all that `yeastfit measure` leaves."""
     table = source / TABLE if source.is_dir() else source
-    data_set = source.name in MANIFESTS or any((source / name).is_file() for name in MANIFESTS)
-    if not data_set and table.is_file():
+    where = dataset_folder(source)
+    if where is None and table.is_file():
         return Measurements(read_measurements(table), table.parent, [table], [])
-    where = source.parent if source.name in MANIFESTS else source
-    dataset = read_dataset(where)
-    if folder.resolve() == where.resolve():
-        raise InputError(f"--out: {folder} holds the micrographs, need another folder for the results")
-    tasks, _, _ = find_tasks([where])
+    dataset = read_dataset(where or source)
+    tasks = dataset_tasks(dataset)
+    refuse_mixed_folder(folder, tasks)
     clear_results(folder)
     outcomes = survey(tasks, folder, jobs=jobs, progress=progress)
-    write_results(folder, f"Micrographs of {where.resolve().name}", outcomes, dataset=dataset)
+    write_results(folder, f"Micrographs of {dataset.folder.resolve().name}", outcomes, dataset=dataset)
     rows = [outcome.row for outcome in outcomes if outcome.row]
     failed = [f"left out: {outcome.error}" for outcome in outcomes if not outcome.row]
     if not rows:

@@ -29,13 +29,15 @@ from yeastfit.infer.priors import Prior, default_prior
 from yeastfit.infer.samples import Samples
 from yeastfit.infer.settings import FitSettings
 from yeastfit.infer.simulations import Recorded, Store
-from yeastfit.infer.simulator import Simulator
+from yeastfit.infer.simulator import Simulator, Wrapper
 from yeastfit.infer.space import check_free
+from yeastfit.infer.surface import features
 from yeastfit.infer.targets import Targets
 from yeastfit.infer_folder import RunFolder, inputs_of, run_versions
 from yeastfit.infer_results import Results, photographs, write_results
 from yeastfit.model.colony import PROBLEMS
 from yeastfit.model.parameters import Parameters, Scales
+from yeastfit.progress import Progress
 
 Method = Literal["emulator", "abc-mcmc", "abc-smc"]
 DistanceName = Literal["li", "mahalanobis", "curves"]
@@ -57,8 +59,6 @@ OWN = {  # options that only some methods have
 }
 NAMES = {"epsilon": "tolerance", "share": "pilot-quantile"}
 LI = {"distance": "li", "kernel": "indicator", "move": "gaussian", "colonies": 1}
-
-Progress = Callable[[str, float], None]
 
 
 @dataclass(frozen=True)
@@ -153,21 +153,10 @@ DEFAULTS: dict[str, dict[str, Any]] = {
 
 
 @dataclass(frozen=True)
-class Watched:
+class Watched(Wrapper):
     """A simulator that tells how many colonies it has grown: `tell(rows)` after each batch."""
 
-    simulator: Simulator
     tell: Callable[[int], None]
-
-    @property
-    def free(self) -> tuple[str, ...]:
-        """Names of λ."""
-        return self.simulator.free
-
-    @property
-    def labels(self) -> tuple[str, ...]:
-        """Names of the statistics."""
-        return self.simulator.labels
 
     def __call__(self, values: Any, seeds: Any) -> Any:
         """As the simulator's own."""
@@ -329,8 +318,7 @@ def distance_of(
     whole = np.isfinite(found.distances)
     x, statistics = found.x[whole], found.statistics[whole]
     x = (x - x.mean(axis=0)) / x.std(axis=0)
-    pairs = [x[:, i] * x[:, j] for i in range(x.shape[1]) for j in range(i + 1)]
-    terms = np.column_stack([np.ones(len(x)), x, *pairs])
+    terms = features(x)
     needed = terms.shape[1] + 2 * len(observed)
     if len(x) < needed:
         raise InputError(

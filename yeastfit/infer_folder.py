@@ -5,7 +5,6 @@ versions and device. It is taken up by the same configuration and the same input
 it goes on (`EXTENT`) may change. manifest.json comes last: a folder that has one is finished.
 """
 
-import hashlib
 import json
 import shlex
 import sys
@@ -18,8 +17,9 @@ from typing import Any
 import jax
 
 from yeastfit.errors import InputError
-from yeastfit.measure.dataset import MANIFESTS, read_dataset
-from yeastfit.storage import versions, write_json
+from yeastfit.infer.measurements import TABLE
+from yeastfit.measure.dataset import MANIFESTS, dataset_folder, read_dataset
+from yeastfit.storage import sha256_of, versions, write_json
 
 RUN, MANIFEST = "run.json", "manifest.json"
 SAMPLERS = ("emcee", "optax", "h5py")
@@ -82,25 +82,19 @@ class RunFolder:
 
 def inputs_of(source: Path) -> list[Path]:
     """What a run reads: the manifest and the images of a data set, or the table of measurements."""
-    where = source.parent if source.name in MANIFESTS else source
-    if where.is_dir() and any((where / name).is_file() for name in MANIFESTS):
+    if where := dataset_folder(source):
         dataset = read_dataset(where)
         return [dataset.manifest, *(frame.path for frame in dataset.frames)]
-    table = source / "measurements.csv" if source.is_dir() else source
+    table = source / TABLE if source.is_dir() else source
     if not table.is_file():
-        raise InputError(f"{source}: neither a data set, with {' or '.join(MANIFESTS)}, nor a measurements.csv")
+        raise InputError(f"{source}: neither a data set, with {' or '.join(MANIFESTS)}, nor a {TABLE}")
     return [table]
 
 
 def hashes_of(inputs: Sequence[Path]) -> dict[str, str]:
     """SHA-256 by path below the first one's folder."""
     base = inputs[0].parent
-    return {
-        str(path.relative_to(base)) if path.is_relative_to(base) else str(path): hashlib.sha256(
-            path.read_bytes()
-        ).hexdigest()
-        for path in inputs
-    }
+    return {str(path.relative_to(base)) if path.is_relative_to(base) else str(path): sha256_of(path) for path in inputs}
 
 
 def run_versions() -> dict[str, str]:

@@ -18,6 +18,7 @@ from rich.table import Table
 from yeastfit import plot, plot_posterior
 from yeastfit.infer.diagnostics import Diagnostics, diagnose
 from yeastfit.infer.export import to_netcdf
+from yeastfit.infer.measurements import rows_of
 from yeastfit.infer.predictive import FINE, Predictive
 from yeastfit.infer.priors import Prior
 from yeastfit.infer.samples import Samples
@@ -138,7 +139,7 @@ def photographs(
     rows: Sequence[Mapping[str, Any]], folder: Path, images: Path, condition: str | None, most: int = 6
 ) -> list[Photograph]:
     """Some colonies at their last time. folder: of the masks; images: where the photographs may lie."""
-    own = [row for row in rows if condition is None or str(row["condition"] or "") == condition]
+    own = rows_of(rows, condition)
     last = max(row["hours"] for row in own)
     found = []
     for row in [row for row in own if row["hours"] == last and (folder / str(row["mask"])).is_file()][:most]:

@@ -54,6 +54,11 @@ def write_json(path: str | Path, data: Any) -> None:
         temporary.write_text(json.dumps(_plain(data), indent=2, allow_nan=False) + "\n")
 
 
+def sha256_of(path: str | Path) -> str:
+    """Of a file's bytes."""
+    return hashlib.sha256(Path(path).read_bytes()).hexdigest()
+
+
 def write_manifest(
     folder: str | Path, *, command: str, seed: int | None, inputs: Sequence[str | Path], **more: Any
 ) -> None:
@@ -65,7 +70,7 @@ def write_manifest(
         "seed": seed,
         "versions": versions(),
         "device": {"kind": device.device_kind, "platform": device.platform, "count": jax.device_count()},
-        "inputs": {str(path): hashlib.sha256(Path(path).read_bytes()).hexdigest() for path in inputs},
+        "inputs": {str(path): sha256_of(path) for path in inputs},
         **more,
     }
     write_json(Path(folder) / "manifest.json", manifest)

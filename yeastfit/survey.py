@@ -5,7 +5,6 @@ be measured becomes an `Outcome` that says why, and the rest goes on. Results st
 the same whatever the number of processes.
 """
 
-import hashlib
 import multiprocessing
 import os
 import signal
@@ -28,7 +27,7 @@ from yeastfit.measure.images import read_image
 from yeastfit.measure.segmentation import DOUBTS, segment
 from yeastfit.measure.series import measure_file
 from yeastfit.measure.tasks import Task
-from yeastfit.storage import written_whole
+from yeastfit.storage import sha256_of, written_whole
 from yeastfit.synthesis import write_mask
 
 TASKS_A_PROCESS = 4  # fewer are measured sooner than another process has started
@@ -126,7 +125,7 @@ def _inherited() -> Iterator[None]:
 def run_task(task: Task, folder: Path) -> Outcome:
     """Measure one file and write its mask and overlay; these also where only the size of a pixel is missing."""
     try:
-        digest = hashlib.sha256(task.path.read_bytes()).hexdigest() if task.path.is_file() else ""
+        digest = sha256_of(task.path) if task.path.is_file() else ""
     except OSError:
         digest = ""
     outcome = Outcome(task, sha256=digest)

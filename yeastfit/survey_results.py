@@ -6,10 +6,12 @@ from pathlib import Path
 from typing import Any
 
 from yeastfit import plot
-from yeastfit.measure.dataset import Dataset
+from yeastfit.errors import InputError
+from yeastfit.measure.dataset import Dataset, find_manifest
 from yeastfit.measure.filaments import SKELETON
 from yeastfit.measure.series import condition_curves
 from yeastfit.measure.statistics import MEANINGS, UNITS
+from yeastfit.measure.tasks import Task
 from yeastfit.storage import versions, write_json, write_table, written_whole
 from yeastfit.survey import Outcome
 from yeastfit.survey_page import survey_page
@@ -35,6 +37,12 @@ OWN_COLUMNS = {
     "mask": ("", "what was measured"),
 }
 PLACES = ("centroid_x", "centroid_y")  # where a colony lies in its image: no curve of it
+
+
+def refuse_mixed_folder(folder: Path, tasks: Sequence[Task]) -> None:
+    """Raises `InputError` where results would come to lie among the micrographs, and be measured the next time."""
+    if folder.resolve() in {task.path.parent.resolve() for task in tasks} or find_manifest(folder):
+        raise InputError(f"--out: {folder} holds the micrographs, need another folder for the results")
 
 
 def clear_results(folder: Path) -> None:

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from emcee.backends import HDFBackend
 from helpers import wrong_types
-from known_posteriors import Drawing, Known, assert_agrees
+from known_posteriors import Drawing, Interrupted, Killed, Known, assert_agrees
 from numpy.random import Generator, RandomState
 
 from yeastfit import InputError
@@ -38,26 +38,6 @@ def assert_same(found: Samples, expected: Samples) -> None:
         np.testing.assert_array_equal(getattr(found, name), getattr(expected, name))
     assert found.simulations == expected.simulations
     assert found.diagnostics == expected.diagnostics
-
-
-class Killed(Exception):
-    pass
-
-
-class Interrupted:
-    """A simulator that works for a number of calls, then raises at each."""
-
-    def __init__(self, simulator: Drawing, calls: int) -> None:
-        self.simulator, self.calls = simulator, calls
-        self.free, self.labels = simulator.free, simulator.labels
-        self.sizes = set[int]()
-
-    def __call__(self, values: np.ndarray, seeds: np.ndarray) -> np.ndarray:
-        self.calls -= 1
-        if self.calls < 0:
-            raise Killed
-        self.sizes.add(len(values))
-        return self.simulator(values, seeds)
 
 
 # --- known answers ----------------------------------------------------------------------------------------------------

@@ -25,7 +25,6 @@ walkers by one and the same vector. "stretch" and "de" are emcee's moves of ense
 """
 
 import time as clock
-from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -43,11 +42,10 @@ from yeastfit.infer.priors import Prior
 from yeastfit.infer.samples import Samples
 from yeastfit.infer.simulations import Recorded, Store
 from yeastfit.infer.simulator import Simulator, seed_of, stream_of
+from yeastfit.progress import Progress, silent
 
 STANDSTILL = 0.25  # of a run, and `STILL` steps: a chain that does not move for longer is warned of
 STILL = 50
-
-Progress = Callable[[str, float], None]
 
 
 def abc_mcmc(
@@ -71,7 +69,7 @@ def abc_mcmc(
     settings = settings or McmcSettings()
     check_problem(simulator, prior, distance)
     settings.check_walkers(len(prior.free))
-    say = progress or (lambda what, share: None)
+    say = progress or silent
     recorded = Recorded(simulator, settings.rows, store)
     say("pilot", 0.0)
     pilot = pilot_of(recorded, prior, distance, settings.pilot, seed)

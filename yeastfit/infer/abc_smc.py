@@ -15,7 +15,6 @@ At the end the draws are moved to where they would be, had the simulation been t
 """
 
 import time as clock
-from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -33,12 +32,11 @@ from yeastfit.infer.priors import Prior
 from yeastfit.infer.samples import Samples, weighted_quantile
 from yeastfit.infer.simulations import Recorded, Store
 from yeastfit.infer.simulator import Simulator, seed_of, stream_of
+from yeastfit.progress import Progress, silent
 
 PROMISE = (
     10  # accepted proposals that the lowest acceptable share promises: with fewer by then, a population is given up
 )
-
-Progress = Callable[[str, float], None]
 
 
 @dataclass(frozen=True)
@@ -93,7 +91,7 @@ def abc_smc(
     began = clock.perf_counter()
     settings = settings or SmcSettings()
     check_problem(simulator, prior, distance)
-    say = progress or (lambda what, share: None)
+    say = progress or silent
     recorded = Recorded(simulator, settings.batch, store)
     problem = _Problem(recorded, prior, distance, settings, seed)
     file = None if path is None else PopulationFile(path, problem.head())

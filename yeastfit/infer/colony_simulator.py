@@ -9,11 +9,9 @@ from jaxtyping import Float, Int
 
 from yeastfit.infer.colonies import Colonies
 from yeastfit.infer.settings import FitSettings
-from yeastfit.infer.space import Space
+from yeastfit.infer.space import ALONE, Space
 from yeastfit.infer.targets import Targets
 from yeastfit.model.parameters import Parameters
-
-ALONE = ""
 
 
 @dataclass(frozen=True)

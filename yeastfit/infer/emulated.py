@@ -16,7 +16,6 @@ is missing, and comes to the same result.
 """
 
 import time as clock
-from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
@@ -33,12 +32,11 @@ from yeastfit.infer.priors import Prior
 from yeastfit.infer.samples import Samples
 from yeastfit.infer.simulations import Recorded, Store
 from yeastfit.infer.simulator import Simulator, seed_of, stream_of
+from yeastfit.progress import Progress, silent
 
 NEAR = 0.99  # of draws as wide as the proposals are: simulations among which the emulator is checked
 LARGEST_ERROR = 0.3  # of the variance of the data, from which the emulator's error is warned of
 TRIES = 100  # rounds of drawing again what fell outside the prior
-
-Progress = Callable[[str, float], None]
 
 
 @dataclass(frozen=True)
@@ -92,7 +90,7 @@ def emulated(
     settings = settings or EmulatedSettings()
     _check(simulator, prior, observed, replicates, settings)
     run = _Run(Recorded(simulator, settings.batch, store), prior, observed, replicates, settings, seed)
-    found = run.rounds(progress or (lambda what, share: None))
+    found = run.rounds(progress or silent)
     return run.samples(found, clock.perf_counter() - began)
 
 

@@ -189,12 +189,12 @@ class Ensembles:
         targets = self.targets[condition]
         error = np.array([[self.settings.error_of(name)] for name in targets.names])
         measured = targets.measured.ravel()
-        chance, replicates, freedom = self.scatter_of(condition, local), targets.replicates[targets.measured], 0.0
+        chance, replicates = self.scatter_of(condition, local), targets.replicates[targets.measured].astype(float)
         freedom = float(local.scatter.freedom)
-        data = curve_covariance(chance, replicates=replicates.astype(float), freedom=freedom)
-        inflation = freedom / (freedom - len(chance) - 1)
+        data = curve_covariance(chance, replicates=replicates, freedom=freedom)
+        monte_carlo = curve_covariance(local.mean_covariance, replicates=1.0, freedom=freedom)
         known = systematic(np.nan_to_num(targets.mean), error)[np.ix_(measured, measured)]
-        return data + inflation * local.mean_covariance + known
+        return data + monte_carlo + known
 
     def scatter_of(self, condition: str, local: Local) -> CurveSquare:
         """One colony's covariance, scaled statistic by statistic to the measured scatter where that is known."""

@@ -22,7 +22,7 @@ that the data do not see (`infer.information`).
 """
 
 import time as clock
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -34,18 +34,16 @@ from yeastfit.infer.fitted import Condition, Fit, Start, Step
 from yeastfit.infer.information import Information, information
 from yeastfit.infer.search import Search
 from yeastfit.infer.settings import FitSettings
-from yeastfit.infer.space import Bounds, Space, Vector
+from yeastfit.infer.space import ALONE, Bounds, Space, Vector
 from yeastfit.infer.targets import Targets
 from yeastfit.model.colony import PROBLEMS
 from yeastfit.model.parameters import Parameters
+from yeastfit.progress import Progress, silent
 
-Progress = Callable[[str, float], None]
-"""Called with what is being done and the share of the whole fit that is behind."""
 Prior = Mapping[str, tuple[float, float]]
 """By name: λ at the centre, and the standard deviation of log λ."""
 
 DEFAULT_FREE = ("mobility", "metabolic_rate", "aspect_ratio")
-ALONE = ""  # the name of the only condition
 APART = 0.3  # of log λ, in one entry at least, between two places that are not the same
 ABOUT_AS_GOOD = 9.0  # of the rough χ²: what a start may lag behind the best and still go on; later, of χ²,
 NEARLY_AS_GOOD = 4.0
@@ -84,7 +82,7 @@ def fit(
     pulls = _priors(prior or {}, space)
     _check(by_name, space, pulls)
     ensembles = Ensembles.of(by_name, space, seed, settings or FitSettings())
-    return _Fitter(ensembles, pulls, progress or (lambda what, share: None)).run(begin)
+    return _Fitter(ensembles, pulls, progress or silent).run(begin)
 
 
 @dataclass

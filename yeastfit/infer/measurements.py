@@ -65,7 +65,7 @@ def targets_of(
     by default "smooth" where it knows all the statistics and the masks are there, else "mask". Raises `InputError` for
     a condition that is not there, rows without hours, and masks of different pixel sizes for the estimator "mask".
     """
-    chosen, scales = _of_condition(rows, condition), scales or Scales()
+    chosen, scales = rows_of(rows, condition), scales or Scales()
     for row in chosen:
         hours = row["hours"]
         if not (isinstance(hours, int | float) and math.isfinite(hours) and hours > 0):
@@ -106,7 +106,8 @@ def conditions_of(rows: Sequence[Mapping[str, Any]]) -> tuple[str, ...]:
     return tuple(dict.fromkeys(str(row["condition"] or "") for row in rows))
 
 
-def _of_condition(rows: Sequence[Mapping[str, Any]], condition: str | None) -> list[Mapping[str, Any]]:
+def rows_of(rows: Sequence[Mapping[str, Any]], condition: str | None) -> list[Mapping[str, Any]]:
+    """Of one condition, which may be left out where there is one. Raises `InputError`."""
     there = conditions_of(rows)
     known = ", ".join(map(repr, there))
     if condition is None and len(there) > 1:

@@ -21,9 +21,10 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from yeastfit.errors import InputError
-from yeastfit.infer.colony_simulator import ALONE, ColonySimulator
+from yeastfit.infer.colony_simulator import ColonySimulator
 from yeastfit.infer.samples import Samples
-from yeastfit.infer.simulator import Simulator, seed_of, stream_of
+from yeastfit.infer.simulator import Simulator, Wrapper, seed_of, stream_of
+from yeastfit.infer.space import ALONE
 from yeastfit.infer.targets import Targets
 from yeastfit.measure.smooth import SmoothStatistics
 from yeastfit.model.cells import cells_of, level_set
@@ -41,25 +42,14 @@ FINE = 0.05  # L0, pixels of silhouettes
 
 
 @dataclass(frozen=True)
-class Replicates:
+class Replicates(Wrapper):
     """A simulator whose data sets are means over `count` data sets of another; nan where one of them is."""
 
-    simulator: Simulator
     count: int
 
     def __post_init__(self) -> None:
         if self.count < 1:
             raise InputError(f"count is {self.count}, a mean needs at least 1")
-
-    @property
-    def free(self) -> tuple[str, ...]:
-        """Names of λ."""
-        return self.simulator.free
-
-    @property
-    def labels(self) -> tuple[str, ...]:
-        """Names of the statistics."""
-        return self.simulator.labels
 
     def __call__(
         self, values: Float[np.ndarray, "proposal free"], seeds: Int[np.ndarray, " proposal"]

@@ -5,7 +5,6 @@ once. optimistix is shown the affine function r + J (z − z₀): at z₀, the o
 value and the right derivative, and nothing is traced through a colony.
 """
 
-from functools import cached_property
 from typing import Any, ClassVar
 
 import equinox as eqx
@@ -15,6 +14,7 @@ import numpy as np
 import optimistix as optx
 from jaxtyping import Array, Float
 
+OPTIONS = {"jac": "bwd"}  # the Jacobian as a matrix
 STIFFEST = 100.0  # largest eigenvalue of c² JᵀJ at the first point of a careful search
 
 Residuals = Float[np.ndarray, " residual"]
@@ -36,25 +36,17 @@ class Search:
     }
 
     def __init__(self, method: str, z: Float[np.ndarray, " entry"], size: int, careful: bool = False) -> None:
-        self.method, self.size = method, size
-        self.stiffest = STIFFEST if careful else 1.0 if method == "bfgs" else None
+        scalar = method == "bfgs"
+        self.size = size
+        self.stiffest = STIFFEST if careful else 1.0 if scalar else None
         self.scale = 1.0
-        self.solver = self.SOLVERS[method](rtol=1e-6, atol=1e-6)
+        self.solver, self.function = self.SOLVERS[method](rtol=1e-6, atol=1e-6), _half_square if scalar else _affine
         self.z = jnp.asarray(z)
         self.residuals, self.jacobian = np.zeros(size), np.zeros((size, len(z)))
         self.cost, self.refused, self.failure = np.inf, 0, ""
-
-    @cached_property
-    def _function(self) -> Any:
-        return _half_square if self.method == "bfgs" else _affine
-
-    @cached_property
-    def state(self) -> Any:
-        """optimistix's."""
-        out = () if self.method == "bfgs" else (self.size,)
-        shape = jax.ShapeDtypeStruct(out, self.z.dtype)
-        at = self._known(self.residuals, self.jacobian)
-        return self.solver.init(self._function, self.z, at, {"jac": "bwd"}, shape, None, frozenset())
+        shape = jax.ShapeDtypeStruct(() if scalar else (size,), self.z.dtype)
+        at = self._known(self.z, self.residuals, self.jacobian)
+        self.state = self.solver.init(self.function, self.z, at, OPTIONS, shape, None, frozenset())
 
     @property
     def trial(self) -> Float[np.ndarray, " entry"]:
@@ -66,8 +58,8 @@ class Search:
         trial = self.state.y_eval
         if self.stiffest and not np.isfinite(self.cost):
             self.scale = float(np.sqrt(self.stiffest) / max(np.linalg.norm(jacobian, 2), 1e-12))
-        at = self._known(self.scale * residuals, self.scale * jacobian)
-        self.z, self.state, result = _step(self.solver, self._function, self.z, at, self.state)
+        at = self._known(trial, self.scale * residuals, self.scale * jacobian)
+        self.z, self.state, result = _step(self.solver, self.function, self.z, at, self.state)
         taken = bool(jnp.all(self.z == trial))
         if taken:
             self.residuals, self.jacobian = residuals, jacobian
@@ -87,19 +79,14 @@ class Search:
         basis = np.linalg.qr(self.jacobian[:, scale > 1e-9 * max(1.0, scale.max())])[0]
         return float(np.sum((basis.T @ self.residuals) ** 2))
 
-    def _known(self, residuals: Residuals, jacobian: Jacobian) -> tuple[Array, Array, Array]:
-        return (
-            jnp.asarray(self.z if "state" not in self.__dict__ else self.state.y_eval),
-            jnp.asarray(residuals, self.z.dtype),
-            jnp.asarray(jacobian, self.z.dtype),
-        )
+    def _known(self, place: Array, residuals: Residuals, jacobian: Jacobian) -> tuple[Array, Array, Array]:
+        return place, jnp.asarray(residuals, self.z.dtype), jnp.asarray(jacobian, self.z.dtype)
 
 
 @eqx.filter_jit
 def _step(solver: Any, function: Any, z: Array, at: tuple[Array, Array, Array], state: Any) -> tuple[Array, Any, Any]:
-    options, tags = {"jac": "bwd"}, frozenset[object]()
-    z, state, _ = solver.step(function, z, at, options, state, tags)
-    return z, state, solver.terminate(function, z, at, options, state, tags)[1]
+    z, state, _ = solver.step(function, z, at, OPTIONS, state, frozenset())
+    return z, state, solver.terminate(function, z, at, OPTIONS, state, frozenset())[1]
 
 
 def _affine(z: Array, at: tuple[Array, Array, Array]) -> tuple[Array, None]:

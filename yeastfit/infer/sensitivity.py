@@ -31,7 +31,7 @@ itself (`regression.pooled`).
 import json
 import time as clock
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, Literal, get_args
@@ -49,6 +49,7 @@ from yeastfit.model.colony import PROBLEMS
 from yeastfit.model.numerics import Numerics
 from yeastfit.model.parameters import NAMES, Parameters
 from yeastfit.model.relaxation import Relaxation
+from yeastfit.progress import Progress, silent
 from yeastfit.simulation import member_keys, schedule_of
 from yeastfit.storage import write_json
 
@@ -152,9 +153,6 @@ class Sensitivity:
         return Sensitivity(**{**data, **changed})
 
 
-Progress = Callable[[str, float], None]
-
-
 def sensitivity(
     parameters: Parameters | None = None,
     *,
@@ -200,7 +198,7 @@ def sensitivity(
     times = np.atleast_1d(np.asarray(times, dtype=float))
     shape = len(statistics), len(times)
     recorded = tuple(statistics) + (() if COUNT in statistics else (COUNT,))
-    say = progress or (lambda what, share: None)
+    say = progress or silent
 
     def curves(numerics: Numerics, relaxation: Relaxation, times: np.ndarray) -> Curves:
         return Curves(recorded, numerics, observe, relaxation, schedule_of(times, numerics))

@@ -5,6 +5,7 @@ call it with batches of one size, so that a compiled simulator is compiled once.
 """
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
 import numpy as np
@@ -31,6 +32,23 @@ class Simulator(Protocol):
         self, values: Float[np.ndarray, "proposal free"], seeds: Int[np.ndarray, " proposal"]
     ) -> Float[np.ndarray, "proposal statistic"]:
         """A row of nan where a simulation came to nothing. Same row and seed, same result, whatever the batch."""
+
+
+@dataclass(frozen=True)
+class Wrapper:
+    """A simulator around another one, of the same λ and statistics."""
+
+    simulator: Simulator
+
+    @property
+    def free(self) -> tuple[str, ...]:
+        """Names of λ."""
+        return self.simulator.free
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """Names of the statistics."""
+        return self.simulator.labels
 
 
 def seed_of(seed: int, numbers: Sequence[int] | np.ndarray) -> Int[np.ndarray, " number"]:

@@ -17,11 +17,10 @@ import jax.numpy as jnp
 import numpy as np
 import optimistix as optx
 from jaxtyping import Array, Float
-from scipy.stats import qmc
 
 from yeastfit.errors import InputError
 from yeastfit.infer.regression import CurveSquare, Scatter
-from yeastfit.infer.space import Vector
+from yeastfit.infer.space import Vector, scattered
 
 Grow = Callable[[Float[np.ndarray, "point entry"]], Float[np.ndarray, "point curve"]]
 """One colony's curves, or one of each condition, at each point."""
@@ -115,8 +114,7 @@ def study(grow: Grow, centre: Vector, reach: Vector, runs: int, seed: int) -> Su
     needed = 2 * (1 + size) * (2 + size) // 2
     if runs < needed:
         raise InputError(f"runs is {runs}: a quadratic surface in {size} parameters needs at least {needed} colonies")
-    draws = qmc.Sobol(size, rng=np.random.default_rng(seed)).random_base2(int(np.ceil(np.log2(runs))))
-    units = 2.0 * draws[:runs] - 1.0
+    units = 2.0 * scattered(runs, size, seed) - 1.0
     values = grow(centre + reach * units)
     good = np.isfinite(values).all(axis=1)
     if good.sum() < max(0.5 * runs, needed):

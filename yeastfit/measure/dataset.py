@@ -82,6 +82,12 @@ def find_manifest(folder: Path) -> Path | None:
     return found[0] if found else None
 
 
+def dataset_folder(path: Path) -> Path | None:
+    """The folder of a data set, given as that or as its manifest; None where `path` is neither."""
+    folder = path.parent if path.name in MANIFESTS else path
+    return folder if folder.is_dir() and find_manifest(folder) else None
+
+
 def read_dataset(folder: str | Path) -> Dataset:
     """The data set in a folder.
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from yeastfit.errors import InputError
-from yeastfit.measure.dataset import MANIFESTS, NOTHING, Dataset, find_manifest, given, read_dataset
+from yeastfit.measure.dataset import NOTHING, Dataset, dataset_folder, given, read_dataset
 from yeastfit.measure.overrule import Overrule
 
 SUFFIXES = (".tif", ".tiff", ".png", ".jpg", ".jpeg")
@@ -44,13 +44,12 @@ def find_tasks(
     for path in paths:
         if not os.path.lexists(path):
             raise InputError(f"{path}: there is no such file or folder, need micrographs or a data set")
-    folders = [path.parent if path.name in MANIFESTS else path for path in paths]
-    found = [folder for folder in folders if folder.is_dir() and find_manifest(folder)]
+    found = [folder for path in paths if (folder := dataset_folder(path))]
     if found and len(paths) > 1:
         raise InputError(f"{found[0]}: is a data set, measure it by itself and not beside {len(paths) - 1} others")
     if found:
         dataset = read_dataset(found[0])
-        return _numbered(_dataset_tasks(dataset, pixel_size, overrule)), dataset, []
+        return dataset_tasks(dataset, pixel_size, overrule), dataset, []
     files: list[Path] = []
     skipped: list[Path] = []
     for path in paths:
@@ -67,8 +66,9 @@ def find_tasks(
     )
 
 
-def _dataset_tasks(dataset: Dataset, pixel_size: float | None, overrule: Overrule) -> list[Task]:
-    return [
+def dataset_tasks(dataset: Dataset, pixel_size: float | None = None, overrule: Overrule = NOTHING) -> list[Task]:
+    """All images of a data set."""
+    tasks = [
         Task(
             frame.path,
             Path(os.path.relpath(frame.path, dataset.folder)).as_posix(),
@@ -81,6 +81,7 @@ def _dataset_tasks(dataset: Dataset, pixel_size: float | None, overrule: Overrul
         )
         for frame in dataset.frames
     ]
+    return _numbered(tasks)
 
 
 def _images(folder: Path) -> tuple[list[Path], list[Path]]:
