@@ -1,0 +1,502 @@
+"""Whether posteriors mean what they say: simulation-based calibration of the emulator and of ABC.
+
+A truth is drawn from the prior, data from the simulator at it, a posterior from the data. Then the truth is as any draw
+from that posterior: its rank among L independent draws is uniform on 0..L (Talts et al. 2018, arXiv:1804.06788), and
+the central interval that holds a share q of the posterior holds the truth with probability q. So it is for each λ, and
+for any function of λ and data. That one here is the log-likelihood by an emulator of other simulations, from the prior
+alone: it sees posteriors that are right on average over the data but too little moved by them (Modrák et al. 2023,
+doi:10.1214/23-BA1404).
+
+Prior: mobility 0.5 to 3, metabolic rate 0.4 to 2.5, aspect ratio 0.45 to 0.9, each log-uniform. Colonies are young, the
+model coarse, as the samplers are on trial and not the model: whatever it is, data and posterior are of the same. All
+data are compactness and radius. 200 posteriors are by `emulated`, in 8 groups: one of 25 data sets has one seed and
+one store, so that all its data sets share the simulations of the first round, as those of a user do who keeps the
+store. 50 are by `abc_smc` with regression adjustment, of smaller data, in 2 groups that share populations from the
+prior.
+
+Bands and intervals hold 95 %. Those of single parameters are binomial; over the three parameters, of one data set not
+independent, an interval is from the scatter of data sets. p is the probability of ranks as little uniform as those
+found, by the largest departure of their ECDF from the diagonal (Säilynoja et al. 2022, doi:10.1007/s11222-022-10090-6).
+
+Targets: of the truths, over all parameters, 45 % to 55 % are inside 50 % intervals and 86 % to 94 % inside 90 %
+intervals. With the emulator that is asked of what is found; with ABC, whose 50 data sets tell it to some 8 % only, of
+its interval, which must not lie outside. With the emulator p is at least 0.01, the least one times their number. No
+posterior fails.
+
+    python -m benchmarks.calibration [--quick] [--json FILE] [--docs DIR] [--work DIR] [--jobs N]
+
+All is kept in DIR of --work, out/calibration by default: for each group its simulations, and a line of JSON for each
+data set that is done. A run that was interrupted goes on there. N groups run at a time, each in a process,
+by default as many as there are cores: chains take one core only. With --quick: a few data sets with tiny settings, no
+targets. With --docs, DIR/calibration.md and DIR/calibration.png are written.
+"""
+
+import argparse
+import gc
+import json
+import os
+import sys
+import time
+from collections.abc import Callable, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import asdict, dataclass, field, replace
+from datetime import date
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any
+
+import jax
+import numpy as np
+from jaxtyping import Float, Int
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from scipy.stats import binom, binomtest
+
+from benchmarks.recovery import BOX, SEED, STATISTICS
+from benchmarks.report import Report, command, machine
+from yeastfit.errors import InputError
+from yeastfit.infer.abc_smc import SmcSettings, abc_smc
+from yeastfit.infer.colony_simulator import ColonySimulator
+from yeastfit.infer.emulated import EmulatedSettings, emulated
+from yeastfit.infer.emulator import Emulator, train
+from yeastfit.infer.networks import EmulatorSettings
+from yeastfit.infer.predictive import Replicates
+from yeastfit.infer.priors import Prior
+from yeastfit.infer.samples import Samples
+from yeastfit.infer.settings import FitSettings
+from yeastfit.infer.simulations import Recorded, Store
+from yeastfit.infer.simulator import Simulator, seed_of, stream_of
+from yeastfit.infer.targets import Targets
+from yeastfit.infer_command import distance_of
+
+PRIOR = Prior.of({name: {"law": "log-uniform", "low": low, "high": high} for name, (low, high) in BOX.items()})
+QUANTITIES = (*BOX, "log-likelihood")
+LEVELS = {0.5: (45.0, 55.0), 0.9: (86.0, 94.0)}  # of intervals: %, of truths inside
+LEAST_P, TRIALS = 0.01, 2000  # of uniform ranks, simulated to tell p
+MODEL = FitSettings(dt=0.025, spacing=0.4)
+EXTENT, PIXEL = 5.0, 0.15  # L0
+Record = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Part:
+    """Data sets of one method. method: a name. each: data sets of a group. times: model time.
+
+    replicates: colonies that data are means of. draws: L. bins: of the histograms. judged: simulations from the prior
+    that the log-likelihood, a function of λ and data, is learnt from, by `judge`; ABC's pilot, too.
+    """
+
+    method: str
+    groups: int
+    each: int
+    times: tuple[float, ...]
+    replicates: int
+    draws: int
+    bins: int
+    settings: EmulatedSettings | SmcSettings
+    judged: int = 512
+    judge: EmulatorSettings = field(default_factory=EmulatorSettings)
+
+    @property
+    def emulator(self) -> bool:
+        """Whether the method is that of the emulator, else it is ABC."""
+        return isinstance(self.settings, EmulatedSettings)
+
+    @property
+    def count(self) -> int:
+        """Data sets, with numbers from 1."""
+        return self.groups * self.each
+
+    @property
+    def seed(self) -> int:
+        """That truths and data are of; those of groups are made from it."""
+        return SEED if self.emulator else SEED + 1
+
+    def group(self, number: int) -> int:
+        """That a data set belongs to, from 0."""
+        return (number - 1) // self.each
+
+    def simulator(self) -> Simulator:
+        """Single colonies for the emulator, which knows of replicates; else means over them."""
+        curves = {name: np.ones(len(self.times)) for name in STATISTICS}
+        targets = Targets.from_means(curves, self.times, extent=EXTENT, spacing=PIXEL)
+        colonies = ColonySimulator.of(targets, PRIOR.free, settings=MODEL)
+        return colonies if self.emulator else Replicates(colonies, self.replicates)
+
+    def posterior(self, simulator: Simulator, observed: np.ndarray, seed: int, store: Store) -> Samples:
+        """Of data."""
+        if isinstance(self.settings, EmulatedSettings):
+            how: dict[str, Any] = {"replicates": self.replicates, "seed": seed, "store": store}
+            return emulated(simulator, PRIOR, observed, self.settings, **how)
+        recorded = Recorded(simulator, self.settings.batch, store)
+        distance = distance_of("mahalanobis", recorded, PRIOR, observed, self.judged, seed)
+        return abc_smc(simulator, PRIOR, distance, self.settings, seed=seed, store=store)
+
+    def judging(self, simulator: Simulator, seed: int, store: Store) -> Emulator:
+        """Of simulations from the prior alone; for ABC they are those that populations and pilots begin with."""
+        values = PRIOR.sample(self.judged, np.random.default_rng(stream_of(seed, 0, 0)))
+        statistics = Recorded(simulator, self.settings.batch, store)(values, seed_of(seed, range(self.judged)))
+        room = self.settings.most if isinstance(self.settings, EmulatedSettings) else None
+        labels = simulator.labels
+        return train(values, statistics, prior=PRIOR, labels=labels, seed=seed, settings=self.judge, room=room)
+
+
+EMULATED = EmulatedSettings(most=1536)
+SMC = SmcSettings(population=200, simulations=2000)
+FULL = (
+    Part("emulator", 8, 25, times=(1.5, 2.5, 3.5, 4.5), replicates=10, draws=99, bins=20, settings=EMULATED),
+    Part("ABC-SMC", 2, 25, times=(3.5, 4.5), replicates=2, draws=19, bins=10, settings=SMC),
+)
+TINY = EmulatorSettings(members=2, width=16, steps=100)
+FEW: dict[str, Any] = {"groups": 1, "each": 4, "times": (1.5, 2.5), "draws": 19, "bins": 5, "judged": 64, "judge": TINY}
+QUICK = (
+    replace(FULL[0], settings=EmulatedSettings(64, 64, 128, most_steps=500, batch=64, emulator=TINY), **FEW),
+    replace(FULL[1], settings=SmcSettings(population=64, simulations=512), **FEW),
+)
+
+
+@dataclass(frozen=True)
+class Study:
+    """What is calibrated. work: where all of it is kept."""
+
+    parts: tuple[Part, ...]
+    work: Path
+
+    @property
+    def groups(self) -> list[tuple[int, int]]:
+        """Part and group of each piece of work."""
+        return [(k, group) for k, part in enumerate(self.parts) for group in range(part.groups)]
+
+    def file(self, k: int, group: int, suffix: str) -> Path:
+        """Of one group."""
+        return self.work / f"{self.parts[k].method.lower()}{group:02d}.{suffix}"
+
+    def asked(self, k: int) -> dict[str, Any]:
+        """What makes the records of a part: another of these, other records."""
+        part = asdict(self.parts[k])
+        what = {**part, "prior": PRIOR.asdict(), "model": asdict(MODEL), "extent": EXTENT, "pixel": PIXEL, "seed": SEED}
+        return json.loads(json.dumps(what))
+
+    def done(self, k: int, group: int) -> list[Record]:
+        """Records of a group. A last line that a kill cut short is taken away.
+
+        Raises `InputError` where a record was made with something else.
+        """
+        lines = self.file(k, group, "jsonl")
+        if not lines.is_file():
+            return []
+        text = lines.read_text()
+        whole = text[: text.rfind("\n") + 1]
+        if whole != text:
+            lines.write_text(whole)
+        records = [json.loads(line) for line in whole.splitlines()]
+        if any(record["asked"] != self.asked(k) for record in records):
+            raise InputError(f"--work: {lines} holds data sets of other settings; name another folder")
+        return records
+
+    def keep(self, k: int, group: int, record: Record) -> None:
+        """Append a record, on disk before anything else is begun."""
+        self.work.mkdir(parents=True, exist_ok=True)
+        with self.file(k, group, "jsonl").open("a") as file:
+            file.write(json.dumps(record) + "\n")
+            file.flush()
+            os.fsync(file.fileno())
+
+
+def grow(study: Study, k: int, group: int) -> None:
+    """All data sets of a group that are not done."""
+    part, done = study.parts[k], {record["number"] for record in study.done(k, group)}
+    numbers = [n for n in range(1, part.count + 1) if part.group(n) == group and n not in done]
+    if not numbers:
+        return
+    simulator, seed = part.simulator(), 100 * part.seed + group
+    file, about = study.file(k, group, "h5"), json.dumps(study.asked(k))
+    with Store(file, simulator.free, simulator.labels, about) as store:
+        judge = part.judging(simulator, seed, store)
+        for number in numbers:
+            record = calibrated(part, number, simulator, seed, store, judge)
+            study.keep(k, group, {"number": number, "asked": study.asked(k), **record})
+            said = f"{part.method} {number} of {part.count}: {record['status']}, {record['seconds']:.0f} s"
+            print(f"  {said}, ranks {record.get('rank')}", file=sys.stderr, flush=True)
+    jax.clear_caches()  # chains differ in length, and each length has programs of its own
+    gc.collect()
+
+
+def calibrated(part: Part, number: int, simulator: Simulator, seed: int, store: Store, judge: Emulator) -> Record:
+    """One data set: drawn, its posterior found, its truth placed in it."""
+    rng = np.random.default_rng(stream_of(part.seed, 0, number))
+    truth = PRIOR.sample(1, rng)
+    whole = Replicates(simulator, part.replicates) if part.emulator else simulator
+    observed = whole(truth, rng.integers(2**32, size=1))[0]
+    began, kept = time.perf_counter(), len(store)
+    record: Record = {"truth": dict(zip(BOX, truth[0].tolist(), strict=True)), "observed": observed.tolist()}
+    try:
+        found = part.posterior(simulator, observed, seed, store)
+    except InputError as error:
+        return record | {"status": f"failed: {error}", "seconds": time.perf_counter() - began}
+    count = part.replicates if part.emulator else 1
+    return record | {
+        "status": "done",
+        **placed(found, truth[0], part.draws, rng, lambda values: judge.log_likelihood(values, observed, count)),
+        "effective": float(found.effective_size.min()),
+        "simulations": found.simulations,
+        "fresh": len(store) - kept,
+        "seconds": time.perf_counter() - began,
+        "warnings": found.warnings,
+        "rounds": len(found.diagnostics["rounds" if part.emulator else "epsilon"]),
+        "tolerance": None if part.emulator else found.diagnostics["epsilon"][-1],
+    }
+
+
+def placed(
+    found: Samples,
+    truth: Float[np.ndarray, " free"],
+    draws: int,
+    rng: np.random.Generator,
+    log_likelihood: Callable[[np.ndarray], np.ndarray],
+) -> dict[str, dict[str, float]]:
+    """Where a truth lies in a posterior: its rank among draws, and the share of the posterior below it.
+
+    Of a log-likelihood the share is that of the draws, too: at others it is not computed.
+    """
+    drawn = np.concatenate([truth[None], found.drawn(draws, rng)])
+    columns = np.column_stack([drawn, log_likelihood(drawn)])
+    rank = (columns[1:] < columns[0]).sum(axis=0)
+    share = np.append(found.weights.ravel() @ (found.flat < truth), (rank[-1] + 0.5) / (draws + 1))
+    return {name: dict(zip(QUANTITIES, one.tolist(), strict=True)) for name, one in (("rank", rank), ("share", share))}
+
+
+@dataclass(frozen=True)
+class Uniform:
+    """Ranks of `count` data sets among L draws, as they are where posteriors are right.
+
+    at: k / (L + 1) for k = 1..L, where the ECDF, the share of ranks below k, is compared; tails: smallest probability
+    over k of so few or so many, both sides together, of sets of uniform ranks.
+    """
+
+    count: int
+    at: Float[np.ndarray, " draw"]
+    tails: Float[np.ndarray, " trial"]
+
+    @staticmethod
+    def of(count: int, draws: int) -> "Uniform":
+        """By simulation, always the same one."""
+        at = np.arange(1, draws + 1) / (draws + 1)
+        trials = np.random.default_rng(SEED).integers(draws + 1, size=(TRIALS, count))
+        return Uniform(count, at, np.array([_tail(_below(one, draws), count, at) for one in trials]))
+
+    def p_value(self, ranks: Int[np.ndarray, " count"]) -> float:
+        """See above; of ranks alone, not of what they are of."""
+        found = _tail(_below(ranks, len(self.at)), self.count, self.at)
+        return float((1 + np.sum(self.tails <= found)) / (1 + TRIALS))
+
+    def band(self) -> Float[np.ndarray, "2 draw"]:
+        """Of the ECDF less its diagonal; all of it lies inside with 95 %."""
+        tail = 0.5 * np.quantile(self.tails, 0.05)
+        return binom.ppf([[tail], [1 - tail]], self.count, self.at) / self.count - self.at
+
+
+def _below(ranks: Int[np.ndarray, " count"], draws: int) -> Int[np.ndarray, " draw"]:
+    """How many ranks are below k, for k = 1..L."""
+    return np.cumsum(np.bincount(ranks, minlength=draws + 1))[:-1]
+
+
+def _tail(below: Int[np.ndarray, " draw"], count: int, at: Float[np.ndarray, " draw"]) -> float:
+    return float(2 * np.minimum(binom.cdf(below, count, at), binom.sf(below - 1, count, at)).min())
+
+
+def column(records: Sequence[Record], key: str, name: str) -> np.ndarray:
+    """A rank or share of all data sets."""
+    return np.array([record[key][name] for record in records])
+
+
+def coverage(records: Sequence[Record], level: float) -> tuple[float, float, float]:
+    """%, of all parameters' truths inside, and its interval from the scatter of data sets."""
+    inside = np.mean([_inside(column(records, "share", name), level) for name in BOX], axis=0)
+    error = 1.96 * inside.std(ddof=1) / np.sqrt(len(inside)) if len(inside) > 1 else np.nan
+    middle = inside.mean()
+    return 100 * middle, 100 * max(0.0, middle - error), 100 * min(1.0, middle + error)
+
+
+def _inside(shares: np.ndarray, level: float) -> np.ndarray:
+    return np.abs(shares - 0.5) <= 0.5 * level
+
+
+def verdicts(report: Report, part: Part, records: Sequence[Record]) -> None:
+    """Figures and tables of one method."""
+    whole = [record for record in records if record["status"] == "done"]
+    none = None if report.quick else 0.0
+    failed = "; ".join(record["status"] for record in records if record["status"] != "done")
+    report.add(f"{part.method}: posteriors that failed", len(records) - len(whole), "", none, False, failed)
+    if not whole:
+        return
+    for level, (low, high) in LEVELS.items():
+        _judged(report, part, coverage(whole, level), f"{part.method}: inside {100 * level:g} % intervals", low, high)
+    uniform = Uniform.of(len(whole), part.draws)
+    p = {name: uniform.p_value(column(whole, "rank", name)) for name in QUANTITIES}
+    target = LEAST_P if part.emulator and not report.quick else None
+    note = f"of {len(p)} quantities, times their number"
+    report.add(f"{part.method}: least p of uniform ranks", min(1.0, len(p) * min(p.values())), "", target, note=note)
+    rows = [_row(name, column(whole, "share", name), p[name]) for name in QUANTITIES]
+    report.table(f"{part.method}, {len(whole)} data sets: truths inside intervals, %", rows)
+    for what, unit in (("effective", "draws"), ("simulations", ""), ("fresh", ""), ("seconds", "s"), ("rounds", "")):
+        values = np.array([record[what] for record in whole], dtype=float)
+        note = f"{values.min():.4g} to {values.max():.4g}"
+        report.add(f"{part.method}: {WORDS[what]}, median", float(np.median(values)), unit, note=note)
+    warned = sum(bool(record["warnings"]) for record in whole)
+    report.add(f"{part.method}: posteriors with warnings", 100 * warned / len(whole), "%")
+
+
+WORDS = {
+    "effective": "independent draws",
+    "simulations": "simulated data sets",
+    "fresh": "simulated data sets not shared",
+    "seconds": "a posterior",
+    "rounds": "rounds or populations",
+}
+
+
+def _judged(report: Report, part: Part, found: tuple[float, float, float], what: str, low: float, high: float) -> None:
+    """Against its targets: what was found with the emulator, the ends of its interval with ABC."""
+    middle, least, most = found
+    note = f"95 % interval {least:.0f} to {most:.0f} %, over all parameters"
+    if report.quick:
+        report.add(what, middle, "%", note=note)
+    elif part.emulator:
+        report.add(what, middle, "%", low, note=note)
+        report.add(f"{what}, at most", middle, "%", high, at_least=False)
+    else:
+        report.add(what, middle, "%", note=note)
+        report.add(f"{what}, upper end", most, "%", low)
+        report.add(f"{what}, lower end", least, "%", high, at_least=False)
+
+
+def _row(name: str, shares: np.ndarray, p: float) -> dict[str, Any]:
+    row: dict[str, Any] = {"quantity": name.replace("_", " ")}
+    for level in LEVELS:
+        inside = int(_inside(shares, level).sum())
+        ends = binomtest(inside, len(shares)).proportion_ci(method="wilson")
+        row[f"{100 * level:g} %"] = 100 * inside / len(shares)
+        row["interval" + " " * len(row)] = f"{100 * ends.low:.0f} to {100 * ends.high:.0f}"
+    return row | {"mean share below": float(shares.mean()), "p": p}
+
+
+def picture(study: Study, records: Sequence[Sequence[Record]], path: Path) -> None:
+    """Histograms of ranks, and below them their ECDF less its diagonal, each with its band."""
+    shown = [
+        (part, [one for one in each if one["status"] == "done"])
+        for part, each in zip(study.parts, records, strict=True)
+    ]
+    figure = Figure(figsize=(14, 5 * len(shown)), layout="constrained")
+    panels = figure.subplots(2 * len(shown), len(QUANTITIES), squeeze=False)
+    for k, (part, whole) in enumerate(shown):
+        uniform = Uniform.of(len(whole), part.draws)
+        for n, name in enumerate(QUANTITIES):
+            ranks = column(whole, "rank", name)
+            _histogram(panels[2 * k, n], part, ranks)
+            panels[2 * k, n].set(title=f"{part.method}: {name.replace('_', ' ')}", xlabel="rank of the truth")
+            low, high = uniform.band()
+            panel = panels[2 * k + 1, n]
+            panel.fill_between(uniform.at, low, high, color="#c9a57b", alpha=0.4, lw=0, label="95 %, all of it")
+            panel.step(uniform.at, _below(ranks, part.draws) / len(ranks) - uniform.at, color="#7a5230", lw=1.2)
+            panel.axhline(0.0, color="black", lw=0.8)
+            panel.set(xlabel="rank / (L + 1)", ylabel="ECDF − diagonal")
+        panels[2 * k + 1, 0].legend(fontsize=8)
+    figure.savefig(path, dpi=70)
+
+
+def _histogram(panel: Axes, part: Part, ranks: np.ndarray) -> None:
+    low, high = binom.ppf([0.025, 0.975], len(ranks), 1 / part.bins)
+    panel.hist(ranks, bins=np.linspace(-0.5, part.draws + 0.5, part.bins + 1), color="#c9a57b")
+    panel.axhspan(low, high, color="black", alpha=0.12, lw=0)
+    panel.axhline(len(ranks) / part.bins, color="black", lw=0.8)
+
+
+def markdown(report: Report, study: Study) -> str:
+    """The page."""
+    about = "; ".join(f"{key} {value}" for key, value in machine().items())
+    head, *rest = (__doc__ or "").split("\n\n")
+    text = "\n\n".join(rest[: next(k for k, one in enumerate(rest) if one.startswith("    python -m"))])
+    parts = [
+        f"""# {head.rstrip(".")}
+
+Written by `python -m benchmarks.calibration --docs docs` on {date.today()}. {about}; a process in each core.
+
+{text}
+
+![Ranks of the truth](calibration.png)
+
+Histograms of ranks with the band that a single bar lies in with 95 %; below them the ECDF of the ranks less its
+diagonal, with the band that the whole of it lies in with 95 %. Too narrow a posterior has high bars at both ends.
+
+## Settings
+
+Colonies of dt {MODEL.dt:g}, nutrient on a grid of {MODEL.spacing:g}, outlines on one of {PIXEL:g}.
+"""
+    ]
+    parts += [_settings(part) for part in study.parts]
+    return "\n".join([*parts, *report.sections()])
+
+
+def _settings(part: Part) -> str:
+    """What a part was run with, and what of it is not the sampler's default."""
+    usual = asdict(type(part.settings)())
+    other = {name: value for name, value in asdict(part.settings).items() if value != usual[name]}
+    said = ", ".join(f"{name} {value} (default {usual[name]})" for name, value in other.items())
+    return (
+        f"- {part.method}: {part.count} data sets in {part.groups} groups, each the mean of {part.replicates} colonies "
+        f"at t = {', '.join(f'{time:g}' for time in part.times)}; L = {part.draws}. Settings that are not the default: "
+        f"{said or 'none'}.\n"
+    )
+
+
+def apart(report: Report, study: Study, jobs: int) -> None:
+    """All groups, so many at a time in processes of their own."""
+    pool = ProcessPoolExecutor(jobs, get_context("spawn"))
+    try:
+        running = {pool.submit(grow, study, k, group): f"{study.parts[k].method} {group}" for k, group in study.groups}
+        for number, one in enumerate(as_completed(running), start=1):
+            one.result()
+            report.stage(f"group {running[one]} is done, {number} of {len(running)}")
+    finally:
+        pool.shutdown(cancel_futures=True)
+
+
+def calibrate(report: Report, study: Study, jobs: int) -> None:
+    """All data sets that are not done, and what came of all."""
+    for k, group in study.groups:
+        study.done(k, group)  # refuses at once what it would refuse later
+    if jobs == 1:
+        for k, group in study.groups:
+            grow(study, k, group)
+    else:
+        apart(report, study, jobs)
+    records = [
+        [record for group in range(part.groups) for record in study.done(k, group)]
+        for k, part in enumerate(study.parts)
+    ]
+    for part, each in zip(study.parts, records, strict=True):
+        verdicts(report, part, each)
+    report.details["data sets"] = records
+    if report.docs is not None:
+        report.docs.mkdir(parents=True, exist_ok=True)
+        picture(study, records, report.docs / "calibration.png")
+        (report.docs / "calibration.md").write_text(markdown(report, study))
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """The command: options of its own, then those of every benchmark."""
+    parser = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
+    parser.add_argument("--work", type=Path, default=Path("out/calibration"))
+    parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1)
+    own, others = parser.parse_known_args(arguments)
+
+    def run(report: Report, quick: bool) -> None:
+        parts, folder = (QUICK, "quick") if quick else (FULL, "full")
+        calibrate(report, Study(parts, own.work / folder), max(1, own.jobs))
+
+    command("calibration", run, others)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,258 @@
+"""Calibration's arithmetic where exact draws are at hand, and its folder; slow: a small study of the real samplers."""
+
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from benchmarks import calibration
+from benchmarks.calibration import BOX, FULL, QUANTITIES, QUICK, Part, Record, Study, Uniform
+from benchmarks.report import Report
+from yeastfit import InputError
+from yeastfit.infer.abc_smc import SmcSettings
+from yeastfit.infer.emulated import EmulatedSettings
+from yeastfit.infer.networks import EmulatorSettings
+from yeastfit.infer.samples import Samples
+from yeastfit.infer.simulations import Store
+
+EMULATED, ABC = FULL
+
+
+def samples(values: np.ndarray) -> Samples:
+    """One chain of equal weights."""
+    count = len(values)
+    one = np.full((1, count), 1.0 / count)
+    rest: dict[str, Any] = {"acceptance": np.ones(1), "labels": (), "statistics": np.zeros((1, count, 0))}
+    return Samples(tuple(BOX), values[None], one, 0 * one, simulations=9, seconds=0.0, seed=0, method="exact", **rest)
+
+
+def log_likelihood(data: np.ndarray, values: np.ndarray) -> np.ndarray:
+    return -0.5 * ((values - data) ** 2).sum(axis=1)
+
+
+def records(part: Part, *, width: float = 1.0, moved: float = 0.5, seed: int = 0) -> list[Record]:
+    """λ ~ N(0, 1) and y ~ N(λ, 1) have the posterior N(y / 2, 1 / 2), here N(moved · y, width² (1 − moved))."""
+    rng, found = np.random.default_rng(seed), []
+    for number in range(1, part.count + 1):
+        truth = rng.standard_normal(len(BOX))
+        data = truth + rng.standard_normal(len(BOX))
+        draws = moved * data + width * np.sqrt(1 - moved) * rng.standard_normal((2000, len(BOX)))
+        rest = {"effective": 2000.0, "simulations": 9, "fresh": 5, "seconds": 2.0, "warnings": [], "rounds": 3}
+        where = calibration.placed(samples(draws), truth, part.draws, rng, partial(log_likelihood, data))
+        found.append({"number": number, "status": "done", **where, **rest})
+    return found
+
+
+def judged(part: Part, each: list[Record]) -> tuple[dict[str, float], set[str]]:
+    """Figures by name, without the method's, and those that missed their targets."""
+    report = Report("calibration")
+    calibration.verdicts(report, part, each)
+    report.print()
+    names = {figure.name: figure.name.removeprefix(f"{part.method}: ") for figure in report.figures}
+    missed = {names[figure.name] for figure in report.figures if figure.met is False}
+    return {names[figure.name]: figure.value for figure in report.figures}, missed
+
+
+def test_exact_posteriors_are_calibrated() -> None:
+    each = records(EMULATED)
+    values, missed = judged(EMULATED, each)
+    assert missed == set()
+    assert values["inside 50 % intervals"] == pytest.approx(50, abs=5)
+    assert values["inside 90 % intervals"] == pytest.approx(90, abs=4)
+    assert values["independent draws, median"] == 2000
+    ranks = np.array([[record["rank"][name] for name in QUANTITIES] for record in each])
+    assert ranks.min() >= 0
+    assert ranks.max() <= 99
+    np.testing.assert_allclose(ranks.mean(axis=0), 49.5, atol=3 * 28.9 / np.sqrt(200))
+
+
+def test_a_posterior_that_is_too_narrow_has_ranks_at_the_ends_and_is_missed() -> None:
+    each = records(EMULATED, width=0.6)
+    values, missed = judged(EMULATED, each)
+    assert missed == {"inside 50 % intervals", "inside 90 % intervals", "least p of uniform ranks"}
+    assert values["inside 90 % intervals"] == pytest.approx(67.6, abs=5)  # 2 Φ(0.6 · 1.645) − 1
+    ranks = calibration.column(each, "rank", "mobility")
+    ends, middle = ((ranks < 10) | (ranks >= 90)).sum(), ((ranks >= 40) & (ranks < 60)).sum()
+    assert ends > 2 * middle
+
+
+def test_a_posterior_that_is_too_wide_is_missed_from_above() -> None:
+    _, missed = judged(EMULATED, records(EMULATED, width=1.6))
+    ends = {"inside 50 % intervals, at most", "inside 90 % intervals, at most"}
+    assert missed == {*ends, "least p of uniform ranks"}
+
+
+def test_a_posterior_that_ignores_the_data_covers_all_and_is_missed_by_the_log_likelihood() -> None:
+    each = records(EMULATED, moved=0.0)
+    _, missed = judged(EMULATED, each)
+    assert missed == {"least p of uniform ranks"}
+    uniform = Uniform.of(200, 99)
+    p = {name: uniform.p_value(calibration.column(each, "rank", name)) for name in QUANTITIES}
+    assert p["log-likelihood"] < 0.001
+    assert min(p[name] for name in BOX) > 0.01
+
+
+def test_few_data_sets_are_judged_by_the_end_of_their_interval() -> None:
+    values, missed = judged(ABC, records(ABC, seed=1))
+    assert missed == set()
+    assert values["inside 50 % intervals, lower end"] < values["inside 50 % intervals"]
+    assert values["inside 50 % intervals"] < values["inside 50 % intervals, upper end"]
+    _, missed = judged(ABC, records(ABC, width=0.4, seed=1))
+    assert missed == {"inside 50 % intervals, upper end", "inside 90 % intervals, upper end"}
+
+
+def test_the_band_holds_all_of_the_ecdf_of_uniform_ranks_with_its_probability() -> None:
+    uniform = Uniform.of(100, 19)
+    low, high = uniform.band()
+    rng = np.random.default_rng(5)
+    sets = rng.integers(20, size=(1000, 100))
+    ecdf = (sets[:, :, None] < np.arange(1, 20)).mean(axis=1) - uniform.at
+    inside = ((ecdf >= low - 1e-12) & (ecdf <= high + 1e-12)).all(axis=1).mean()
+    assert inside == pytest.approx(0.95, abs=0.025)
+    p = np.array([uniform.p_value(one) for one in sets[:300]])
+    assert np.mean(p <= 0.1) == pytest.approx(0.1, abs=0.06)
+    assert uniform.p_value(np.zeros(100, dtype=int)) < 0.001
+
+
+class Echo:
+    """In the place of colonies: statistics are λ, with noise."""
+
+    free = tuple(BOX)
+    labels = ("a", "b", "c")
+
+    def __call__(self, values: np.ndarray, seeds: np.ndarray) -> np.ndarray:
+        return values + 0.1 * np.array([np.random.default_rng(seed).standard_normal(3) for seed in seeds])
+
+
+@pytest.fixture
+def echoed(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Part, "simulator", lambda self: Echo())
+    monkeypatch.setattr(Part, "judging", lambda self, simulator, seed, store: None)
+
+
+def made(number: int) -> Record:
+    return {**records(replace(QUICK[0], each=1), seed=number)[0], "number": number}
+
+
+def test_a_study_goes_on_after_the_last_whole_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, echoed: None
+) -> None:
+    study, asked = Study(QUICK, tmp_path), list[int]()
+
+    def stops_at(last: int) -> Callable[..., Record]:
+        def calibrated(part: Part, number: int, *rest: object) -> Record:
+            if number > last:
+                raise KeyboardInterrupt
+            asked.append(number)
+            return made(number)
+
+        return calibrated
+
+    monkeypatch.setattr(calibration, "calibrated", stops_at(2))
+    with pytest.raises(KeyboardInterrupt):
+        calibration.grow(study, 0, 0)
+    with study.file(0, 0, "jsonl").open("a") as file:
+        file.write('{"number": 3, "ask')
+    assert [record["number"] for record in study.done(0, 0)] == [1, 2]
+    monkeypatch.setattr(calibration, "calibrated", stops_at(4))
+    calibration.grow(study, 0, 0)
+    calibration.grow(study, 0, 0)
+    assert asked == [1, 2, 3, 4]
+    assert [record["number"] for record in study.done(0, 0)] == [1, 2, 3, 4]
+
+
+def test_data_sets_of_other_settings_are_refused_before_anything_is_run(tmp_path: Path, echoed: None) -> None:
+    study = Study(QUICK, tmp_path)
+    study.keep(1, 0, {**made(1), "asked": study.asked(1)})
+    other = Study((QUICK[0], replace(QUICK[1], draws=9)), tmp_path)
+    with pytest.raises(InputError, match=r"abc-smc00\.jsonl holds data sets of other settings; name another folder"):
+        calibration.calibrate(Report("calibration"), other, 1)
+    assert not study.file(0, 0, "jsonl").exists()
+
+
+def test_a_posterior_that_fails_is_kept_counted_and_missed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, echoed: None
+) -> None:
+    def fails(self: Part, *rest: object) -> Samples:
+        raise InputError("nothing came of it")
+
+    monkeypatch.setattr(Part, "posterior", fails)
+    study = Study((replace(EMULATED, groups=1, each=1),), tmp_path)
+    calibration.grow(study, 0, 0)
+    (record,) = study.done(0, 0)
+    assert record["status"] == "failed: nothing came of it"
+    good = records(EMULATED)
+    values, missed = judged(EMULATED, [*good, record])
+    assert values["posteriors that failed"] == 1
+    assert missed == {"posteriors that failed"}
+
+
+def test_truths_are_draws_from_the_prior_and_data_differ_from_one_to_the_next(tmp_path: Path) -> None:
+    part, seen = replace(EMULATED, groups=2, each=40), list[dict[str, Any]]()
+
+    class Kept(Part):
+        def posterior(self, *rest: object) -> Samples:
+            raise InputError("not wanted")
+
+    kept = Kept(**{name: getattr(part, name) for name in part.__dataclass_fields__})
+    with Store(tmp_path / "store.h5", Echo.free, Echo.labels) as store:
+        judge: Any = None
+        seen = [calibration.calibrated(kept, n, Echo(), 0, store, judge) for n in range(1, kept.count + 1)]
+    for k, (name, (low, high)) in enumerate(BOX.items()):
+        truths = np.array([record["truth"][name] for record in seen])
+        share = np.log(truths / low) / np.log(high / low)
+        assert np.abs(np.sort(share) - (np.arange(80) + 0.5) / 80).max() < 1.63 / np.sqrt(80)
+        data = np.array([record["observed"][k] for record in seen])
+        assert np.std(data - truths) == pytest.approx(0.1 / np.sqrt(part.replicates), rel=0.3)
+
+
+def test_page_and_picture_are_of_what_was_kept(tmp_path: Path, echoed: None) -> None:
+    study = Study(QUICK, tmp_path / "work")
+    for k, part in enumerate(QUICK):
+        for record in records(part, seed=k):
+            study.keep(k, 0, {**record, "asked": study.asked(k)})
+    report = Report("calibration", quick=True, docs=tmp_path / "docs")
+    calibration.calibrate(report, study, 1)
+    assert report.met
+    assert not any(figure.target for figure in report.figures)
+    page = (tmp_path / "docs" / "calibration.md").read_text()
+    assert "![Ranks of the truth](calibration.png)" in page
+    assert "Talts et al. 2018" in page
+    assert "most 128 (default 4096)" in page
+    assert "--quick" not in page
+    assert (tmp_path / "docs" / "calibration.png").stat().st_size > 10_000
+    assert len(json.loads(json.dumps(report.asdict()))["data sets"][1]) == 4
+
+
+def test_help_says_what_is_measured(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        calibration.main(["--help"])
+    said = capsys.readouterr().out
+    assert all(word in said for word in ("--quick", "--json", "python -m benchmarks.calibration", "Targets"))
+
+
+@pytest.mark.slow
+def test_real_posteriors_of_a_small_study_are_calibrated(tmp_path: Path) -> None:
+    networks = EmulatorSettings(members=3, width=32, steps=500)
+    small: dict[str, Any] = {"groups": 1, "times": (1.5, 2.5, 3.5), "judged": 256, "judge": networks}
+    parts = (
+        replace(EMULATED, each=24, **small, settings=EmulatedSettings(256, 128, 640, emulator=networks)),
+        replace(ABC, each=12, **small, settings=SmcSettings(population=128, simulations=1024)),
+    )
+    report = Report("calibration")
+    calibration.calibrate(report, Study(parts, tmp_path), 1)
+    found = {figure.name: figure for figure in report.figures}
+    for part in parts:
+        assert found[f"{part.method}: posteriors that failed"].value == 0
+        assert found[f"{part.method}: least p of uniform ranks"].value > 0.001
+        assert found[f"{part.method}: independent draws, median"].value > part.draws
+    for level in (50, 90):
+        assert found[f"ABC-SMC: inside {level} % intervals, upper end"].met
+        assert found[f"ABC-SMC: inside {level} % intervals, lower end"].met
+    assert 35 < found["emulator: inside 50 % intervals"].value < 65  # two standard errors are 14 % and less
+    assert found["emulator: inside 90 % intervals"].value > 78
