@@ -33,6 +33,7 @@ from typing import Any
 import jax
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, NullLocator
 from scipy.stats import binomtest
 
 from benchmarks.report import Report, command, machine
@@ -245,11 +246,18 @@ def picture(records: Sequence[Record], path: Path) -> None:
     *panels, last = figure.subplots(1, len(DEFAULT_FREE) + 1)
     for k, (name, panel) in enumerate(zip(DEFAULT_FREE, panels, strict=True)):
         true, log, error = (found[key][:, k] for key in ("truth", "log", "error"))
-        value = np.exp(log)
-        bars = np.nan_to_num([value - np.exp(log - 2 * error), np.exp(log + 2 * error) - value])
-        panel.errorbar(np.exp(true), value, bars, fmt="o", ms=4, lw=1, color="#7a5230")
+        value, known = np.exp(log), np.isfinite(error)
+        bars = np.stack([value - np.exp(log - 2 * error), np.exp(log + 2 * error) - value])[:, known]
+        panel.errorbar(np.exp(true[known]), value[known], bars, fmt="o", ms=4, lw=1, color="#7a5230")
+        if not known.all():
+            panel.plot(np.exp(true[~known]), value[~known], "x", ms=5, color="0.6", label="said to be not determined")
+            panel.legend(fontsize=8)
         panel.plot(BOX[name], BOX[name], color="black", lw=0.8)
         panel.set(xscale="log", yscale="log", xlabel=f"true {name.replace('_', ' ')}", ylabel="fitted, ± 2 errors")
+        for axis in (panel.xaxis, panel.yaxis):
+            axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if name != "aspect_ratio" else range(1, 10)))
+            axis.set_major_formatter("{x:g}")
+            axis.set_minor_locator(NullLocator())
     pulls = found["pull"][np.isfinite(found["pull"])]
     last.hist(np.clip(pulls, -4, 4), bins=np.linspace(-4, 4, 17), density=True, color="#c9a57b")
     grid = np.linspace(-4, 4, 161)

@@ -112,7 +112,7 @@ class Report:
         }
 
     def sections(self) -> list[str]:
-        """Tables and figures as parts of a page in Markdown."""
+        """Figures and tables as parts of a page in Markdown."""
         figures = [
             {
                 "figure": f.name,
@@ -124,7 +124,7 @@ class Report:
             }
             for f in self.figures
         ]
-        tables = {**self.tables, "figures": figures}
+        tables = {"figures": figures, **self.tables}
         return [f"## {title[0].upper()}{title[1:]}\n\n{_markdown(rows)}" for title, rows in tables.items()]
 
     def print(self) -> None:
