@@ -26,9 +26,9 @@ posterior fails.
     python -m benchmarks.calibration [--quick] [--json FILE] [--docs DIR] [--work DIR] [--jobs N]
 
 All is kept in DIR of --work, out/calibration by default: for each group its simulations, and a line of JSON for each
-data set that is done. A run that was interrupted goes on there. N groups run at a time, each in a process,
-by default as many as there are cores: chains take one core only. With --quick: a few data sets with tiny settings, no
-targets. With --docs, DIR/calibration.md and DIR/calibration.png are written.
+data set that is done. A run that was interrupted goes on there. N groups run at a time, each in a process, by default
+as many as there are cores: chains take one core only. With --quick: a few data sets with tiny settings, no targets.
+With --docs, DIR/calibration.md and DIR/calibration.png are written.
 """
 
 import argparse
@@ -218,8 +218,6 @@ def grow(study: Study, k: int, group: int) -> None:
             study.keep(k, group, {"number": number, "asked": study.asked(k), **record})
             said = f"{part.method} {number} of {part.count}: {record['status']}, {record['seconds']:.0f} s"
             print(f"  {said}, ranks {record.get('rank')}", file=sys.stderr, flush=True)
-    jax.clear_caches()  # chains differ in length, and each length has programs of its own
-    gc.collect()
 
 
 def calibrated(part: Part, number: int, simulator: Simulator, seed: int, store: Store, judge: Emulator) -> Record:
@@ -407,7 +405,7 @@ def picture(study: Study, records: Sequence[Sequence[Record]], path: Path) -> No
 
 def _histogram(panel: Axes, part: Part, ranks: np.ndarray) -> None:
     low, high = binom.ppf([0.025, 0.975], len(ranks), 1 / part.bins)
-    panel.hist(ranks, bins=np.linspace(-0.5, part.draws + 0.5, part.bins + 1), color="#c9a57b")
+    panel.hist(ranks, bins=np.linspace(-0.5, part.draws + 0.5, part.bins + 1).tolist(), color="#c9a57b")
     panel.axhspan(low, high, color="black", alpha=0.12, lw=0)
     panel.axhline(len(ranks) / part.bins, color="black", lw=0.8)
 
@@ -450,11 +448,20 @@ def _settings(part: Part) -> str:
     )
 
 
+def afresh(study: Study, k: int, group: int) -> None:
+    """A group, and nothing of it left in memory."""
+    grow(study, k, group)
+    jax.clear_caches()  # chains differ in length, and each length has programs of its own
+    gc.collect()
+
+
 def apart(report: Report, study: Study, jobs: int) -> None:
     """All groups, so many at a time in processes of their own."""
     pool = ProcessPoolExecutor(jobs, get_context("spawn"))
     try:
-        running = {pool.submit(grow, study, k, group): f"{study.parts[k].method} {group}" for k, group in study.groups}
+        running = {
+            pool.submit(afresh, study, k, group): f"{study.parts[k].method} {group}" for k, group in study.groups
+        }
         for number, one in enumerate(as_completed(running), start=1):
             one.result()
             report.stage(f"group {running[one]} is done, {number} of {len(running)}")
@@ -468,7 +475,7 @@ def calibrate(report: Report, study: Study, jobs: int) -> None:
         study.done(k, group)  # refuses at once what it would refuse later
     if jobs == 1:
         for k, group in study.groups:
-            grow(study, k, group)
+            afresh(study, k, group)
     else:
         apart(report, study, jobs)
     records = [
