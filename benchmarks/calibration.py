@@ -145,7 +145,7 @@ EMULATED = EmulatedSettings(most=1536)
 SMC = SmcSettings(population=200, simulations=2000)
 FULL = (
     Part("emulator", 8, 25, times=(1.5, 2.5, 3.5, 4.5), replicates=10, draws=99, bins=20, settings=EMULATED),
-    Part("ABC-SMC", 2, 25, times=(3.5, 4.5), replicates=2, draws=19, bins=10, settings=SMC),
+    Part("ABC-SMC", 2, 25, times=(2.5, 3.5), replicates=2, draws=19, bins=10, settings=SMC),
 )
 TINY = EmulatorSettings(members=2, width=16, steps=100)
 FEW: dict[str, Any] = {"groups": 1, "each": 4, "times": (1.5, 2.5), "draws": 19, "bins": 5, "judged": 64, "judge": TINY}
@@ -268,25 +268,26 @@ def placed(
 class Uniform:
     """Ranks of `count` data sets among L draws, as they are where posteriors are right.
 
-    at: k / (L + 1) for k = 1..L, where the ECDF, the share of ranks below k, is compared; tails: smallest probability
-    over k of so few or so many, both sides together, of sets of uniform ranks.
+    at: k / (L + 1) for k = 1..L, where the ECDF, the share of ranks below k, is compared. table: probability of so few
+    or so many below k, both sides together. tails: the smallest one over k, of sets of uniform ranks.
     """
 
     count: int
     at: Float[np.ndarray, " draw"]
+    table: Float[np.ndarray, "number draw"]
     tails: Float[np.ndarray, " trial"]
 
     @staticmethod
     def of(count: int, draws: int) -> "Uniform":
         """By simulation, always the same one."""
-        at = np.arange(1, draws + 1) / (draws + 1)
+        at, number = np.arange(1, draws + 1) / (draws + 1), np.arange(count + 1)[:, None]
+        table = 2 * np.minimum(binom.cdf(number, count, at), binom.sf(number - 1, count, at))
         trials = np.random.default_rng(SEED).integers(draws + 1, size=(TRIALS, count))
-        return Uniform(count, at, np.array([_tail(_below(one, draws), count, at) for one in trials]))
+        return Uniform(count, at, table, np.array([_tail(table, one) for one in trials]))
 
     def p_value(self, ranks: Int[np.ndarray, " count"]) -> float:
-        """See above; of ranks alone, not of what they are of."""
-        found = _tail(_below(ranks, len(self.at)), self.count, self.at)
-        return float((1 + np.sum(self.tails <= found)) / (1 + TRIALS))
+        """Probability of ranks as little uniform as these."""
+        return float((1 + np.sum(self.tails <= _tail(self.table, ranks))) / (1 + TRIALS))
 
     def band(self) -> Float[np.ndarray, "2 draw"]:
         """Of the ECDF less its diagonal; all of it lies inside with 95 %."""
@@ -294,13 +295,14 @@ class Uniform:
         return binom.ppf([[tail], [1 - tail]], self.count, self.at) / self.count - self.at
 
 
-def _below(ranks: Int[np.ndarray, " count"], draws: int) -> Int[np.ndarray, " draw"]:
+def below(ranks: Int[np.ndarray, " count"], draws: int) -> Int[np.ndarray, " draw"]:
     """How many ranks are below k, for k = 1..L."""
     return np.cumsum(np.bincount(ranks, minlength=draws + 1))[:-1]
 
 
-def _tail(below: Int[np.ndarray, " draw"], count: int, at: Float[np.ndarray, " draw"]) -> float:
-    return float(2 * np.minimum(binom.cdf(below, count, at), binom.sf(below - 1, count, at)).min())
+def _tail(table: Float[np.ndarray, "number draw"], ranks: Int[np.ndarray, " count"]) -> float:
+    draws = table.shape[1]
+    return float(table[below(ranks, draws), np.arange(draws)].min())
 
 
 def column(records: Sequence[Record], key: str, name: str) -> np.ndarray:
@@ -337,20 +339,21 @@ def verdicts(report: Report, part: Part, records: Sequence[Record]) -> None:
     report.add(f"{part.method}: least p of uniform ranks", min(1.0, len(p) * min(p.values())), "", target, note=note)
     rows = [_row(name, column(whole, "share", name), p[name]) for name in QUANTITIES]
     report.table(f"{part.method}, {len(whole)} data sets: truths inside intervals, %", rows)
-    for what, unit in (("effective", "draws"), ("simulations", ""), ("fresh", ""), ("seconds", "s"), ("rounds", "")):
-        values = np.array([record[what] for record in whole], dtype=float)
-        note = f"{values.min():.4g} to {values.max():.4g}"
-        report.add(f"{part.method}: {WORDS[what]}, median", float(np.median(values)), unit, note=note)
+    for key, (what, unit) in MEDIANS.items():
+        if (values := np.array([record[key] for record in whole if record[key] is not None], dtype=float)).size:
+            note = f"{values.min():.4g} to {values.max():.4g}"
+            report.add(f"{part.method}: {what}, median", float(np.median(values)), unit, note=note)
     warned = sum(bool(record["warnings"]) for record in whole)
     report.add(f"{part.method}: posteriors with warnings", 100 * warned / len(whole), "%")
 
 
-WORDS = {
-    "effective": "independent draws",
-    "simulations": "simulated data sets",
-    "fresh": "simulated data sets not shared",
-    "seconds": "a posterior",
-    "rounds": "rounds or populations",
+MEDIANS = {
+    "effective": ("independent draws", ""),
+    "rounds": ("rounds or populations", ""),
+    "simulations": ("simulated data sets", ""),
+    "fresh": ("simulated data sets not shared", ""),
+    "tolerance": ("tolerance, a Mahalanobis distance", ""),
+    "seconds": ("a posterior in one process", "s"),
 }
 
 
@@ -396,7 +399,7 @@ def picture(study: Study, records: Sequence[Sequence[Record]], path: Path) -> No
             low, high = uniform.band()
             panel = panels[2 * k + 1, n]
             panel.fill_between(uniform.at, low, high, color="#c9a57b", alpha=0.4, lw=0, label="95 %, all of it")
-            panel.step(uniform.at, _below(ranks, part.draws) / len(ranks) - uniform.at, color="#7a5230", lw=1.2)
+            panel.step(uniform.at, below(ranks, part.draws) / len(ranks) - uniform.at, color="#7a5230", lw=1.2)
             panel.axhline(0.0, color="black", lw=0.8)
             panel.set(xlabel="rank / (L + 1)", ylabel="ECDF − diagonal")
         panels[2 * k + 1, 0].legend(fontsize=8)
@@ -418,7 +421,7 @@ def markdown(report: Report, study: Study) -> str:
     parts = [
         f"""# {head.rstrip(".")}
 
-Written by `python -m benchmarks.calibration --docs docs` on {date.today()}. {about}; a process in each core.
+Written by `python -m benchmarks.calibration --docs docs` on {date.today()}. {about}.
 
 {text}
 

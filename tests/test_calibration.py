@@ -43,6 +43,7 @@ def records(part: Part, *, width: float = 1.0, moved: float = 0.5, seed: int = 0
         data = truth + rng.standard_normal(len(BOX))
         draws = moved * data + width * np.sqrt(1 - moved) * rng.standard_normal((2000, len(BOX)))
         rest = {"effective": 2000.0, "simulations": 9, "fresh": 5, "seconds": 2.0, "warnings": [], "rounds": 3}
+        rest |= {"tolerance": None if part.emulator else 1.5}
         where = calibration.placed(samples(draws), truth, part.draws, rng, partial(log_likelihood, data))
         found.append({"number": number, "status": "done", **where, **rest})
     return found
@@ -100,6 +101,7 @@ def test_a_posterior_that_ignores_the_data_covers_all_and_is_missed_by_the_log_l
 def test_few_data_sets_are_judged_by_the_end_of_their_interval() -> None:
     values, missed = judged(ABC, records(ABC, seed=1))
     assert missed == set()
+    assert values["tolerance, a Mahalanobis distance, median"] == 1.5
     assert values["inside 50 % intervals, lower end"] < values["inside 50 % intervals"]
     assert values["inside 50 % intervals"] < values["inside 50 % intervals, upper end"]
     _, missed = judged(ABC, records(ABC, width=0.4, seed=1))
@@ -241,8 +243,8 @@ def test_real_posteriors_of_a_small_study_are_calibrated(tmp_path: Path) -> None
     networks = EmulatorSettings(members=3, width=32, steps=500)
     small: dict[str, Any] = {"groups": 1, "times": (1.5, 2.5, 3.5), "judged": 256, "judge": networks}
     parts = (
-        replace(EMULATED, each=24, **small, settings=EmulatedSettings(256, 128, 640, emulator=networks)),
-        replace(ABC, each=12, **small, settings=SmcSettings(population=128, simulations=1024)),
+        replace(EMULATED, each=20, **small, settings=EmulatedSettings(256, 128, 640, emulator=networks)),
+        replace(ABC, each=10, **small, settings=SmcSettings(population=128, simulations=1024)),
     )
     report = Report("calibration")
     calibration.calibrate(report, Study(parts, tmp_path), 1)
@@ -254,5 +256,5 @@ def test_real_posteriors_of_a_small_study_are_calibrated(tmp_path: Path) -> None
     for level in (50, 90):
         assert found[f"ABC-SMC: inside {level} % intervals, upper end"].met
         assert found[f"ABC-SMC: inside {level} % intervals, lower end"].met
-    assert 35 < found["emulator: inside 50 % intervals"].value < 65  # two standard errors are 14 % and less
+    assert 32 < found["emulator: inside 50 % intervals"].value < 68  # two standard errors are some 15 %
     assert found["emulator: inside 90 % intervals"].value > 78
