@@ -6,19 +6,26 @@ import os
 import resource
 import subprocess
 import sys
+import zlib
 from pathlib import Path
 from typing import Any
 
+import h5py
 import numpy as np
 import pytest
 from helpers import wrong_types
 from known_colonies import TRUTH, stand_in, write_measurements
+from known_posteriors import Drawing
 
 from yeastfit import cli
 from yeastfit.errors import InputError
 from yeastfit.infer.colony_simulator import ColonySimulator
+from yeastfit.infer.distances import LiDistance
+from yeastfit.infer.pilot import pilot_of
+from yeastfit.infer.priors import default_prior
 from yeastfit.infer.samples import Samples
-from yeastfit.infer_command import Request
+from yeastfit.infer.simulations import DATASET, Recorded
+from yeastfit.infer_command import Request, distance_of
 
 TINY = {
     "emulator": ["--simulations", "96", "--walkers", "8"],
@@ -114,15 +121,15 @@ def test_a_run_that_stopped_anywhere_comes_to_the_same_bits(
 
 KILLED = """
 import sys
-from known_colonies import kill_after
+import known_colonies
 from yeastfit import cli
-kill_after(int(sys.argv[1]))
-sys.exit(cli.run(sys.argv[2:]))
+known_colonies.{dying}
+sys.exit(cli.run(sys.argv[1:]))
 """
 
 
-def run_apart(calls: int, arguments: list[str], limit: int | None = None) -> subprocess.CompletedProcess[str]:
-    """In a process of its own, killed in that call of the simulator; limit: bytes of the largest file."""
+def run_apart(dying: str, arguments: list[str], limit: int | None = None) -> subprocess.CompletedProcess[str]:
+    """In a process of its own, killed as a function of known_colonies says; limit: bytes of the largest file."""
     tests = Path(__file__).parent
     where = {**os.environ, "PYTHONPATH": os.pathsep.join(map(str, (tests, tests.parent)))}
 
@@ -130,7 +137,7 @@ def run_apart(calls: int, arguments: list[str], limit: int | None = None) -> sub
         if limit is not None:
             resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
 
-    command = [sys.executable, "-c", KILLED, str(calls), *arguments]
+    command = [sys.executable, "-c", KILLED.format(dying=dying), *arguments]
     return subprocess.run(command, env=where, capture_output=True, text=True, check=False, preexec_fn=limited)
 
 
@@ -139,17 +146,47 @@ def run_apart(calls: int, arguments: list[str], limit: int | None = None) -> sub
 def test_killed_for_real_it_comes_to_the_same_bits(data: Path, tmp_path: Path, method: str) -> None:
     assert cli.run(arguments(data, tmp_path / "whole", method)) == 0
     for calls in (2, 3, 5):
-        done = run_apart(calls, arguments(data, tmp_path / "parts", method, "--resume"))
+        done = run_apart(f"kill_after({calls})", arguments(data, tmp_path / "parts", method, "--resume"))
         assert done.returncode == -9, done.stderr
     assert cli.run(arguments(data, tmp_path / "parts", method, "--resume")) == 0
     assert_same(tmp_path / "parts", tmp_path / "whole")
+
+
+LONG = {  # with a nap before each batch, longer than all the time between the kills
+    "emulator": ["--simulations", "512"],
+    "abc-mcmc": ["--steps", "1500"],
+    "abc-smc": ["--population", "256", "--simulations", "20000", "--tolerance", "1.2"],
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("method", list(LONG))
+def test_killed_at_twenty_random_moments_it_comes_to_the_same_bits(data: Path, tmp_path: Path, method: str) -> None:
+    """Nothing that is on disk when the kill comes is lost, and what was never disturbed is what comes out."""
+    long = (*LONG[method], "--draws", "10")
+    assert cli.run(arguments(data, tmp_path / "whole", method, *long)) == 0
+    parts, kept, kills = tmp_path / "parts", 0, 0
+    for moment in np.random.default_rng(7).uniform(0.0, 1.2, 20):
+        dying = f"kill_within({moment:.4f}, nap=0.02)"
+        done = run_apart(dying, arguments(data, parts, method, *long, "--resume"))
+        kills += done.returncode == -9
+        assert done.returncode in (-9, 0), done.stderr
+        if (parts / "simulations.h5").is_file():
+            with h5py.File(parts / "simulations.h5") as file:
+                rows = file[DATASET][...]
+            now = sum(zlib.crc32(row.tobytes()[: -row["check"].nbytes]) == row["check"] for row in rows)
+            assert now >= kept
+            kept = now
+    assert kills == 20
+    assert cli.run(arguments(data, parts, method, *long, "--resume")) == 0
+    assert_same(parts, tmp_path / "whole")
 
 
 @pytest.mark.slow
 def test_a_full_disk_is_one_line_and_loses_nothing(data: Path, tmp_path: Path) -> None:
     assert cli.run(arguments(data, tmp_path / "whole", "abc-mcmc")) == 0
     largest = (tmp_path / "whole" / "chains.h5").stat().st_size
-    done = run_apart(10**9, arguments(data, tmp_path / "parts", "abc-mcmc"), limit=largest // 2)
+    done = run_apart("kill_after(-1)", arguments(data, tmp_path / "parts", "abc-mcmc"), limit=largest // 2)
     assert done.returncode == 2
     errors = [line for line in done.stderr.splitlines() if not line.startswith("warning: ")]
     assert len(errors) == 1, done.stderr
@@ -199,7 +236,7 @@ def test_what_lies_in_the_folder_is_never_overwritten(
     said = refused(*first, "--resume", "--seed", "4", "--dt", "0.02", "--elasticity", "6", "--distance", "li")
     for words in (
         "seed was 0, now it is 4",
-        "dt was 0.01, now it is 0.02",
+        "dt was 0.005, now it is 0.02",
         "elasticity was",
         "distance was mahalanobis",
     ):
@@ -247,10 +284,28 @@ def test_li_and_coauthors() -> None:
     settled = request.settled()
     chosen = {name: settled[name] for name in ("distance", "kernel", "move", "colonies", "epsilon")}
     assert chosen == {"distance": "li", "kernel": "indicator", "move": "gaussian", "colonies": 1, "epsilon": 0.03}
+    assert request.measurement_error == 0.0
     with wrong_types(), pytest.raises(InputError, match="--kernel is gaussian, with --li it is indicator"):
         Request.of(True, {"method": None, "kernel": "gaussian"})
     with pytest.raises(InputError, match="not of emulator"):
         Request.of(True, {"method": "emulator"})
+
+
+def test_the_last_area_is_a_condition_of_li_and_coauthors() -> None:
+    labels, data = ("area at 1", "area at 2", "compactness at 2"), np.array([9.0, 20.0, 3.0])
+    prior = default_prior(("mobility",))
+
+    def distance(area: str = "area at 2") -> LiDistance:
+        drawing = Drawing(("mobility",), (labels[0], area, labels[2]), lambda value, rng: data)
+        found = distance_of("li", Recorded(drawing, 32), prior, data, 64, 0)
+        assert isinstance(found, LiDistance)
+        return found
+
+    assert distance().area == 1
+    assert distance("radius at 2").area == 0
+    larger = Drawing(("mobility",), labels, lambda value, rng: data * (1.2 + rng.random(3)))
+    with pytest.raises(InputError, match=r"none of 64 .* area within 5 % of the observed one: .*area at 2 was observed"):
+        pilot_of(Recorded(larger, 32), prior, distance(), 64, 0)
 
 
 def test_prior_of_a_file_and_its_template(data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

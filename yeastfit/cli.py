@@ -54,6 +54,10 @@ Truth = Annotated[bool, typer.Option("--truth", help="Show the true parameters b
 Jobs = Annotated[
     int | None, typer.Option(min=1, help="Most processes that measure; by default one a core.", show_default=False)
 ]
+MeasurementError = Annotated[
+    float | None,
+    typer.Option(min=0, help="Relative, beside the scatter of colonies; by default 0.02 of compactness, else 0.01."),
+]
 Length = Annotated[float, typer.Option("--length", help="Cell length L0 in µm: the model's unit of length.")]
 
 
@@ -246,12 +250,7 @@ def fit(
     method: Annotated[str, typer.Option(help="levenberg-marquardt, dogleg or bfgs.")] = FitSettings.method,
     starts: Annotated[int, typer.Option(min=1, help="Places to begin from.")] = FitSettings.starts,
     dt: Annotated[float, typer.Option(help="Time step.")] = FitSettings.dt,
-    measurement_error: Annotated[
-        float | None,
-        typer.Option(
-            min=0, help="Relative, beside the scatter of colonies; by default 0.02 of compactness, else 0.01."
-        ),
-    ] = None,
+    measurement_error: MeasurementError = None,
     bootstrap: Annotated[int, typer.Option(min=0, help="Fits of resampled replicates to make, 500 for instance.")] = 0,
     profile: Annotated[bool, typer.Option("--profile", help="Profile the likelihood of every parameter.")] = False,
     rate: Rate = Scales.rate,
@@ -363,10 +362,15 @@ def infer(
     ] = None,
     li: Annotated[
         bool,
-        typer.Option("--li", help="As Li et al. 2024: abc-mcmc, their distance, indicator, Gaussian proposal Σ/3."),
+        typer.Option(
+            "--li",
+            help="As Li et al. 2024: abc-mcmc, their distance, indicator, Gaussian proposal Σ/3; area within 5 %.",
+        ),
     ] = False,
     draws: Annotated[int, typer.Option(min=10, help="Of the posterior predictive check.")] = 40,
-    dt: Annotated[float, typer.Option(help="Time step.")] = FitSettings.dt,
+    dt: Annotated[float, typer.Option(help="Time step.")] = FitSettings.fine_dt,
+    spacing: Annotated[float, typer.Option(help="Of the nutrient's grid, in L0.")] = FitSettings.fine_spacing,
+    measurement_error: MeasurementError = None,
     rate: Rate = Scales.rate,
     length: Length = Scales.length,
     truth: Truth = False,
@@ -396,7 +400,8 @@ def infer(
             **{"condition": condition, "prior": prior, "fixed": parameters, "distance": distance, "epsilon": tolerance},
             **{"share": pilot_quantile, "kernel": kernel, "move": move, "pilot": pilot, "steps": steps},
             **{"walkers": walkers, "population": population, "simulations": simulations, "colonies": colonies},
-            **{"draws": draws, "dt": dt, "rate": rate, "length": length, "seed": seed},
+            **{"draws": draws, "dt": dt, "spacing": spacing, "rate": rate, "length": length, "seed": seed},
+            "measurement_error": measurement_error,
         },
     )
     try:

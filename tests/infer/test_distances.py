@@ -19,6 +19,18 @@ def test_li_distance_by_hand() -> None:
     np.testing.assert_allclose(LiDistance(OBSERVED)(SIMULATED), expected, atol=1e-15)
 
 
+def test_li_distance_on_condition_of_the_area() -> None:
+    distance = LiDistance(OBSERVED, area=1)
+    simulated = np.array([[0.44, 0.5, 1.0], [0.44, 0.524, 1.0], [0.2, 0.476, 2.0], [0.2, 0.526, 1.0], [0.2, 0.47, 1.0]])
+    expected = [0.1, 0.1, 0.25, np.inf, np.inf]
+    np.testing.assert_allclose(distance(simulated), expected, atol=1e-15)
+    assert np.isinf(distance(SIMULATED)[3:]).all()
+    assert distance.asdict()["area"] == 1
+    for wrong in (3, -1):
+        with pytest.raises(InputError, match="number of an observed area among 3"):
+            LiDistance(OBSERVED, area=wrong)
+
+
 def test_weighted_curves_by_hand() -> None:
     distance = WeightedCurves(OBSERVED, np.array([0.24, 0.1, 1.0]))
     np.testing.assert_allclose(distance(SIMULATED), [0, np.sqrt(1 / 3), np.sqrt(10 / 3), np.inf, np.inf], atol=1e-15)

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from helpers import wrong_types
 from known_likelihoods import Known, curved, fragile, linear
 
 from yeastfit import InputError
@@ -29,14 +30,17 @@ def compared(samples: Samples, known: Known, observed: np.ndarray, replicates: i
     return (x.mean(axis=0) - mean) / sd, x.std(axis=0) / sd
 
 
-def test_a_linear_gaussian_simulator_has_its_closed_form() -> None:
-    """With log λ ~ N(0, 1) before the data its posterior is N(V MᵀW o, V), V = (MᵀWM + 1)⁻¹."""
+@pytest.mark.parametrize("measured", [False, True])
+def test_a_linear_gaussian_simulator_has_its_closed_form(measured: bool) -> None:
+    """With log λ ~ N(0, 1) before the data its posterior is N(V MᵀW o, V), V = (MᵀWM + 1)⁻¹, W with the noise."""
     normal = {"law": "log-normal", "median": 1.0, "sd": 1.0}
     known = replace(linear(), prior=Prior.of({"a": normal, "b": normal}))
     observed = known.observed(TRUTH, 1, seed=1)
-    found = emulated(known, known.prior, observed, SETTINGS, seed=0)
+    scatter = known.moments(np.ones((1, 2)))[1][0]
+    noise = 2.0 * scatter + 0.5 * np.trace(scatter) if measured else None
+    found = emulated(known, known.prior, observed, SETTINGS, noise=noise, seed=0)
     slopes = known.moments(np.exp(np.eye(2)))[0].T
-    weighted = np.linalg.solve(known.moments(np.ones((1, 2)))[1][0], slopes)
+    weighted = np.linalg.solve(scatter if noise is None else scatter + noise, slopes)
     covariance = np.linalg.inv(slopes.T @ weighted + np.eye(2))
     x = np.log(found.flat)
     sd = np.sqrt(np.diag(covariance))
@@ -134,6 +138,9 @@ def test_what_is_refused() -> None:
         emulated(known, known.prior, np.zeros(3), SMALL)
     with pytest.raises(InputError, match="replicates is 0, it must be at least 1"):
         emulated(known, known.prior, observed, SMALL, replicates=0)
+    for noise in (np.eye(3), -np.eye(4)):
+        with wrong_types(), pytest.raises(InputError, match="noise must be a covariance of 4 statistics"):
+            emulated(known, known.prior, observed, SMALL, noise=noise)
     with pytest.raises(InputError, match="first is 100, it must be a power of two"):
         EmulatedSettings(first=100)
     with pytest.raises(InputError, match="most is 64, it must be at least first, which is 512"):

@@ -65,16 +65,19 @@ def test_log_likelihood_is_a_density_of_replicates_means(of_curved: Emulator) ->
     known = curved()
     values = inside(known, 20)
     mean, scatter, error, _ = of_curved.moments(values)
-    for replicates in (1, 5):
+    noise = np.array([[0.3, 0.1, 0.0], [0.1, 0.2, 0.05], [0.0, 0.05, 0.1]])
+    for replicates, added in ((1, None), (5, None), (5, noise)):
         observed = mean[0]
         off = observed - mean
-        covariance = scatter / replicates + error
+        covariance = scatter / replicates + error + (0.0 if added is None else added)
         expected = -0.5 * np.einsum("ri,rij,rj->r", off, np.linalg.inv(covariance), off)
         expected -= 0.5 * np.linalg.slogdet(2 * np.pi * covariance)[1]
-        found = of_curved.log_likelihood(values, observed, replicates)
+        found = of_curved.log_likelihood(values, observed, replicates, added)
         np.testing.assert_allclose(found, expected, rtol=1e-3, atol=1e-3)
     drawn = of_curved.draw(np.repeat(values[:1], 20000, axis=0), np.random.default_rng(0), 5)
     np.testing.assert_allclose(np.cov(drawn, rowvar=False), scatter[0] / 5 + error[0], rtol=0.06, atol=2e-3)
+    drawn = of_curved.draw(np.repeat(values[:1], 20000, axis=0), np.random.default_rng(0), 5, noise)
+    np.testing.assert_allclose(np.cov(drawn, rowvar=False), scatter[0] / 5 + error[0] + noise, rtol=0.06, atol=5e-3)
 
 
 def test_the_same_seed_gives_the_same_emulator() -> None:

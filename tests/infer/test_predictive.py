@@ -9,6 +9,7 @@ from known_posteriors import Drawing
 from yeastfit.errors import InputError
 from yeastfit.infer.predictive import Predictive, Replicates, predict
 from yeastfit.infer.samples import Samples
+from yeastfit.infer.simulator import Mismeasured, root_of
 
 NORMAL = Drawing(("mean",), ("a", "b"), lambda value, rng: value + rng.standard_normal(2))
 
@@ -58,6 +59,17 @@ def test_bands_are_those_of_the_normal_distribution(tmp_path: Path) -> None:
     again = Predictive.load(tmp_path / "predictive.npz")
     assert again.rows() == found.rows()
     assert (again.labels, again.replicates) == (("a", "b"), 4)
+
+
+def test_errors_of_measurement_are_not_averaged_out() -> None:
+    noise = np.array([[4.0, 3.0], [3.0, 4.0]])
+    found = predict(samples_at(np.zeros(100)), NORMAL, np.zeros(2), replicates=4, noise=noise, draws=4000, seed=1)
+    np.testing.assert_allclose(np.cov(found.statistics.T), noise + np.eye(2) / 4, rtol=0.1)
+    simulator = Mismeasured(NORMAL, root_of(np.array([[4.0, 2.0], [2.0, 1.0]])))
+    values, seeds = np.zeros((50, 1)), np.arange(50)
+    errors = simulator(values, seeds) - NORMAL(values, seeds)
+    np.testing.assert_allclose(errors[:, 0], 2.0 * errors[:, 1])  # as far as the covariance says, which is singular
+    np.testing.assert_array_equal(simulator(values[7:9], seeds[7:9]), simulator(values, seeds)[7:9])
 
 
 def test_data_that_the_model_does_not_make_are_told_of() -> None:

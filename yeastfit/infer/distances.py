@@ -4,7 +4,8 @@
     Mahalanobis:      d = √((s − o)ᵀ C⁻¹ (s − o)),   C a covariance of the simulator's statistics
     weighted curves:  d = √(1/K Σ_k ((s_k − o_k) / scale_k)²)
 
-o observed, s simulated. Where a simulation came to nothing, d = ∞. Kernels K_ε(d), of which only ratios matter:
+o observed, s simulated. Where a simulation came to nothing, d = ∞. Li et al. let no simulation pass whose area was more
+than 5 % off the observed one, and compared it by the others. Kernels K_ε(d), of which only ratios matter:
 
     indicator:  1 where d ≤ ε, else 0            Gaussian:  exp(−d² / 2ε²)
 """
@@ -20,6 +21,7 @@ from yeastfit.errors import InputError
 
 KernelName = Literal["indicator", "gaussian"]
 KERNELS: tuple[KernelName, ...] = ("indicator", "gaussian")
+NEAR_AREA = 0.05  # of the observed one
 ROUNDING = 1e-10  # of the largest eigenvalue of correlations: smaller ones are rounding errors
 
 Statistics = Float[np.ndarray, "draw statistic"]
@@ -43,22 +45,34 @@ class Distance(Protocol):
 
 @dataclass(frozen=True)
 class LiDistance:
-    """Differences relative to 1 + observed; the statistics are those of shapes, at least 0."""
+    """Differences relative to 1 + observed; the statistics are those of shapes, at least 0.
+
+    area: number of the statistic, if any, that must be near instead of entering d.
+    """
 
     observed: Vector
+    area: int | None = None
 
     def __post_init__(self) -> None:
         _check_finite("observed", self.observed)
+        count = len(self.observed)
+        if self.area is not None and not (0 <= self.area < count and count > 1 and self.observed[self.area] > 0):
+            raise InputError(f"area is {self.area}, it must be the number of an observed area among {count} statistics")
         if (self.observed <= -1).any():
             raise InputError(f"observed holds {self.observed.min():g}, this distance is one of statistics above −1")
 
     def __call__(self, simulated: Statistics) -> Float[np.ndarray, " draw"]:
         """d, see above."""
-        return _root_of_squares(simulated, self.observed, 1 + self.observed) / len(self.observed)
+        if self.area is None:
+            return _root_of_squares(simulated, self.observed, 1 + self.observed) / len(self.observed)
+        rest, area = np.delete(self.observed, self.area), self.observed[self.area]
+        found = LiDistance(rest)(np.delete(simulated, self.area, axis=1))
+        near = np.abs(simulated[:, self.area] - area) <= NEAR_AREA * area
+        return np.where(near, found, np.inf)
 
     def asdict(self) -> dict[str, Any]:
         """Plain data."""
-        return {"distance": "Li", **_lists(self)}
+        return {"distance": "Li", "observed": self.observed.tolist(), "area": self.area}
 
 
 @dataclass(frozen=True)
@@ -146,7 +160,7 @@ def _differences(simulated: Statistics, observed: Vector, scale: Vector) -> tupl
     return np.where(whole[:, None], simulated - observed, 0.0) / scale, whole
 
 
-def _lists(distance: "LiDistance | WeightedCurves | Mahalanobis") -> dict[str, list[Any]]:
+def _lists(distance: "WeightedCurves | Mahalanobis") -> dict[str, list[Any]]:
     return {name: values.tolist() for name, values in asdict(distance).items()}
 
 

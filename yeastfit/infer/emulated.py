@@ -25,7 +25,7 @@ from scipy.stats import chi2, qmc
 
 from yeastfit.errors import InputError
 from yeastfit.infer.diagnostics import diagnose
-from yeastfit.infer.emulator import Emulator, train
+from yeastfit.infer.emulator import Emulator, Square, train
 from yeastfit.infer.networks import EmulatorSettings
 from yeastfit.infer.posterior_chain import Chains, Posterior, walk
 from yeastfit.infer.priors import Prior
@@ -36,6 +36,7 @@ from yeastfit.progress import Progress, silent
 
 NEAR = 0.99  # of draws as wide as the proposals are: simulations among which the emulator is checked
 LARGEST_ERROR = 0.3  # of the variance of the data, from which the emulator's error is warned of
+TINY = 1e-9  # of its largest entry: below 0, an eigenvalue of a covariance, by rounding
 TRIES = 100  # rounds of drawing again what fell outside the prior
 
 
@@ -76,20 +77,22 @@ def emulated(
     settings: EmulatedSettings | None = None,
     *,
     replicates: int = 1,
+    noise: Square | None = None,
     seed: int = 0,
     store: Store | None = None,
     progress: Progress | None = None,
 ) -> Samples:
     """The posterior of λ given the mean statistics of R replicates.
 
-    store: of simulations, see above. `statistics` of the result are drawn from the emulator, as means of R replicates;
+    noise: covariance of errors of that mean which come from measuring, and which replicates do not average out. store:
+    of simulations, see above. `statistics` of the result are drawn from the emulator, as means of R replicates;
     `log_probability` is that in the prior's coordinates; the emulator's checks, round by round, are in `diagnostics`.
     Raises `InputError`, also where too many simulations fail.
     """
     began = clock.perf_counter()
     settings = settings or EmulatedSettings()
-    _check(simulator, prior, observed, replicates, settings)
-    run = _Run(Recorded(simulator, settings.batch, store), prior, observed, replicates, settings, seed)
+    _check(simulator, prior, observed, replicates, noise, settings)
+    run = _Run(Recorded(simulator, settings.batch, store), prior, observed, replicates, noise, settings, seed)
     found = run.rounds(progress or silent)
     return run.samples(found, clock.perf_counter() - began)
 
@@ -116,6 +119,7 @@ class _Run:
     prior: Prior
     observed: Float[np.ndarray, " statistic"]
     replicates: int
+    noise: Square | None
     settings: EmulatedSettings
     seed: int
 
@@ -157,7 +161,7 @@ class _Run:
         )
         came = np.isfinite(statistics).all(axis=1)
         chains = walk(
-            Posterior(emulator, self.prior, self.observed, self.replicates),
+            Posterior(emulator, self.prior, self.observed, self.replicates, self.noise),
             self.prior.coordinates(values[came]),
             walkers=self.settings.walkers,
             most_steps=self.settings.most_steps,
@@ -202,7 +206,7 @@ class _Run:
             log_probability=last.chains.log_density,
             acceptance=last.chains.acceptance,
             labels=self.recorded.labels,
-            statistics=last.emulator.draw(values, rng, self.replicates).reshape(chains, draws, -1),
+            statistics=last.emulator.draw(values, rng, self.replicates, self.noise).reshape(chains, draws, -1),
             simulations=self.recorded.asked,
             seconds=seconds,
             seed=self.seed,
@@ -212,6 +216,7 @@ class _Run:
                 "prior": self.prior.asdict(),
                 "observed": self.observed.tolist(),
                 "replicates": self.replicates,
+                "noise": None if self.noise is None else self.noise.tolist(),
             },
             diagnostics={
                 "rounds": [self._said(one) for one in rounds],
@@ -236,7 +241,7 @@ class _Run:
     def _error_share(self, one: Round) -> float:
         """Of the emulator's error in the variance that data are compared with, at the posterior's mean."""
         _, scatter, error, _ = one.emulator.moments(self.prior.values(one.mean[None]))
-        total = scatter[0] / self.replicates + error[0]
+        total = scatter[0] / self.replicates + error[0] + (0.0 if self.noise is None else self.noise)
         return float(np.trace(np.linalg.solve(total, error[0])) / len(total))
 
     def _warnings(self, last: Round) -> list[str]:
@@ -260,6 +265,7 @@ def _check(
     prior: Prior,
     observed: Float[np.ndarray, " statistic"],
     replicates: int,
+    noise: Square | None,
     settings: EmulatedSettings,
 ) -> None:
     """Raises `InputError` where the arguments do not belong together."""
@@ -269,6 +275,10 @@ def _check(
         raise InputError(f"observed is {observed}, {len(simulator.labels)} finite statistics are expected")
     if replicates < 1:
         raise InputError(f"replicates is {replicates}, it must be at least 1")
+    if noise is not None and (
+        noise.shape != 2 * observed.shape or np.linalg.eigvalsh(noise).min() < -TINY * noise.max()
+    ):
+        raise InputError(f"noise must be a covariance of {len(observed)} statistics, got one of shape {noise.shape}")
     if settings.walkers < 2 * len(prior.free):
         raise InputError(
             f"walkers is {settings.walkers}, {len(prior.free)} parameters need at least {2 * len(prior.free)}"

@@ -9,11 +9,12 @@ a draw of N(0, 1).
 
 **Error of the emulator.** It does not average out over replicates. Of R of them, none of which failed, the mean has
 
-    ū | x ~ N(m̄(x), C̄(x) / R + W(x) + G Δ Gᵀ),    C̄ = G Gᵀ = mean of the members' C,
+    ū | x ~ N(m̄(x), C̄(x) / R + W(x) + G Δ Gᵀ + N),    C̄ = G Gᵀ = mean of the members' C,
 
-m̄ and W are the mean and the covariance of m over members. Δ is diagonal: the mean square of what a quadratic in x
-still finds in the held-out residuals, less what it finds in as much noise. The likelihood of data is that density
-times the probability of R successes. Networks as emulators of a likelihood: Lueckmann et al. 2019, arXiv:1805.09294.
+N is the covariance of errors that the data have of their own, from being measured, where there are such. m̄ and W are
+the mean and the covariance of m over members. Δ is diagonal: the mean square of what a quadratic in x still finds in
+the held-out residuals, less what it finds in as much noise. The likelihood of data is that density times the
+probability of R successes. Networks as emulators of a likelihood: Lueckmann et al. 2019, arXiv:1805.09294.
 """
 
 from collections.abc import Sequence
@@ -44,6 +45,7 @@ ROWS_PER_TERM = 4  # simulations for each term of the quadratic, at least
 
 Values = Float[np.ndarray, "simulation free"]
 Statistics = Float[np.ndarray, "simulation statistic"]
+Square = Float[np.ndarray, "statistic statistic"]
 
 
 class Members(eqx.Module):
@@ -71,10 +73,16 @@ class Members(eqx.Module):
         success = jnp.mean(jax.nn.log_sigmoid(logits)) if self.fails else jnp.zeros(())
         return means.mean(axis=0), scatter, error, success
 
-    def log_likelihood(self, x: Float[Array, " free"], u: Float[Array, " statistic"], replicates: Array) -> Array:
+    def log_likelihood(
+        self,
+        x: Float[Array, " free"],
+        u: Float[Array, " statistic"],
+        replicates: Array,
+        noise: Float[Array, "statistic statistic"],
+    ) -> Array:
         """log p(ū | x) of R replicates, none of which failed."""
         mean, scatter, error, success = self.moments(x)
-        root = jnp.linalg.cholesky(scatter / replicates + error)
+        root = jnp.linalg.cholesky(scatter / replicates + error + noise)
         deviation = jax.scipy.linalg.solve_triangular(root, u - mean, lower=True)
         normal = -0.5 * jnp.sum(deviation**2 + jnp.log(2 * jnp.pi)) - jnp.sum(jnp.log(jnp.diag(root)))
         return normal + replicates * success
@@ -82,8 +90,8 @@ class Members(eqx.Module):
 
 _moments = eqx.filter_jit(lambda members, x: jax.lax.map(members.moments, x, batch_size=ROWS))
 _log_likelihood = eqx.filter_jit(
-    lambda members, x, u, replicates: jax.lax.map(
-        lambda one: members.log_likelihood(one, u, replicates), x, batch_size=ROWS
+    lambda members, x, u, replicates, noise: jax.lax.map(
+        lambda one: members.log_likelihood(one, u, replicates, noise), x, batch_size=ROWS
     )
 )
 
@@ -123,12 +131,22 @@ class Emulator:
     seed: int
 
     def log_likelihood(
-        self, values: Float[np.ndarray, "row free"], observed: Float[np.ndarray, " statistic"], replicates: int = 1
+        self,
+        values: Float[np.ndarray, "row free"],
+        observed: Float[np.ndarray, " statistic"],
+        replicates: int = 1,
+        noise: Square | None = None,
     ) -> Float[np.ndarray, " row"]:
-        """log density of the mean of R replicates' statistics, and of none having failed, at each row of λ."""
+        """log density of the mean of R replicates' statistics, and of none having failed, at each row of λ.
+
+        noise: N, in the statistics' units.
+        """
         x = jnp.asarray(self.coordinates.of_values(values))
-        u = jnp.asarray(self.whiten(observed))
-        found = np.asarray(_log_likelihood(self.members, x, u, jnp.asarray(float(replicates))), dtype=float)
+        u, white = self.whiten(observed), np.zeros((len(observed), len(observed)))
+        if noise is not None:
+            white = np.linalg.solve(self.root, np.linalg.solve(self.root, noise).T)
+        rest = (jnp.asarray(one) for one in (u, float(replicates), 0.5 * (white + white.T)))
+        found = np.asarray(_log_likelihood(self.members, x, *rest), dtype=float)
         return found - np.log(np.diag(self.root)).sum()
 
     def moments(
@@ -146,11 +164,15 @@ class Emulator:
         return self.center + mean @ back, self.root @ scatter @ back, self.root @ error @ back, np.exp(success)
 
     def draw(
-        self, values: Float[np.ndarray, "row free"], rng: np.random.Generator, replicates: int = 1
+        self,
+        values: Float[np.ndarray, "row free"],
+        rng: np.random.Generator,
+        replicates: int = 1,
+        noise: Square | None = None,
     ) -> Float[np.ndarray, "row statistic"]:
-        """Statistics drawn at each row of λ, means over R replicates, with the emulator's error."""
+        """Statistics drawn at each row of λ, means over R replicates, with the emulator's error and the data's own."""
         mean, scatter, error, _ = self.moments(values)
-        roots = np.linalg.cholesky(scatter / replicates + error)
+        roots = np.linalg.cholesky(scatter / replicates + error + (0.0 if noise is None else noise))
         return mean + np.einsum("rij,rj->ri", roots, rng.standard_normal(mean.shape))
 
     def whiten(self, statistics: Float[np.ndarray, "*row statistic"]) -> Float[np.ndarray, "*row statistic"]:

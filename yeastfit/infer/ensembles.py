@@ -37,6 +37,13 @@ SCATTER = 0.2  # of the mean: one colony's scatter where nobody knows it, to beg
 ROUGH = 0.05  # of the mean: tolerance of a rough comparison
 
 
+def measurement_covariance(targets: Targets, settings: FitSettings) -> CurveSquare:
+    """Of the measured means' errors that replicates do not average out."""
+    error = np.array([[settings.error_of(name)] for name in targets.names])
+    measured = targets.measured.ravel()
+    return systematic(np.nan_to_num(targets.mean), error)[np.ix_(measured, measured)]
+
+
 @dataclass(frozen=True)
 class Grown:
     """Curves of the colonies of one ensemble, and the rows of the design that its pairs were grown at."""
@@ -187,14 +194,11 @@ class Ensembles:
     def sigma_of(self, condition: str, local: Local) -> CurveSquare:
         """Σ of one condition."""
         targets = self.targets[condition]
-        error = np.array([[self.settings.error_of(name)] for name in targets.names])
-        measured = targets.measured.ravel()
         chance, replicates = self.scatter_of(condition, local), targets.replicates[targets.measured].astype(float)
         freedom = float(local.scatter.freedom)
         data = curve_covariance(chance, replicates=replicates, freedom=freedom)
         monte_carlo = curve_covariance(local.mean_covariance, replicates=1.0, freedom=freedom)
-        known = systematic(np.nan_to_num(targets.mean), error)[np.ix_(measured, measured)]
-        return data + monte_carlo + known
+        return data + monte_carlo + measurement_covariance(targets, self.settings)
 
     def scatter_of(self, condition: str, local: Local) -> CurveSquare:
         """One colony's covariance, scaled statistic by statistic to the measured scatter where that is known."""

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from yeastfit.errors import InputError
-from yeastfit.infer.distances import Distance, KernelName, log_kernel
+from yeastfit.infer.distances import NEAR_AREA, Distance, KernelName, log_kernel
 from yeastfit.infer.priors import Prior
 from yeastfit.infer.simulations import Recorded
 from yeastfit.infer.simulator import Simulator, seed_of, stream_of
@@ -65,10 +65,16 @@ def pilot_of(recorded: Recorded, prior: Prior, distance: Distance, count: int, s
     values = prior.sample(count, np.random.default_rng(stream_of(seed, 0, 0)))
     statistics = recorded(values, seed_of(seed, np.arange(count)))
     distances = distance(statistics)
-    if not np.isfinite(distances).any():
+    came = np.isfinite(statistics).all(axis=1)
+    if not came.any():
         raise InputError(f"all {count} simulations from the prior came to nothing: look at the simulator or the prior")
     x = prior.coordinates(values)
-    warnings = unreached(statistics[np.isfinite(distances)], distance.observed, recorded.labels)
+    warnings = unreached(statistics[came], distance.observed, recorded.labels)
+    if not np.isfinite(distances).any():
+        raise InputError(
+            f"none of {count} simulations from the prior has an area within {100 * NEAR_AREA:g} % of the observed one: "
+            f"{'; '.join(warnings) or 'a larger pilot or another prior is needed'}"
+        )
     return Pilot(x, prior.log_density_of_coordinates(x), statistics, distances, warnings)
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float
 
 from yeastfit.infer.diagnostics import LONG, autocorrelation_time
-from yeastfit.infer.emulator import Emulator
+from yeastfit.infer.emulator import Emulator, Square
 from yeastfit.infer.priors import Prior
 
 ENOUGH = 1.2 * LONG  # autocorrelation times; `diagnose` has its own estimate of them, and asks for LONG
@@ -29,13 +29,14 @@ class Posterior:
     prior: Prior
     observed: Float[np.ndarray, " statistic"]
     replicates: int
+    noise: Square | None = None
 
     def __call__(self, x: Float[np.ndarray, "walker free"]) -> Float[np.ndarray, " walker"]:
         """−inf outside the prior."""
         before = self.prior.log_density_of_coordinates(x)
         inside = np.isfinite(before)
         values = np.where(inside[:, None], self.prior.values(x), self.prior.values(self._somewhere))
-        likelihood = self.emulator.log_likelihood(values, self.observed, self.replicates)
+        likelihood = self.emulator.log_likelihood(values, self.observed, self.replicates, self.noise)
         return np.where(inside, before + likelihood, -np.inf)
 
     @property

@@ -23,7 +23,7 @@ from jaxtyping import Bool, Float, Int
 from yeastfit.errors import InputError
 from yeastfit.infer.colony_simulator import ColonySimulator
 from yeastfit.infer.samples import Samples
-from yeastfit.infer.simulator import Simulator, Wrapper, seed_of, stream_of
+from yeastfit.infer.simulator import Mismeasured, Simulator, Wrapper, root_of, seed_of, stream_of
 from yeastfit.infer.space import ALONE
 from yeastfit.infer.targets import Targets
 from yeastfit.measure.smooth import SmoothStatistics
@@ -139,12 +139,14 @@ def predict(
     observed: Float[np.ndarray, " statistic"],
     *,
     replicates: int = 1,
+    noise: Float[np.ndarray, "statistic statistic"] | None = None,
     draws: int = 40,
     seed: int = 0,
 ) -> Predictive:
     """Simulates at `draws` draws of the samples, `replicates` data sets each, the same ones for the same seed.
 
-    simulator: of one data set. Raises `InputError` for fewer than `FEWEST` draws, or where fewer came to something.
+    simulator: of one data set. noise: covariance of the mean's errors of measurement. Raises `InputError` for
+    fewer than `FEWEST` draws, or where fewer came to something.
     """
     if draws < FEWEST:
         raise InputError(f"draws is {draws}, a predictive check needs at least {FEWEST}")
@@ -155,7 +157,10 @@ def predict(
         )
     values = samples.drawn(draws, np.random.default_rng(stream_of(seed, 4, 0)))
     seeds = np.array([stream_of(seed, 4, 1, k).generate_state(1)[0] for k in range(draws)], dtype=np.int64)
-    statistics = Replicates(simulator, replicates)(values, seeds)
+    means: Simulator = Replicates(simulator, replicates)
+    if noise is not None:
+        means = Mismeasured(means, root_of(noise))
+    statistics = means(values, seeds)
     came = np.isfinite(statistics).all(axis=1)
     if came.sum() < FEWEST:
         raise InputError(f"draws: {came.sum()} of {draws} came to something, a predictive check needs {FEWEST}")

@@ -51,6 +51,31 @@ class Wrapper:
         return self.simulator.labels
 
 
+@dataclass(frozen=True)
+class Mismeasured(Wrapper):
+    """A simulator whose statistics have errors of measurement, of the covariance root rootᵀ.
+
+    ABC with ever smaller ε then comes to the posterior under these errors (Wilkinson 2013,
+    doi:10.1515/sagmb-2013-0010).
+    """
+
+    root: Float[np.ndarray, "statistic statistic"]
+
+    def __call__(
+        self, values: Float[np.ndarray, "proposal free"], seeds: Int[np.ndarray, " proposal"]
+    ) -> Float[np.ndarray, "proposal statistic"]:
+        """Errors depend on a row's seed alone."""
+        streams = [np.random.default_rng(stream_of(int(seed), 5, 0)) for seed in seeds]
+        normal = np.array([stream.standard_normal(len(self.root)) for stream in streams])
+        return self.simulator(values, seeds) + normal.reshape(len(seeds), -1) @ self.root.T
+
+
+def root_of(covariance: Float[np.ndarray, "statistic statistic"]) -> Float[np.ndarray, "statistic statistic"]:
+    """A matrix A with A Aᵀ the covariance, which may be singular."""
+    values, vectors = np.linalg.eigh(covariance)
+    return vectors * np.sqrt(np.maximum(values, 0.0))
+
+
 def seed_of(seed: int, numbers: Sequence[int] | np.ndarray) -> Int[np.ndarray, " number"]:
     """Seeds, 0 ≤ seed < 2³², of the simulations of these numbers in a run.
 
