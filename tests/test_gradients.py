@@ -242,7 +242,7 @@ def test_chattering_contacts_are_reported_with_what_to_do() -> None:
 
 def test_outgrown_derivatives_are_reported_with_what_to_do() -> None:
     growth = {"log mobility": np.array([0.0, 250.0]), "log repulsivity": np.array([0.0, np.inf])}
-    growth["positions 1"] = np.array([1.0, np.e**8])
+    growth["positions 1"] = np.array([1.0, np.exp(8.0)])
     (line,) = gradients._useless({name: growth[name] for name in ("log mobility", "positions 1")}, 4.0)
     assert line.startswith("by t = 4 a change of log mobility by 0.01 moves a node by 2.5 L0 to first order")
     assert "exp(2 t)" in line
