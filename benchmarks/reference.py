@@ -1,0 +1,219 @@
+"""A posterior as exact as it can be had, for samplers to be compared with, and how far a sampler's result is from it.
+
+x are the prior's coordinates, log λ where its law is one of log λ. Data o are the mean of R colonies' statistics; of
+colonies at points of low discrepancy in a box, one each, by least squares,
+
+    m(x): mean, a cubic;    C(x): scatter, a quadratic through products of the residuals;    o | x ~ N(m(x), C(x) / R).
+
+The posterior is the sum over a finer set of such points. A first box around the truth says where it is, a second one
+around it reaches `WIDTH` standard deviations. Its own error is half of what two such posteriors differ by, each of one
+half of the colonies. It takes the mean of R colonies for normal; that is checked by what does not: the nearest of many
+simulated data sets, drawn evenly from the box of `NEAR` standard deviations, adjusted by regression.
+
+**Error** of means μ and standard deviations σ of x beside those of the reference: the largest, over parameters, of
+|μ − μ_ref| / σ_ref and |log(σ / σ_ref)|.
+"""
+
+from dataclasses import dataclass
+from itertools import combinations_with_replacement
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from yeastfit.errors import InputError
+from yeastfit.infer.adjustment import adjusted
+from yeastfit.infer.distances import Mahalanobis
+from yeastfit.infer.predictive import Replicates
+from yeastfit.infer.priors import Prior
+from yeastfit.infer.simulator import Simulator, seed_of
+from yeastfit.infer.space import scattered
+
+WIDTH, NEAR = 4.5, 3.0  # standard deviations
+POINTS = 16_384  # that the posterior is summed over
+SHELL, LOST = 0.95, 0.01  # of the box's reach, and the share of the posterior beyond it that is too much
+DATA_SEED, FIRST_SEED, POOL_SEED, POINTS_SEED, WITNESS_SEED = 80_001, 80_002, 80_003, 80_004, 80_005
+
+Coordinates = Float[np.ndarray, "draw free"]
+Statistics = Float[np.ndarray, "draw statistic"]
+Vector = Float[np.ndarray, " free"]
+
+
+@dataclass(frozen=True)
+class Moments:
+    """Mean and standard deviation of x."""
+
+    mean: Vector
+    sd: Vector
+
+    @staticmethod
+    def of(x: Coordinates, weights: Float[np.ndarray, " draw"]) -> "Moments":
+        """Of weighted draws; the weights sum to 1."""
+        mean = weights @ x
+        return Moments(mean, np.sqrt(weights @ (x - mean) ** 2))
+
+    def error(self, found: "Moments") -> float:
+        """Of what was found, with this as the reference."""
+        shift, width = (found.mean - self.mean) / self.sd, np.log(found.sd / self.sd)
+        return float(max(np.abs(shift).max(), np.abs(width).max()))
+
+
+@dataclass(frozen=True)
+class Problem:
+    """colonies: simulates single ones. observed: mean of `replicates` of them, at `truth`."""
+
+    colonies: Simulator
+    prior: Prior
+    observed: Float[np.ndarray, " statistic"]
+    replicates: int
+    truth: Vector
+
+    @staticmethod
+    def at(colonies: Simulator, prior: Prior, truth: Vector, replicates: int) -> "Problem":
+        """With data simulated at these λ."""
+        data_set = Replicates(colonies, replicates)(truth[None], seed_of(DATA_SEED, [0]))[0]
+        if not np.isfinite(data_set).all():
+            raise InputError(f"truth is {truth}, a colony there came to nothing")
+        return Problem(colonies, prior, data_set, replicates, truth)
+
+    @property
+    def data_sets(self) -> Simulator:
+        """Simulates data sets, means of as many colonies as were observed; or single colonies, where there is one."""
+        return Replicates(self.colonies, self.replicates) if self.replicates > 1 else self.colonies
+
+
+@dataclass(frozen=True)
+class Box:
+    """Of x, inside the prior's support."""
+
+    low: Vector
+    high: Vector
+
+    @staticmethod
+    def around(prior: Prior, centre: Vector, reach: Vector) -> "Box":
+        """centre ± reach."""
+        low, high = prior.coordinates(prior.support.T)
+        return Box(np.maximum(low, centre - reach), np.minimum(high, centre + reach))
+
+    def points(self, count: int, seed: int) -> Coordinates:
+        """Of low discrepancy."""
+        return self.low + (self.high - self.low) * scattered(count, len(self.low), seed)
+
+    def at_edge(self, prior: Prior, x: Coordinates) -> Bool[np.ndarray, " draw"]:
+        """Which points lie near an edge that is not the prior's own."""
+        low, high = prior.coordinates(prior.support.T)
+        units = self.units(x)
+        return (((units < -SHELL) & (self.low > low)) | ((units > SHELL) & (self.high < high))).any(axis=1)
+
+    def prior(self, prior: Prior) -> Prior:
+        """Flat over the box, in the same coordinates."""
+        ends = prior.values(np.stack([self.low, self.high])).T.tolist()
+        laws = zip(prior.laws.items(), ends, strict=True)
+        return Prior.of(
+            {
+                name: {"law": "log-uniform" if law.logarithmic else "uniform", "low": low, "high": high}
+                for (name, law), (low, high) in laws
+            }
+        )
+
+    def units(self, x: Coordinates) -> Coordinates:
+        """−1..1 in each direction."""
+        return (2 * x - self.low - self.high) / (self.high - self.low)
+
+
+@dataclass(frozen=True)
+class Surfaces:
+    """m and C over a box, as coefficients of monomials."""
+
+    box: Box
+    mean: Float[np.ndarray, "cubic statistic"]
+    scatter: Float[np.ndarray, "quadratic statistic statistic"]
+
+    @staticmethod
+    def through(box: Box, x: Coordinates, statistics: Statistics) -> "Surfaces":
+        """By least squares, without colonies that came to nothing."""
+        whole = np.isfinite(statistics).all(axis=1)
+        cubic, quadratic = (monomials(box.units(x[whole]), degree) for degree in (3, 2))
+        mean = np.linalg.lstsq(cubic, statistics[whole], rcond=None)[0]
+        rest = statistics[whole] - cubic @ mean
+        products = (rest[:, :, None] * rest[:, None, :]).reshape(len(rest), -1)
+        scatter = np.linalg.lstsq(quadratic, products, rcond=None)[0] * len(rest) / (len(rest) - cubic.shape[1])
+        return Surfaces(box, mean, scatter.reshape(-1, *2 * statistics.shape[1:]))
+
+    def at(self, x: Coordinates) -> tuple[Statistics, Float[np.ndarray, "draw statistic statistic"]]:
+        """m and C."""
+        units = self.box.units(x)
+        return monomials(units, 3) @ self.mean, np.tensordot(monomials(units, 2), self.scatter, axes=1)
+
+    def posterior(self, problem: Problem) -> tuple[Coordinates, Float[np.ndarray, " draw"]]:
+        """Points of the box with their weights."""
+        x = self.box.points(POINTS, POINTS_SEED)
+        mean, scatter = self.at(x)
+        root = np.linalg.cholesky(scatter / problem.replicates)
+        off = np.linalg.solve(root, (problem.observed - mean)[..., None])[..., 0]
+        log_density = problem.prior.log_density_of_coordinates(x) - 0.5 * np.sum(off**2, axis=1)
+        log_density -= np.log(np.diagonal(root, axis1=1, axis2=2)).sum(axis=1)
+        weights = np.exp(log_density - log_density.max())
+        return x, weights / weights.sum()
+
+
+@dataclass(frozen=True)
+class Reference:
+    """The posterior's moments, their own error, and the surfaces they are of."""
+
+    moments: Moments
+    own_error: float
+    surfaces: Surfaces
+
+    @staticmethod
+    def of(problem: Problem, reach: Vector, pool: int) -> "Reference":
+        """From `pool` colonies, a quarter of them in the first box, truth ± reach.
+
+        Raises `InputError` where the second box does not hold the posterior.
+        """
+        centre = problem.prior.coordinates(problem.truth[None])[0]
+        first = grown(problem, Box.around(problem.prior, centre, reach), pool // 4, FIRST_SEED)
+        where = Moments.of(*Surfaces.through(*first).posterior(problem))
+        box, x, statistics = grown(
+            problem, Box.around(problem.prior, where.mean, WIDTH * where.sd), pool - pool // 4, POOL_SEED
+        )
+        surfaces = Surfaces.through(box, x, statistics)
+        points, weights = surfaces.posterior(problem)
+        lost = float(weights[box.at_edge(problem.prior, points)].sum())
+        if lost > LOST:
+            raise InputError(f"reach is {reach}: {100 * lost:.1f} % of the posterior lies at the edge of its box")
+        halves = [
+            Moments.of(*Surfaces.through(box, *half).posterior(problem))
+            for half in zip(np.array_split(x, 2), np.array_split(statistics, 2), strict=True)
+        ]
+        return Reference(Moments.of(points, weights), 0.5 * halves[0].error(halves[1]), surfaces)
+
+    def witness(self, problem: Problem, data_sets: int, nearest: int) -> tuple[Moments, list[str]]:
+        """Of the nearest of so many simulated data sets, adjusted by regression; in words, where they could not be."""
+        prior, observed = problem.prior, problem.observed
+        box = Box.around(prior, self.moments.mean, NEAR * self.moments.sd)
+        x = box.points(data_sets, WITNESS_SEED)
+        statistics = problem.data_sets(prior.values(x), seed_of(WITNESS_SEED, range(data_sets)))
+        scatter = self.surfaces.at(self.moments.mean[None])[1][0] / problem.replicates
+        distances = Mahalanobis(observed, 0.5 * (scatter + scatter.T))(statistics)
+        near = np.argsort(distances, kind="stable")[:nearest]
+        found = adjusted(
+            prior.values(x[near]),
+            np.full(nearest, 1.0 / nearest),
+            statistics[near],
+            distances[near],
+            observed,
+            box.prior(prior),
+        )
+        return Moments.of(prior.coordinates(found[0]), found[1]), found[2]
+
+
+def grown(problem: Problem, box: Box, count: int, seed: int) -> tuple[Box, Coordinates, Statistics]:
+    """Single colonies at points of a box."""
+    x = box.points(count, seed)
+    return box, x, problem.colonies(problem.prior.values(x), seed_of(seed, range(count)))
+
+
+def monomials(units: Coordinates, degree: int) -> Float[np.ndarray, "draw monomial"]:
+    """1, the variables and their products up to a degree."""
+    chosen = [one for d in range(degree + 1) for one in combinations_with_replacement(range(units.shape[1]), d)]
+    return np.stack([units[:, list(one)].prod(axis=1) for one in chosen], axis=1)

@@ -1,0 +1,413 @@
+"""What a posterior costs beside pyABC: simulated colonies, and seconds, until its error is and stays below a threshold.
+
+Young colonies, which are cheap: compactness and radius at 3 and at 4.5 units of time, by a coarse model, which is the
+true one here. Mobility and aspect ratio are free, log-uniform over their plausible ranges; 1.3 and 0.65 are true. The
+data are the mean of 4 simulated colonies, so a data set of ABC is the mean of 4, too. The emulator learns single
+colonies and works out the scatter of means by itself. What is counted is colonies, for all alike.
+
+**Error.** Of means and standard deviations of log λ, beside a posterior that nobody is charged for (`reference`), which
+states its own error: the largest of |μ − μ_ref| / σ_ref and |log(σ / σ_ref)| over both parameters. It is read off after
+each round, population or further steps of the chains; a method is there when it is below 0.25 and stays so to the end.
+
+**Methods**, each with three seeds:
+
+- emulator: `emulated` by default, rounds of 512 colonies until it has settled. Each point is a run of its own that was
+  allowed so many; seconds include its training, and where networks of a size are met first, compiling them;
+- ABC-SMC, yeastfit: populations of 500, by default, but down to an ε that is given; adjusted by regression;
+- ABC-SMC, pyABC: populations as large, ε falling by medians, too, to the same ε; by its defaults else (`rivals`);
+- the same, adjusted: with yeastfit's adjustment, which costs no colonies and which pyABC does not have;
+- ABC-MCMC, yeastfit: 32 chains at the same ε, with a pilot of 2048 data sets, as their start must be so near.
+
+All ABC has one distance, Mahalanobis's by the scatter of a pilot of 500 data sets, for which nobody is charged. Seconds
+are without compiling the simulator. A run that is not there within its budget of 160 000 colonies, or at its ε, counts
+as infinitely long in the median; where it is compared with another, what it spent is a bound, and said to be one.
+
+Targets: the emulator needs at most 1/10 of the colonies that pyABC needs, medians over seeds.
+
+    python -m benchmarks.samplers [--quick] [--json FILE] [--docs DIR]
+
+With --json, a run that was interrupted goes on. With --quick: means of 2 colonies, small populations, a wide ε, one
+seed, no target. With --docs, DIR/samplers.md and DIR/samplers.png are written. Needs pyABC:
+pip install 'yeastfit[benchmarks]'.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from datetime import date
+from functools import partial
+from importlib.util import find_spec
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from benchmarks.reference import Moments, Problem, Reference
+from benchmarks.report import Report, command, machine
+from yeastfit import FitSettings, InputError, Parameters, Targets
+from yeastfit.infer.abc_mcmc import abc_mcmc
+from yeastfit.infer.abc_smc import SmcSettings, abc_smc
+from yeastfit.infer.adjustment import adjusted
+from yeastfit.infer.colony_simulator import ColonySimulator
+from yeastfit.infer.distances import Distance
+from yeastfit.infer.emulated import EmulatedSettings, emulated
+from yeastfit.infer.mcmc_settings import McmcSettings
+from yeastfit.infer.networks import EmulatorSettings
+from yeastfit.infer.priors import default_prior
+from yeastfit.infer.samples import Samples
+from yeastfit.infer.simulations import Recorded
+from yeastfit.infer_command import distance_of
+
+TRUTH = {"mobility": 1.3, "aspect_ratio": 0.65}
+REACH = (0.8, 0.3)  # of log λ: where the posterior is looked for, around the truth
+STATISTICS, TIMES = ("compactness", "radius"), (3.0, 4.5)
+EXTENT, PIXEL = 4.0, 0.2  # L0
+COARSE = FitSettings(dt=0.05, spacing=0.4)
+EMULATOR, SMC, RIVAL, RIVAL_ADJUSTED, MCMC = (
+    "emulator",
+    "ABC-SMC, yeastfit",
+    "ABC-SMC, pyABC",
+    "ABC-SMC, pyABC, adjusted",
+    "ABC-MCMC, yeastfit",
+)
+THRESHOLD, SHARE = 0.25, 0.1
+
+Trace = list[dict[str, Any]]
+
+
+@dataclass(frozen=True)
+class Size:
+    """pool: colonies of the reference; witnesses, nearest: data sets of its check. budget: colonies of a run, at most.
+
+    epsilon: the last, of all ABC. population: of SMC. pilot, walkers, steps, looks: of MCMC, whose error is read off
+    so many times. scatter: data sets that the distance is made from.
+    """
+
+    replicates: int = 4
+    pool: int = 32_768
+    witnesses: int = 6_000
+    nearest: int = 400
+    budget: int = 160_000
+    epsilon: float = 0.55
+    population: int = 500
+    pilot: int = 2048
+    walkers: int = 32
+    steps: int = 320
+    looks: int = 8
+    scatter: int = 500
+    block: int = 32
+    seeds: tuple[int, ...] = (1, 2, 3)
+    emulator: EmulatedSettings = field(default_factory=EmulatedSettings)
+
+
+QUICK = Size(
+    replicates=2,
+    pool=2048,
+    witnesses=256,
+    nearest=64,
+    budget=6000,
+    epsilon=1.5,
+    population=100,
+    pilot=256,
+    walkers=8,
+    steps=32,
+    looks=2,
+    scatter=128,
+    seeds=(1,),
+    emulator=EmulatedSettings(
+        first=256, each=256, most=512, most_steps=1000, emulator=EmulatorSettings(members=3, width=32, steps=500)
+    ),
+)
+
+
+def the_problem(replicates: int) -> Problem:
+    """Simulated data of young colonies, and what simulates them."""
+    shape = Targets.from_means(
+        {name: np.ones(len(TIMES)) for name in STATISTICS}, TIMES, extent=EXTENT, spacing=PIXEL, smoothing=PIXEL
+    )
+    simulator = ColonySimulator.of(shape, tuple(TRUTH), Parameters(), COARSE)
+    truth = np.array([TRUTH[name] for name in simulator.free])
+    return Problem.at(simulator, default_prior(simulator.free), truth, replicates)
+
+
+@dataclass(frozen=True)
+class Race:
+    """One problem, its reference, and a distance for each seed."""
+
+    problem: Problem
+    reference: Reference
+    size: Size
+
+    def distance(self, seed: int) -> Distance:
+        """By the scatter of the run's own pilot."""
+        problem, size = self.problem, self.size
+        recorded = Recorded(problem.data_sets, size.block, None)
+        return distance_of("mahalanobis", recorded, problem.prior, problem.observed, size.scatter, seed)
+
+    def point(self, x: np.ndarray, weights: np.ndarray, colonies: int, seconds: float) -> dict[str, Any]:
+        """One line of a trace."""
+        found = Moments.of(x, weights)
+        error = self.reference.moments.error(found)
+        return {
+            "colonies": colonies,
+            "seconds": seconds,
+            "error": error,
+            "mean": found.mean.tolist(),
+            "sd": found.sd.tolist(),
+        }
+
+    def point_of(self, found: Samples, colonies: int, seconds: float) -> dict[str, Any]:
+        """One line, of samples."""
+        return self.point(self.problem.prior.coordinates(found.flat), found.weights.ravel(), colonies, seconds)
+
+    def emulator(self, seed: int) -> dict[str, Trace]:
+        """A run for each number of rounds, until one has settled."""
+        problem, settings, trace = self.problem, self.size.emulator, Trace()
+        for most in range(settings.first, settings.most + 1, settings.each):
+            found = emulated(
+                problem.colonies,
+                problem.prior,
+                problem.observed,
+                replace(settings, most=most),
+                replicates=problem.replicates,
+                seed=seed,
+            )
+            trace.append(self.point_of(found, found.simulations, found.seconds))
+            if found.diagnostics["rounds"][-1]["moved"] <= settings.settle:
+                break
+        return {EMULATOR: trace}
+
+    def smc(self, seed: int) -> dict[str, Trace]:
+        """A population more with each call."""
+        problem, size, trace, seconds = self.problem, self.size, Trace(), 0.0
+        distance = self.distance(seed)
+        settings = SmcSettings(
+            population=size.population,
+            epsilon=size.epsilon,
+            simulations=size.budget // problem.replicates,
+            batch=size.block,
+        )
+        with TemporaryDirectory() as folder:
+            for count in range(1, settings.populations + 1):
+                plan, path = replace(settings, populations=count), Path(folder) / "populations.npz"
+                found = abc_smc(problem.data_sets, problem.prior, distance, plan, seed=seed, path=path)
+                seconds += found.seconds
+                epsilons = found.diagnostics["epsilon"]
+                if len(epsilons) < count:
+                    break
+                colonies = found.simulations * problem.replicates
+                trace.append(self.point_of(found, colonies, seconds) | {"epsilon": epsilons[-1]})
+        return {SMC: trace}
+
+    def rival(self, seed: int) -> dict[str, Trace]:
+        """pyABC, as it is and adjusted."""
+        from benchmarks.rivals import pyabc_smc  # whose import needs pyABC, which all else does not
+
+        problem, size = self.problem, self.size
+        distance = self.distance(seed)
+        populations, seconds = pyabc_smc(
+            problem.data_sets,
+            problem.prior,
+            distance,
+            population=size.population,
+            epsilon=size.epsilon,
+            most=size.budget // problem.replicates,
+            block=size.block,
+            seed=seed,
+        )
+        plain, moved = Trace(), Trace()
+        for one, so_far in zip(populations, seconds, strict=True):
+            spent = one.simulated * problem.replicates
+            plain.append(self.point(one.x, one.weights, spent, so_far) | {"epsilon": one.epsilon})
+            values, weights, _ = adjusted(
+                problem.prior.values(one.x),
+                one.weights,
+                one.statistics,
+                one.distances,
+                problem.observed,
+                problem.prior,
+            )
+            x = problem.prior.coordinates(values)
+            moved.append(self.point(x, weights, spent, so_far) | {"epsilon": one.epsilon})
+        return {RIVAL: plain, RIVAL_ADJUSTED: moved}
+
+    def mcmc(self, seed: int) -> dict[str, Trace]:
+        """Chains that go on with each call."""
+        problem, size, trace, seconds = self.problem, self.size, Trace(), 0.0
+        distance = self.distance(seed)
+        with TemporaryDirectory() as folder:
+            for steps in np.linspace(0, size.steps, size.looks + 1, dtype=int)[1:].tolist():
+                plan = McmcSettings(steps=steps, walkers=size.walkers, epsilon=size.epsilon, pilot=size.pilot)
+                path = Path(folder) / "chains.h5"
+                try:
+                    found = abc_mcmc(problem.data_sets, problem.prior, distance, plan, seed=seed, path=path)
+                except InputError as error:  # no data set of the pilot is near enough to start from
+                    spent = {"colonies": size.pilot * problem.replicates, "seconds": np.nan, "error": np.inf}
+                    return {MCMC: [spent | {"said": str(error)}]}
+                seconds += found.seconds
+                trace.append(self.point_of(found, found.simulations * problem.replicates, seconds))
+        return {MCMC: trace}
+
+
+def arrival(trace: Sequence[Mapping[str, Any]]) -> Mapping[str, Any] | None:
+    """The point from which on the error is below the threshold to the end."""
+    below = [point["error"] < THRESHOLD for point in trace]
+    if not below or not below[-1]:
+        return None
+    return trace[len(below) - below[::-1].index(False) if False in below else 0]
+
+
+def median(traces: Sequence[Trace], what: str = "colonies") -> float:
+    """Until there, infinite where a run did not arrive."""
+    return float(np.median([np.inf if (one := arrival(trace)) is None else one[what] for trace in traces]))
+
+
+def all_runs(report: Report, race: Race) -> dict[str, list[Trace]]:
+    """By method, one trace a seed. What is done is kept, and not done again after an interruption."""
+    runs: dict[str, list[Trace]] = {name: [] for name in (EMULATOR, SMC, RIVAL, RIVAL_ADJUSTED, MCMC)}
+    methods: dict[str, Callable[[int], dict[str, Trace]]] = {
+        EMULATOR: race.emulator,
+        SMC: race.smc,
+        RIVAL: race.rival,
+        MCMC: race.mcmc,
+    }
+    for seed in race.size.seeds:
+        for name, method in methods.items():
+            what = f"{name}, seed {seed}"
+            report.stage(what)
+            for each, trace in report.part(f"{what}, {report.quick}", partial(method, seed)).items():
+                runs[each].append(trace)
+    return runs
+
+
+def verdicts(report: Report, runs: Mapping[str, list[Trace]], size: Size) -> None:
+    """Medians, failures, the ratio, and ABC at one tolerance."""
+    for name, traces in runs.items():
+        there = [arrival(trace) for trace in traces]
+        late = ", ".join(f"{trace[-1]['colonies']}" for trace, one in zip(traces, there, strict=True) if one is None)
+        note = f"{sum(one is not None for one in there)} of {len(there)} arrived" + (late and f"; not within {late}")
+        note = "; ".join([note, *(one[-1]["said"] for one in traces if "said" in one[-1])])
+        report.add(f"{name}: colonies until there", median(traces), "", note=note)
+    for name, traces in runs.items():
+        report.add(f"{name}: seconds until there", median(traces, "seconds"), "s")
+    target = None if report.quick else SHARE
+    ratios(report, runs, "colonies", RIVAL, target)
+    ratios(report, runs, "colonies", RIVAL_ADJUSTED)
+    ratios(report, runs, "colonies", SMC)
+    ratios(report, runs, "seconds", RIVAL)
+    for name in (SMC, RIVAL):
+        reached = [trace[-1] for trace in runs[name] if trace[-1]["epsilon"] <= size.epsilon]
+        note = f"{len(reached)} of {len(runs[name])} reached it"
+        if reached:
+            colonies, seconds = (float(np.median([one[what] for one in reached])) for what in ("colonies", "seconds"))
+            report.add(f"{name}: colonies to ε = {size.epsilon:g}", colonies, "", note=note)
+            report.add(f"{name}: seconds to ε = {size.epsilon:g}", seconds, "s", note=note)
+        else:
+            report.add(f"{name}: colonies to ε = {size.epsilon:g}", np.inf, "", note=note)
+    rows = [
+        {
+            "method": name,
+            "seed": seed,
+            "colonies": "" if (one := arrival(trace)) is None else one["colonies"],
+            "seconds": "" if one is None else one["seconds"],
+            "colonies in all": trace[-1]["colonies"],
+            "seconds in all": trace[-1]["seconds"],
+            "error at the end": trace[-1]["error"],
+            "ε at the end": trace[-1].get("epsilon", ""),
+        }
+        for name, traces in runs.items()
+        for seed, trace in zip(size.seeds, traces, strict=True)
+    ]
+    report.table(f"until the error stays below {THRESHOLD:g}", rows)
+
+
+def ratios(report: Report, runs: Mapping[str, list[Trace]], what: str, other: str, target: float | None = None) -> None:
+    """The emulator's share of what another needs; none where the emulator did not arrive.
+
+    Of a run of the other that did not arrive, all that it spent is taken: the share is then at most what is said.
+    """
+    spent = [trace[-1] if (one := arrival(trace)) is None else one for trace in runs[other]]
+    late = sum(arrival(trace) is None for trace in runs[other])
+    share = median(runs[EMULATOR], what) / float(np.median([one[what] for one in spent]))
+    note = f"at most: {late} of {len(spent)} did not arrive, all they spent is taken" if late else ""
+    value = share if np.isfinite(share) else np.nan
+    report.add(f"{what}, {EMULATOR} / {other}", value, "", target, at_least=False, note=note)
+
+
+def checked(report: Report, race: Race) -> None:
+    """The reference's own error, and the posterior by ABC from real data sets beside it."""
+    size, reference = race.size, race.reference
+    report.add("reference: its own error", reference.own_error, "", note=f"{size.pool} colonies, halves compared")
+    report.stage("checking the reference")
+
+    def witness() -> dict[str, Any]:
+        found, said = reference.witness(race.problem, size.witnesses, size.nearest)
+        return {"error": reference.moments.error(found), "said": said, "mean": found.mean.tolist()}
+
+    found = report.part(f"witness, {report.quick}", witness)
+    note = "; ".join([f"the nearest {size.nearest} of {size.witnesses} data sets, adjusted", *found["said"]])
+    report.add("reference: ABC beside it", found["error"], "", note=note)
+
+
+def picture(runs: Mapping[str, list[Trace]], path: Path) -> None:
+    """Errors of all runs against colonies."""
+    figure = Figure(figsize=(7, 4), layout="constrained")
+    panel = figure.subplots()
+    for number, (name, traces) in enumerate(runs.items()):
+        for trace in traces:
+            colonies, errors = ([point[what] for point in trace] for what in ("colonies", "error"))
+            panel.plot(colonies, errors, "o-", color=f"C{number}", ms=3, lw=1, label=name)
+    handles, labels = panel.get_legend_handles_labels()
+    first = dict(zip(reversed(labels), reversed(handles), strict=True))
+    panel.axhline(THRESHOLD, color="black", lw=0.8, ls="--")
+    panel.set(xscale="log", yscale="log", xlabel="simulated colonies", ylabel="error of the posterior")
+    panel.legend([first[name] for name in runs], list(runs), fontsize=8)
+    figure.savefig(path, dpi=80)
+
+
+def markdown(report: Report, size: Size) -> str:
+    """The page."""
+    about = "; ".join(f"{key} {value}" for key, value in machine().items())
+    parts = [
+        f"""# What a posterior costs, beside pyABC
+
+Written by `python -m benchmarks.samplers --docs docs` on {date.today()}. {about}.
+
+Simulated colonies and seconds until the error of a posterior, in its means and standard deviations, is below
+{THRESHOLD:g} and stays there. Data are the mean of {size.replicates} young colonies; a data set of ABC costs as many,
+the emulator learns single ones. All ABC has the same distance and goes down to ε = {size.epsilon:g}, SMC with
+populations of {size.population}. `python -m benchmarks.samplers --help` has the rules.
+
+![Error against colonies](samplers.png)
+"""
+    ]
+    return "\n".join([*parts, *report.sections()])
+
+
+def run(report: Report, quick: bool) -> None:
+    """The problem, its reference, all runs, and the page."""
+    if find_spec("pyabc") is None:
+        raise InputError("pyABC is not installed: pip install 'yeastfit[benchmarks]'")
+    size = QUICK if quick else Size()
+    report.stage("compiling, and simulating the data")
+    problem = the_problem(size.replicates)
+    report.stage("the reference")
+    race = Race(problem, Reference.of(problem, np.array(REACH), size.pool), size)
+    report.details["reference"] = {
+        "mean": race.reference.moments.mean.tolist(),
+        "sd": race.reference.moments.sd.tolist(),
+        "observed": problem.observed.tolist(),
+    }
+    runs = all_runs(report, race)
+    verdicts(report, runs, size)
+    checked(report, race)
+    if report.docs is not None:
+        report.docs.mkdir(parents=True, exist_ok=True)
+        picture(runs, report.docs / "samplers.png")
+        (report.docs / "samplers.md").write_text(markdown(report, size))
+    report.details["runs"] = runs
+
+
+if __name__ == "__main__":
+    command("samplers", run)
