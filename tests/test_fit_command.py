@@ -177,6 +177,25 @@ def test_of_several_conditions_one_is_to_be_chosen(tmp_path: Path, capsys: pytes
     assert "--condition: the data have 'rich', 'poor'; choose one, or several" in line
 
 
+def test_that_is_asked_before_anything_is_measured(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    lines = ["file,replicate,hours,um_per_pixel,condition", "a.tif,1,5,0.75,rich", "b.tif,1,5,0.75,poor"]
+    (tmp_path / "manifest.csv").write_text("\n".join(lines))
+    for name in ("a.tif", "b.tif"):
+        (tmp_path / name).write_bytes(b"no image, which measuring would find out")
+    for options, said in (
+        ([], "the data have 'rich', 'poor'; choose one"),
+        (["--condition", "salty"], "got 'salty', the data have 'rich', 'poor'"),
+    ):
+        for command in ("fit", "infer"):
+            assert (
+                cli.run([command, str(tmp_path), "--out", str(tmp_path / f"out-{command}{len(options)}"), *options])
+                == 2
+            )
+            (line,) = capsys.readouterr().err.strip().splitlines()
+            assert f"--condition: {said}" in line
+    assert not list(tmp_path.glob("out-infer*"))
+
+
 def test_an_older_fit_does_not_outlive_a_failed_one(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "out"
     out.mkdir()

@@ -304,7 +304,9 @@ def test_the_last_area_is_a_condition_of_li_and_coauthors() -> None:
     assert distance().area == 1
     assert distance("radius at 2").area == 0
     larger = Drawing(("mobility",), labels, lambda value, rng: data * (1.2 + rng.random(3)))
-    with pytest.raises(InputError, match=r"none of 64 .* area within 5 % of the observed one: .*area at 2 was observed"):
+    with pytest.raises(
+        InputError, match=r"none of 64 .* area within 5 % of the observed one: .*area at 2 was observed"
+    ):
         pilot_of(Recorded(larger, 32), prior, distance(), 64, 0)
 
 

@@ -270,7 +270,7 @@ def fit(
     for name in fit_command.RESULTS:
         (folder / name).unlink(missing_ok=True)
     with _progress("measuring micrographs") as advance:
-        data = fit_command.measurements(source, folder, jobs or os.cpu_count() or 1, advance)
+        data = fit_command.measurements(source, folder, jobs or os.cpu_count() or 1, advance, condition or ())
     _warn(data.warnings)
     targets = data.targets(condition or (), design_command.names(statistics), Scales(length, rate))
     fit_command.write_targets(folder, targets)

@@ -50,22 +50,26 @@ class Measurements:
     def targets(self, chosen: Sequence[str], statistics: Sequence[str], scales: Scales) -> dict[str, Targets]:
         """Of the chosen conditions, by name; of the only one where none is chosen."""
         there = conditions_of(self.rows)
-        if not chosen and len(there) > 1:
-            names = ", ".join(map(repr, there))
-            raise InputError(f"--condition: the data have {names}; choose one, or several by giving it again")
+        check_chosen(chosen, there)
         return {
             name: targets_of(self.rows, self.folder, condition=name, statistics=statistics, scales=scales)
             for name in chosen or there
         }
 
 
-def measurements(source: Path, folder: Path, jobs: int, progress: Callable[[int, int], None]) -> Measurements:
-    """Read measurements.csv, or the one in a folder; or measure a data set, with all that `yeastfit measure` leaves."""
+def measurements(
+    source: Path, folder: Path, jobs: int, progress: Callable[[int, int], None], chosen: Sequence[str] = ()
+) -> Measurements:
+    """Read measurements.csv, or the one in a folder; or measure a data set, with all that `yeastfit measure` leaves.
+
+    chosen: conditions; that they are there, and one is chosen where there are several, is seen to before measuring.
+    """
     table = source / TABLE if source.is_dir() else source
     where = dataset_folder(source)
     if where is None and table.is_file():
         return Measurements(read_measurements(table), table.parent, [table], [])
     dataset = read_dataset(where or source)
+    check_chosen(chosen, dataset.conditions)
     tasks = dataset_tasks(dataset)
     refuse_mixed_folder(folder, tasks)
     clear_results(folder)
@@ -78,6 +82,16 @@ def measurements(source: Path, folder: Path, jobs: int, progress: Callable[[int,
     doubts = [f"{outcome.task.label}: {doubt}" for outcome in outcomes for doubt in outcome.doubts]
     inputs = [dataset.manifest, *(outcome.task.path for outcome in outcomes if outcome.row)]
     return Measurements(rows, folder, inputs, failed + doubts)
+
+
+def check_chosen(chosen: Sequence[str], there: Sequence[str]) -> None:
+    """Raises `InputError` where a condition is not there, or several are and none is chosen."""
+    names = ", ".join(map(repr, there))
+    for name in chosen:
+        if name not in there:
+            raise InputError(f"--condition: got {name!r}, the data have {names}")
+    if not chosen and len(there) > 1:
+        raise InputError(f"--condition: the data have {names}; choose one, or several by giving it again")
 
 
 def named_numbers(option: str, texts: Sequence[str], what: str) -> dict[str, tuple[float, float]]:

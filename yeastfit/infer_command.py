@@ -37,6 +37,7 @@ from yeastfit.infer.surface import features
 from yeastfit.infer.targets import Targets
 from yeastfit.infer_folder import RunFolder, inputs_of, run_versions
 from yeastfit.infer_results import Results, photographs, write_results
+from yeastfit.measure.dataset import dataset_folder, read_dataset
 from yeastfit.model.colony import PROBLEMS
 from yeastfit.model.parameters import Parameters, Scales
 from yeastfit.progress import Progress
@@ -192,13 +193,15 @@ class Run:
     ) -> "Run":
         """Opens the folder, measures or reads the data. Raises `InputError`, before anything is simulated."""
         configuration = request.configuration()
+        chosen = [] if request.condition is None else [request.condition]
+        if where := dataset_folder(source):
+            fit_command.check_chosen(chosen, read_dataset(where).conditions)
         folder = RunFolder.begin(path, configuration, inputs_of(source), request.seed, resume)
         measured = path / "measured"
         if (measured / TABLE).is_file():  # of these inputs, which have not changed; it is written after its masks
             data = fit_command.Measurements(read_measurements(measured / TABLE), measured, [], [])
         else:
-            data = fit_command.measurements(source, measured, jobs, progress)
-        chosen = [] if request.condition is None else [request.condition]
+            data = fit_command.measurements(source, measured, jobs, progress, chosen)
         targets = data.targets(chosen, request.statistics, Scales(request.length, request.rate))
         fit_command.write_targets(path, targets)
         single = next(iter(targets.values()))

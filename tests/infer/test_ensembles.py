@@ -8,7 +8,7 @@ from stand_in import CENTRE, CURVES, FREE, QUIET, ROOT, SETTINGS, SLOPES, STATIS
 
 from yeastfit import InputError, Parameters, Targets
 from yeastfit.infer.ensembles import Ensembles, Joint
-from yeastfit.infer.fit import _Fitter
+from yeastfit.infer.fit import _Fitter, _Run
 from yeastfit.infer.space import Space
 from yeastfit.model.parameters import NAMES
 
@@ -122,6 +122,23 @@ def test_what_finer_colonies_change_is_found_with_its_error(targets: Targets) ->
     assert whole.grown == 128 + min(64, SETTINGS.refined)
     coarse = replace(whole, fine={})
     assert not coarse.defect(joint).mean.any()
+
+
+def test_a_start_whose_refinement_comes_to_nothing_ends_alone(targets: Targets) -> None:
+    """The first start is fine; around the second, at λ twice as large, refined colonies are not finite."""
+
+    def torn(away: np.ndarray) -> np.ndarray:
+        return np.where(away[:, COLUMNS[:1]] > AT[0] + 0.35, np.nan, finer(away))
+
+    whole = replace(ensembles({"": targets}, {"": StandIn(straight)}), fine={"": StandIn(torn)})
+    fitter = _Fitter(whole, {}, lambda what, share: None)
+    good, bad = _Run(1, AT), _Run(2, AT + np.array([0.7, 0.0, 0.0]))
+    fitter._stage([good, bad], 2, 64, 0.05, last=True)
+    assert good.joint is not None
+    assert good.defect is not None
+    assert bad.joint is None
+    assert "refined colonies came to nothing: lower fine_dt" in bad.ended
+    assert any(note.startswith("start 2: ") for note in fitter.notes)
 
 
 def test_a_fit_is_that_of_the_finer_model() -> None:

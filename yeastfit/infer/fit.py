@@ -172,7 +172,11 @@ class _Fitter:
                     self._refused(run, searches[run.number], joint)
                     continue
                 if last and run.defect is None:
-                    run.defect = self.ensembles.defect(joint)
+                    try:
+                        run.defect = self.ensembles.defect(joint)
+                    except InputError as error:
+                        self._refused(run, searches[run.number], error)
+                        continue
                 if factor is None:
                     known = self._knows_scatter(joint, stage)
                     factor = np.linalg.cholesky(self._sigma(run, joint) if known else self.ensembles.rough(members))
