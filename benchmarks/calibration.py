@@ -74,7 +74,7 @@ QUANTITIES = (*BOX, "log-likelihood")
 LEVELS = {0.5: (45.0, 55.0), 0.9: (86.0, 94.0)}  # of intervals: %, of truths inside
 LEAST_P, TRIALS = 0.01, 2000  # of uniform ranks, simulated to tell p
 MODEL = FitSettings(dt=0.025, spacing=0.4)
-EXTENT, PIXEL = 5.0, 0.15  # L0
+EXTENT, PIXEL = 5.0, 0.25  # L0
 Record = dict[str, Any]
 
 
@@ -144,7 +144,7 @@ class Part:
 EMULATED = EmulatedSettings(most=1536)
 SMC = SmcSettings(population=200, simulations=2000)
 FULL = (
-    Part("emulator", 8, 25, times=(1.5, 2.5, 3.5, 4.5), replicates=10, draws=99, bins=20, settings=EMULATED),
+    Part("emulator", 8, 25, times=(2.5, 3.5, 4.5), replicates=10, draws=99, bins=20, settings=EMULATED),
     Part("ABC-SMC", 2, 25, times=(2.5, 3.5), replicates=2, draws=19, bins=10, settings=SMC),
 )
 TINY = EmulatorSettings(members=2, width=16, steps=100)
