@@ -5,11 +5,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from emcee.autocorr import integrated_time
 from scipy import stats
 
 from yeastfit import InputError
-from yeastfit.infer.samples import Samples, autocorrelation_time
+from yeastfit.infer.samples import Samples
 
 
 def made_up(values: np.ndarray, weights: np.ndarray | None = None) -> Samples:
@@ -58,23 +57,6 @@ def test_chains_are_worth_their_length_over_tau() -> None:
     assert not samples.weighted
     assert samples.effective_size[0] == pytest.approx(16000 / 9, rel=0.15)
     assert made_up(walk(0.0, 4, 4000)).effective_size[0] == pytest.approx(16000, rel=0.1)
-
-
-def test_autocorrelation_times_agree_with_emcee_on_long_chains() -> None:
-    values = walk(0.9, 6, 10000)[..., 0]
-    assert autocorrelation_time(values) == pytest.approx(integrated_time(values.T[:, :, None])[0], rel=0.02)
-
-
-def test_short_chains_are_not_worth_more_than_they_are() -> None:
-    """How far the mean of short chains scatters, over many repetitions, in units of what their own estimate says."""
-    values = walk(0.97, 1600, 120)[..., 0].reshape(200, 8, 120)
-    squares = values.mean(axis=(1, 2)) ** 2 * 960
-    ours, emcees = (
-        np.sqrt(np.mean(squares / [time(one) for one in values]))
-        for time in (autocorrelation_time, lambda one: integrated_time(one.T[:, :, None], tol=0)[0])
-    )
-    assert 0.6 < ours < 1.1
-    assert emcees > 1.3
 
 
 def test_chains_that_stand_still_are_worth_little() -> None:

@@ -1,8 +1,13 @@
 """Whether chains can be trusted: how long they are, whether they agree, whether they move.
 
-**Autocorrelation time** τ = 1 + 2 Σ ρ_t, ρ_t the autocorrelation at lag t averaged over the chains, up to the smallest
-window M ≥ 5 τ (emcee's estimate; Goodman & Weare 2010, doi:10.2140/camcos.2010.5.65; Sokal 1997). n draws of a chain
-are worth n / τ. The estimate is low in chains shorter than `LONG` τ.
+**Autocorrelation time** τ = 1 + 2 Σ_t ρ_t up to the first lag above 5 τ (Sokal 1997), so that n draws of a chain are
+worth n / τ. What chains differ by counts as persistent (Vehtari et al. 2021, doi:10.1214/20-BA1221, equation 10):
+
+    ρ_t = 1 − (W − A_t) / V,
+
+W and V variances within chains and of all, A_t the mean autocovariance of a chain. Autocorrelations of single chains
+about their own means, as emcee has them, give a τ that is too short where chains are short. It is too short here, too,
+where chains are shorter than `LONG` τ, but by less.
 
 **Split R̂.** Each chain is cut into two halves. With W the mean of their variances, B/n the variance of their means,
 
@@ -19,7 +24,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from emcee.autocorr import function_1d
 from jaxtyping import Float
 from scipy import stats
 
@@ -100,23 +104,27 @@ def diagnose(
             "draws of each chain are needed, one acceptance a chain and one name a parameter"
         )
     times = autocorrelation_time(values)
-    ranks, unequal = rank_statistics(values, times, bins)
+    each = autocorrelation_time(values - values.mean(axis=1, keepdims=True))  # as if the chains were alike
+    ranks, unequal = rank_statistics(values, each, bins)
     return Diagnostics(
         free, chains, draws, times, chains * draws / times, split_r_hat(values), acceptance, ranks, unequal
     )
 
 
 def autocorrelation_time(values: Chain) -> Float[np.ndarray, " free"]:
-    """τ of every parameter, at least 1; inf where no chain moves. Chains that stand still count as ρ_t = 1."""
-    draws, count = values.shape[1:]
+    """τ of every parameter, at least 1; inf where no chain moves."""
+    chains, draws, count = values.shape
     times = np.full(count, np.inf)
     for k in range(count):
-        moves = np.ptp(values[:, :, k], axis=1) > 0
-        if not moves.any():
+        one = values[:, :, k]
+        centred = one - one.mean(axis=1, keepdims=True)
+        power = np.abs(np.fft.rfft(centred, 2 * draws, axis=1)) ** 2
+        covariance = np.fft.irfft(power.mean(axis=0), 2 * draws)[:draws] / draws
+        within = covariance[0] * draws / max(draws - 1, 1)
+        whole = covariance[0] + (np.var(one.mean(axis=1), ddof=1) if chains > 1 else 0.0)
+        if not (np.ptp(one, axis=1) > 0).any():
             continue
-        pairs = zip(values[:, :, k], moves, strict=True)
-        correlation = np.mean([function_1d(one) if moved else np.ones(draws) for one, moved in pairs], axis=0)
-        sums = 2.0 * np.cumsum(correlation) - 1.0
+        sums = 2.0 * np.cumsum(1 - (within - covariance) / whole) - 1.0
         beyond = np.arange(draws) >= WINDOW * sums
         times[k] = max(1.0, sums[np.argmax(beyond) if beyond.any() else -1])
     return times

@@ -10,9 +10,9 @@ import numpy as np
 from jaxtyping import Float
 
 from yeastfit.errors import InputError
+from yeastfit.infer.diagnostics import autocorrelation_time
 from yeastfit.storage import written_whole
 
-WINDOW = 5.0  # of τ: lags that it is summed over
 ARRAYS = ("values", "weights", "log_probability", "acceptance", "statistics")
 
 
@@ -88,8 +88,7 @@ class Samples:
         """
         if self.weighted:
             return np.full(len(self.free), 1.0 / np.sum(self.weights**2))
-        times = [autocorrelation_time(self.values[..., k]) for k in range(len(self.free))]
-        return np.clip(self.weights.size / np.array(times), 1.0, self.weights.size)
+        return np.clip(self.weights.size / autocorrelation_time(self.values), 1.0, self.weights.size)
 
     def drawn(self, count: int, rng: np.random.Generator) -> Float[np.ndarray, "draw free"]:
         """`count` of the draws, with replacement, each as likely as its weight says."""
@@ -125,27 +124,3 @@ def weighted_quantile(values: Float[np.ndarray, " draw"], weights: Float[np.ndar
     each = weights[order]
     middles = (np.cumsum(each) - 0.5 * each) / each.sum()
     return float(np.interp(share, middles, values[order]))
-
-
-def autocorrelation_time(chains: Float[np.ndarray, "chain draw"]) -> float:
-    """τ of chains of one parameter: so many of their draws tell as much of the mean as an independent one.
-
-    τ = 1 + 2 Σ_t ρ_t up to the first lag above `WINDOW` τ (Sokal), with autocorrelations that count as persistent what
-    chains differ by (Vehtari et al. 2021, doi:10.1214/20-BA1221, equation 10):
-
-        ρ_t = 1 − (W − A_t) / V,    W, V variances within chains and of all, A_t mean autocovariance of a chain.
-
-    Autocorrelations of single chains about their own means give a τ that is too short where chains are. Of chains that
-    all stand at one point it is the number of draws.
-    """
-    count, draws = chains.shape
-    centred = chains - chains.mean(axis=1, keepdims=True)
-    power = np.abs(np.fft.rfft(centred, 2 * draws, axis=1)) ** 2
-    covariance = np.fft.irfft(power.mean(axis=0), 2 * draws)[:draws] / draws
-    within = covariance[0] * draws / max(draws - 1, 1)
-    whole = covariance[0] + (np.var(chains.mean(axis=1), ddof=1) if count > 1 else 0.0)
-    if not whole > 0:
-        return float(chains.size)
-    times = 2 * np.cumsum(1 - (within - covariance) / whole) - 1
-    long_enough = np.flatnonzero(np.arange(draws) >= WINDOW * times)
-    return float(times[long_enough[0] if long_enough.size else -1])
