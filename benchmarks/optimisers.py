@@ -15,15 +15,16 @@ same unbounded coordinates z (`infer.space`), with the same model, time step and
   colony is chaotic, the mean of 64 with fixed keys jumps, and on that scale differences show nothing but the jumps;
 - CMA-ES (package cma), step 0.5 in z, populations as it chooses.
 
-`yeastfit.fit` runs by default settings from each of these starts, too, but without refinement, which changes the model
-and which the others would need as well. All are stopped, or counted, when they arrive: that is more than a user would
-know. Beside it stands the whole of a fit as a user makes it, "all starts": from the first screened colony, three starts
-included, until it arrives and until it stops by itself. Each seed has keys of its own. A run that has not arrived after
-the budget, or stops elsewhere, did not, and counts as infinitely long in the median. To keep the time down, an
-alternative is given up at 1.5 times the colonies that the best one before it needed in the median.
+`yeastfit.fit` runs by default settings, but without refinement, which changes the model and which the others would need
+as well. All are stopped, or counted, when they arrive: that is more than a user would know. A single run may end in the
+valley where only the product of mobility and metabolic rate matters, so what is compared is three starts side by side,
+until one of them arrives: for an alternative three times its shortest run, for `yeastfit.fit` all that it grows, from
+its first screened colony on, until it arrives, and until it stops by itself. What `yeastfit.fit` does from one start
+alone stands beside, too. Each seed has keys of its own. A run that has not arrived after the budget, or stops
+elsewhere, did not, and counts as infinitely long in the median. To keep the time down, a run of an alternative is given
+up at 1.5 times the colonies that the best alternative before it needed in the median.
 
-Targets: from the same starts, the best alternative needs at least 3 times the colonies of `yeastfit.fit`, medians over
-starts and seeds.
+Targets: the best alternative needs at least 3 times the colonies of `yeastfit.fit`, medians over seeds.
 
     python -m benchmarks.optimisers [--quick] [--json FILE] [--docs DIR]
 
@@ -52,7 +53,7 @@ from yeastfit.infer.space import ALONE, Vector
 
 DEMO = Path(__file__).parents[1] / "data" / "synthetic" / "demo"
 HOPELESS = 1.5  # times the best median so far
-OURS, WHOLE, FEWER = "yeastfit.fit", "yeastfit.fit, all starts", 3.0
+OURS, WHOLE, FEWER = "yeastfit.fit, one start", "yeastfit.fit", 3.0
 
 
 @dataclass(frozen=True)
@@ -141,9 +142,18 @@ def estimates(found: Fit) -> list[tuple[int, Vector]]:
     return [*said, (found.simulations, found.theta)]
 
 
-def median(runs: Sequence[Mapping[str, Any]], what: str = "colonies") -> float:
-    """Of those that arrived, with the others beyond all of them."""
-    return float(np.median([run[what] if run["arrived"] else np.inf for run in runs]))
+def median(runs: Sequence[Mapping[str, Any]]) -> float:
+    """Colonies of those that arrived, with the others beyond all of them."""
+    return float(np.median([run["colonies"] if run["arrived"] else np.inf for run in runs]))
+
+
+def side_by_side(runs: Sequence[Mapping[str, Any]], what: str = "colonies") -> float:
+    """All starts of a seed, in step, until one of them arrives; the median over seeds."""
+    spent = []
+    for seed in dict.fromkeys(run["seed"] for run in runs):
+        starts = [run for run in runs if run["seed"] == seed]
+        spent.append(len(starts) * min((run[what] for run in starts if run["arrived"]), default=np.inf))
+    return float(np.median(spent))
 
 
 def all_runs(report: Report, contest: Contest, size: Size) -> dict[str, list[dict[str, Any]]]:
@@ -177,12 +187,9 @@ def verdicts(report: Report, runs: Mapping[str, list[dict[str, Any]]], contest: 
     for name, done in runs.items():
         came = [run["colonies"] for run in done if run["arrived"]]
         ends = [run["ended"] for run in done if not run["arrived"]]
-        report.add(
-            f"{name}: colonies until there",
-            median(done),
-            "",
-            note=f"{len(came)} of {len(done)} arrived" + (f"; {', '.join(dict.fromkeys(ends))}" if ends else ""),
-        )
+        note = f"{len(came)} of {len(done)} runs arrived" + (f"; {', '.join(dict.fromkeys(ends))}" if ends else "")
+        report.add(f"{name}: colonies until there", side_by_side(done), "", note=note)
+        report.add(f"{name}: seconds until there", side_by_side(done, "seconds"), "s")
         rows += [
             {
                 "method": name,
@@ -195,26 +202,22 @@ def verdicts(report: Report, runs: Mapping[str, list[dict[str, Any]]], contest: 
             }
             for run in done
         ]
-    for name, done in runs.items():
-        report.add(f"{name}: seconds until there", median(done, "seconds"), "s")
-    for name in (OURS, WHOLE):
-        whole = [run["whole"] for run in runs[name]]
-        rises = ", ".join(f"{one['rise']:.2f}" for one in whole)
-        note = f"χ² there above the least: {rises}"
-        report.add(f"{name}: colonies until it stopped", np.median([one["colonies"] for one in whole]), "", note=note)
-        report.add(f"{name}: seconds until it stopped", np.median([one["seconds"] for one in whole]), "s")
-    best = min(ALTERNATIVES, key=lambda name: median(runs[name]))
-    ratio, target = median(runs[best]) / median(runs[OURS]), None if report.quick else FEWER
-    report.add("colonies, best alternative / ours", ratio, "×", target, note=f"{best}, the same starts")
-    seconds = median(runs[best], "seconds") / median(runs[OURS], "seconds")
-    report.add("seconds, best alternative / ours", seconds, "×", note=f"{best}, the same starts")
-    ratio = median(runs[best]) / median(runs[WHOLE])
-    report.add("colonies, best alternative / ours with all starts", ratio, "×", note="its one start given for nothing")
+    whole = [run["whole"] for run in runs[WHOLE]]
+    rises = ", ".join(f"{one['rise']:.2f}" for one in whole)
+    stopped = float(np.median([one["colonies"] for one in whole]))
+    report.add(f"{WHOLE}: colonies until it stopped", stopped, "", note=f"χ² there above the least: {rises}")
+    report.add(f"{WHOLE}: seconds until it stopped", np.median([one["seconds"] for one in whole]), "s")
+    best = min(ALTERNATIVES, key=lambda name: side_by_side(runs[name]))
+    target = None if report.quick else FEWER
+    ratio = side_by_side(runs[best]) / side_by_side(runs[WHOLE])
+    report.add("colonies, best alternative / ours", ratio, "×", target, note=best)
+    seconds = side_by_side(runs[best], "seconds") / side_by_side(runs[WHOLE], "seconds")
+    report.add("seconds, best alternative / ours", seconds, "×", note=best)
     report.add(
-        "colonies, best alternative from all starts / ours with all starts",
-        sum(run["colonies"] for run in runs[best]) / len(runs[WHOLE]) / median(runs[WHOLE]),
+        "colonies, best alternative / ours until it stopped",
+        side_by_side(runs[best]) / stopped,
         "×",
-        note="as if the alternative knew when to stop, and was given the starts",
+        note="as if the alternative knew when to stop",
     )
     report.table("runs", rows)
 
@@ -264,8 +267,9 @@ Written by `python -m benchmarks.optimisers --docs docs` on {date.today()}. {abo
 
 Simulated colonies, and seconds without compilation, until the exact χ² of the best point found is within {MARGIN:g} of
 its least. The alternatives minimise the χ² of a mean of {size.members} colonies with fixed keys from the starts that
-`yeastfit.fit` chose, as `yeastfit.fit` itself does, and all are stopped where they arrive; "all starts" is a whole fit,
-which looks for its three starts and pays for all of them. `python -m benchmarks.optimisers --help` has the rules.
+`yeastfit.fit` chose, and are stopped where they arrive. Figures are of all starts of a seed side by side until one
+arrives, medians over seeds; `yeastfit.fit` pays for looking for its starts, too. The table has every run. `python -m
+benchmarks.optimisers --help` has the rules.
 
 ![Colonies of every run](optimisers.png)
 """

@@ -231,3 +231,17 @@ def test_a_run_that_did_not_arrive_took_longer_than_all_others() -> None:
     runs = [{"colonies": count, "arrived": count < 900} for count in (300, 500, 400, 900, 900)]
     assert optimisers.median(runs) == 500
     assert optimisers.median([*runs, *runs[-1:]]) == math.inf
+
+
+def test_starts_side_by_side_are_paid_for_until_the_first_arrives() -> None:
+    """Of three seeds: 2 × 300, 2 × 500, and one that no start brings there."""
+    spent = {1: ((300, True), (900, False)), 2: ((700, True), (500, True)), 3: ((900, False), (900, False))}
+    runs = [
+        {"seed": seed, "colonies": colonies, "seconds": colonies / 20, "arrived": arrived}
+        for seed, starts in spent.items()
+        for colonies, arrived in starts
+    ]
+    assert optimisers.side_by_side(runs) == 1000
+    assert optimisers.side_by_side(runs, "seconds") == 50
+    assert optimisers.side_by_side(runs[:2]) == 600
+    assert optimisers.side_by_side(runs[4:]) == math.inf
