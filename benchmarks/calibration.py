@@ -37,7 +37,7 @@ import json
 import os
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import asdict, dataclass, field, replace
 from datetime import date
@@ -47,11 +47,9 @@ from typing import Any
 
 import jax
 import numpy as np
-from jaxtyping import Float, Int
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from scipy.stats import binom, binomtest
+from jaxtyping import Float
 
+from benchmarks.ranks import QUANTITIES, Record, picture, verdicts
 from benchmarks.recovery import BOX, SEED, STATISTICS
 from benchmarks.report import Report, command, machine
 from yeastfit.errors import InputError
@@ -70,12 +68,8 @@ from yeastfit.infer.targets import Targets
 from yeastfit.infer_command import distance_of
 
 PRIOR = Prior.of({name: {"law": "log-uniform", "low": low, "high": high} for name, (low, high) in BOX.items()})
-QUANTITIES = (*BOX, "log-likelihood")
-LEVELS = {0.5: (45.0, 55.0), 0.9: (86.0, 94.0)}  # of intervals: %, of truths inside
-LEAST_P, TRIALS = 0.01, 2000  # of uniform ranks, simulated to tell p
 MODEL = FitSettings(dt=0.025, spacing=0.4)
 EXTENT, PIXEL = 5.0, 0.25  # L0
-Record = dict[str, Any]
 
 
 @dataclass(frozen=True)
@@ -264,155 +258,6 @@ def placed(
     return {name: dict(zip(QUANTITIES, one.tolist(), strict=True)) for name, one in (("rank", rank), ("share", share))}
 
 
-@dataclass(frozen=True)
-class Uniform:
-    """Ranks of `count` data sets among L draws, as they are where posteriors are right.
-
-    at: k / (L + 1) for k = 1..L, where the ECDF, the share of ranks below k, is compared. table: probability of so few
-    or so many below k, both sides together. tails: the smallest one over k, of sets of uniform ranks.
-    """
-
-    count: int
-    at: Float[np.ndarray, " draw"]
-    table: Float[np.ndarray, "number draw"]
-    tails: Float[np.ndarray, " trial"]
-
-    @staticmethod
-    def of(count: int, draws: int) -> "Uniform":
-        """By simulation, always the same one."""
-        at, number = np.arange(1, draws + 1) / (draws + 1), np.arange(count + 1)[:, None]
-        table = 2 * np.minimum(binom.cdf(number, count, at), binom.sf(number - 1, count, at))
-        trials = np.random.default_rng(SEED).integers(draws + 1, size=(TRIALS, count))
-        return Uniform(count, at, table, np.array([_tail(table, one) for one in trials]))
-
-    def p_value(self, ranks: Int[np.ndarray, " count"]) -> float:
-        """Probability of ranks as little uniform as these."""
-        return float((1 + np.sum(self.tails <= _tail(self.table, ranks))) / (1 + TRIALS))
-
-    def band(self) -> Float[np.ndarray, "2 draw"]:
-        """Of the ECDF less its diagonal; all of it lies inside with 95 %."""
-        tail = 0.5 * np.quantile(self.tails, 0.05)
-        return binom.ppf([[tail], [1 - tail]], self.count, self.at) / self.count - self.at
-
-
-def below(ranks: Int[np.ndarray, " count"], draws: int) -> Int[np.ndarray, " draw"]:
-    """How many ranks are below k, for k = 1..L."""
-    return np.cumsum(np.bincount(ranks, minlength=draws + 1))[:-1]
-
-
-def _tail(table: Float[np.ndarray, "number draw"], ranks: Int[np.ndarray, " count"]) -> float:
-    draws = table.shape[1]
-    return float(table[below(ranks, draws), np.arange(draws)].min())
-
-
-def column(records: Sequence[Record], key: str, name: str) -> np.ndarray:
-    """A rank or share of all data sets."""
-    return np.array([record[key][name] for record in records])
-
-
-def coverage(records: Sequence[Record], level: float) -> tuple[float, float, float]:
-    """%, of all parameters' truths inside, and its interval from the scatter of data sets."""
-    inside = np.mean([_inside(column(records, "share", name), level) for name in BOX], axis=0)
-    error = 1.96 * inside.std(ddof=1) / np.sqrt(len(inside)) if len(inside) > 1 else np.nan
-    middle = inside.mean()
-    return 100 * middle, 100 * max(0.0, middle - error), 100 * min(1.0, middle + error)
-
-
-def _inside(shares: np.ndarray, level: float) -> np.ndarray:
-    return np.abs(shares - 0.5) <= 0.5 * level
-
-
-def verdicts(report: Report, part: Part, records: Sequence[Record]) -> None:
-    """Figures and tables of one method."""
-    whole = [record for record in records if record["status"] == "done"]
-    none = None if report.quick else 0.0
-    failed = "; ".join(record["status"] for record in records if record["status"] != "done")
-    report.add(f"{part.method}: posteriors that failed", len(records) - len(whole), "", none, False, failed)
-    if not whole:
-        return
-    for level, (low, high) in LEVELS.items():
-        _judged(report, part, coverage(whole, level), f"{part.method}: inside {100 * level:g} % intervals", low, high)
-    uniform = Uniform.of(len(whole), part.draws)
-    p = {name: uniform.p_value(column(whole, "rank", name)) for name in QUANTITIES}
-    target = LEAST_P if part.emulator and not report.quick else None
-    note = f"of {len(p)} quantities, times their number"
-    report.add(f"{part.method}: least p of uniform ranks", min(1.0, len(p) * min(p.values())), "", target, note=note)
-    rows = [_row(name, column(whole, "share", name), p[name]) for name in QUANTITIES]
-    report.table(f"{part.method}, {len(whole)} data sets: truths inside intervals, %", rows)
-    for key, (what, unit) in MEDIANS.items():
-        if (values := np.array([record[key] for record in whole if record[key] is not None], dtype=float)).size:
-            note = f"{values.min():.4g} to {values.max():.4g}"
-            report.add(f"{part.method}: {what}, median", float(np.median(values)), unit, note=note)
-    warned = sum(bool(record["warnings"]) for record in whole)
-    report.add(f"{part.method}: posteriors with warnings", 100 * warned / len(whole), "%")
-
-
-MEDIANS = {
-    "effective": ("independent draws", ""),
-    "rounds": ("rounds or populations", ""),
-    "simulations": ("simulated data sets", ""),
-    "fresh": ("simulated data sets not shared", ""),
-    "tolerance": ("tolerance, a Mahalanobis distance", ""),
-    "seconds": ("a posterior in one process", "s"),
-}
-
-
-def _judged(report: Report, part: Part, found: tuple[float, float, float], what: str, low: float, high: float) -> None:
-    """Against its targets: what was found with the emulator, the ends of its interval with ABC."""
-    middle, least, most = found
-    note = f"95 % interval {least:.0f} to {most:.0f} %, over all parameters"
-    if report.quick:
-        report.add(what, middle, "%", note=note)
-    elif part.emulator:
-        report.add(what, middle, "%", low, note=note)
-        report.add(f"{what}, at most", middle, "%", high, at_least=False)
-    else:
-        report.add(what, middle, "%", note=note)
-        report.add(f"{what}, upper end", most, "%", low)
-        report.add(f"{what}, lower end", least, "%", high, at_least=False)
-
-
-def _row(name: str, shares: np.ndarray, p: float) -> dict[str, Any]:
-    row: dict[str, Any] = {"quantity": name.replace("_", " ")}
-    for level in LEVELS:
-        inside = int(_inside(shares, level).sum())
-        ends = binomtest(inside, len(shares)).proportion_ci(method="wilson")
-        row[f"{100 * level:g} %"] = 100 * inside / len(shares)
-        row["interval" + " " * len(row)] = f"{100 * ends.low:.0f} to {100 * ends.high:.0f}"
-    return row | {"mean share below": float(shares.mean()), "p": p}
-
-
-def picture(study: Study, records: Sequence[Sequence[Record]], path: Path) -> None:
-    """Histograms of ranks, and below them their ECDF less its diagonal, each with its band."""
-    shown = [
-        (part, [one for one in each if one["status"] == "done"])
-        for part, each in zip(study.parts, records, strict=True)
-    ]
-    figure = Figure(figsize=(14, 5 * len(shown)), layout="constrained")
-    panels = figure.subplots(2 * len(shown), len(QUANTITIES), squeeze=False)
-    for k, (part, whole) in enumerate(shown):
-        uniform = Uniform.of(len(whole), part.draws)
-        for n, name in enumerate(QUANTITIES):
-            ranks = column(whole, "rank", name)
-            _histogram(panels[2 * k, n], part, ranks)
-            panels[2 * k, n].set(title=f"{part.method}: {name.replace('_', ' ')}", xlabel="rank of the truth")
-            low, high = uniform.band()
-            panel = panels[2 * k + 1, n]
-            panel.fill_between(uniform.at, low, high, color="#c9a57b", alpha=0.4, lw=0, label="95 %, all of it")
-            panel.step(uniform.at, below(ranks, part.draws) / len(ranks) - uniform.at, color="#7a5230", lw=1.2)
-            panel.axhline(0.0, color="black", lw=0.8)
-            panel.set(xlabel="rank / (L + 1)", ylabel="ECDF − diagonal")
-        panels[2 * k + 1, 0].legend(fontsize=8)
-    figure.savefig(path, dpi=70)
-
-
-def _histogram(panel: Axes, part: Part, ranks: np.ndarray) -> None:
-    low, high = binom.ppf([0.025, 0.975], len(ranks), 1 / part.bins)
-    panel.hist(ranks, bins=np.linspace(-0.5, part.draws + 0.5, part.bins + 1).tolist(), color="#c9a57b")
-    panel.axhspan(low, high, color="black", alpha=0.12, lw=0)
-    panel.axhline(len(ranks) / part.bins, color="black", lw=0.8)
-
-
 def markdown(report: Report, study: Study) -> str:
     """The page."""
     about = "; ".join(f"{key} {value}" for key, value in machine().items())
@@ -490,7 +335,7 @@ def calibrate(report: Report, study: Study, jobs: int) -> None:
     report.details["data sets"] = records
     if report.docs is not None:
         report.docs.mkdir(parents=True, exist_ok=True)
-        picture(study, records, report.docs / "calibration.png")
+        picture(study.parts, records, report.docs / "calibration.png")
         (report.docs / "calibration.md").write_text(markdown(report, study))
 
 

@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from benchmarks import calibration
-from benchmarks.calibration import BOX, FULL, QUANTITIES, QUICK, Part, Record, Study, Uniform
+from benchmarks import calibration, ranks
+from benchmarks.calibration import BOX, FULL, QUICK, Part, Study
+from benchmarks.ranks import QUANTITIES, Record, Uniform
 from benchmarks.report import Report
 from yeastfit import InputError
 from yeastfit.infer.abc_smc import SmcSettings
@@ -52,7 +53,7 @@ def records(part: Part, *, width: float = 1.0, moved: float = 0.5, seed: int = 0
 def judged(part: Part, each: list[Record]) -> tuple[dict[str, float], set[str]]:
     """Figures by name, without the method's, and those that missed their targets."""
     report = Report("calibration")
-    calibration.verdicts(report, part, each)
+    ranks.verdicts(report, part, each)
     report.print()
     names = {figure.name: figure.name.removeprefix(f"{part.method}: ") for figure in report.figures}
     missed = {names[figure.name] for figure in report.figures if figure.met is False}
@@ -77,8 +78,8 @@ def test_a_posterior_that_is_too_narrow_has_ranks_at_the_ends_and_is_missed() ->
     values, missed = judged(EMULATED, each)
     assert missed == {"inside 50 % intervals", "inside 90 % intervals", "least p of uniform ranks"}
     assert values["inside 90 % intervals"] == pytest.approx(67.6, abs=5)  # 2 Φ(0.6 · 1.645) − 1
-    ranks = calibration.column(each, "rank", "mobility")
-    ends, middle = ((ranks < 10) | (ranks >= 90)).sum(), ((ranks >= 40) & (ranks < 60)).sum()
+    found = ranks.column(each, "rank", "mobility")
+    ends, middle = ((found < 10) | (found >= 90)).sum(), ((found >= 40) & (found < 60)).sum()
     assert ends > 2 * middle
 
 
@@ -93,7 +94,7 @@ def test_a_posterior_that_ignores_the_data_covers_all_and_is_missed_by_the_log_l
     _, missed = judged(EMULATED, each)
     assert missed == {"least p of uniform ranks"}
     uniform = Uniform.of(200, 99)
-    p = {name: uniform.p_value(calibration.column(each, "rank", name)) for name in QUANTITIES}
+    p = {name: uniform.p_value(ranks.column(each, "rank", name)) for name in QUANTITIES}
     assert p["log-likelihood"] < 0.001
     assert min(p[name] for name in BOX) > 0.01
 
