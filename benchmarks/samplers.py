@@ -11,8 +11,8 @@ each round, population or further steps of the chains; a method is there when it
 
 **Methods**, each with three seeds:
 
-- emulator: `emulated` by default, rounds of 512 colonies until it has settled. Each point is a run of its own that was
-  allowed so many; seconds include its training, and where networks of a size are met first, compiling them;
+- emulator: `emulated` by default, rounds of 512 colonies until it has settled, 4 at most. Each point is a run of its
+  own that was allowed so many; seconds include training, and where networks of a size are met first, compiling them;
 - ABC-SMC, yeastfit: populations of 500, by default, but down to an ε that is given; adjusted by regression;
 - ABC-SMC, pyABC: populations as large, ε falling by medians, too, to the same ε; by its defaults else (`rivals`);
 - the same, adjusted: with yeastfit's adjustment, which costs no colonies and which pyABC does not have;
@@ -98,7 +98,7 @@ class Size:
     scatter: int = 500
     block: int = 32
     seeds: tuple[int, ...] = (1, 2, 3)
-    emulator: EmulatedSettings = field(default_factory=EmulatedSettings)
+    emulator: EmulatedSettings = field(default_factory=lambda: EmulatedSettings(most=2048))
 
 
 QUICK = Size(
@@ -287,7 +287,7 @@ def verdicts(report: Report, runs: Mapping[str, list[Trace]], size: Size) -> Non
         there = [arrival(trace) for trace in traces]
         late = ", ".join(f"{trace[-1]['colonies']}" for trace, one in zip(traces, there, strict=True) if one is None)
         note = f"{sum(one is not None for one in there)} of {len(there)} arrived" + (late and f"; not within {late}")
-        note = "; ".join([note, *(one[-1]["said"] for one in traces if "said" in one[-1])])
+        note = "; ".join([note, *dict.fromkeys(one[-1]["said"] for one in traces if "said" in one[-1])])
         report.add(f"{name}: colonies until there", median(traces), "", note=note)
     for name, traces in runs.items():
         report.add(f"{name}: seconds until there", median(traces, "seconds"), "s")

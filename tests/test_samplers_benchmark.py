@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -189,3 +190,34 @@ def test_the_share_is_of_medians_and_what_did_not_arrive_makes_it_a_bound() -> N
     assert "1 of 3 did not arrive" in bound.note
     assert plain.value == pytest.approx(512 / 8000)
     assert (math.isnan(none.value), none.met) == (True, False)
+
+
+def test_verdicts_count_failures_and_compare_abc_at_one_tolerance(tmp_path: Path) -> None:
+    late = [{**point, "epsilon": 2.0} for point in trace_of((3000, 0.6))]
+    gone: samplers.Trace = [{"colonies": 800, "seconds": math.nan, "error": math.inf, "said": "none came that close"}]
+    runs = {
+        samplers.EMULATOR: [trace_of((512, 0.2))] * 2,
+        samplers.SMC: [trace_of((8000, 0.2)), trace_of((6000, 0.2))],
+        samplers.RIVAL: [trace_of((9000, 0.6)), late],
+        samplers.RIVAL_ADJUSTED: [trace_of((9000, 0.2)), late],
+        samplers.MCMC: [gone, gone],
+    }
+    report, size = Report("samplers", quick=True), samplers.Size(seeds=(1, 2), epsilon=1.1)
+    samplers.verdicts(report, runs, size)
+    found = {figure.name: figure for figure in report.figures}
+    assert found["emulator: colonies until there"].value == 512
+    assert found["ABC-SMC, pyABC: colonies until there"].value == math.inf
+    assert found["ABC-SMC, pyABC: colonies until there"].note == "0 of 2 arrived; not within 9000, 3000"
+    assert (
+        found["ABC-MCMC, yeastfit: colonies until there"].note
+        == "0 of 2 arrived; not within 800, 800; none came that close"
+    )
+    assert found["ABC-SMC, yeastfit: colonies to ε = 1.1"].value == 7000
+    assert found["ABC-SMC, pyABC: colonies to ε = 1.1"].value == 9000
+    assert found["ABC-SMC, pyABC: colonies to ε = 1.1"].note == "1 of 2 reached it"
+    assert found["colonies, emulator / ABC-SMC, pyABC"].value == pytest.approx(512 / 6000)
+    assert found["colonies, emulator / ABC-SMC, pyABC"].target is None
+    report.print()
+    samplers.picture(runs, tmp_path / "samplers.png")
+    assert (tmp_path / "samplers.png").stat().st_size > 10_000
+    assert "not within 9000, 3000" in samplers.markdown(report, size)
