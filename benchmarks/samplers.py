@@ -331,8 +331,9 @@ def ratios(report: Report, runs: Mapping[str, list[Trace]], what: str, other: st
     late = sum(arrival(trace) is None for trace in runs[other])
     share = median(runs[EMULATOR], what) / float(np.median([one[what] for one in spent]))
     note = f"at most: {late} of {len(spent)} did not arrive, all they spent is taken" if late else ""
-    value = share if np.isfinite(share) else np.nan
-    report.add(f"{what}, {EMULATOR} / {other}", value, "", target, at_least=False, note=note)
+    if not np.isfinite(share):
+        share, note = np.nan, "the emulator did not arrive"
+    report.add(f"{what}, {EMULATOR} / {other}", share, "", target, at_least=False, note=note)
 
 
 def checked(report: Report, race: Race) -> None:

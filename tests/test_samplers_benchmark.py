@@ -189,7 +189,7 @@ def test_the_share_is_of_medians_and_what_did_not_arrive_makes_it_a_bound() -> N
     assert bound.met
     assert "1 of 3 did not arrive" in bound.note
     assert plain.value == pytest.approx(512 / 8000)
-    assert (math.isnan(none.value), none.met) == (True, False)
+    assert (math.isnan(none.value), none.met, none.note) == (True, False, "the emulator did not arrive")
 
 
 def test_verdicts_count_failures_and_compare_abc_at_one_tolerance(tmp_path: Path) -> None:
