@@ -160,7 +160,9 @@ class Information:
         for k in np.flatnonzero(self.blind & ~unseen):
             said.append(blind_sentence(self.free, self.directions[k], float(self.direction_errors[k])))
         if said:
-            said.append(f"no standard error of {', '.join(self.undetermined)}")
+            others = "; those of the others hold where this point lies along what is not seen"
+            all_of_them = len(self.undetermined) == len(self.free)
+            said.append(f"no standard error of {', '.join(self.undetermined)}{'' if all_of_them else others}")
         if self.best_fixed:
             errors = self.without(self.best_fixed).standard_errors
             known = ", ".join(f"{one} {percent(error)}" for one, error in errors.items())
