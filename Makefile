@@ -22,7 +22,7 @@ types: $(VENV)/.installed-test
 data: $(VENV)/.installed
 	$(BIN)/yeastfit synthesize --recipe data/synthetic/recipes.toml --out data/synthetic
 
-# the notebooks in full size, outputs and all, about 7 minutes on two cores
+# the notebooks in full size, outputs and all, about 32 minutes on two cores
 notebooks: $(VENV)/.installed-test
 	JUPYTER_PREFER_ENV_PATH=1 $(BIN)/jupyter-execute --inplace --kernel_name=python3 --timeout=-1 notebooks/*.ipynb
 

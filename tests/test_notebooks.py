@@ -26,10 +26,12 @@ FIGURES = {  # statements about each in the last table of source_figures.ipynb
     "chapter 4": 1,
 }
 FULL_SIZE = {  # what the first cell says
+    "fitting.ipynb": "full size: 10 colonies to 14 h",
     "gradients.ipynb": "full size: 64 colonies to t = 7.5",
+    "posterior.ipynb": "full size: 10 colonies to 14 h, 4096 simulations",
     "source_figures.ipynb": "full size: 6 members, to 35.0 h",
 }
-SLOW = ("gradients.ipynb",)  # minutes, of compiling mostly
+SLOW = ("fitting.ipynb", "gradients.ipynb", "posterior.ipynb")  # minutes, of compiling mostly
 VERDICTS = {
     *("agrees", "disagrees", "not resolved"),
     *("could be finished here", "could not be finished", "faster here", "not faster here"),
