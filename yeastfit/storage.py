@@ -5,6 +5,7 @@ import hashlib
 import json
 import os
 import platform
+import re
 import sys
 import tempfile
 from collections.abc import Iterator, Sequence
@@ -22,6 +23,19 @@ PACKAGES = ("yeastfit", "jax", "equinox", "optimistix", "numpy", "scipy", "sciki
 def versions() -> dict[str, str]:
     """Versions of Python and of the packages a result depends on."""
     return {"python": platform.python_version(), **{name: version(name) for name in PACKAGES}}
+
+
+@contextmanager
+def full_disks_told() -> Iterator[None]:
+    """The system's errors as `OSError`, where HDF5 makes a RuntimeError of them as a file was just being closed."""
+    try:
+        yield
+    except RuntimeError as error:
+        found = re.search(r"filename = '(.*?)'.*errno = (\d+)", str(error), re.DOTALL)
+        if not found:
+            raise
+        number = int(found[2])
+        raise OSError(number, os.strerror(number), found[1]) from error
 
 
 @contextmanager

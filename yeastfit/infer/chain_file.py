@@ -17,6 +17,7 @@ from emcee import State
 from emcee.backends import HDFBackend
 
 from yeastfit.errors import InputError
+from yeastfit.storage import full_disks_told
 
 GROUP = "mcmc"
 STEP = np.dtype([("simulations", "<i8"), ("check", "<u4")])
@@ -35,6 +36,7 @@ class ChainFile(HDFBackend):
         self.path, self.head, self.count = Path(path), json.loads(as_json(head)), count
         self.notes = list[str]()
 
+    @full_disks_told()
     def reset(self, nwalkers: int, ndim: int) -> None:
         """Empties it."""
         super().reset(nwalkers, ndim)
@@ -42,12 +44,14 @@ class ChainFile(HDFBackend):
             file[GROUP].create_dataset("steps", (0,), maxshape=(None,), dtype=STEP)
             file[GROUP].attrs["head"] = json.dumps(self.head)
 
+    @full_disks_told()
     def grow(self, ngrow: int, blobs: np.ndarray | None) -> None:
         """Makes room for further steps."""
         super().grow(ngrow, blobs)
         with self.open("a") as file:
             file[GROUP]["steps"].resize(len(file[GROUP]["chain"]), axis=0)
 
+    @full_disks_told()
     def save_step(self, state: State, accepted: np.ndarray) -> None:
         """Adds a step, as emcee's backend does, but opens the file only once."""
         rows = {"chain": state.coords, "log_prob": state.log_prob, "blobs": state.blobs}
@@ -71,6 +75,7 @@ class ChainFile(HDFBackend):
                 raise InputError(f"{self.path} exists and is no file of chains, give another path")
         try:
             steps, done = self._whole()
+            _ = self.random_state  # emcee will read it
         except InputError:
             raise
         except (OSError, KeyError, RuntimeError, ValueError) as error:

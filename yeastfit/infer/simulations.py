@@ -26,7 +26,7 @@ from jaxtyping import Bool, Float, Int
 
 from yeastfit.errors import InputError
 from yeastfit.infer.simulator import Simulator
-from yeastfit.storage import written_whole
+from yeastfit.storage import full_disks_told, written_whole
 
 DATASET = "simulations"
 ROOM = 1024  # rows of a new file
@@ -57,6 +57,7 @@ class Store:
         else:
             self._write_whole()
 
+    @full_disks_told()
     def append(self, values: Values, seeds: Seeds, statistics: Statistics) -> None:
         """Rows, of which those that are there already are left out; on disk when this returns."""
         new = np.zeros(len(seeds), self._type)
@@ -92,6 +93,7 @@ class Store:
     def __len__(self) -> int:
         return self._count
 
+    @full_disks_told()
     def close(self) -> None:
         """Lets others have the file."""
         if self._file is not None:
