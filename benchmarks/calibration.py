@@ -49,6 +49,7 @@ import jax
 import numpy as np
 from jaxtyping import Float
 
+from benchmarks.lines import append_line, read_lines
 from benchmarks.ranks import QUANTITIES, Record, picture, verdicts
 from benchmarks.recovery import BOX, SEED, STATISTICS
 from benchmarks.report import Report, command, machine
@@ -172,29 +173,16 @@ class Study:
         return json.loads(json.dumps(what))
 
     def done(self, k: int, group: int) -> list[Record]:
-        """Records of a group. A last line that a kill cut short is taken away.
-
-        Raises `InputError` where a record was made with something else.
-        """
+        """Records of a group. Raises `InputError` where one was made with something else."""
         lines = self.file(k, group, "jsonl")
-        if not lines.is_file():
-            return []
-        text = lines.read_text()
-        whole = text[: text.rfind("\n") + 1]
-        if whole != text:
-            lines.write_text(whole)
-        records = [json.loads(line) for line in whole.splitlines()]
+        records = read_lines(lines)
         if any(record["asked"] != self.asked(k) for record in records):
             raise InputError(f"--work: {lines} holds data sets of other settings; name another folder")
         return records
 
     def keep(self, k: int, group: int, record: Record) -> None:
-        """Append a record, on disk before anything else is begun."""
-        self.work.mkdir(parents=True, exist_ok=True)
-        with self.file(k, group, "jsonl").open("a") as file:
-            file.write(json.dumps(record) + "\n")
-            file.flush()
-            os.fsync(file.fileno())
+        """Append a record."""
+        append_line(self.file(k, group, "jsonl"), record)
 
 
 def grow(study: Study, k: int, group: int) -> None:

@@ -36,6 +36,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullLocator
 from scipy.stats import binomtest
 
+from benchmarks.lines import append_line, read_lines
 from benchmarks.report import Report, command, machine
 from yeastfit.errors import InputError
 from yeastfit.fit_command import measurements
@@ -91,17 +92,8 @@ class Study:
         return json.loads(json.dumps(what))
 
     def done(self) -> dict[int, Record]:
-        """Records by the number of their truth. A last line that a kill cut short is taken away.
-
-        Raises `InputError` where a record was made of something else.
-        """
-        if not self.lines.is_file():
-            return {}
-        text = self.lines.read_text()
-        whole = text[: text.rfind("\n") + 1]
-        if whole != text:
-            self.lines.write_text(whole)
-        records = {record["truth"]: record for record in map(json.loads, whole.splitlines())}
+        """Records by the number of their truth. Raises `InputError` where one was made of something else."""
+        records = {record["truth"]: record for record in read_lines(self.lines)}
         for number, record in records.items():
             if number > len(self.recipes) or record["asked"] != self.asked(number):
                 raise InputError(
@@ -110,12 +102,8 @@ class Study:
         return records
 
     def keep(self, record: Record) -> None:
-        """Append a record, on disk before anything else is begun."""
-        self.work.mkdir(parents=True, exist_ok=True)
-        with self.lines.open("a") as file:
-            file.write(json.dumps(record) + "\n")
-            file.flush()
-            os.fsync(file.fileno())
+        """Append a record."""
+        append_line(self.lines, record)
 
 
 def recovered(study: Study, number: int, report: Report) -> Record:

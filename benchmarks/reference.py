@@ -15,7 +15,6 @@ simulated data sets, drawn evenly from the box of `NEAR` standard deviations, ad
 """
 
 from dataclasses import dataclass
-from itertools import combinations_with_replacement
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -27,6 +26,7 @@ from yeastfit.infer.predictive import Replicates
 from yeastfit.infer.priors import Prior
 from yeastfit.infer.simulator import Simulator, seed_of
 from yeastfit.infer.space import scattered
+from yeastfit.infer.surface import monomials
 
 WIDTH, NEAR = 4.5, 3.0  # standard deviations
 POINTS = 16_384  # that the posterior is summed over
@@ -211,9 +211,3 @@ def grown(problem: Problem, box: Box, count: int, seed: int) -> tuple[Box, Coord
     """Single colonies at points of a box."""
     x = box.points(count, seed)
     return box, x, problem.colonies(problem.prior.values(x), seed_of(seed, range(count)))
-
-
-def monomials(units: Coordinates, degree: int) -> Float[np.ndarray, "draw monomial"]:
-    """1, the variables and their products up to a degree."""
-    chosen = [one for d in range(degree + 1) for one in combinations_with_replacement(range(units.shape[1]), d)]
-    return np.stack([units[:, list(one)].prod(axis=1) for one in chosen], axis=1)

@@ -11,12 +11,13 @@ from jaxtyping import Float, Int
 from known_likelihoods import linear
 
 from benchmarks import samplers
-from benchmarks.reference import Box, Moments, Problem, Reference, monomials
+from benchmarks.reference import Box, Moments, Problem, Reference
 from benchmarks.report import Report
 from yeastfit.errors import InputError
 from yeastfit.infer.distances import WeightedCurves
 from yeastfit.infer.populations import Population
 from yeastfit.infer.priors import Prior
+from yeastfit.infer.surface import monomials
 
 TRUTH = np.array([1.3, 0.8])
 

@@ -27,7 +27,7 @@ from yeastfit.infer.fit import DEFAULT_FREE
 from yeastfit.infer.fit import fit as run_fit
 from yeastfit.infer.fitted import Fit
 from yeastfit.infer.priors import template
-from yeastfit.infer.settings import FitSettings
+from yeastfit.infer.settings import MEASUREMENT_ERROR, FitSettings
 from yeastfit.infer.space import check_free
 from yeastfit.infer.uncertainty import explore, profiles
 from yeastfit.measure.dataset import given, read_overrule
@@ -269,8 +269,9 @@ def fit(
     """
     for name in fit_command.RESULTS:
         (folder / name).unlink(missing_ok=True)
+    fit_command.check_conditions(source, condition or ())
     with _progress("measuring micrographs") as advance:
-        data = fit_command.measurements(source, folder, jobs or os.cpu_count() or 1, advance, condition or ())
+        data = fit_command.measurements(source, folder, jobs or os.cpu_count() or 1, advance)
     _warn(data.warnings)
     targets = data.targets(condition or (), design_command.names(statistics), Scales(length, rate))
     fit_command.write_targets(folder, targets)
@@ -280,8 +281,8 @@ def fit(
         "bounds": fit_command.named_numbers("--bounds", bounds or (), "the ends of a range"),
         "prior": fit_command.named_numbers("--prior", prior or (), "its centre and width"),
     }
-    error = {} if measurement_error is None else {"measurement_error": measurement_error}
-    settings = FitSettings(method=method, starts=starts, dt=dt, **error)  # type: ignore[arg-type]
+    error = MEASUREMENT_ERROR if measurement_error is None else measurement_error
+    settings = FitSettings(method=method, starts=starts, dt=dt, measurement_error=error)  # type: ignore[arg-type]
     single = next(iter(targets.values())) if len(targets) == 1 else targets
     with _stages() as stage:
         result = run_fit(

@@ -50,26 +50,20 @@ class Measurements:
     def targets(self, chosen: Sequence[str], statistics: Sequence[str], scales: Scales) -> dict[str, Targets]:
         """Of the chosen conditions, by name; of the only one where none is chosen."""
         there = conditions_of(self.rows)
-        check_chosen(chosen, there)
+        _check_chosen(chosen, there)
         return {
             name: targets_of(self.rows, self.folder, condition=name, statistics=statistics, scales=scales)
             for name in chosen or there
         }
 
 
-def measurements(
-    source: Path, folder: Path, jobs: int, progress: Callable[[int, int], None], chosen: Sequence[str] = ()
-) -> Measurements:
-    """Read measurements.csv, or the one in a folder; or measure a data set, with all that `yeastfit measure` leaves.
-
-    chosen: conditions; that they are there, and one is chosen where there are several, is seen to before measuring.
-    """
+def measurements(source: Path, folder: Path, jobs: int, progress: Callable[[int, int], None]) -> Measurements:
+    """Read measurements.csv, or the one in a folder; or measure a data set, with all that `yeastfit measure` leaves."""
     table = source / TABLE if source.is_dir() else source
     where = dataset_folder(source)
     if where is None and table.is_file():
         return Measurements(read_measurements(table), table.parent, [table], [])
     dataset = read_dataset(where or source)
-    check_chosen(chosen, dataset.conditions)
     tasks = dataset_tasks(dataset)
     refuse_mixed_folder(folder, tasks)
     clear_results(folder)
@@ -84,7 +78,13 @@ def measurements(
     return Measurements(rows, folder, inputs, failed + doubts)
 
 
-def check_chosen(chosen: Sequence[str], there: Sequence[str]) -> None:
+def check_conditions(source: Path, chosen: Sequence[str]) -> None:
+    """What a data set's manifest tells of the conditions that are chosen, before anything is measured."""
+    if where := dataset_folder(source):
+        _check_chosen(chosen, read_dataset(where).conditions)
+
+
+def _check_chosen(chosen: Sequence[str], there: Sequence[str]) -> None:
     """Raises `InputError` where a condition is not there, or several are and none is chosen."""
     names = ", ".join(map(repr, there))
     for name in chosen:

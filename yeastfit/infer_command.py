@@ -29,15 +29,14 @@ from yeastfit.infer.predictive import Predictive, Replicates, predict, silhouett
 from yeastfit.infer.priors import Prior, default_prior
 from yeastfit.infer.regression import CurveSquare
 from yeastfit.infer.samples import Samples
-from yeastfit.infer.settings import FitSettings
+from yeastfit.infer.settings import MEASUREMENT_ERROR, FitSettings
 from yeastfit.infer.simulations import Recorded, Store
 from yeastfit.infer.simulator import Mismeasured, Simulator, Wrapper, root_of
 from yeastfit.infer.space import check_free
-from yeastfit.infer.surface import features
+from yeastfit.infer.surface import monomials
 from yeastfit.infer.targets import Targets
 from yeastfit.infer_folder import RunFolder, inputs_of, run_versions
 from yeastfit.infer_results import Results, photographs, write_results
-from yeastfit.measure.dataset import dataset_folder, read_dataset
 from yeastfit.model.colony import PROBLEMS
 from yeastfit.model.parameters import Parameters, Scales
 from yeastfit.progress import Progress
@@ -140,8 +139,8 @@ class Request:
 
     def numerics(self) -> FitSettings:
         """How colonies are grown, and what errors their measured means have."""
-        error = {} if self.measurement_error is None else {"measurement_error": self.measurement_error}
-        return FitSettings(dt=self.dt, spacing=self.spacing, **error)  # type: ignore[arg-type]
+        error = MEASUREMENT_ERROR if self.measurement_error is None else self.measurement_error
+        return FitSettings(dt=self.dt, spacing=self.spacing, measurement_error=error)
 
     def configuration(self) -> dict[str, Any]:
         """What makes the run what it is, plain data."""
@@ -194,14 +193,13 @@ class Run:
         """Opens the folder, measures or reads the data. Raises `InputError`, before anything is simulated."""
         configuration = request.configuration()
         chosen = [] if request.condition is None else [request.condition]
-        if where := dataset_folder(source):
-            fit_command.check_chosen(chosen, read_dataset(where).conditions)
+        fit_command.check_conditions(source, chosen)
         folder = RunFolder.begin(path, configuration, inputs_of(source), request.seed, resume)
         measured = path / "measured"
         if (measured / TABLE).is_file():  # of these inputs, which have not changed; it is written after its masks
             data = fit_command.Measurements(read_measurements(measured / TABLE), measured, [], [])
         else:
-            data = fit_command.measurements(source, measured, jobs, progress, chosen)
+            data = fit_command.measurements(source, measured, jobs, progress)
         targets = data.targets(chosen, request.statistics, Scales(request.length, request.rate))
         fit_command.write_targets(path, targets)
         single = next(iter(targets.values()))
@@ -347,7 +345,7 @@ def distance_of(
     whole = np.isfinite(found.distances)
     x, statistics = found.x[whole], found.statistics[whole]
     x = (x - x.mean(axis=0)) / x.std(axis=0)
-    terms = features(x)
+    terms = monomials(x)
     needed = terms.shape[1] + 2 * len(observed)
     if len(x) < needed:
         raise InputError(

@@ -117,13 +117,13 @@ def autocorrelation_time(values: Chain) -> Float[np.ndarray, " free"]:
     times = np.full(count, np.inf)
     for k in range(count):
         one = values[:, :, k]
+        if not (np.ptp(one, axis=1) > 0).any():
+            continue
         centred = one - one.mean(axis=1, keepdims=True)
         power = np.abs(np.fft.rfft(centred, 2 * draws, axis=1)) ** 2
         covariance = np.fft.irfft(power.mean(axis=0), 2 * draws)[:draws] / draws
         within = covariance[0] * draws / max(draws - 1, 1)
         whole = covariance[0] + (np.var(one.mean(axis=1), ddof=1) if chains > 1 else 0.0)
-        if not (np.ptp(one, axis=1) > 0).any():
-            continue
         sums = 2.0 * np.cumsum(1 - (within - covariance) / whole) - 1.0
         beyond = np.arange(draws) >= WINDOW * sums
         times[k] = max(1.0, sums[np.argmax(beyond) if beyond.any() else -1])

@@ -35,9 +35,9 @@ from yeastfit.infer.networks import (
     Simulated,
     deal,
     fitted,
-    quadratic,
 )
 from yeastfit.infer.priors import Prior
+from yeastfit.infer.surface import monomials
 
 ROUNDING = 1e-10  # of correlations' eigenvalues: where one is below, statistics repeat one another
 ROWS = 128  # of λ at a time: each takes several covariances
@@ -59,7 +59,7 @@ class Members(eqx.Module):
 
     def moments(self, x: Float[Array, " free"]) -> tuple[Array, Array, Array, Array]:
         """m̄, C̄, the emulator's error W + GΔGᵀ, and the logarithm of the probability of success."""
-        features = quadratic(x)
+        features = monomials(x)
 
         def one(network: Network, baseline: Array) -> tuple[Array, Array, Array]:
             mean, root, logit = network.moments(x, self.shape)
@@ -207,7 +207,7 @@ def train(
     room = max(room or 0, len(values))
     coordinates = Coordinates.of(prior, values)
     x = coordinates.of_values(values)
-    features = quadratic(x)
+    features = monomials(x)
     center, root = _whitening(features[came], statistics[came], tuple(labels))
     u = np.where(came[:, None], np.linalg.solve(root, (statistics - center).T).T, 0.0)
     dealt, part = deal(len(values), settings.members, rng, room)
@@ -243,7 +243,7 @@ def _residuals(
     """e of every row, by the member that it was held out from."""
 
     def by(network: Network, baseline: Array) -> Array:
-        rest = data.u - quadratic(data.x) @ baseline
+        rest = data.u - monomials(data.x) @ baseline
         return jax.vmap(lambda x, left: network.residual(x, left, shape)[0])(data.x, rest)
 
     every = eqx.filter_vmap(by)(networks, baselines)

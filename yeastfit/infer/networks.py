@@ -25,6 +25,7 @@ import optax
 from jaxtyping import Array, Float, Int, PRNGKeyArray
 
 from yeastfit.errors import InputError
+from yeastfit.infer.surface import monomials
 
 Table = TypeVar("Table", Array, np.ndarray)
 LARGEST_LOG_SCALE = 6.0  # of f_s either way: a scatter 400 times smaller than elsewhere is as good as none
@@ -130,13 +131,6 @@ class Dealt(eqx.Module):
     test_count: Int[Array, " member"]
 
 
-def quadratic(x: Table) -> Table:
-    """φ [..., feature]: 1, all x [..., free] and all their products, by NumPy or JAX as x is. Differentiable."""
-    first, second = np.triu_indices(x.shape[-1])
-    library: Any = x.__array_namespace__()
-    return library.concat([library.ones_like(x[..., :1]), x, x[..., first] * x[..., second]], axis=-1)
-
-
 def deal(rows: int, members: int, rng: np.random.Generator, room: int) -> tuple[Dealt, Int[np.ndarray, " row"]]:
     """Rows dealt at random into one part per member; also the member that each row is held out from.
 
@@ -166,7 +160,7 @@ def fitted(
 ) -> tuple[Network, Float[Array, "member check"]]:
     """Networks after training, each as it was when its held-out loss was least, and these losses."""
     optimiser = optax.adamw(optax.cosine_decay_schedule(settings.rate, settings.steps), weight_decay=settings.decay)
-    features = quadratic(data.x)
+    features = monomials(data.x)
     free, statistics = data.x.shape[1], data.u.shape[1]
     first, second = (jax.random.split(one, len(baselines)) for one in jax.random.split(key))
     starts = eqx.filter_vmap(lambda one: Network.start(one, free, statistics, settings))(first)

@@ -6,6 +6,7 @@ from typing import Literal, get_args
 
 from yeastfit.errors import InputError
 
+MEASUREMENT_ERROR = {"compactness": 0.02, "outer_compactness": 0.02}
 Method = Literal["levenberg-marquardt", "dogleg", "bfgs"]
 
 
@@ -42,9 +43,7 @@ class FitSettings:
     tolerance: float = 0.3
     max_steps: int = 8
     patience: int = 2
-    measurement_error: float | Mapping[str, float] = field(
-        default_factory=lambda: {"compactness": 0.02, "outer_compactness": 0.02}
-    )
+    measurement_error: float | Mapping[str, float] = field(default_factory=MEASUREMENT_ERROR.copy)
 
     def __post_init__(self) -> None:
         if self.method not in get_args(Method):

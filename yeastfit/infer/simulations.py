@@ -118,6 +118,7 @@ class Store:
     def _head(self) -> dict[str, Any]:
         return {"free": list(self.free), "labels": list(self.labels), "about": self.about}
 
+    @full_disks_told()
     def _write_whole(self) -> None:
         """All rows into a new file, which replaces the old one."""
         self.close()

@@ -77,7 +77,7 @@ class Surface:
         return self.centre + self.reach * np.asarray(found, dtype=float), np.asarray(squares, dtype=float)
 
     def _features(self, theta: Vector) -> Float[np.ndarray, " feature"]:
-        return np.asarray(features(((theta - self.centre) / self.reach)[None])[0], dtype=float)
+        return np.asarray(monomials(((theta - self.centre) / self.reach)[None])[0], dtype=float)
 
 
 @eqx.filter_jit
@@ -96,7 +96,7 @@ def _descend(
             return unit + moving * jnp.sin(v)
 
         def residuals(v: Array, _: Any) -> Array:
-            return jnp.concatenate([features(place(v)[None])[0] @ coefficients - value, weight * (place(v) - aim)])
+            return jnp.concatenate([monomials(place(v)[None])[0] @ coefficients - value, weight * (place(v) - aim)])
 
         solver: Any = optx.LevenbergMarquardt(rtol=1e-5, atol=1e-5)
         v = optx.least_squares(residuals, solver, jnp.zeros(unit.size), max_steps=100, throw=False).value
@@ -119,7 +119,7 @@ def study(grow: Grow, centre: Vector, reach: Vector, runs: int, seed: int) -> Su
     good = np.isfinite(values).all(axis=1)
     if good.sum() < max(0.5 * runs, needed):
         raise InputError(f"{runs - good.sum()} of {runs} colonies around the estimate came to nothing: lower dt")
-    table = np.asarray(features(units[good]))
+    table = np.asarray(monomials(units[good]))
     coefficients = np.linalg.lstsq(table, values[good], rcond=None)[0]
     rest = values[good] - table @ coefficients
     freedom = max(1, len(table) - table.shape[1])
@@ -128,10 +128,11 @@ def study(grow: Grow, centre: Vector, reach: Vector, runs: int, seed: int) -> Su
     )
 
 
-def features(units: Any) -> Any:
-    """Monomials [point, feature]: 1, the variables, their products. Of NumPy's or JAX's arrays."""
-    columns = [units[:, 0] * 0.0 + 1.0]
-    for degree in (1, 2):
-        for chosen in combinations_with_replacement(range(units.shape[1]), degree):
-            columns.append(units[:, np.array(chosen)].prod(axis=1))
-    return (jnp if isinstance(units, jax.Array) else np).stack(columns, axis=1)
+def monomials(x: Any, degree: int = 2) -> Any:
+    """Monomials [..., feature] up to a degree: 1, the variables [..., variable], their products. By NumPy or JAX."""
+    library, size = x.__array_namespace__(), x.shape[-1]
+    columns = [library.ones_like(x[..., :1])]
+    for power in range(1, degree + 1):
+        chosen = np.array(list(combinations_with_replacement(range(size), power)))
+        columns.append(library.prod(x[..., chosen], axis=-1))
+    return library.concat(columns, axis=-1)

@@ -1,0 +1,26 @@
+"""Records of a study that may be killed: a line of JSON for each piece of work that is done."""
+
+import json
+import os
+from pathlib import Path
+from typing import Any
+
+
+def read_lines(path: Path) -> list[dict[str, Any]]:
+    """All records; none where there is no file. A last line that a kill cut short is taken away."""
+    if not path.is_file():
+        return []
+    text = path.read_text()
+    whole = text[: text.rfind("\n") + 1]
+    if whole != text:
+        path.write_text(whole)
+    return [json.loads(line) for line in whole.splitlines()]
+
+
+def append_line(path: Path, record: dict[str, Any]) -> None:
+    """One more, on disk before anything else is begun."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with path.open("a") as file:
+        file.write(json.dumps(record) + "\n")
+        file.flush()
+        os.fsync(file.fileno())
