@@ -174,7 +174,7 @@ class Race:
                 seed=seed,
             )
             trace.append(self.point_of(found, found.simulations, found.seconds))
-            if found.diagnostics["rounds"][-1]["moved"] <= settings.settle:
+            if found.diagnostics["rounds"][-1]["settled"]:
                 break
         return {EMULATOR: trace}
 

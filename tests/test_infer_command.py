@@ -4,6 +4,7 @@ import csv
 import json
 import os
 import resource
+import shutil
 import subprocess
 import sys
 import zlib
@@ -191,6 +192,46 @@ def test_a_full_disk_is_one_line_and_loses_nothing(data: Path, tmp_path: Path) -
     assert "--resume" in errors[0]
     assert cli.run(arguments(data, tmp_path / "parts", "abc-mcmc", "--resume")) == 0
     assert_same(tmp_path / "parts", tmp_path / "whole")
+
+
+@pytest.mark.parametrize(("first", "then"), [("abc-smc", "emulator"), ("emulator", "abc-mcmc")])
+def test_colonies_of_another_run_serve_again(
+    data: Path, tmp_path: Path, first: str, then: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert cli.run(arguments(data, tmp_path / "first", first)) == 0
+    asked, undisturbed = list[bytes](), ColonySimulator.__call__
+
+    def counting(self: Any, values: np.ndarray, seeds: np.ndarray) -> np.ndarray:
+        asked.extend(row.tobytes() + seed.tobytes() for row, seed in zip(values, seeds, strict=True))
+        return undisturbed(self, values, seeds)
+
+    monkeypatch.setattr(ColonySimulator, "__call__", counting)
+    again = arguments(data, tmp_path / "then", then, "--reuse", str(tmp_path / "first"))
+    assert cli.run([*again, "--draws", "10"]) == 0
+    with h5py.File(tmp_path / "first" / "simulations.h5") as file:
+        kept = {row["values"].tobytes() + row["seed"].tobytes() for row in file[DATASET][:] if row["check"]}
+    assert not kept & set(asked)
+    with h5py.File(tmp_path / "then" / "simulations.h5") as file:
+        both = {row["values"].tobytes() + row["seed"].tobytes() for row in file[DATASET][:] if row["check"]}
+    assert both == kept | set(asked)
+    found = Samples.load(tmp_path / "then" / "samples.npz")
+    if then == "emulator":  # its first 32 were there; and the predictive check has 10 means of 6
+        assert len(set(asked)) == found.simulations - 32 + 10 * 6
+        assert found.settings["given"] == len(kept)
+    shutil.rmtree(tmp_path / "first")
+    assert cli.run([*again, "--draws", "10", "--resume"]) == 0
+
+
+def test_what_cannot_be_reused_is_refused(data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.run(arguments(data, tmp_path / "one", "emulator", "--reuse", str(tmp_path))) == 2
+    assert "holds no simulations.h5" in capsys.readouterr().err
+    assert not (tmp_path / "one").exists()
+    assert cli.run(arguments(data, tmp_path / "other", "abc-smc", "--dt", "0.01")) == 0
+    assert cli.run(arguments(data, tmp_path / "two", "abc-smc", "--reuse", str(tmp_path / "other"))) == 2
+    said = capsys.readouterr().err
+    assert "--reuse: " in said
+    assert "holds other simulations: about is" in said
+    assert "dt 0.01" in said
 
 
 def test_more_steps_make_a_run_longer(data: Path, tmp_path: Path) -> None:

@@ -372,6 +372,10 @@ def infer(
     dt: Annotated[float, typer.Option(help="Time step.")] = FitSettings.fine_dt,
     spacing: Annotated[float, typer.Option(help="Of the nutrient's grid, in L0.")] = FitSettings.fine_spacing,
     measurement_error: MeasurementError = None,
+    reuse: Annotated[
+        Path | None,
+        typer.Option(help="Folder of another run, whose simulations serve again.", show_default=False),
+    ] = None,
     rate: Rate = Scales.rate,
     length: Length = Scales.length,
     truth: Truth = False,
@@ -384,7 +388,8 @@ def infer(
     """Infer the posterior of model parameters from a data set (posterior.csv, samples.npz, index.html).
 
     Micrographs are measured first. Every simulation is kept: a run that was stopped, or killed, goes on with --resume
-    to the bits it would have come to, and with more --steps or --simulations it gets longer. The emulator compares the
+    to the bits it would have come to, and with more --steps or --simulations it gets longer; with --reuse another run
+    of these data, by any method, makes use of them. The emulator compares the
     data with means of as many colonies as were observed; ABC with single ones, unless --colonies says otherwise, which
     widens its posterior. Parameters that are not free are held at the values given here.
     """
@@ -402,7 +407,7 @@ def infer(
             **{"share": pilot_quantile, "kernel": kernel, "move": move, "pilot": pilot, "steps": steps},
             **{"walkers": walkers, "population": population, "simulations": simulations, "colonies": colonies},
             **{"draws": draws, "dt": dt, "spacing": spacing, "rate": rate, "length": length, "seed": seed},
-            "measurement_error": measurement_error,
+            **{"measurement_error": measurement_error, "reuse": reuse},
         },
     )
     try:

@@ -1,10 +1,11 @@
 """What `yeastfit infer` does: measurements, a sampler's run in a folder that it can be taken up from, and its draws.
 
-Files of a run: measured/ (where micrographs were measured), targets.csv, simulations.h5, chains.h5 or populations.npz,
-samples.npz, predictive.h5; then what `infer_results` makes of them.
+Files of a run: measured/ (where micrographs were measured), targets.csv, simulations.h5 (every colony, those of another
+run in reused.h5, too), chains.h5 or populations.npz, samples.npz; then what `infer_results` makes of them.
 """
 
 import os
+import shutil
 from collections.abc import Callable
 from dataclasses import dataclass, field, fields
 from pathlib import Path
@@ -19,7 +20,7 @@ from yeastfit.infer.abc_mcmc import abc_mcmc
 from yeastfit.infer.abc_smc import SmcSettings, abc_smc
 from yeastfit.infer.colony_simulator import ColonySimulator
 from yeastfit.infer.distances import Distance, KernelName, LiDistance, Mahalanobis, WeightedCurves
-from yeastfit.infer.emulated import EmulatedSettings, emulated
+from yeastfit.infer.emulated import EmulatedSettings, Given, emulated
 from yeastfit.infer.ensembles import measurement_covariance
 from yeastfit.infer.fit import DEFAULT_FREE
 from yeastfit.infer.mcmc_settings import McmcSettings, Move
@@ -40,10 +41,12 @@ from yeastfit.infer_results import Results, photographs, write_results
 from yeastfit.model.colony import PROBLEMS
 from yeastfit.model.parameters import Parameters, Scales
 from yeastfit.progress import Progress
+from yeastfit.storage import written_whole
 
 Method = Literal["emulator", "abc-mcmc", "abc-smc"]
 DistanceName = Literal["li", "mahalanobis", "curves"]
 FIRST = 512  # simulations of the emulator's first round, where so many are allowed
+SIMULATIONS, REUSED = "simulations.h5", "reused.h5"
 COLONIES = 6  # of either kind, in the picture
 BATCH = 32  # colonies that are grown together
 OWN = {  # options that only some methods have
@@ -71,7 +74,8 @@ class Request:
     pilot. steps: of each chain, in all; simulations: at most. colonies: whose mean is one simulated data set, of ABC;
     the emulator learns single colonies and takes R of them for the R replicates. draws: of the posterior predictive
     check. dt, spacing: of the model that is meant, as the data sets of data/synthetic are made; a coarser one is off in
-    compactness by up to 5 %. measurement_error: relative, of the means; None as `FitSettings` has it.
+    compactness by up to 5 %. measurement_error: relative, of the means; None as `FitSettings` has it. reuse: another
+    run's folder, whose colonies serve again: the emulator learns from all of them, ABC takes those it would grow.
     """
 
     method: Method = "emulator"
@@ -95,6 +99,7 @@ class Request:
     dt: float = FitSettings.fine_dt
     spacing: float = FitSettings.fine_spacing
     measurement_error: float | None = None
+    reuse: Path | None = None
     rate: float = Scales.rate
     length: float = Scales.length
     seed: int = 0
@@ -144,9 +149,11 @@ class Request:
 
     def configuration(self) -> dict[str, Any]:
         """What makes the run what it is, plain data."""
-        plain = {one.name: getattr(self, one.name) for one in fields(self) if one.name not in {*OWN, "seed", "prior"}}
+        other = {*OWN, "seed", "prior", "reuse"}
+        plain = {one.name: getattr(self, one.name) for one in fields(self) if one.name not in other}
         fixed = {name: value for name, value in self.fixed.items() if name not in self.free}
-        return {**plain, **self.settled(), "fixed": fixed, "prior": self.the_prior().asdict()}
+        reuse = None if self.reuse is None else str(self.reuse)
+        return {**plain, **self.settled(), "fixed": fixed, "prior": self.the_prior().asdict(), "reuse": reuse}
 
 
 DEFAULTS: dict[str, dict[str, Any]] = {
@@ -194,6 +201,8 @@ class Run:
         configuration = request.configuration()
         chosen = [] if request.condition is None else [request.condition]
         fit_command.check_conditions(source, chosen)
+        if request.reuse and not (path / REUSED).is_file() and not (request.reuse / SIMULATIONS).is_file():
+            raise InputError(f"--reuse: {request.reuse} holds no {SIMULATIONS}, need the folder of a run of infer")
         folder = RunFolder.begin(path, configuration, inputs_of(source), request.seed, resume)
         measured = path / "measured"
         if (measured / TABLE).is_file():  # of these inputs, which have not changed; it is written after its masks
@@ -204,7 +213,9 @@ class Run:
         fit_command.write_targets(path, targets)
         single = next(iter(targets.values()))
         simulator = ColonySimulator.of(single, request.free, Parameters(**request.fixed), request.numerics())
-        return Run(request, source, folder, data, single, simulator)
+        run = Run(request, source, folder, data, single, simulator)
+        run.take_over()
+        return run
 
     @property
     def replicates(self) -> int:
@@ -218,7 +229,7 @@ class Run:
 
     @property
     def about(self) -> str:
-        """What decides over a simulated data set, beside λ and seed."""
+        """What decides over a simulated colony, beside λ and seed."""
         targets, configuration = self.targets, self.folder.configuration
         named = {name: configuration[name] for name in ("fixed", "dt", "spacing", "rate", "length")}
         named |= {"extent": targets.extent, "estimator": targets.estimator, "pixels": targets.spacing}
@@ -230,22 +241,18 @@ class Run:
         if self.folder.finished:
             return Samples.load(path / "samples.npz")
         settings, prior, seed = request.settled(), request.the_prior(), request.seed
-        simulator: Simulator = Watched(self.colonies, tell)
-        about = self.about
-        if settings.get("colonies", 1) > 1:
-            simulator, about = Replicates(simulator, settings["colonies"]), f"{about}, means of {settings['colonies']}"
-        if request.method != "emulator" and self.noise.any():
-            simulator = Mismeasured(simulator, root_of(self.noise))
-            about = f"{about}, errors of measurement {request.measurement_error or 'by default'}"
         observed = self.targets.values
-        with Store(path / "simulations.h5", simulator.free, simulator.labels, about) as store:
-            how: dict[str, Any] = {"seed": seed, "store": store, "progress": say}
+        how: dict[str, Any] = {"seed": seed, "progress": say}
+        with self.store(path / SIMULATIONS) as store:
+            given = self.reused(store)
+            simulator = self.data_sets(Recorded(Watched(self.colonies, tell), BATCH, store))
             if request.method == "emulator":
                 plan = emulated_settings(settings["simulations"], settings["walkers"])
-                found = emulated(simulator, prior, observed, plan, replicates=self.replicates, noise=self.noise, **how)
+                how |= {"replicates": self.replicates, "noise": self.noise, "given": given}
+                found = emulated(simulator, prior, observed, plan, **how)
             else:
                 say("pilot", 0.0)
-                recorded = Recorded(simulator, BATCH, store)
+                recorded = Recorded(simulator, BATCH)
                 distance = distance_of(settings["distance"], recorded, prior, observed, settings["pilot"], seed)
                 if request.method == "abc-mcmc":
                     mcmc = McmcSettings(
@@ -260,14 +267,47 @@ class Run:
                         batch=BATCH,
                     )
                     found = abc_smc(simulator, prior, distance, smc, path=path / "populations.npz", **how)
-        found = found.warned(*self.doubts())
+            found = found.warned(*store.notes, *self.doubts())
         found.save(path / "samples.npz")
         return found
+
+    def take_over(self) -> None:
+        """Copies the simulations that are to be reused, once. Raises `InputError` where they are of something else."""
+        reuse, copy = self.request.reuse, self.folder.path / REUSED
+        if reuse is None or copy.is_file():
+            return
+        try:
+            with written_whole(copy) as temporary:
+                shutil.copyfile(reuse / SIMULATIONS, temporary)
+                self.store(temporary).close()
+        except InputError as error:
+            raise InputError(f"--reuse: {reuse / SIMULATIONS} cannot be: {error}") from None
+
+    def store(self, path: Path) -> Store:
+        """Of colonies of this run's kind."""
+        return Store(path, self.colonies.free, self.colonies.labels, self.about)
+
+    def reused(self, store: Store) -> Given | None:
+        """Those of another run, put into the store; their λ and statistics."""
+        if self.request.reuse is None:
+            return None
+        with self.store(self.folder.path / REUSED) as other:
+            values, seeds, statistics = other.all()
+        store.append(values, seeds, statistics)
+        return values, statistics
+
+    def data_sets(self, colonies: Simulator) -> Simulator:
+        """What the method simulates: single colonies for the emulator, else means, with errors of measurement."""
+        if self.request.method == "emulator":
+            return colonies
+        count = self.request.settled()["colonies"]
+        means = Replicates(colonies, count) if count > 1 else colonies
+        return Mismeasured(means, root_of(self.noise)) if self.noise.any() else means
 
     def predictive(self, samples: Samples, tell: Callable[[int], None]) -> Predictive:
         """Data sets of as many colonies as were observed, at draws of the samples."""
         simulator = Watched(self.colonies, tell)
-        with Store(self.folder.path / "predictive.h5", simulator.free, simulator.labels, self.about) as store:
+        with self.store(self.folder.path / SIMULATIONS) as store:
             recorded = Recorded(simulator, BATCH, store)
             return predict(
                 samples,

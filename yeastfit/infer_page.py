@@ -118,7 +118,7 @@ def _emulator(results: "Results") -> str:
         page.Column("round"),
         page.Column("simulations"),
         page.Column("failed"),
-        page.Column("moved", "sd"),
+        page.Column("moved", "half-widths"),
         page.Column("error_share", "%"),
     ]
     cells = [

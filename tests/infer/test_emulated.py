@@ -11,9 +11,11 @@ from known_likelihoods import Known, curved, fragile, linear
 from yeastfit import InputError
 from yeastfit.infer.emulated import EmulatedSettings, emulated
 from yeastfit.infer.networks import EmulatorSettings
+from yeastfit.infer.pilot import first_values
 from yeastfit.infer.priors import Prior
 from yeastfit.infer.samples import Samples
 from yeastfit.infer.simulations import Store
+from yeastfit.infer.simulator import seed_of
 
 NETWORKS = EmulatorSettings(members=4)
 FEW = EmulatorSettings(members=2, width=16, steps=200)
@@ -109,6 +111,27 @@ def test_a_run_that_was_stopped_goes_on_to_the_same_bits(tmp_path: Path) -> None
     assert (emulated(known, known.prior, observed, SMALL, seed=8).values[:, :10] != whole.values[:, :10]).all()
 
 
+def test_simulations_of_other_runs_are_learnt_from() -> None:
+    known = linear()
+    observed = known.observed(TRUTH, 1, seed=4)
+    alone = emulated(known, known.prior, observed, SMALL, seed=7)
+    own = known.prior.quantile(np.random.default_rng(1).random((300, len(known.free))))
+    outside = own.copy()
+    outside[:, 0] = 1e6
+    values = np.concatenate([own, outside])
+    statistics = known(values, np.arange(len(values)))
+    found = emulated(known, known.prior, observed, SMALL, seed=7, given=(values, statistics))
+    assert [one["simulations"] for one in found.diagnostics["rounds"]] == [364, 428, 492]
+    assert (found.simulations, found.settings["given"]) == (192, 300)
+    first = first_values(known.prior, 64, 7)
+    same = (first, known(first, seed_of(7, range(64))))
+    np.testing.assert_array_equal(
+        emulated(known, known.prior, observed, SMALL, seed=7, given=same).values, alone.values
+    )
+    with wrong_types(), pytest.raises(InputError, match="given has shapes"):
+        emulated(known, known.prior, observed, SMALL, given=(values, statistics[:5]))
+
+
 def test_samples_save_what_the_emulator_said(tmp_path: Path) -> None:
     known = linear()
     heard = list[tuple[str, float]]()
@@ -121,7 +144,7 @@ def test_samples_save_what_the_emulator_said(tmp_path: Path) -> None:
         seed=1,
         progress=lambda what, share: heard.append((what, share)),
     )
-    assert "the posterior still moves" in "\n".join(found.warnings)
+    assert "the posterior has not settled: its quantiles moved by" in "\n".join(found.warnings)
     assert "of the variance of the data and widens the posterior" in "\n".join(found.warnings)
     assert [what for what, _ in heard] == ["round 1", "round 2", "done"]
     found.save(tmp_path / "samples.npz")

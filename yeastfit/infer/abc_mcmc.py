@@ -135,7 +135,7 @@ class _Target:
                 f"epsilon is {self.epsilon:g}, only {within} of {len(weights)} pilot simulations come that close; "
                 f"{settings.move} starts {settings.walkers} walkers at different ones: give a larger pilot or epsilon"
             )
-        rng = np.random.default_rng(stream_of(self.seed, 1, 0))
+        rng = np.random.default_rng(stream_of(self.seed, 6, 0))
         at = rng.choice(len(weights), size=settings.walkers, replace=within < settings.walkers, p=weights)
         columns = self._columns(pilot.log_prior[at], pilot.statistics[at])
         return emcee.State(pilot.x[at], log_prob=columns[:, 0], blobs=columns[:, 1:])

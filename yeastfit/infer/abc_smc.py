@@ -3,7 +3,7 @@
 Toni et al. 2009, doi:10.1098/rsif.2008.0172; Beaumont et al. 2009, doi:10.1093/biomet/asp052. In the coordinates x of
 the prior π (log λ where its law is one of log λ), with the indicator kernel:
 
-    population 0:  x from the prior, the first N whose simulation came to something
+    population 0:  x from the prior (scrambled Sobol'), the first N whose simulation came to something
     population t:  x* = x_j + z, j with probability w_j of population t − 1, z ~ N(0, 2 C), C its weighted covariance;
                    simulated once; the first N with d ≤ ε_t, whose weights are w ∝ π(x*) / Σ_j w_j N(x*; x_j, 2 C).
 
@@ -26,7 +26,7 @@ from scipy.special import logsumexp
 from yeastfit.errors import InputError
 from yeastfit.infer.adjustment import adjusted
 from yeastfit.infer.distances import Distance
-from yeastfit.infer.pilot import check_problem, unreached
+from yeastfit.infer.pilot import check_problem, first_values, unreached
 from yeastfit.infer.populations import Mixture, Population, PopulationFile
 from yeastfit.infer.priors import Prior
 from yeastfit.infer.samples import Samples, weighted_quantile
@@ -157,8 +157,7 @@ class _Problem:
         """The next one, or why there is none."""
         settings, before = self.settings, self.recorded.asked
         mixture = Mixture.of(populations[-1]) if populations else None
-        key = (3, len(populations)) if populations else (0, 0)  # population 0 begins as every pilot does
-        rng = np.random.default_rng(stream_of(self.seed, *key))
+        rng = np.random.default_rng(stream_of(self.seed, 3, len(populations)))
         parts: list[tuple[np.ndarray, ...]] = []
         accepted = 0
         while accepted < settings.population:
@@ -217,7 +216,8 @@ class _Problem:
     def _proposals(self, mixture: Mixture | None, rng: np.random.Generator) -> Float[np.ndarray, "proposal free"]:
         """A batch inside the prior's support; which the mixture's density leaves out by a constant factor."""
         if mixture is None:
-            return self.prior.coordinates(self.prior.sample(self.settings.batch, rng))
+            start, stop = self.recorded.asked, self.recorded.asked + self.settings.batch
+            return self.prior.coordinates(first_values(self.prior, stop, self.seed)[start:])
         found = np.empty((0, len(self.prior.free)))
         while len(found) < self.settings.batch:
             x = mixture.draw(self.settings.batch, rng)

@@ -6,11 +6,14 @@
    the posterior and ξ ~ N(0, its covariance), which has w times its width. Those outside the prior are drawn again.
    Then 2. again.
 
-**Settled**: from one round to the next no mean moved by more than `settle` standard deviations and no standard
-deviation by more than that share of itself. Else rounds go on until the budget of simulations is spent.
+**Settled**: from one round to the next, of each parameter the median and the two quantiles that hold 68 % between them
+moved by no more than `settle` of half their distance; and the emulator's error is at most settle² of the variance that
+the data are compared with, which at the worst moves a mean by `settle` standard deviations. Else rounds go on until the
+budget of simulations is spent. Of rare draws far off it says nothing: how many there are is less certain.
 
 As the likelihood is what is learnt, where the simulations were made has no influence on the posterior but by the
-emulator's error (Papamakarios et al. 2019, arXiv:1805.07226). Every step depends on the seed alone: a run that is
+emulator's error (Papamakarios et al. 2019, arXiv:1805.07226): those of other runs, whatever their method, serve as
+well. Every step depends on the seed alone: a run that is
 repeated with the store of simulations of one that was stopped repeats its training and its chains, simulates only what
 is missing, and comes to the same result.
 """
@@ -21,12 +24,13 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float
-from scipy.stats import chi2, qmc
+from scipy.stats import chi2
 
 from yeastfit.errors import InputError
 from yeastfit.infer.diagnostics import diagnose
 from yeastfit.infer.emulator import Emulator, Square, train
 from yeastfit.infer.networks import EmulatorSettings
+from yeastfit.infer.pilot import first_values
 from yeastfit.infer.posterior_chain import Chains, Posterior, walk
 from yeastfit.infer.priors import Prior
 from yeastfit.infer.samples import Samples
@@ -35,9 +39,12 @@ from yeastfit.infer.simulator import Simulator, seed_of, stream_of
 from yeastfit.progress import Progress, silent
 
 NEAR = 0.99  # of draws as wide as the proposals are: simulations among which the emulator is checked
+CENTRAL = (0.16, 0.5, 0.84)  # quantiles that must settle
 LARGEST_ERROR = 0.3  # of the variance of the data, from which the emulator's error is warned of
 TINY = 1e-9  # of its largest entry: below 0, an eigenvalue of a covariance, by rounding
 TRIES = 100  # rounds of drawing again what fell outside the prior
+
+Given = tuple[Float[np.ndarray, "given free"], Float[np.ndarray, "given statistic"]]
 
 
 @dataclass(frozen=True)
@@ -52,7 +59,7 @@ class EmulatedSettings:
     each: int = 512
     most: int = 4096
     widen: float = 2.5
-    settle: float = 0.1
+    settle: float = 0.2
     walkers: int = 32
     most_steps: int = 5000
     batch: int = 128
@@ -80,37 +87,41 @@ def emulated(
     noise: Square | None = None,
     seed: int = 0,
     store: Store | None = None,
+    given: Given | None = None,
     progress: Progress | None = None,
 ) -> Samples:
     """The posterior of λ given the mean statistics of R replicates.
 
     noise: covariance of errors of that mean which come from measuring, and which replicates do not average out. store:
-    of simulations, see above. `statistics` of the result are drawn from the emulator, as means of R replicates;
+    of simulations, see above. given: λ and statistics of further ones, to learn from as well; they do not count as
+    simulations of this run. `statistics` of the result are drawn from the emulator, as means of R replicates;
     `log_probability` is that in the prior's coordinates; the emulator's checks, round by round, are in `diagnostics`.
     Raises `InputError`, also where too many simulations fail.
     """
     began = clock.perf_counter()
     settings = settings or EmulatedSettings()
     _check(simulator, prior, observed, replicates, noise, settings)
-    run = _Run(Recorded(simulator, settings.batch, store), prior, observed, replicates, noise, settings, seed)
+    known = _usable(given, prior, len(simulator.labels))
+    run = _Run(Recorded(simulator, settings.batch, store), prior, observed, replicates, noise, settings, seed, known)
     found = run.rounds(progress or silent)
     return run.samples(found, clock.perf_counter() - began)
 
 
 @dataclass(frozen=True)
 class Round:
-    """One round's emulator and chains. moved: from the round before, see `settle`."""
+    """One round's emulator and chains.
+
+    mean, covariance, quantiles: of the prior's coordinates. moved: the quantiles, since the round before, in halves of
+    their distance. error_share: of the emulator's error in the variance that data are compared with, at the mean.
+    """
 
     emulator: Emulator
     chains: Chains
     mean: Float[np.ndarray, " free"]
     covariance: Float[np.ndarray, "free free"]
+    quantiles: Float[np.ndarray, "3 free"]
     moved: float
-
-    @property
-    def sd(self) -> Float[np.ndarray, " free"]:
-        """Of the posterior in the prior's coordinates."""
-        return np.sqrt(np.diag(self.covariance))
+    error_share: float
 
 
 @dataclass(frozen=True)
@@ -122,15 +133,15 @@ class _Run:
     noise: Square | None
     settings: EmulatedSettings
     seed: int
+    given: Given
 
     def rounds(self, say: Progress) -> list[Round]:
         """Until settled, or the budget is spent."""
-        free, most = len(self.prior.free), self.settings.most
-        unit = qmc.Sobol(free, rng=np.random.default_rng(stream_of(self.seed, 1, 0))).random(self.settings.first)
-        values = self.prior.quantile(unit)
+        most = self.settings.most
+        values = first_values(self.prior, self.settings.first, self.seed)
         statistics = self._simulated(values, 0)
         done = [self._round(values, statistics, None)]
-        while not done[-1].moved <= self.settings.settle and len(values) < most:
+        while not self._settled(done[-1]) and len(values) < most:
             say(f"round {len(done)}", len(values) / most)
             new = self._proposals(done[-1], min(self.settings.each, most - len(values)), len(done))
             statistics = np.concatenate([statistics, self._simulated(new, len(values))])
@@ -148,6 +159,7 @@ class _Run:
         statistics: Float[np.ndarray, "row statistic"],
         before: Round | None,
     ) -> Round:
+        values, statistics = _all_once(values, statistics, self.given)
         near = None if before is None else self._near(values, before)
         emulator = train(
             values,
@@ -157,7 +169,7 @@ class _Run:
             seed=self.seed,
             settings=self.settings.emulator,
             near=near,
-            room=self.settings.most,
+            room=self.settings.most + len(self.given[0]),
         )
         came = np.isfinite(statistics).all(axis=1)
         chains = walk(
@@ -166,14 +178,17 @@ class _Run:
             walkers=self.settings.walkers,
             most_steps=self.settings.most_steps,
             seed=self.seed,
-            room=self.settings.most,
+            room=self.settings.most + len(self.given[0]),
         )
         mean, covariance = chains.flat.mean(axis=0), np.atleast_2d(np.cov(chains.flat, rowvar=False))
-        if before is None:
-            return Round(emulator, chains, mean, covariance, np.inf)
-        sd = np.sqrt(np.diag(covariance))
-        moved = max(np.abs((mean - before.mean) / before.sd).max(), np.abs(sd / before.sd - 1.0).max())
-        return Round(emulator, chains, mean, covariance, float(moved))
+        quantiles, moved = np.quantile(chains.flat, CENTRAL, axis=0), np.inf
+        if before is not None:
+            low, _, high = before.quantiles
+            moved = float(np.max(np.abs(quantiles - before.quantiles) / (0.5 * (high - low))))
+        return Round(emulator, chains, mean, covariance, quantiles, moved, self._error_share(emulator, mean))
+
+    def _settled(self, one: Round) -> bool:
+        return one.moved <= self.settings.settle and one.error_share <= self.settings.settle**2
 
     def _near(self, values: Float[np.ndarray, "row free"], last: Round) -> Bool[np.ndarray, " row"]:
         off = self.prior.coordinates(values) - last.mean
@@ -216,6 +231,7 @@ class _Run:
                 "prior": self.prior.asdict(),
                 "observed": self.observed.tolist(),
                 "replicates": self.replicates,
+                "given": len(self.given[0]),
                 "noise": None if self.noise is None else self.noise.tolist(),
             },
             diagnostics={
@@ -234,30 +250,56 @@ class _Run:
             "simulations": one.emulator.simulations,
             "failed": one.emulator.failed,
             "moved": one.moved,
-            "error_share": self._error_share(one),
+            "error_share": one.error_share,
+            "settled": self._settled(one),
             "held_out": {**asdict(held_out), "sentences": held_out.sentences()},
         }
 
-    def _error_share(self, one: Round) -> float:
-        """Of the emulator's error in the variance that data are compared with, at the posterior's mean."""
-        _, scatter, error, _ = one.emulator.moments(self.prior.values(one.mean[None]))
+    def _error_share(self, emulator: Emulator, mean: Float[np.ndarray, " free"]) -> float:
+        _, scatter, error, _ = emulator.moments(self.prior.values(mean[None]))
         total = scatter[0] / self.replicates + error[0] + (0.0 if self.noise is None else self.noise)
         return float(np.trace(np.linalg.solve(total, error[0])) / len(total))
 
     def _warnings(self, last: Round) -> list[str]:
         said = [*self.recorded.notes, *last.emulator.held_out.sentences()]
-        if not last.moved <= self.settings.settle:
+        settle, share = self.settings.settle, last.error_share
+        if not self._settled(last):
             said.append(
-                f"the posterior still moves: in the last of its rounds by {last.moved:.2f} standard deviations, "
-                f"{self.settings.settle:g} is wanted; {last.emulator.simulations} simulations were allowed: raise most"
+                f"the posterior has not settled: its quantiles moved by {last.moved:.2f} of their half-width in the "
+                f"last round, {settle:g} is wanted, the emulator's error is {100 * share:.1f} % of the variance of the "
+                f"data, {100 * settle**2:g} % is wanted; {self.recorded.asked} simulations were allowed: raise most"
             )
-        if (share := self._error_share(last)) > LARGEST_ERROR:
+        if share > LARGEST_ERROR:
             said.append(
                 f"the emulator's error is {100 * share:.0f} % of the variance of the data and widens the posterior: "
                 "more simulations narrow it"
             )
         found = diagnose(last.chains.x, free=self.prior.free, acceptance=last.chains.acceptance)
         return said + found.sentences()
+
+
+def _usable(
+    given: Given | None, prior: Prior, statistics: int
+) -> tuple[Float[np.ndarray, "inside free"], Float[np.ndarray, "inside statistic"]]:
+    """Those inside the prior's support, none by default."""
+    free = len(prior.free)
+    values, found = given or (np.zeros((0, free)), np.zeros((0, statistics)))
+    if values.shape != (len(found), free) or found.shape[1] != statistics:
+        raise InputError(
+            f"given has shapes {values.shape} and {found.shape}, {free} parameters and {statistics} statistics in as "
+            "many rows are expected"
+        )
+    inside = np.isfinite(prior.log_density(values))
+    return values[inside], found[inside]
+
+
+def _all_once(
+    values: Float[np.ndarray, "row free"], statistics: Float[np.ndarray, "row statistic"], given: Given
+) -> tuple[Float[np.ndarray, "all free"], Float[np.ndarray, "all statistic"]]:
+    """These and those given, without what is among these already."""
+    own = {row.tobytes() for row in np.column_stack([values, statistics])}
+    new = np.array([row.tobytes() not in own for row in np.column_stack(given)], dtype=bool)
+    return np.concatenate([values, given[0][new]]), np.concatenate([statistics, given[1][new]])
 
 
 def _check(

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
+from scipy.stats import qmc
 
 from yeastfit.errors import InputError
 from yeastfit.infer.distances import NEAR_AREA, Distance, KernelName, log_kernel
@@ -60,9 +61,15 @@ class Pilot:
         return found
 
 
+def first_values(prior: Prior, count: int, seed: int) -> Float[np.ndarray, "draw free"]:
+    """λ of simulations 0..count−1 of a run, the same for every method: scrambled Sobol' points of the prior."""
+    sequence = qmc.Sobol(len(prior.free), rng=np.random.default_rng(stream_of(seed, 1, 0)))
+    return prior.quantile(sequence.random_base2(max(count - 1, 0).bit_length())[:count])
+
+
 def pilot_of(recorded: Recorded, prior: Prior, distance: Distance, count: int, seed: int) -> Pilot:
-    """The first simulations of a run: the same for every method, so that stored ones serve again."""
-    values = prior.sample(count, np.random.default_rng(stream_of(seed, 0, 0)))
+    """The first simulations of a run, which stored ones of any method serve for."""
+    values = first_values(prior, count, seed)
     statistics = recorded(values, seed_of(seed, np.arange(count)))
     distances = distance(statistics)
     came = np.isfinite(statistics).all(axis=1)

@@ -72,6 +72,7 @@ def walk(
 ) -> Chains:
     """Chains from places of which some have a high density, the same for the same seed. room: places at most."""
     rng = np.random.default_rng(seed)
+    places = places[np.sort(np.unique(places, axis=0, return_index=True)[1])]  # replicates share one
     start, density = _start(posterior, places, walkers, rng, room)
     moves = [(emcee.moves.DEMove(), 0.8), (emcee.moves.DESnookerMove(), 0.2)]
     sampler = emcee.EnsembleSampler(*start.shape, posterior, moves=moves, vectorize=True)
