@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float
+from rich.box import SIMPLE
 from rich.table import Table
 
 from yeastfit import plot, plot_posterior
@@ -94,13 +95,16 @@ class Results:
         }
 
     def table(self) -> Table:
-        """For a terminal."""
-        columns = ["parameter", "mean", "sd", "5 %", "median", "95 %", "effective draws"]
-        shown = Table(*columns, *(["true", "in 90 %"] if self.truth else []))
+        """For a terminal, of 80 columns at least. draws: effective ones."""
+        shown = Table(box=SIMPLE, padding=0)
+        shown.add_column("parameter", no_wrap=True)
+        columns = ["mean", "sd", "5 %", "median", "95 %", "draws", *(["true", "in 90 %"] if self.truth else [])]
+        for name in columns:
+            shown.add_column(name, justify="right", no_wrap=True)
         for row in self.rows():
-            cells = [row["parameter"], *(f"{row[name]:.4g}" for name in ("mean", "sd", *SHARES))]
+            cells = [row["parameter"], *(f"{row[name]:.3g}" for name in ("mean", "sd", *SHARES))]
             cells.append(f"{row['effective_size']:.0f}")
-            shown.add_row(*cells, *([f"{row['truth']:.4g}", "yes" if row["inside_90"] else "no"] if self.truth else []))
+            shown.add_row(*cells, *([f"{row['truth']:.3g}", "yes" if row["inside_90"] else "no"] if self.truth else []))
         return shown
 
     def lines(self) -> list[str]:

@@ -1,0 +1,329 @@
+"""One posterior, three methods: on the synthetic micrographs, beside each other and beside the truth.
+
+**Truth.** Of each data set `yeastfit infer` makes a posterior as it does by default: by the emulator, of compactness
+and radius of ten colonies at eleven times, with the plausible ranges as prior. Is each λ that went in inside its
+central 90 % interval, and are all three together in the region that holds 90 % of the draws, those nearest to the mean
+in units of their covariance, in log λ?
+
+**Agreement.** Of fewer data, which ABC can come close to: the first four colonies at 7 and at 9 hours, four numbers; of
+a smaller prior, log-uniform, mobility 0.5 to 3, metabolic rate 0.4 to 2.5, aspect ratio 0.45 to 0.9; by a model of
+dt 0.02 and spacing 0.2. A data set of ABC is the mean of four colonies, with errors of measurement. All methods go
+through `yeastfit infer`'s own code, each with two seeds, which share nothing:
+
+- emulator: until it has settled;
+- ABC-SMC: populations of 500 until its budget is spent, then adjusted by regression;
+- ABC-MCMC: 32 chains at the ε that ABC-SMC ended with, or at 1 where that is more.
+
+Means of log λ have Monte-Carlo errors: of chains and populations by their effective sizes, the emulator's with its own
+error, a share of the variance that data are compared with. ε leaves ABC-MCMC's posterior wider. Where errors are what
+they are said to be, z, a difference of two means over its error, has an rms of 1.
+
+Targets: all nine λ, and all three joint ones, inside; z of means has an rms of at most 1.5 between methods, and no
+difference of means is above half a standard deviation.
+
+    python -m benchmarks.agreement [--quick] [--json FILE] [--docs DIR] [--work DIR]
+
+All runs are kept in DIR of --work, out/agreement by default, and taken up there. With --quick: one data set, one seed,
+the second part only, tiny settings, no targets. With --docs, DIR/agreement.md and DIR/agreement.png are written.
+"""
+
+import argparse
+import csv
+import gc
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import date
+from itertools import combinations
+from pathlib import Path
+from typing import Any
+
+import jax
+import numpy as np
+from jaxtyping import Float
+from matplotlib.figure import Figure
+
+from benchmarks.recovery import BOX
+from benchmarks.report import Report, command, machine
+from yeastfit.fit_command import measurements, read_truth
+from yeastfit.infer.priors import Prior
+from yeastfit.infer.samples import Samples, weighted_quantile
+from yeastfit.infer_command import Method, Request, Run
+
+DATA = Path(__file__).parent.parent / "data" / "synthetic"
+SETS = ("demo", "slender", "compact")
+COLONIES, HOURS = 4, (7.0, 9.0)
+METHODS: tuple[Method, ...] = ("emulator", "abc-smc", "abc-mcmc")
+LARGEST_EPSILON = 1.0
+RMS, APART = 1.5, 0.5  # of z; and standard deviations, of means
+COLOURS = {"emulator": "#7a5230", "abc-smc": "#1b6ca8", "abc-mcmc": "#1b8a3a"}
+
+
+@dataclass(frozen=True)
+class Size:
+    """How much is done. smc, pilot, steps: of the three methods; simulations: of the emulator, at most."""
+
+    sets: tuple[str, ...] = SETS
+    seeds: tuple[int, ...] = (1, 2)
+    whole: bool = True
+    simulations: int = 4096
+    population: int = 500
+    smc: int = 8000
+    pilot: int = 1024
+    steps: int = 200
+    dt: float = 0.02
+    spacing: float = 0.2
+
+
+QUICK = Size(SETS[:1], (1,), False, simulations=256, population=64, smc=400, pilot=128, steps=10, dt=0.05, spacing=0.4)
+
+
+@dataclass(frozen=True)
+class Found:
+    """One posterior: mean and standard deviation of log λ with their errors, and its weighted draws."""
+
+    x: Float[np.ndarray, "draw free"]
+    weights: Float[np.ndarray, " draw"]
+    mean: Float[np.ndarray, " free"]
+    sd: Float[np.ndarray, " free"]
+    error: Float[np.ndarray, " free"]
+    free: tuple[str, ...]
+    simulations: int
+    seconds: float
+    epsilon: float | None
+
+    @staticmethod
+    def of(samples: Samples) -> "Found":
+        """The emulator's own error is added where there is one."""
+        x, weights = np.log(samples.flat), samples.weights.ravel()
+        mean = weights @ x
+        sd = np.sqrt(weights @ (x - mean) ** 2)
+        rounds, epsilon = samples.diagnostics.get("rounds"), samples.diagnostics.get("epsilon")
+        share = 1 / samples.effective_size + (rounds[-1]["error_share"] if rounds else 0.0)
+        last = epsilon[-1] if isinstance(epsilon, list) else epsilon
+        cost = (samples.simulations, samples.seconds)
+        return Found(x, weights, mean, sd, sd * np.sqrt(share), samples.free, *cost, last)
+
+    def inside(self, truth: Float[np.ndarray, " free"], level: float = 0.9) -> tuple[list[bool], bool]:
+        """Each λ in its central interval, and all together in the region of the draws nearest to the mean."""
+        ends = (0.5 - 0.5 * level, 0.5 + 0.5 * level)
+        each = []
+        for one, column in zip(truth, self.x.T, strict=True):
+            low, high = (weighted_quantile(column, self.weights, end) for end in ends)
+            each.append(bool(low <= one <= high))
+        covariance = np.cov(self.x.T, aweights=self.weights)
+        off = np.vstack([truth, self.x]) - self.mean
+        apart = np.einsum("df,df->d", off, np.linalg.solve(covariance, off.T).T)
+        return each, bool(apart[0] <= weighted_quantile(apart[1:], self.weights, level))
+
+
+def posterior(source: Path, folder: Path, request: Request) -> Found:
+    """A run of `yeastfit infer` up to its draws, taken up where it was left."""
+    kept = folder / "samples.npz"
+    if not kept.is_file():
+        run = Run.begin(request, source, folder, True, os.cpu_count() or 1, lambda done, total: None)
+        run.sample(lambda rows: None, lambda what, share: None)
+        jax.clear_caches()
+        gc.collect()
+    return Found.of(Samples.load(kept))
+
+
+def few(name: str, work: Path) -> Path:
+    """A table of the first colonies at two times; outlines as they were measured."""
+    measured, table = work / name / "measured", work / name / "few" / "measurements.csv"
+    data = measurements(DATA / name, measured, os.cpu_count() or 1, lambda done, total: None)
+    colonies = list(dict.fromkeys(row["replicate"] for row in data.rows))[:COLONIES]
+    rows = [dict(row) for row in data.rows if row["replicate"] in colonies and row["hours"] in HOURS]
+    for row in rows:
+        row["mask"] = os.path.relpath(data.folder / str(row["mask"]), table.parent)
+    table.parent.mkdir(parents=True, exist_ok=True)
+    with table.open("w", newline="") as file:
+        writer = csv.DictWriter(file, list(rows[0]))
+        writer.writeheader()
+        writer.writerows(rows)
+    return table
+
+
+def beside(name: str, seed: int, size: Size, work: Path, report: Report) -> dict[str, Found]:
+    """Posteriors of one data set's few colonies, by method."""
+    table, prior = few(name, work), work / "prior.toml"
+    laws = {one: {"law": "log-uniform", "low": low, "high": high} for one, (low, high) in BOX.items()}
+    prior.write_text(Prior.of(laws).toml())
+    common: dict[str, Any] = {"prior": prior, "dt": size.dt, "spacing": size.spacing, "seed": seed}
+    abc = {"colonies": COLONIES, "pilot": size.pilot}
+    found = dict[str, Found]()
+    for method in METHODS:
+        report.stage(f"{name}, seed {seed}: {method}")
+        own: dict[str, Any] = {"simulations": size.simulations}
+        if method == "abc-smc":
+            own = {**abc, "population": size.population, "simulations": size.smc}
+        elif method == "abc-mcmc":
+            own = {**abc, "epsilon": min(LARGEST_EPSILON, found["abc-smc"].epsilon or np.inf), "steps": size.steps}
+        if report.quick and method == "abc-mcmc":
+            own["epsilon"] = None
+        request = Request(method=method, **common, **own)
+        found[method] = posterior(table, work / name / f"{method}-{seed}", request)
+    return found
+
+
+def truth_of(name: str, free: Sequence[str]) -> Float[np.ndarray, " free"]:
+    """log λ that went into a data set."""
+    known = read_truth(DATA / name)
+    assert known is not None, name
+    return np.log([known[one] for one in free])
+
+
+def wholes(report: Report, size: Size, work: Path) -> dict[str, Found]:
+    """Posteriors of all data of each set, with the truth."""
+    found, rows, inside, together = dict[str, Found](), [], 0, 0
+    for name in size.sets:
+        report.stage(f"{name}: all colonies, by default")
+        one = found[name] = posterior(DATA / name, work / name / "whole", Request(seed=0))
+        truth = truth_of(name, one.free)
+        each, joint = one.inside(truth)
+        inside, together = inside + sum(each), together + joint
+        for k, parameter in enumerate(one.free):
+            low, high = (weighted_quantile(one.x[:, k], one.weights, share) for share in (0.05, 0.95))
+            ends = f"{np.exp(low):.3g} to {np.exp(high):.3g}"
+            row = {"set": name, "λ": parameter, "true": float(np.exp(truth[k])), "90 %": ends}
+            rows.append({**row, "inside": _yes(each[k])})
+        note = f"all three {'inside' if joint else 'outside'} together; {one.simulations} colonies"
+        report.add(f"{name}, all data", one.seconds, "s", note=note)
+    report.add("λ inside their 90 % intervals", inside, "", target=len(rows), note=f"of {len(rows)}")
+    report.add("sets inside their joint 90 % region", together, "", target=len(size.sets), note=f"of {len(size.sets)}")
+    report.table("truth and posterior of all data", rows)
+    return found
+
+
+def agree(report: Report, size: Size, work: Path) -> dict[tuple[str, int], dict[str, Found]]:
+    """Posteriors of few data by three methods, and how far they are from each other."""
+    found = {(name, seed): beside(name, seed, size, work, report) for name in size.sets for seed in size.seeds}
+    rows, runs = [], []
+    scores: dict[str, list[np.ndarray]] = {"between": [], "within": []}
+    widest = 0.0
+    for name in size.sets:
+        every = [(method, seed, found[name, seed][method]) for seed in size.seeds for method in METHODS]
+        for method, seed, one in every:
+            each, joint = one.inside(truth_of(name, one.free))
+            runs.append(
+                {
+                    "set": name,
+                    "method": method,
+                    "seed": seed,
+                    **{
+                        parameter: f"{one.mean[k]:+.3f} ± {one.sd[k]:.3f} ({one.error[k]:.3f})"
+                        for k, parameter in enumerate(one.free)
+                    },
+                    "λ inside": sum(each),
+                    "together": _yes(joint),
+                    "ε": one.epsilon,
+                    "data sets": one.simulations,
+                    "s": one.seconds,
+                }
+            )
+        for (method, seed, one), (other_method, other_seed, other) in combinations(every, 2):
+            z = (one.mean - other.mean) / np.hypot(one.error, other.error)
+            if method == other_method:
+                scores["within"].append(z)
+                continue
+            scores["between"].append(z)
+            pooled = np.sqrt(0.5 * (one.sd**2 + other.sd**2))
+            shift = (one.mean - other.mean) / pooled
+            widest = max(widest, float(np.abs(shift).max()))
+            if seed == other_seed:
+                rows.append(
+                    {
+                        "set": name,
+                        "methods": f"{method}, {other_method}",
+                        "seed": seed,
+                        "shift, sd": " ".join(f"{one:+.2f}" for one in shift),
+                        "z": " ".join(f"{one:+.1f}" for one in z),
+                        "ratio of sd": " ".join(f"{one:.2f}" for one in one.sd / other.sd),
+                    }
+                )
+    most: tuple[float | None, float | None] = (None, None) if report.quick else (RMS, APART)
+    said = "1 where errors are right"
+    report.add("z of means between methods, rms", _rms(scores["between"]), "", most[0], at_least=False, note=said)
+    if scores["within"]:
+        report.add("z of means of one method, rms", _rms(scores["within"]), "", note=f"two seeds; {said}")
+    report.add("largest difference of means between methods", widest, "sd", most[1], at_least=False)
+    report.table("few data: mean ± sd of log λ (Monte-Carlo error of the mean), in the order " + _names(BOX), runs)
+    report.table("few data: methods beside each other, λ in the order " + _names(BOX), rows)
+    return found
+
+
+def _names(names: Sequence[str] | dict[str, Any]) -> str:
+    return ", ".join(name.replace("_", " ") for name in names)
+
+
+def _yes(value: bool) -> str:
+    return "yes" if value else "no"
+
+
+def _rms(scores: Sequence[np.ndarray]) -> float:
+    return float(np.sqrt(np.mean(np.concatenate(scores) ** 2)))
+
+
+def picture(found: dict[tuple[str, int], dict[str, Found]], size: Size, path: Path) -> None:
+    """Cumulative distributions by all methods and seeds, with the truth: a row for each set."""
+    figure = Figure(figsize=(11, 3 * len(size.sets)), layout="constrained")
+    panels = figure.subplots(len(size.sets), len(BOX), squeeze=False)
+    for name, row in zip(size.sets, panels, strict=True):
+        for k, (parameter, panel) in enumerate(zip(BOX, row, strict=True)):
+            for seed in size.seeds:
+                for method, one in found[name, seed].items():
+                    order = np.argsort(one.x[:, k])
+                    label = method if seed == size.seeds[0] else None
+                    line = np.cumsum(one.weights[order])
+                    panel.plot(np.exp(one.x[order, k]), line, lw=1, color=COLOURS[method], label=label)
+            panel.axvline(np.exp(truth_of(name, tuple(BOX))[k]), color="black", lw=0.8, ls="--")
+            panel.set(xscale="log", xlim=BOX[parameter], xlabel=f"{name}: {parameter.replace('_', ' ')}")
+            panel.xaxis.set_major_formatter("{x:g}")
+            panel.xaxis.set_minor_formatter("{x:g}")
+            panel.tick_params(axis="x", which="both", labelsize=7)
+    panels[0, 0].legend(fontsize=8)
+    panels[0, 0].set(ylabel="share of the posterior below")
+    figure.savefig(path, dpi=70)
+
+
+def markdown(report: Report) -> str:
+    """The page."""
+    about = "; ".join(f"{key} {value}" for key, value in machine().items())
+    head, *rest = (__doc__ or "").split("\n\n")
+    text = "\n\n".join(rest[: next(k for k, one in enumerate(rest) if one.startswith("    python -m"))])
+    parts = [
+        f"""# {head.rstrip(".")}
+
+Written by `python -m benchmarks.agreement --docs docs` on {date.today()}. {about}.
+
+{text}
+
+![Posteriors of few data](agreement.png)
+
+Shares of the posterior of few data below each λ, two runs of each method; dashed: the truth.
+"""
+    ]
+    return "\n".join([*parts, *report.sections()])
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """The command: options of its own, then those of every benchmark."""
+    parser = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
+    parser.add_argument("--work", type=Path, default=Path("out/agreement"))
+    own, others = parser.parse_known_args(arguments)
+
+    def run(report: Report, quick: bool) -> None:
+        size, work = (QUICK, own.work / "quick") if quick else (Size(), own.work / "full")
+        found = agree(report, size, work)
+        if size.whole:
+            wholes(report, size, work)
+        if report.docs is not None:
+            report.docs.mkdir(parents=True, exist_ok=True)
+            picture(found, size, report.docs / "agreement.png")
+            (report.docs / "agreement.md").write_text(markdown(report))
+
+    command("agreement", run, others)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,97 @@
+"""Posteriors by several methods beside each other and beside the truth: `benchmarks.agreement`."""
+
+import csv
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from benchmarks import agreement
+from benchmarks.agreement import Found, Size, agree
+from benchmarks.recovery import BOX
+from benchmarks.report import Report
+from yeastfit.infer.samples import Samples
+
+FREE = tuple(BOX)
+CENTRE, COVARIANCE = np.array([0.2, -0.1, -0.5]), np.array([[0.04, -0.03, 0.0], [-0.03, 0.05, 0.0], [0.0, 0.0, 0.01]])
+
+
+def samples(seed: int, *, shift: float = 0.0, share: float = 0.0, draws: int = 400) -> Samples:
+    """Draws of log λ, normal; with a share of the emulator's error, which moves all of them."""
+    rng = np.random.default_rng(seed)
+    root = np.linalg.cholesky(COVARIANCE)
+    off = shift * np.sqrt(np.diag(COVARIANCE)) + np.sqrt(share * np.diag(COVARIANCE)) * rng.standard_normal(3)
+    x = CENTRE + off + rng.standard_normal((4, draws // 4, 3)) @ root.T
+    rounds = {"rounds": [{"error_share": share}]} if share else {"epsilon": [2.0, 0.5]}
+    kept = {"free": FREE, "labels": ("s",), "statistics": np.zeros((4, draws // 4, 1)), "acceptance": np.ones(4)}
+    weights, log_density = np.full((4, draws // 4), 1 / draws), np.zeros((4, draws // 4))
+    return Samples(
+        values=np.exp(x),
+        weights=weights,
+        log_probability=log_density,
+        simulations=10,
+        seconds=1.0,
+        seed=seed,
+        method="any",
+        diagnostics=rounds,
+        **kept,
+    )
+
+
+def test_a_posterior_holds_its_draws_with_their_probability() -> None:
+    found = Found.of(samples(0, draws=4000))
+    rng = np.random.default_rng(1)
+    truths = CENTRE + rng.standard_normal((400, 3)) @ np.linalg.cholesky(COVARIANCE).T
+    inside = [found.inside(truth) for truth in truths]
+    assert np.mean([each for each, _ in inside]) == pytest.approx(0.9, abs=0.03)
+    assert np.mean([joint for _, joint in inside]) == pytest.approx(0.9, abs=0.045)
+    assert found.epsilon == 0.5
+    np.testing.assert_allclose(found.mean, CENTRE, atol=5 * found.error.max())
+
+
+@pytest.mark.parametrize(("shift", "wide"), [(0.0, 1.0), (0.6, 4.0)])
+def test_scores_are_what_errors_say(shift: float, wide: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Posteriors of one law, and then one method beside it."""
+
+    def made(name: str, seed: int, size: Size, work: Path, report: Report) -> dict[str, Found]:
+        number = 100 * agreement.SETS.index(name) + 10 * seed
+        return {
+            "emulator": Found.of(samples(number, share=0.02)),
+            "abc-smc": Found.of(samples(number + 1)),
+            "abc-mcmc": Found.of(samples(number + 2, shift=shift)),
+        }
+
+    monkeypatch.setattr(agreement, "beside", made)
+    monkeypatch.setattr(agreement, "truth_of", lambda name, free: CENTRE)
+    report, size = Report("agreement"), Size(seeds=(1, 2, 3, 4))
+    found = agree(report, size, tmp_path)
+    figures = {figure.name: figure for figure in report.figures}
+    between = figures["z of means between methods, rms"]
+    assert between.value == pytest.approx(wide, rel=0.3) if shift == 0 else between.value > 2
+    assert figures["z of means of one method, rms"].value == pytest.approx(1.0, rel=0.3)
+    assert report.met is (shift == 0)
+    agreement.picture(found, size, tmp_path / "agreement.png")
+    text = agreement.markdown(report)
+    assert "python -m" in text
+    assert "shift, sd" in text
+
+
+def test_few_data_are_the_first_colonies_at_two_times(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    masks = tmp_path / "demo" / "measured"
+
+    class Data:
+        rows = [  # noqa: RUF012
+            {"replicate": str(colony), "hours": hours, "mask": f"masks/{colony}-{hours:g}.png"}
+            for colony in range(1, 8)
+            for hours in (5.0, 7.0, 9.0)
+        ]
+        folder = masks
+
+    monkeypatch.setattr(agreement, "measurements", lambda *given: Data)
+    table = agreement.few("demo", tmp_path)
+    with table.open() as file:
+        rows = list(csv.DictReader(file))
+    assert [(row["replicate"], float(row["hours"])) for row in rows] == [
+        (str(colony), hours) for colony in range(1, 5) for hours in agreement.HOURS
+    ]
+    assert (table.parent / rows[0]["mask"]).resolve() == (masks / "masks" / "1-7.png").resolve()
