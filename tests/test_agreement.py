@@ -23,18 +23,20 @@ def samples(seed: int, *, shift: float = 0.0, share: float = 0.0, draws: int = 4
     off = shift * np.sqrt(np.diag(COVARIANCE)) + np.sqrt(share * np.diag(COVARIANCE)) * rng.standard_normal(3)
     x = CENTRE + off + rng.standard_normal((4, draws // 4, 3)) @ root.T
     rounds = {"rounds": [{"error_share": share}]} if share else {"epsilon": [2.0, 0.5]}
-    kept = {"free": FREE, "labels": ("s",), "statistics": np.zeros((4, draws // 4, 1)), "acceptance": np.ones(4)}
-    weights, log_density = np.full((4, draws // 4), 1 / draws), np.zeros((4, draws // 4))
+    weights = np.full((4, draws // 4), 1 / draws)
     return Samples(
+        free=FREE,
         values=np.exp(x),
         weights=weights,
-        log_probability=log_density,
+        log_probability=np.zeros_like(weights),
+        acceptance=np.ones(4),
+        labels=("s",),
+        statistics=np.zeros((4, draws // 4, 1)),
         simulations=10,
         seconds=1.0,
         seed=seed,
         method="any",
         diagnostics=rounds,
-        **kept,
     )
 
 

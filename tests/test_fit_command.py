@@ -13,7 +13,7 @@ from helpers import wrong_types
 from PIL import Image
 from stand_in import ROOT, SETTINGS, STATISTICS, TIMES, StandIn, bent, fitted, logs
 
-from yeastfit import Fit, FitSettings, Parameters, Scales, Targets, cli
+from yeastfit import Fit, FitSettings, Parameters, Scales, Targets, cli, cli_fit
 from yeastfit.fit_command import RESULTS, named_numbers, read_truth
 from yeastfit.infer.measurements import NEEDED, TABLE
 from yeastfit.infer.surface import study
@@ -68,8 +68,8 @@ def quick(monkeypatch: pytest.MonkeyPatch) -> list[dict[str, Any]]:
         grow: Callable[[np.ndarray], np.ndarray] = lambda theta: bent(result.space.log_parameters("", theta))  # noqa: E731
         return Explored(result, study(grow, *_box(result), 64, seed=0), 64)
 
-    monkeypatch.setattr(cli, "run_fit", run_fit)
-    monkeypatch.setattr(cli, "explore", explore)
+    monkeypatch.setattr(cli_fit, "run_fit", run_fit)
+    monkeypatch.setattr(cli_fit, "explore", explore)
     return asked
 
 
@@ -131,9 +131,9 @@ def test_conditions_are_fitted_together_and_options_arrive(
 def test_a_fit_that_did_not_converge_is_exit_code_1(
     quick: list[dict[str, Any]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    run_fit = cli.run_fit
+    run_fit = cli_fit.run_fit
     ended = "not converged: the limit of 8 steps was reached"
-    monkeypatch.setattr(cli, "run_fit", lambda *a, **k: replace(run_fit(*a, **k), converged=False, status=ended))
+    monkeypatch.setattr(cli_fit, "run_fit", lambda *a, **k: replace(run_fit(*a, **k), converged=False, status=ended))
     source = table(tmp_path, {"": TRUTH})
     assert cli.run(["fit", str(source), "--out", str(tmp_path / "out"), "--statistics", ",".join(STATISTICS)]) == 1
     assert ended in " ".join(capsys.readouterr().out.split())
