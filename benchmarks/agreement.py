@@ -48,7 +48,8 @@ from benchmarks.report import Report, command, machine
 from yeastfit.fit_command import measurements, read_truth
 from yeastfit.infer.priors import Prior
 from yeastfit.infer.samples import Samples, weighted_quantile
-from yeastfit.infer_command import Method, Request, Run
+from yeastfit.infer_command import Run
+from yeastfit.infer_request import Method, Request
 
 DATA = Path(__file__).parent.parent / "data" / "synthetic"
 SETS = ("demo", "slender", "compact")

@@ -59,6 +59,7 @@ from yeastfit.infer.colony_simulator import ColonySimulator
 from yeastfit.infer.emulated import EmulatedSettings, emulated
 from yeastfit.infer.emulator import Emulator, train
 from yeastfit.infer.networks import EmulatorSettings
+from yeastfit.infer.pilot import distance_of
 from yeastfit.infer.predictive import Replicates
 from yeastfit.infer.priors import Prior
 from yeastfit.infer.samples import Samples
@@ -66,7 +67,6 @@ from yeastfit.infer.settings import FitSettings
 from yeastfit.infer.simulations import Recorded, Store
 from yeastfit.infer.simulator import Simulator, seed_of, stream_of
 from yeastfit.infer.targets import Targets
-from yeastfit.infer_command import distance_of
 
 PRIOR = Prior.of({name: {"law": "log-uniform", "low": low, "high": high} for name, (low, high) in BOX.items()})
 MODEL = FitSettings(dt=0.025, spacing=0.4)

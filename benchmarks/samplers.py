@@ -54,10 +54,10 @@ from yeastfit.infer.distances import Distance
 from yeastfit.infer.emulated import EmulatedSettings, emulated
 from yeastfit.infer.mcmc_settings import McmcSettings
 from yeastfit.infer.networks import EmulatorSettings
+from yeastfit.infer.pilot import distance_of
 from yeastfit.infer.priors import default_prior
 from yeastfit.infer.samples import Samples
 from yeastfit.infer.simulations import Recorded
-from yeastfit.infer_command import distance_of
 
 TRUTH = {"mobility": 1.3, "aspect_ratio": 0.65}
 REACH = (0.8, 0.3)  # of log λ: where the posterior is looked for, around the truth

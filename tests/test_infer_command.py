@@ -22,11 +22,11 @@ from yeastfit import cli
 from yeastfit.errors import InputError
 from yeastfit.infer.colony_simulator import ColonySimulator
 from yeastfit.infer.distances import LiDistance
-from yeastfit.infer.pilot import pilot_of
+from yeastfit.infer.pilot import distance_of, pilot_of
 from yeastfit.infer.priors import default_prior
 from yeastfit.infer.samples import Samples
 from yeastfit.infer.simulations import DATASET, Recorded
-from yeastfit.infer_command import Request, distance_of
+from yeastfit.infer_request import Request
 
 TINY = {
     "emulator": ["--simulations", "96", "--walkers", "8"],

@@ -31,7 +31,10 @@ from yeastfit.synthesis import read_recipes
 from yeastfit.synthesis import synthesize as make_dataset
 from yeastfit.terminal import err, fail, out, progress, warn
 
-app = typer.Typer(no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False, help=__doc__)
+HELP = """Parameters of yeast colonies from micrographs: simulate, measure, fit, infer.
+
+Every run leaves `manifest.json`; bad input ends with one line and exit code 2."""
+app = typer.Typer(no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False, help=HELP)
 INTERRUPTED = 130  # typer's exit code after Ctrl-C
 
 

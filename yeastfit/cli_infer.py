@@ -13,6 +13,7 @@ from yeastfit.infer.fit import DEFAULT_FREE
 from yeastfit.infer.priors import template
 from yeastfit.infer.settings import FitSettings
 from yeastfit.infer.space import check_free
+from yeastfit.infer_request import Request
 from yeastfit.model.parameters import Scales
 from yeastfit.options import Jobs, Length, MeasurementError, Rate, Seed, Truth, with_parameters
 from yeastfit.storage import write_manifest
@@ -100,7 +101,7 @@ def infer(
         return
     if source is None or folder is None:
         raise InputError(f"{'SOURCE' if source is None else '--out'} is missing: yeastfit infer SOURCE --out FOLDER")
-    request = infer_command.Request.of(
+    request = Request.of(
         li,
         {
             "method": method or ("abc-mcmc" if li else "emulator"),

@@ -1,16 +1,28 @@
 """Pilot simulations: λ from the prior, what comes of them, and what that says before anything is sampled."""
 
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from jaxtyping import Float
 from scipy.stats import qmc
 
 from yeastfit.errors import InputError
-from yeastfit.infer.distances import NEAR_AREA, Distance, KernelName, log_kernel
+from yeastfit.infer.distances import (
+    NEAR_AREA,
+    Distance,
+    KernelName,
+    LiDistance,
+    Mahalanobis,
+    WeightedCurves,
+    log_kernel,
+)
 from yeastfit.infer.priors import Prior
 from yeastfit.infer.simulations import Recorded
 from yeastfit.infer.simulator import Simulator, seed_of, stream_of
+from yeastfit.infer.surface import monomials
+
+DistanceName = Literal["li", "mahalanobis", "curves"]
 
 NEAREST = 5  # simulations per parameter that a covariance is made of, at least
 
@@ -83,6 +95,42 @@ def pilot_of(recorded: Recorded, prior: Prior, distance: Distance, count: int, s
             f"{'; '.join(warnings) or 'a larger pilot or another prior is needed'}"
         )
     return Pilot(x, prior.log_density_of_coordinates(x), statistics, distances, warnings)
+
+
+def distance_of(
+    name: DistanceName,
+    recorded: Recorded,
+    prior: Prior,
+    observed: Float[np.ndarray, " statistic"],
+    pilot: int,
+    seed: int,
+) -> Distance:
+    """Li et al.'s; or by the scatter of the pilot's simulations about a quadratic in their coordinates.
+
+    Where area is among the statistics, Li et al.'s makes a condition of the last one.
+
+    That scatter is what colonies of one λ differ by, which data sets should be compared by; over all of the prior's λ
+    statistics differ much more. Raises `InputError` where the pilot is too small to tell it.
+    """
+    if name == "li":
+        areas = [k for k, label in enumerate(recorded.labels) if label.startswith("area at ")]
+        return LiDistance(observed, areas[-1] if areas and len(observed) > 1 else None)
+    found = pilot_of(recorded, prior, LiDistance(observed), pilot, seed)
+    whole = np.isfinite(found.distances)
+    x, statistics = found.x[whole], found.statistics[whole]
+    x = (x - x.mean(axis=0)) / x.std(axis=0)
+    terms = monomials(x)
+    needed = terms.shape[1] + 2 * len(observed)
+    if len(x) < needed:
+        raise InputError(
+            f"pilot: {len(x)} of {pilot} simulations came to something, the scatter of {len(observed)} statistics "
+            f"needs at least {needed}"
+        )
+    rest = statistics - terms @ np.linalg.lstsq(terms, statistics, rcond=None)[0]
+    covariance = rest.T @ rest / (len(x) - terms.shape[1])
+    if name == "curves":
+        return WeightedCurves(observed, np.sqrt(np.diag(covariance)))
+    return Mahalanobis(observed, 0.5 * (covariance + covariance.T))
 
 
 def check_problem(simulator: Simulator, prior: Prior, distance: Distance) -> None:
