@@ -3,13 +3,18 @@ PYTHON ?= python3
 VENV ?= .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo test lint types data notebooks clean
+.PHONY: demo test test-arviz lint types data notebooks clean
 
 demo: $(VENV)/.installed
 	$(BIN)/yeastfit fit data/synthetic/demo --out out/demo --truth
 
 test: $(VENV)/.installed-test lint types
 	$(BIN)/python -m pytest --numprocesses auto --maxprocesses 4 --dist worksteal
+
+# the export with ArviZ 1.x, which Python 3.11 has not: make test-arviz PYTHON=python3.12 VENV=.venv-arviz
+test-arviz: $(VENV)/.made
+	$(BIN)/pip install --quiet --disable-pip-version-check --editable . 'arviz>=1' h5netcdf pytest beartype hypothesis
+	$(BIN)/python -m pytest -p no:cacheprovider tests/infer/test_export.py
 
 lint: $(VENV)/.installed-test
 	$(BIN)/ruff check .
