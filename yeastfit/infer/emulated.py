@@ -8,14 +8,13 @@
 
 **Settled**: from one round to the next, of each parameter the median and the two quantiles that hold 68 % between them
 moved by no more than `settle` of half their distance; and the emulator's error is at most settle² of the variance that
-the data are compared with, which at the worst moves a mean by `settle` standard deviations. Else rounds go on until the
-budget of simulations is spent. Of rare draws far off it says nothing: how many there are is less certain.
+the data are compared with, so that it moves a mean by some `settle` standard deviations or less. Else rounds go on
+until the budget of simulations is spent. Of rare draws far off this says nothing: how many there are is less certain.
 
 As the likelihood is what is learnt, where the simulations were made has no influence on the posterior but by the
 emulator's error (Papamakarios et al. 2019, arXiv:1805.07226): those of other runs, whatever their method, serve as
-well. Every step depends on the seed alone: a run that is
-repeated with the store of simulations of one that was stopped repeats its training and its chains, simulates only what
-is missing, and comes to the same result.
+well. Every step depends on the seed alone: a run that is repeated with the store of simulations of one that was stopped
+repeats its training and its chains, simulates only what is missing, and comes to the same result.
 """
 
 import time as clock
