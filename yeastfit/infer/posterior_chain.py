@@ -21,6 +21,7 @@ ENOUGH = 1.2 * LONG  # autocorrelation times; `diagnose` has its own estimate of
 BURN_IN = 3  # autocorrelation times, after the first `PIECE` steps
 PIECE = 500  # steps between looks at the autocorrelation time
 APART = 0.5  # autocorrelation times between draws that are kept
+FEWEST = 50  # that are kept of a chain, however long they hang together: it is then said to be too short
 
 LogDensity = Callable[[np.ndarray], np.ndarray]  # of rows
 
@@ -87,7 +88,7 @@ def walk(
         half = sampler.get_chain(discard=sampler.iteration // 2)
         times = autocorrelation_time(half.transpose(1, 0, 2))
         burnt = min(int(PIECE / 2 + BURN_IN * times.max()), sampler.iteration // 2)
-    thin = max(1, int(APART * times.max()))
+    thin = max(1, min(int(APART * times.max()), (sampler.iteration - burnt) // FEWEST))
     return Chains(
         sampler.get_chain(discard=burnt, thin=thin).transpose(1, 0, 2),
         sampler.get_log_prob(discard=burnt, thin=thin).T,
