@@ -28,12 +28,10 @@ the second part only, tiny settings, no targets. With --docs, DIR/agreement.md a
 """
 
 import argparse
-import csv
 import gc
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass
-from datetime import date
 from itertools import combinations
 from pathlib import Path
 from typing import Any
@@ -43,19 +41,21 @@ import numpy as np
 from jaxtyping import Float
 from matplotlib.figure import Figure
 
+from benchmarks.calibration import PRIOR
 from benchmarks.recovery import BOX
-from benchmarks.report import Report, command, machine
+from benchmarks.report import Report, command
 from yeastfit.fit_command import measurements, read_truth
-from yeastfit.infer.priors import Prior
 from yeastfit.infer.samples import Samples, weighted_quantile
 from yeastfit.infer_command import Run
 from yeastfit.infer_request import Method, Request
+from yeastfit.storage import write_table
 
 DATA = Path(__file__).parent.parent / "data" / "synthetic"
 SETS = ("demo", "slender", "compact")
 COLONIES, HOURS = 4, (7.0, 9.0)
 METHODS: tuple[Method, ...] = ("emulator", "abc-smc", "abc-mcmc")
 LARGEST_EPSILON = 1.0
+LEVEL = 0.9  # of intervals and regions
 RMS, APART = 1.5, 0.5  # of z; and standard deviations, of means
 COLOURS = {"emulator": "#7a5230", "abc-smc": "#1b6ca8", "abc-mcmc": "#1b8a3a"}
 
@@ -81,17 +81,28 @@ QUICK = Size(SETS[:1], (1,), False, simulations=256, population=64, smc=400, pil
 
 @dataclass(frozen=True)
 class Found:
-    """One posterior: mean and standard deviation of log λ with their errors, and its weighted draws."""
+    """One posterior: mean and standard deviation of log λ, and the mean's error."""
 
-    x: Float[np.ndarray, "draw free"]
-    weights: Float[np.ndarray, " draw"]
+    samples: Samples
     mean: Float[np.ndarray, " free"]
     sd: Float[np.ndarray, " free"]
     error: Float[np.ndarray, " free"]
-    free: tuple[str, ...]
-    simulations: int
-    seconds: float
-    epsilon: float | None
+
+    @property
+    def x(self) -> Float[np.ndarray, "draw free"]:
+        """log λ of the draws."""
+        return np.log(self.samples.flat)
+
+    @property
+    def weights(self) -> Float[np.ndarray, " draw"]:
+        """Of the draws."""
+        return self.samples.weights.ravel()
+
+    @property
+    def epsilon(self) -> float | None:
+        """ABC's, the last."""
+        found = self.samples.diagnostics.get("epsilon")
+        return found[-1] if isinstance(found, list) else found
 
     @staticmethod
     def of(samples: Samples) -> "Found":
@@ -99,19 +110,14 @@ class Found:
         x, weights = np.log(samples.flat), samples.weights.ravel()
         mean = weights @ x
         sd = np.sqrt(weights @ (x - mean) ** 2)
-        rounds, epsilon = samples.diagnostics.get("rounds"), samples.diagnostics.get("epsilon")
+        rounds = samples.diagnostics.get("rounds")
         share = 1 / samples.effective_size + (rounds[-1]["error_share"] if rounds else 0.0)
-        last = epsilon[-1] if isinstance(epsilon, list) else epsilon
-        cost = (samples.simulations, samples.seconds)
-        return Found(x, weights, mean, sd, sd * np.sqrt(share), samples.free, *cost, last)
+        return Found(samples, mean, sd, sd * np.sqrt(share))
 
-    def inside(self, truth: Float[np.ndarray, " free"], level: float = 0.9) -> tuple[list[bool], bool]:
-        """Each λ in its central interval, and all together in the region of the draws nearest to the mean."""
-        ends = (0.5 - 0.5 * level, 0.5 + 0.5 * level)
-        each = []
-        for one, column in zip(truth, self.x.T, strict=True):
-            low, high = (weighted_quantile(column, self.weights, end) for end in ends)
-            each.append(bool(low <= one <= high))
+    def inside(self, truth: Float[np.ndarray, " free"], level: float = LEVEL) -> tuple[list[bool], bool]:
+        """Each log λ in its central interval, and all in the region of the draws nearest to the mean."""
+        low, high = np.log(self.samples.interval(level)).T
+        each = ((low <= truth) & (truth <= high)).tolist()
         covariance = np.cov(self.x.T, aweights=self.weights)
         off = np.vstack([truth, self.x]) - self.mean
         apart = np.einsum("df,df->d", off, np.linalg.solve(covariance, off.T).T)
@@ -132,24 +138,21 @@ def posterior(source: Path, folder: Path, request: Request) -> Found:
 def few(name: str, work: Path) -> Path:
     """A table of the first colonies at two times; outlines as they were measured."""
     measured, table = work / name / "measured", work / name / "few" / "measurements.csv"
+    if table.is_file():
+        return table
     data = measurements(DATA / name, measured, os.cpu_count() or 1, lambda done, total: None)
     colonies = list(dict.fromkeys(row["replicate"] for row in data.rows))[:COLONIES]
     rows = [dict(row) for row in data.rows if row["replicate"] in colonies and row["hours"] in HOURS]
     for row in rows:
         row["mask"] = os.path.relpath(data.folder / str(row["mask"]), table.parent)
-    table.parent.mkdir(parents=True, exist_ok=True)
-    with table.open("w", newline="") as file:
-        writer = csv.DictWriter(file, list(rows[0]))
-        writer.writeheader()
-        writer.writerows(rows)
+    write_table(table, rows)
     return table
 
 
 def beside(name: str, seed: int, size: Size, work: Path, report: Report) -> dict[str, Found]:
     """Posteriors of one data set's few colonies, by method."""
     table, prior = few(name, work), work / "prior.toml"
-    laws = {one: {"law": "log-uniform", "low": low, "high": high} for one, (low, high) in BOX.items()}
-    prior.write_text(Prior.of(laws).toml())
+    prior.write_text(PRIOR.toml())
     common: dict[str, Any] = {"prior": prior, "dt": size.dt, "spacing": size.spacing, "seed": seed}
     abc = {"colonies": COLONIES, "pilot": size.pilot}
     found = dict[str, Found]()
@@ -159,9 +162,8 @@ def beside(name: str, seed: int, size: Size, work: Path, report: Report) -> dict
         if method == "abc-smc":
             own = {**abc, "population": size.population, "simulations": size.smc}
         elif method == "abc-mcmc":
-            own = {**abc, "epsilon": min(LARGEST_EPSILON, found["abc-smc"].epsilon or np.inf), "steps": size.steps}
-        if report.quick and method == "abc-mcmc":
-            own["epsilon"] = None
+            epsilon = None if report.quick else min(LARGEST_EPSILON, found["abc-smc"].epsilon or np.inf)
+            own = {**abc, "epsilon": epsilon, "steps": size.steps}
         request = Request(method=method, **common, **own)
         found[method] = posterior(table, work / name / f"{method}-{seed}", request)
     return found
@@ -174,26 +176,24 @@ def truth_of(name: str, free: Sequence[str]) -> Float[np.ndarray, " free"]:
     return np.log([known[one] for one in free])
 
 
-def wholes(report: Report, size: Size, work: Path) -> dict[str, Found]:
+def wholes(report: Report, size: Size, work: Path) -> None:
     """Posteriors of all data of each set, with the truth."""
-    found, rows, inside, together = dict[str, Found](), [], 0, 0
+    rows, inside, together = [], 0, 0
     for name in size.sets:
         report.stage(f"{name}: all colonies, by default")
-        one = found[name] = posterior(DATA / name, work / name / "whole", Request(seed=0))
-        truth = truth_of(name, one.free)
+        one = posterior(DATA / name, work / name / "whole", Request(seed=0))
+        truth = truth_of(name, one.samples.free)
         each, joint = one.inside(truth)
         inside, together = inside + sum(each), together + joint
-        for k, parameter in enumerate(one.free):
-            low, high = (weighted_quantile(one.x[:, k], one.weights, share) for share in (0.05, 0.95))
-            ends = f"{np.exp(low):.3g} to {np.exp(high):.3g}"
+        for k, (parameter, (low, high)) in enumerate(zip(one.samples.free, one.samples.interval(LEVEL), strict=True)):
+            ends = f"{low:.3g} to {high:.3g}"
             row = {"set": name, "λ": parameter, "true": float(np.exp(truth[k])), "90 %": ends}
             rows.append({**row, "inside": _yes(each[k])})
-        note = f"all three {'inside' if joint else 'outside'} together; {one.simulations} colonies"
-        report.add(f"{name}, all data", one.seconds, "s", note=note)
+        note = f"all three {'inside' if joint else 'outside'} together; {one.samples.simulations} colonies"
+        report.add(f"{name}, all data", one.samples.seconds, "s", note=note)
     report.add("λ inside their 90 % intervals", inside, "", target=len(rows), note=f"of {len(rows)}")
     report.add("sets inside their joint 90 % region", together, "", target=len(size.sets), note=f"of {len(size.sets)}")
     report.table("truth and posterior of all data", rows)
-    return found
 
 
 def agree(report: Report, size: Size, work: Path) -> dict[tuple[str, int], dict[str, Found]]:
@@ -205,7 +205,7 @@ def agree(report: Report, size: Size, work: Path) -> dict[tuple[str, int], dict[
     for name in size.sets:
         every = [(method, seed, found[name, seed][method]) for seed in size.seeds for method in METHODS]
         for method, seed, one in every:
-            each, joint = one.inside(truth_of(name, one.free))
+            each, joint = one.inside(truth_of(name, one.samples.free))
             runs.append(
                 {
                     "set": name,
@@ -213,13 +213,13 @@ def agree(report: Report, size: Size, work: Path) -> dict[tuple[str, int], dict[
                     "seed": seed,
                     **{
                         parameter: f"{one.mean[k]:+.3f} ± {one.sd[k]:.3f} ({one.error[k]:.3f})"
-                        for k, parameter in enumerate(one.free)
+                        for k, parameter in enumerate(one.samples.free)
                     },
                     "λ inside": sum(each),
                     "together": _yes(joint),
                     "ε": one.epsilon,
-                    "data sets": one.simulations,
-                    "s": one.seconds,
+                    "data sets": one.samples.simulations,
+                    "s": one.samples.seconds,
                 }
             )
         for (method, seed, one), (other_method, other_seed, other) in combinations(every, 2):
@@ -289,15 +289,8 @@ def picture(found: dict[tuple[str, int], dict[str, Found]], size: Size, path: Pa
 
 def markdown(report: Report) -> str:
     """The page."""
-    about = "; ".join(f"{key} {value}" for key, value in machine().items())
-    head, *rest = (__doc__ or "").split("\n\n")
-    text = "\n\n".join(rest[: next(k for k, one in enumerate(rest) if one.startswith("    python -m"))])
     parts = [
-        f"""# {head.rstrip(".")}
-
-Written by `python -m benchmarks.agreement --docs docs` on {date.today()}. {about}.
-
-{text}
+        f"""{report.head(__doc__)}
 
 ![Posteriors of few data](agreement.png)
 

@@ -40,7 +40,6 @@ import time
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import asdict, dataclass, field, replace
-from datetime import date
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
@@ -52,7 +51,7 @@ from jaxtyping import Float
 from benchmarks.lines import append_line, read_lines
 from benchmarks.ranks import QUANTITIES, Record, picture, verdicts
 from benchmarks.recovery import BOX, SEED, STATISTICS
-from benchmarks.report import Report, command, machine
+from benchmarks.report import Report, command
 from yeastfit.errors import InputError
 from yeastfit.infer.abc_smc import SmcSettings, abc_smc
 from yeastfit.infer.colony_simulator import ColonySimulator
@@ -248,15 +247,8 @@ def placed(
 
 def markdown(report: Report, study: Study) -> str:
     """The page."""
-    about = "; ".join(f"{key} {value}" for key, value in machine().items())
-    head, *rest = (__doc__ or "").split("\n\n")
-    text = "\n\n".join(rest[: next(k for k, one in enumerate(rest) if one.startswith("    python -m"))])
     parts = [
-        f"""# {head.rstrip(".")}
-
-Written by `python -m benchmarks.calibration --docs docs` on {date.today()}. {about}.
-
-{text}
+        f"""{report.head(__doc__)}
 
 ![Ranks of the truth](calibration.png)
 

@@ -16,7 +16,6 @@ With --quick, one λ, small ensembles to 60 nodes. With --docs DIR, DIR/gradient
 """
 
 from collections.abc import Callable
-from datetime import date
 from functools import partial
 from itertools import pairwise, product
 from pathlib import Path
@@ -29,7 +28,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from benchmarks.programs import LAMBDA, SOURCE, STEPS, Program, samples
-from benchmarks.report import Report, command, machine
+from benchmarks.report import Report, command
 from yeastfit import Numerics, Parameters, Relaxation, Sensitivity, member_keys, sensitivity, simulate
 from yeastfit.infer.curves import Curves, without_problems
 from yeastfit.infer.sensitivity import PATH_NODES, STATISTICS, Estimate, hard_but_smoothly_measured, tame
@@ -303,11 +302,10 @@ def picture(rows: list[dict[str, Any]], path: Path) -> None:
 
 def markdown(report: Report) -> str:
     """The page."""
-    about = "; ".join(f"{key} {value}" for key, value in machine().items())
     parts = [
         f"""# Derivatives of the ensemble's mean, audited
 
-Written by `python -m benchmarks.gradients --docs docs` on {date.today()}. {about}.
+{report.origin}
 
 Derivatives of the hard model's mean in log λ1 … log λ7 at {len(GRID)} λ, five statistics and four times, from about 20
 to 250 nodes, beside central differences of ±{SPREAD:.0%} with {32} colonies on each side and common keys.

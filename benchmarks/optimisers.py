@@ -36,7 +36,6 @@ DIR/optimisers.png are written.
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from datetime import date
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -45,7 +44,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from benchmarks.contest import ALTERNATIVES, MARGIN, Contest, Objective, Stopped
-from benchmarks.report import Report, command, machine
+from benchmarks.report import Report, command
 from yeastfit import Fit, FitSettings, InputError, Targets, fit, measure_dataset, read_dataset
 from yeastfit.fit_command import read_truth
 from yeastfit.infer.fit import DEFAULT_FREE
@@ -264,11 +263,10 @@ def picture(runs: Mapping[str, list[dict[str, Any]]], path: Path) -> None:
 
 def markdown(report: Report, size: Size) -> str:
     """The page."""
-    about = "; ".join(f"{key} {value}" for key, value in machine().items())
     parts = [
         f"""# What a fit costs, beside the alternatives
 
-Written by `python -m benchmarks.optimisers --docs docs` on {date.today()}. {about}.
+{report.origin}
 
 Simulated colonies, and seconds without compilation, until the exact χ² of the best point found is within {MARGIN:g} of
 its least. The alternatives minimise the χ² of a mean of {size.members} colonies with fixed keys from the starts that

@@ -26,7 +26,6 @@ import os
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
-from datetime import date
 from pathlib import Path
 from typing import Any
 
@@ -37,7 +36,7 @@ from matplotlib.ticker import LogLocator, NullLocator
 from scipy.stats import binomtest
 
 from benchmarks.lines import append_line, read_lines
-from benchmarks.report import Report, command, machine
+from benchmarks.report import Report, command
 from yeastfit.errors import InputError
 from yeastfit.fit_command import measurements
 from yeastfit.infer.fit import DEFAULT_FREE, fit
@@ -257,12 +256,11 @@ def picture(records: Sequence[Record], path: Path) -> None:
 
 def markdown(report: Report) -> str:
     """The page."""
-    about = "; ".join(f"{key} {value}" for key, value in machine().items())
     box = "; ".join(f"{name.replace('_', ' ')} {low:g} to {high:g}" for name, (low, high) in BOX.items())
     parts = [
         f"""# Parameters put in and found again
 
-Written by `python -m benchmarks.recovery --docs docs` on {date.today()}. {about}.
+{report.origin}
 
 Truths from a low-discrepancy sequence in log λ ({box}; the others at the source's values). Each was rendered as
 micrographs of ten colonies at eleven times, outlined and measured like any photograph, and fitted by default settings

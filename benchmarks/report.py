@@ -19,6 +19,7 @@ import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, field
+from datetime import date
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -111,6 +112,17 @@ class Report:
             **self.details,
         }
 
+    @property
+    def origin(self) -> str:
+        """How and where a page was made: the sentence below its title."""
+        return f"Written by `python -m benchmarks.{self.name} --docs docs` on {date.today()}. {_about()}."
+
+    def head(self, doc: str | None) -> str:
+        """A page's title, `origin` and text, of a benchmark's docstring down to its command."""
+        title, *rest = (doc or "").split("\n\n")
+        text = rest[: next(k for k, one in enumerate(rest) if one.startswith("    python -m"))]
+        return "\n\n".join([f"# {title.rstrip('.')}", self.origin, *text])
+
     def sections(self) -> list[str]:
         """Figures and tables as parts of a page in Markdown."""
         figures = [
@@ -130,8 +142,7 @@ class Report:
     def print(self) -> None:
         """Tables and figures on the terminal, with the machine above."""
         console = Console(width=None if sys.stdout.isatty() else 150)
-        about = "; ".join(f"{key} {value}" for key, value in machine().items())
-        console.print(f"benchmarks.{self.name}{' --quick' if self.quick else ''}\n{about}", markup=False)
+        console.print(f"benchmarks.{self.name}{' --quick' if self.quick else ''}\n{_about()}", markup=False)
         for heading, rows in self.tables.items():
             table = Table(*rows[0], title=heading, title_justify="left")
             for row in rows:
@@ -153,6 +164,10 @@ def _markdown(rows: Sequence[dict[str, Any]]) -> str:
 
     head = "| " + " | ".join(str(key).strip() for key in rows[0]) + " |\n" + "|---" * len(rows[0]) + "|\n"
     return head + "\n".join("| " + " | ".join(map(text, row.values())) + " |" for row in rows) + "\n"
+
+
+def _about() -> str:
+    return "; ".join(f"{key} {value}" for key, value in machine().items())
 
 
 def machine() -> dict[str, Any]:

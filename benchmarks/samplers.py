@@ -33,7 +33,6 @@ pip install 'yeastfit[benchmarks]'.
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from datetime import date
 from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
@@ -44,7 +43,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from benchmarks.reference import Moments, Problem, Reference
-from benchmarks.report import Report, command, machine
+from benchmarks.report import Report, command
 from yeastfit import FitSettings, InputError, Parameters, Targets
 from yeastfit.infer.abc_mcmc import abc_mcmc
 from yeastfit.infer.abc_smc import SmcSettings, abc_smc
@@ -369,11 +368,10 @@ def picture(runs: Mapping[str, list[Trace]], path: Path) -> None:
 
 def markdown(report: Report, size: Size) -> str:
     """The page."""
-    about = "; ".join(f"{key} {value}" for key, value in machine().items())
     parts = [
         f"""# What a posterior costs, beside pyABC
 
-Written by `python -m benchmarks.samplers --docs docs` on {date.today()}. {about}.
+{report.origin}
 
 Simulated colonies and seconds until the error of a posterior, in its means and standard deviations, is below
 {THRESHOLD:g} and stays there. Data are the mean of {size.replicates} young colonies; a data set of ABC costs as many,

@@ -92,9 +92,9 @@ def infer(
 
     Micrographs are measured first. Every simulation is kept: a run that was stopped, or killed, goes on with --resume
     to the bits it would have come to, and with more --steps or --simulations it gets longer; with --reuse another run
-    of these data, by any method, makes use of them. The emulator compares the
-    data with means of as many colonies as were observed; ABC with single ones, unless --colonies says otherwise, which
-    widens its posterior. Parameters that are not free are held at the values given here.
+    of these data, by any method, makes use of them. The emulator compares the data with means of as many colonies as
+    were observed; ABC with single ones, unless --colonies says otherwise, which widens its posterior. Parameters that
+    are not free are held at the values given here.
     """
     if print_prior:
         sys.stdout.write(template(check_free(design_command.names(free))))
