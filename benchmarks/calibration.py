@@ -127,7 +127,7 @@ class Part:
         return abc_smc(simulator, PRIOR, distance, self.settings, seed=seed, store=store)
 
     def judging(self, simulator: Simulator, seed: int, store: Store) -> Emulator:
-        """Of simulations from the prior alone; for ABC they are those that populations and pilots begin with."""
+        """Of simulations from the prior alone, which no posterior is made of."""
         values = PRIOR.sample(self.judged, np.random.default_rng(stream_of(seed, 0, 0)))
         statistics = Recorded(simulator, self.settings.batch, store)(values, seed_of(seed, range(self.judged)))
         room = self.settings.most if isinstance(self.settings, EmulatedSettings) else None
