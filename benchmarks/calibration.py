@@ -55,7 +55,8 @@ from benchmarks.report import Report, command
 from yeastfit.errors import InputError
 from yeastfit.infer.abc_smc import SmcSettings, abc_smc
 from yeastfit.infer.colony_simulator import ColonySimulator
-from yeastfit.infer.emulated import EmulatedSettings, emulated
+from yeastfit.infer.emulated import emulated
+from yeastfit.infer.emulated_settings import EmulatedSettings
 from yeastfit.infer.emulator import Emulator, train
 from yeastfit.infer.networks import EmulatorSettings
 from yeastfit.infer.pilot import distance_of

@@ -50,7 +50,8 @@ from yeastfit.infer.abc_smc import SmcSettings, abc_smc
 from yeastfit.infer.adjustment import adjusted
 from yeastfit.infer.colony_simulator import ColonySimulator
 from yeastfit.infer.distances import Distance
-from yeastfit.infer.emulated import EmulatedSettings, emulated
+from yeastfit.infer.emulated import emulated
+from yeastfit.infer.emulated_settings import EmulatedSettings
 from yeastfit.infer.mcmc_settings import McmcSettings
 from yeastfit.infer.networks import EmulatorSettings
 from yeastfit.infer.pilot import distance_of

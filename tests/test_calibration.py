@@ -16,7 +16,7 @@ from benchmarks.ranks import QUANTITIES, Record, Uniform
 from benchmarks.report import Report
 from yeastfit import InputError
 from yeastfit.infer.abc_smc import SmcSettings
-from yeastfit.infer.emulated import EmulatedSettings
+from yeastfit.infer.emulated_settings import EmulatedSettings
 from yeastfit.infer.networks import EmulatorSettings
 from yeastfit.infer.samples import Samples
 from yeastfit.infer.simulations import Store

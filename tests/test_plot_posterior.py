@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from yeastfit import plot, plot_posterior
+from yeastfit import plot, plot_corner, plot_posterior
 from yeastfit.infer.diagnostics import diagnose
 from yeastfit.infer.priors import Prior
 from yeastfit.infer.samples import Samples
@@ -50,7 +50,7 @@ def drawn(figure: Figure) -> Figure:
 @pytest.mark.parametrize(("weighted", "still"), [(False, False), (True, False), (False, True)])
 def test_corner(weighted: bool, still: bool) -> None:
     found = samples(weighted, still)
-    figure = drawn(plot_posterior.corner(found, PRIOR, {"mobility": 1.1, "aspect_ratio": 0.9}))
+    figure = drawn(plot_corner.corner(found, PRIOR, {"mobility": 1.1, "aspect_ratio": 0.9}))
     first, _, pair, second = figure.axes
     assert (pair.get_xlabel(), pair.get_ylabel()) == ("mobility", "aspect ratio")
     truths = [line.get_xdata()[0] for line in first.lines if line.get_color() == plot.TRUTH]  # type: ignore[index]
@@ -67,7 +67,7 @@ def test_the_prior_is_a_density_of_what_the_axis_shows() -> None:
     narrow = samples()
     wide = replace(narrow, values=narrow.values ** np.array([3.0, 1.0]))
     for found, scale in ((narrow, "linear"), (wide, "log")):
-        panel = plot_posterior.corner(found, PRIOR).axes[0]
+        panel = plot_corner.corner(found, PRIOR).axes[0]
         assert panel.get_xscale() == scale
         line = next(line for line in panel.lines if line.get_color() == "0.5")
         x, density = (np.asarray(one, dtype=float) for one in line.get_data())

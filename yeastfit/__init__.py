@@ -1,7 +1,9 @@
 """yeastfit: yeast colonies in JAX - simulated, measured in micrographs, and fitted."""
 
+from yeastfit.derivatives import check_derivatives
 from yeastfit.errors import InputError
-from yeastfit.gradients import GradientCheck, check_derivatives, check_gradients
+from yeastfit.gradient_check import GradientCheck
+from yeastfit.gradients import check_gradients
 from yeastfit.infer.choices import Design
 from yeastfit.infer.design import design
 from yeastfit.infer.experiment import information_of

@@ -18,7 +18,8 @@ from yeastfit.errors import InputError
 from yeastfit.infer.abc_mcmc import abc_mcmc
 from yeastfit.infer.abc_smc import SmcSettings, abc_smc
 from yeastfit.infer.colony_simulator import ColonySimulator
-from yeastfit.infer.emulated import EmulatedSettings, Given, emulated
+from yeastfit.infer.emulated import emulated
+from yeastfit.infer.emulated_settings import EmulatedSettings, Given
 from yeastfit.infer.ensembles import measurement_covariance
 from yeastfit.infer.mcmc_settings import McmcSettings
 from yeastfit.infer.measurements import TABLE, read_measurements

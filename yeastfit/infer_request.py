@@ -7,7 +7,7 @@ from typing import Any, Literal, get_args
 from yeastfit.errors import InputError
 from yeastfit.infer.abc_smc import SmcSettings
 from yeastfit.infer.distances import KernelName
-from yeastfit.infer.emulated import EmulatedSettings
+from yeastfit.infer.emulated_settings import EmulatedSettings
 from yeastfit.infer.fit import DEFAULT_FREE
 from yeastfit.infer.mcmc_settings import McmcSettings, Move
 from yeastfit.infer.pilot import DistanceName

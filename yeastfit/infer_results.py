@@ -16,7 +16,7 @@ from jaxtyping import Bool, Float
 from rich.box import SIMPLE
 from rich.table import Table
 
-from yeastfit import plot, plot_posterior
+from yeastfit import plot, plot_corner, plot_posterior
 from yeastfit.infer.diagnostics import Diagnostics, diagnose
 from yeastfit.infer.export import to_netcdf
 from yeastfit.infer.measurements import rows_of
@@ -169,7 +169,7 @@ def write_results(
     write_json(folder / "diagnostics.json", results.diagnostics())
     write_table(folder / "predictive.csv", found.rows())
     found.save(folder / "predictive.npz")
-    figures = {"corner": plot_posterior.corner(samples, results.prior, results.truth)}
+    figures = {"corner": plot_corner.corner(samples, results.prior, results.truth)}
     figures["traces"] = plot_posterior.traces(samples)
     if results.chains and results.chains.chains > 1:
         figures["ranks"] = plot_posterior.ranks(results.chains)

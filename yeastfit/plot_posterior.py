@@ -1,69 +1,22 @@
-"""Pictures of a posterior: corner, traces and ranks of chains, predictive curves and colonies, an emulator's checks."""
+"""Pictures of a posterior: traces and ranks of chains, predictive curves and colonies, an emulator's checks."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool
 from matplotlib.figure import Figure
-from scipy import stats
 
-from yeastfit.infer.laws import Law
-from yeastfit.infer.samples import Samples, weighted_quantile
+from yeastfit.infer.samples import Samples
 from yeastfit.measure.segmentation import outline
-from yeastfit.plot import COLONY, CONDITIONS, LABELS, OUTLINE, TRUTH
+from yeastfit.plot import COLONY, CONDITIONS, LABELS, OUTLINE
 
 if TYPE_CHECKING:
     from yeastfit.infer.diagnostics import Diagnostics
     from yeastfit.infer.predictive import Predictive
-    from yeastfit.infer.priors import Prior
     from yeastfit.infer.targets import Targets
 
-SHOWN = 2000  # dots of a corner plot, at most
-BINS = 30
-WIDE = 5.0  # largest over smallest λ, from where an axis is logarithmic
 LINES = 12  # chains of a trace plot, at most
-
-
-def corner(samples: Samples, prior: "Prior", truth: Mapping[str, float] | None = None) -> Figure:
-    """Every parameter and every pair, each axis over what the posterior reaches.
-
-    Diagonal: the posterior's histogram, the prior's density as a grey line and its ends as dashes, and the 90 %
-    interval. Below: draws, with areas of 50 and 90 % of them. An axis is logarithmic where the prior is one of log λ
-    and the posterior wide (`WIDE`); densities are of what the axis shows. truth: green lines.
-    """
-    free, weights = samples.free, samples.weights.ravel()
-    count = len(free)
-    figure = Figure(figsize=(1.4 + 2.1 * count, 1.2 + 2.1 * count), layout="constrained")
-    panels: Any = figure.subplots(count, count, squeeze=False)
-    dots = samples.flat
-    if samples.weighted or len(dots) > SHOWN:
-        dots = samples.drawn(SHOWN, np.random.default_rng(0))
-    axes = [_Axis.of(samples.flat[:, k], weights, prior.laws[name]) for k, name in enumerate(free)]
-    for (row, column), panel in np.ndenumerate(panels):
-        if column > row:
-            panel.axis("off")
-            continue
-        if row == column:
-            _margin(panel, samples, prior, row, axes[row])
-        else:
-            panel.plot(dots[:, column], dots[:, row], ".", ms=1.5, color=COLONY, alpha=0.35, rasterized=True)
-            _areas(panel, dots[:, [column, row]], axes[column], axes[row])
-            panel.set(yscale=axes[row].scale, ylim=axes[row].ends)
-        panel.set(xscale=axes[column].scale, xlim=axes[column].ends)
-        panel.tick_params(labelsize=7, which="both")
-        if truth and free[column] in truth:
-            panel.axvline(truth[free[column]], color=TRUTH, lw=1.2)
-        if truth and free[row] in truth and row != column:
-            panel.axhline(truth[free[row]], color=TRUTH, lw=1.2)
-        if row == count - 1:
-            panel.set_xlabel(free[column].replace("_", " "), fontsize=9)
-        if column == 0 and row:
-            panel.set_ylabel(free[row].replace("_", " "), fontsize=9)
-    known = "; green: the truth" if truth else ""
-    figure.suptitle(f"posterior, grey: the prior{known};\nbars 90 %, lines hold 50 and 90 % of the draws", fontsize=9)
-    return figure
 
 
 def traces(samples: Samples) -> Figure:
@@ -191,69 +144,6 @@ def held_out(rounds: Sequence[Mapping[str, Any]], labels: Sequence[str]) -> Figu
         fontsize=9,
     )
     return figure
-
-
-@dataclass(frozen=True)
-class _Axis:
-    """What is shown of one parameter: from where to where, in λ, and whether in log λ."""
-
-    ends: tuple[float, float]
-    scale: Literal["linear", "log"]
-
-    @staticmethod
-    def of(values: Float[np.ndarray, " draw"], weights: Float[np.ndarray, " draw"], law: Law) -> "_Axis":
-        low, high = (weighted_quantile(values, weights, share) for share in (0.0005, 0.9995))
-        wide = law.logarithmic and high > WIDE * low
-        axis = _Axis((low, high), "log" if wide else "linear")
-        low, high, *support = axis.plain(np.array([low, high, *law.support])).tolist()
-        margin = 0.25 * (high - low) or 0.1 * abs(high)
-        ends = max(low - margin, support[0] - 0.2 * margin), min(high + margin, support[1] + 0.2 * margin)
-        return _Axis((float(axis.back(np.array(ends[0]))), float(axis.back(np.array(ends[1])))), axis.scale)
-
-    def plain(self, values: Float[np.ndarray, "*any"]) -> Float[np.ndarray, "*any"]:
-        """λ, or log λ."""
-        with np.errstate(divide="ignore"):
-            return np.log(values) if self.scale == "log" else values
-
-    def back(self, plain: Float[np.ndarray, "*any"]) -> Float[np.ndarray, "*any"]:
-        """λ of it."""
-        return np.asarray(np.exp(plain)) if self.scale == "log" else plain
-
-    def grid(self, count: int) -> Float[np.ndarray, " point"]:
-        """Evenly spaced on the axis, in λ."""
-        low, high = self.plain(np.array(self.ends)).tolist()
-        return self.back(np.linspace(low, high, count))
-
-
-def _margin(panel: Any, samples: Samples, prior: "Prior", k: int, axis: _Axis) -> None:
-    """One parameter's histogram with the prior's density, both of what the axis shows."""
-    law, edges = prior.laws[prior.free[k]], axis.grid(BINS + 1)
-    shares = np.histogram(samples.flat[:, k], edges, weights=samples.weights.ravel())[0]
-    panel.stairs(shares / np.diff(axis.plain(edges)), edges, fill=True, color=COLONY, alpha=0.6)
-    x = axis.grid(200)
-    x = x[(x > law.support[0]) & (x < law.support[1])]
-    density = law.density.pdf(np.log(x) if law.logarithmic else x)
-    panel.plot(x, density / x if law.logarithmic and axis.scale == "linear" else density, color="0.5", lw=1.2)
-    for end in law.support:
-        if axis.ends[0] < end < axis.ends[1]:
-            panel.axvline(end, color="0.5", lw=1, ls="--")
-    panel.plot(samples.interval(0.9)[k], [0, 0], color="black", lw=4, solid_capstyle="butt", clip_on=False)
-    panel.set(yticks=[], ylim=(0, None))
-
-
-def _areas(panel: Any, pair: Float[np.ndarray, "draw 2"], across: _Axis, along: _Axis) -> None:
-    """Lines that hold 50 and 90 % of the smoothed density of draws, where these span the plane."""
-    plain = np.stack([across.plain(pair[:, 0]), along.plain(pair[:, 1])])
-    scatter = plain.std(axis=1)
-    if len(pair) < 10 or not (scatter > 0).all() or abs(np.corrcoef(plain)[0, 1]) > 1 - 1e-9:
-        return
-    x, y = across.grid(60), along.grid(60)
-    places = np.stack(np.meshgrid(across.plain(x), along.plain(y))).reshape(2, -1)
-    density = stats.gaussian_kde(plain)(places).reshape(60, 60)
-    falling = np.sort(density.ravel())[::-1]
-    held = np.cumsum(falling) / falling.sum()
-    levels = sorted({float(falling[np.searchsorted(held, share)]) for share in (0.5, 0.9)})
-    panel.contour(x, y, density, levels=levels, colors="black", linewidths=0.8)
 
 
 def _reach(mask: Bool[np.ndarray, "row column"], pixel: float) -> float:

@@ -9,7 +9,8 @@ from helpers import wrong_types
 from known_likelihoods import Known, curved, fragile, linear
 
 from yeastfit import InputError
-from yeastfit.infer.emulated import EmulatedSettings, emulated
+from yeastfit.infer.emulated import emulated
+from yeastfit.infer.emulated_settings import EmulatedSettings
 from yeastfit.infer.networks import EmulatorSettings
 from yeastfit.infer.pilot import first_values
 from yeastfit.infer.priors import Prior

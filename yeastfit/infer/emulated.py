@@ -18,7 +18,7 @@ repeats its training and its chains, simulates only what is missing, and comes t
 """
 
 import time as clock
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
@@ -27,8 +27,8 @@ from scipy.stats import chi2
 
 from yeastfit.errors import InputError
 from yeastfit.infer.diagnostics import diagnose
+from yeastfit.infer.emulated_settings import EmulatedSettings, Given, all_once, usable
 from yeastfit.infer.emulator import Emulator, Square, train
-from yeastfit.infer.networks import EmulatorSettings
 from yeastfit.infer.pilot import first_values
 from yeastfit.infer.posterior_chain import Chains, Posterior, walk
 from yeastfit.infer.priors import Prior
@@ -40,40 +40,7 @@ from yeastfit.progress import Progress, silent
 NEAR = 0.99  # of draws as wide as the proposals are: simulations among which the emulator is checked
 CENTRAL = (0.16, 0.5, 0.84)  # quantiles that must settle
 LARGEST_ERROR = 0.3  # of the variance of the data, from which the emulator's error is warned of
-TINY = 1e-9  # of its largest entry: below 0, an eigenvalue of a covariance, by rounding
 TRIES = 100  # rounds of drawing again what fell outside the prior
-
-Given = tuple[Float[np.ndarray, "given free"], Float[np.ndarray, "given statistic"]]
-
-
-@dataclass(frozen=True)
-class EmulatedSettings:
-    """How a posterior is found by an emulator.
-
-    first: simulations from the prior, a power of two. each: simulations of every further round. most: in all. widen: w.
-    settle: see above. walkers: chains; most_steps: of each. batch: rows of every call of the simulator.
-    """
-
-    first: int = 512
-    each: int = 512
-    most: int = 4096
-    widen: float = 2.5
-    settle: float = 0.2
-    walkers: int = 32
-    most_steps: int = 5000
-    batch: int = 128
-    emulator: EmulatorSettings = field(default_factory=EmulatorSettings)
-
-    def __post_init__(self) -> None:
-        for name, least in (("first", 2), ("each", 1), ("walkers", 4), ("most_steps", 500), ("batch", 1)):
-            if getattr(self, name) < least:
-                raise InputError(f"{name} is {getattr(self, name)}, it must be at least {least}")
-        if self.first & (self.first - 1):
-            raise InputError(f"first is {self.first}, it must be a power of two: Sobol' points are balanced then")
-        if self.most < self.first:
-            raise InputError(f"most is {self.most}, it must be at least first, which is {self.first}")
-        if not self.widen >= 1 or not self.settle > 0:
-            raise InputError(f"widen is {self.widen} and settle {self.settle}, they must be at least 1 and above 0")
 
 
 def emulated(
@@ -99,8 +66,8 @@ def emulated(
     """
     began = clock.perf_counter()
     settings = settings or EmulatedSettings()
-    _check(simulator, prior, observed, replicates, noise, settings)
-    known = _usable(given, prior, len(simulator.labels))
+    settings.check(simulator, prior, observed, replicates, noise)
+    known = usable(given, prior, len(simulator.labels))
     run = _Run(Recorded(simulator, settings.batch, store), prior, observed, replicates, noise, settings, seed, known)
     found = run.rounds(progress or silent)
     return run.samples(found, clock.perf_counter() - began)
@@ -158,7 +125,7 @@ class _Run:
         statistics: Float[np.ndarray, "row statistic"],
         before: Round | None,
     ) -> Round:
-        values, statistics = _all_once(values, statistics, self.given)
+        values, statistics = all_once(values, statistics, self.given)
         near = None if before is None else self._near(values, before)
         emulator = train(
             values,
@@ -275,52 +242,3 @@ class _Run:
             )
         found = diagnose(last.chains.x, free=self.prior.free, acceptance=last.chains.acceptance)
         return said + found.sentences()
-
-
-def _usable(
-    given: Given | None, prior: Prior, statistics: int
-) -> tuple[Float[np.ndarray, "inside free"], Float[np.ndarray, "inside statistic"]]:
-    """Those inside the prior's support, none by default."""
-    free = len(prior.free)
-    values, found = given or (np.zeros((0, free)), np.zeros((0, statistics)))
-    if values.shape != (len(found), free) or found.shape[1] != statistics:
-        raise InputError(
-            f"given has shapes {values.shape} and {found.shape}, {free} parameters and {statistics} statistics in as "
-            "many rows are expected"
-        )
-    inside = np.isfinite(prior.log_density(values))
-    return values[inside], found[inside]
-
-
-def _all_once(
-    values: Float[np.ndarray, "row free"], statistics: Float[np.ndarray, "row statistic"], given: Given
-) -> tuple[Float[np.ndarray, "all free"], Float[np.ndarray, "all statistic"]]:
-    """These and those given, without what is among these already."""
-    own = {row.tobytes() for row in np.column_stack([values, statistics])}
-    new = np.array([row.tobytes() not in own for row in np.column_stack(given)], dtype=bool)
-    return np.concatenate([values, given[0][new]]), np.concatenate([statistics, given[1][new]])
-
-
-def _check(
-    simulator: Simulator,
-    prior: Prior,
-    observed: Float[np.ndarray, " statistic"],
-    replicates: int,
-    noise: Square | None,
-    settings: EmulatedSettings,
-) -> None:
-    """Raises `InputError` where the arguments do not belong together."""
-    if simulator.free != prior.free:
-        raise InputError(f"prior is of {', '.join(prior.free)}, the simulator's parameters are {simulator.free}")
-    if observed.shape != (len(simulator.labels),) or not np.isfinite(observed).all():
-        raise InputError(f"observed is {observed}, {len(simulator.labels)} finite statistics are expected")
-    if replicates < 1:
-        raise InputError(f"replicates is {replicates}, it must be at least 1")
-    if noise is not None and (
-        noise.shape != 2 * observed.shape or np.linalg.eigvalsh(noise).min() < -TINY * noise.max()
-    ):
-        raise InputError(f"noise must be a covariance of {len(observed)} statistics, got one of shape {noise.shape}")
-    if settings.walkers < 2 * len(prior.free):
-        raise InputError(
-            f"walkers is {settings.walkers}, {len(prior.free)} parameters need at least {2 * len(prior.free)}"
-        )

@@ -28,6 +28,7 @@ from jaxtyping import Array, Bool, Float
 
 from yeastfit.errors import InputError
 from yeastfit.infer.heldout import HeldOut
+from yeastfit.infer.members import Members, log_likelihood_of_rows, moments_of_rows
 from yeastfit.infer.networks import (
     EmulatorSettings,
     Network,
@@ -40,60 +41,11 @@ from yeastfit.infer.priors import Prior
 from yeastfit.infer.surface import monomials
 
 ROUNDING = 1e-10  # of correlations' eigenvalues: where one is below, statistics repeat one another
-ROWS = 128  # of λ at a time: each takes several covariances
 ROWS_PER_TERM = 4  # simulations for each term of the quadratic, at least
 
 Values = Float[np.ndarray, "simulation free"]
 Statistics = Float[np.ndarray, "simulation statistic"]
 Square = Float[np.ndarray, "statistic statistic"]
-
-
-class Members(eqx.Module):
-    """All networks, their baselines B, and Δ. fails: whether simulations fail at all."""
-
-    networks: Network
-    baselines: Float[Array, "member feature statistic"]
-    shape: Shape
-    misfit: Float[Array, " statistic"]
-    fails: bool = eqx.field(static=True)
-
-    def moments(self, x: Float[Array, " free"]) -> tuple[Array, Array, Array, Array]:
-        """m̄, C̄, the emulator's error W + GΔGᵀ, and the logarithm of the probability of success."""
-        features = monomials(x)
-
-        def one(network: Network, baseline: Array) -> tuple[Array, Array, Array]:
-            mean, root, logit = network.moments(x, self.shape)
-            return features @ baseline + mean, root, logit
-
-        means, roots, logits = eqx.filter_vmap(one)(self.networks, self.baselines)
-        scatter = jnp.einsum("mij,mkj->ik", roots, roots) / len(roots)
-        off = means - means.mean(axis=0)
-        root = jnp.linalg.cholesky(scatter)
-        error = off.T @ off / (len(means) - 1) + (root * self.misfit) @ root.T
-        success = jnp.mean(jax.nn.log_sigmoid(logits)) if self.fails else jnp.zeros(())
-        return means.mean(axis=0), scatter, error, success
-
-    def log_likelihood(
-        self,
-        x: Float[Array, " free"],
-        u: Float[Array, " statistic"],
-        replicates: Array,
-        noise: Float[Array, "statistic statistic"],
-    ) -> Array:
-        """log p(ū | x) of R replicates, none of which failed."""
-        mean, scatter, error, success = self.moments(x)
-        root = jnp.linalg.cholesky(scatter / replicates + error + noise)
-        deviation = jax.scipy.linalg.solve_triangular(root, u - mean, lower=True)
-        normal = -0.5 * jnp.sum(deviation**2 + jnp.log(2 * jnp.pi)) - jnp.sum(jnp.log(jnp.diag(root)))
-        return normal + replicates * success
-
-
-_moments = eqx.filter_jit(lambda members, x: jax.lax.map(members.moments, x, batch_size=ROWS))
-_log_likelihood = eqx.filter_jit(
-    lambda members, x, u, replicates, noise: jax.lax.map(
-        lambda one: members.log_likelihood(one, u, replicates, noise), x, batch_size=ROWS
-    )
-)
 
 
 @dataclass(frozen=True)
@@ -146,7 +98,7 @@ class Emulator:
         if noise is not None:
             white = np.linalg.solve(self.root, np.linalg.solve(self.root, noise).T)
         rest = (jnp.asarray(one) for one in (u, float(replicates), 0.5 * (white + white.T)))
-        found = np.asarray(_log_likelihood(self.members, x, *rest), dtype=float)
+        found = np.asarray(log_likelihood_of_rows(self.members, x, *rest), dtype=float)
         return found - np.log(np.diag(self.root)).sum()
 
     def moments(
@@ -158,7 +110,7 @@ class Emulator:
         Float[np.ndarray, " row"],
     ]:
         """Mean and covariance of one data set's statistics, covariance of the emulator's error, share that succeeds."""
-        found = _moments(self.members, jnp.asarray(self.coordinates.of_values(values)))
+        found = moments_of_rows(self.members, jnp.asarray(self.coordinates.of_values(values)))
         mean, scatter, error, success = (np.asarray(one, dtype=float) for one in found)
         back = self.root.T
         return self.center + mean @ back, self.root @ scatter @ back, self.root @ error @ back, np.exp(success)
@@ -193,9 +145,9 @@ def train(
 ) -> Emulator:
     """An emulator of the simulations whose parameters and statistics these are, the same for the same seed.
 
-    A row of nan is a simulation that failed. near: which
-    simulations the held-out checks, and Δ, are about; all by default, and where they are too few. room:
-    simulations that there may be in later calls, which then need no further compilation.
+    A row of nan is a simulation that failed. near: which simulations the held-out checks, and Δ, are about; all by
+    default, and where they are too few. room: simulations that there may be in later calls, which then need no further
+    compilation.
 
     Raises `InputError` where simulations are too few, a parameter or a statistic does not vary, or statistics repeat
     one another.

@@ -1,9 +1,12 @@
 """Chains of emcee on a posterior whose likelihood is an emulator's.
 
-They walk in the prior's coordinates, log λ where its law is one of log λ, by differential evolution (ter Braak 2006,
-doi:10.1007/s11222-006-8769-1), one step in ten from mode to mode. emcee's snooker update is not used: as of 3.1.6 it
-does not leave the density as it is (of a normal one in three dimensions it makes standard deviations of 0.89). Chains
-start at simulations drawn by their posterior density, and run until they are `ENOUGH` autocorrelation times long.
+They walk in the prior's coordinates, log λ where its law is one of log λ. In half of the steps half of the walkers are
+drawn anew from a kernel density of the others, which takes them along thin trails and from mode to mode at once; in the
+others they move by differential evolution (ter Braak 2006, doi:10.1007/s11222-006-8769-1), which does not mind how many
+parameters there are. On the demo's trail chains of 128 so forget in 20 steps, by differential evolution alone in 110.
+emcee's snooker update is not used: as of 3.1.6 it does not leave the density as it is (of a normal one in three
+dimensions it makes standard deviations of 0.89). Chains start at simulations drawn by their posterior density, and run
+until they are `ENOUGH` autocorrelation times long.
 """
 
 from collections.abc import Callable
@@ -12,6 +15,7 @@ from dataclasses import dataclass
 import emcee
 import numpy as np
 from jaxtyping import Float
+from threadpoolctl import threadpool_limits
 
 from yeastfit.infer.diagnostics import LONG, autocorrelation_time
 from yeastfit.infer.emulator import Emulator, Square
@@ -21,6 +25,7 @@ ENOUGH = 1.2 * LONG  # autocorrelation times; `diagnose` has its own estimate of
 BURN_IN = 3  # autocorrelation times, after the first `PIECE` steps
 PIECE = 500  # steps between looks at the autocorrelation time
 APART = 0.5  # autocorrelation times between draws that are kept
+KERNELS = 10  # walkers for each parameter, at least: so many make a density that is worth drawing from
 FEWEST = 50  # that are kept of a chain, however long they hang together: it is then said to be too short
 
 LogDensity = Callable[[np.ndarray], np.ndarray]  # of rows
@@ -79,12 +84,12 @@ def walk(
     rng = np.random.default_rng(seed)
     places = places[np.sort(np.unique(places, axis=0, return_index=True)[1])]  # replicates share one
     start, density = _start(posterior, places, walkers, rng, room)
-    moves = [(emcee.moves.DEMove(), 0.9), (emcee.moves.DEMove(gamma0=1.0), 0.1)]
-    sampler = emcee.EnsembleSampler(*start.shape, posterior, moves=moves, vectorize=True)
+    sampler = emcee.EnsembleSampler(*start.shape, posterior, moves=_moves(*start.shape), vectorize=True)
     state = emcee.State(start, log_prob=density, random_state=np.random.RandomState(rng.integers(2**32)).get_state())
     times, burnt = np.full(start.shape[1], np.inf), 0
     while sampler.iteration < most_steps and sampler.iteration - burnt < ENOUGH * times.max():
-        state = sampler.run_mcmc(state, min(PIECE, most_steps - sampler.iteration))
+        with threadpool_limits(1, user_api="blas"):  # to wake further threads takes longer than such small matrices do
+            state = sampler.run_mcmc(state, min(PIECE, most_steps - sampler.iteration))
         half = sampler.get_chain(discard=sampler.iteration // 2)
         times = autocorrelation_time(half.transpose(1, 0, 2))
         burnt = min(int(PIECE / 2 + BURN_IN * times.max()), sampler.iteration // 2)
@@ -96,6 +101,14 @@ def walk(
         times,
         sampler.iteration,
     )
+
+
+def _moves(walkers: int, free: int) -> list[tuple[emcee.moves.Move, float]]:
+    """And their shares."""
+    evolution = [(emcee.moves.DEMove(), 0.8), (emcee.moves.DEMove(gamma0=1.0), 0.2)]
+    if walkers < KERNELS * free:
+        return evolution
+    return [(emcee.moves.KDEMove(), 1.0), *evolution]
 
 
 def _start(

@@ -1,0 +1,116 @@
+"""What a check of derivatives found: `yeastfit.check_derivatives`, `yeastfit.check_gradients`."""
+
+from collections import Counter
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+VERDICTS = {
+    "agrees": "agree",
+    "crossed": "were not compared: every step crosses a change of the order of parents, or another discrete decision",
+    "uncertain": "could not be compared: differences are all kinks, curvature and rounding",
+    "differs": "differ",
+    "not finite": "are not finite",
+}
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """One derivative by jax and by another way: of the number `output[index]` along a direction.
+
+    by: "differences", or "transpose", ⟨v, J d⟩ beside ⟨Jᵀ v, d⟩. uncertainty: of both. scale: what the tolerance and
+    `error` refer to, the larger of both derivatives and `FLOOR` times the value.
+    """
+
+    by: str
+    along: str
+    output: str
+    index: tuple[int, ...]
+    forward: float
+    other: float
+    uncertainty: float
+    scale: float
+    verdict: str
+
+    @property
+    def error(self) -> float:
+        """|forward − other| / scale."""
+        return abs(self.forward - self.other) / self.scale if self.scale else 0.0
+
+
+@dataclass(frozen=True)
+class GradientCheck:
+    """Result of `check_derivatives` and `check_gradients`: every comparison, and what a user should see.
+
+    times: what the first index of an output stands for, if anything. growth: by direction and at `growth_times`, how
+    far a unit of the direction moves the node that it moves most, to first order. remarks: on the model itself.
+    """
+
+    comparisons: tuple[Comparison, ...]
+    tolerance: float
+    times: tuple[float, ...] = ()
+    growth_times: tuple[float, ...] = ()
+    growth: dict[str, Float[np.ndarray, " time"]] = field(default_factory=dict)
+    remarks: tuple[str, ...] = ()
+
+    @property
+    def passed(self) -> bool:
+        """Whether all comparisons agree; what could not be compared has not passed."""
+        return bool(self.comparisons) and all(c.verdict == "agrees" for c in self.comparisons)
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """How many comparisons came to each verdict."""
+        found = Counter(c.verdict for c in self.comparisons)
+        return {verdict: found[verdict] for verdict in VERDICTS if found[verdict]}
+
+    def warnings(self) -> list[str]:
+        """What does not agree, and what makes derivatives of one colony useless though they are right."""
+        bad = [f"{n} of {len(self.comparisons)} derivatives {VERDICTS[v]}" for v, n in self.counts.items()]
+        return [line for line in bad if not line.endswith(" agree")] + list(self.remarks)
+
+    def rows(self) -> list[dict[str, Any]]:
+        """Tidy table: one row per comparison."""
+        return [
+            asdict(c) | {"index": " ".join(map(str, c.index)), "time": self._time(c), "error": c.error}
+            for c in self.comparisons
+        ]
+
+    def summary(self) -> list[dict[str, str]]:
+        """In words, a line for each direction: the comparison with differences that is least in order."""
+        order, lines = list(VERDICTS), []
+        for along in dict.fromkeys(c.along for c in self.comparisons):
+            *differences, reverse = (c for c in self.comparisons if c.along == along)
+            worst = max(differences, key=lambda c: (order.index(c.verdict), c.error))
+            lines.append(
+                {
+                    "along": along,
+                    "worst": self._of(worst),
+                    "derivative": f"{worst.forward:.4g}",
+                    "error": "" if np.isnan(worst.error) else f"{worst.error:.0e}",
+                    "verdict": worst.verdict + ("" if reverse.verdict == "agrees" else f", reverse {reverse.verdict}"),
+                }
+            )
+        return lines
+
+    @property
+    def status(self) -> str:
+        """Passed or not, in a line."""
+        counts = ", ".join(f"{n} {verdict}" for verdict, n in self.counts.items())
+        return f"{'passed' if self.passed else 'not passed'}: of {len(self.comparisons)} derivatives {counts}"
+
+    def __str__(self) -> str:
+        lines = [list(line.values()) for line in self.summary()]
+        lines.insert(0, list(self.summary()[0]))
+        widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
+        table = ["  ".join(map(str.ljust, line, widths)).rstrip() for line in lines]
+        return "\n".join([*table, self.status, *(f"warning: {line}" for line in self.warnings())])
+
+    def _time(self, c: Comparison) -> float | None:
+        return float(self.times[c.index[0]]) if self.times and c.index else None
+
+    def _of(self, c: Comparison) -> str:
+        time = self._time(c)
+        return c.output + (f" t={time:g}" if time is not None else f" {list(c.index)}" if c.index else "")

@@ -1,0 +1,69 @@
+"""The networks of an emulator together: m̄, C̄, the emulator's error, and the likelihood they make (`emulator`)."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from yeastfit.infer.networks import Network, Shape
+from yeastfit.infer.surface import monomials
+
+ROWS = 128  # of λ at a time: each takes several covariances
+
+
+class Members(eqx.Module):
+    """All networks, their baselines B, and Δ. fails: whether simulations fail at all."""
+
+    networks: Network
+    baselines: Float[Array, "member feature statistic"]
+    shape: Shape
+    misfit: Float[Array, " statistic"]
+    fails: bool = eqx.field(static=True)
+
+    def moments(self, x: Float[Array, " free"]) -> tuple[Array, Array, Array, Array]:
+        """m̄, C̄, the emulator's error W + GΔGᵀ, and the logarithm of the probability of success."""
+        features = monomials(x)
+
+        def one(network: Network, baseline: Array) -> tuple[Array, Array, Array]:
+            mean, root, logit = network.moments(x, self.shape)
+            return features @ baseline + mean, root, logit
+
+        means, roots, logits = eqx.filter_vmap(one)(self.networks, self.baselines)
+        scatter = jnp.einsum("mij,mkj->ik", roots, roots) / len(roots)
+        off = means - means.mean(axis=0)
+        root = jnp.linalg.cholesky(scatter)
+        error = off.T @ off / (len(means) - 1) + (root * self.misfit) @ root.T
+        success = jnp.mean(jax.nn.log_sigmoid(logits)) if self.fails else jnp.zeros(())
+        return means.mean(axis=0), scatter, error, success
+
+    def log_likelihood(
+        self,
+        x: Float[Array, " free"],
+        u: Float[Array, " statistic"],
+        replicates: Array,
+        noise: Float[Array, "statistic statistic"],
+    ) -> Array:
+        """log p(ū | x) of R replicates, none of which failed."""
+        mean, scatter, error, success = self.moments(x)
+        root = jnp.linalg.cholesky(scatter / replicates + error + noise)
+        deviation = jax.scipy.linalg.solve_triangular(root, u - mean, lower=True)
+        normal = -0.5 * jnp.sum(deviation**2 + jnp.log(2 * jnp.pi)) - jnp.sum(jnp.log(jnp.diag(root)))
+        return normal + replicates * success
+
+
+@eqx.filter_jit
+def moments_of_rows(members: Members, x: Float[Array, "row free"]) -> tuple[Array, Array, Array, Array]:
+    """`Members.moments` of every row, some rows at a time."""
+    return jax.lax.map(members.moments, x, batch_size=ROWS)
+
+
+@eqx.filter_jit
+def log_likelihood_of_rows(
+    members: Members,
+    x: Float[Array, "row free"],
+    u: Float[Array, " statistic"],
+    replicates: Array,
+    noise: Float[Array, "statistic statistic"],
+) -> Float[Array, " row"]:
+    """`Members.log_likelihood` of every row, some rows at a time."""
+    return jax.lax.map(lambda one: members.log_likelihood(one, u, replicates, noise), x, batch_size=ROWS)
