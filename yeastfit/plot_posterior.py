@@ -41,12 +41,15 @@ def traces(samples: Samples) -> Figure:
 
 
 def ranks(found: "Diagnostics") -> Figure:
-    """Shares of each chain's draws by rank over all draws: alike, and near the line, where chains agree."""
+    """Shares of each chain's draws by rank over all draws: where chains agree, in the grey band of chance mostly."""
     count, chains, bins = found.ranks.shape
-    figure = Figure(figsize=(1.0 + 3.0 * count, 2.8), layout="constrained")
+    figure = Figure(figsize=(1.0 + 3.0 * count, 2.9), layout="constrained")
+    edges, faint = np.linspace(0, 1, bins + 1), min(0.6, 6 / chains)
     for k, panel in enumerate(figure.subplots(1, count, sharey=True, squeeze=False)[0]):
+        middle, width = found.ranks[k].mean(axis=0), 2 * found.chance[k]
+        panel.stairs(middle + width, edges, baseline=np.maximum(middle - width, 0), fill=True, color="0.85")
         for number, shares in enumerate(found.ranks[k]):
-            panel.stairs(shares, np.linspace(0, 1, bins + 1), color=CONDITIONS[number % len(CONDITIONS)], alpha=0.6)
+            panel.stairs(shares, edges, baseline=None, color=CONDITIONS[number % len(CONDITIONS)], alpha=faint)
         panel.axhline(1 / bins, color="black", lw=1)
         panel.set(xlabel="rank", ylim=(0, None))
         panel.set_title(f"{found.free[k].replace('_', ' ')}, p = {found.unequal[k]:.2g}", fontsize=9)

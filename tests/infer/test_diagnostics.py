@@ -83,11 +83,28 @@ def test_a_drifting_chain_disagrees_with_itself() -> None:
     assert steady < 1.01
 
 
-def test_p_values_of_ranks_are_uniform_where_chains_agree() -> None:
-    found = [autoregressive(0.0, chains=4, draws=400, seed=seed) for seed in range(60)]
-    shares = np.array([rank_statistics(one, np.ones(2))[1] for one in found]).ravel()
+@pytest.mark.parametrize("memory", [0.0, 0.8])
+def test_p_values_of_ranks_are_uniform_where_chains_agree(memory: float) -> None:
+    found = [autoregressive(memory, chains=4, draws=2000, seed=seed) for seed in range(60)]
+    shares = np.array([rank_statistics(one)[2] for one in found]).ravel()
     assert abs(shares.mean() - 0.5) < 4 / np.sqrt(12 * len(shares))
     assert shares.min() > 1e-4
+
+
+def test_ranks_of_chains_that_seldom_leave_a_tail() -> None:
+    """Draws forget at once, but for whether they are in the tail: a tenth of them is, for ten draws at a time."""
+    p_values, shares = [], []
+    for seed in range(30):
+        rng = np.random.default_rng(seed)
+        tail, chance = np.empty((32, 800), dtype=bool), rng.random((32, 800))
+        tail[:, 0] = chance[:, 0] < 0.1
+        for t in range(1, 800):
+            tail[:, t] = np.where(tail[:, t - 1], chance[:, t] < 0.9, chance[:, t] < 0.1 / 9)
+        found = rank_statistics((rng.standard_normal(tail.shape) + 10.0 * tail)[..., None])
+        p_values.append(found[2][0])
+        shares.append(((found[0][0] - 0.1) / found[1][0]).std(axis=0))
+    assert abs(np.mean(p_values) - 0.5) < 0.25
+    np.testing.assert_allclose(np.mean(shares, axis=0), 1.0, atol=0.1)
 
 
 def test_short_and_stuck_chains_in_words() -> None:

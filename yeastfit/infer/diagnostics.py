@@ -17,7 +17,8 @@ of draws replaced by normal scores of their ranks, and of their distances from t
 sees chains that differ in place and in spread (Vehtari et al. 2021, doi:10.1214/20-BA1221).
 
 **Rank statistics.** The share of each chain's draws in each of `bins` bins of equal number over all draws; 1 / bins
-where chains agree. Their χ² counts draws as worth 1/τ each.
+where chains agree. Draws count as worth 1/τ_b each in their χ² and in what chance allows, τ_b the autocorrelation time
+of being in bin b: a tail that chains seldom leave has a longer one than the middle.
 """
 
 from dataclasses import dataclass
@@ -40,7 +41,11 @@ Chain = Float[np.ndarray, "chain draw free"]
 
 @dataclass(frozen=True)
 class Diagnostics:
-    """Of the chains of one run. ranks: share of each chain's draws in each bin; unequal: p-value of their χ²."""
+    """Of the chains of one run.
+
+    ranks: share of each chain's draws in each bin; chance: standard deviation of a share where chains agree; unequal:
+    p-value of their χ².
+    """
 
     free: tuple[str, ...]
     chains: int
@@ -50,6 +55,7 @@ class Diagnostics:
     r_hat: Float[np.ndarray, " free"]
     acceptance: Float[np.ndarray, " chain"]
     ranks: Float[np.ndarray, "free chain bin"]
+    chance: Float[np.ndarray, "free bin"]
     unequal: Float[np.ndarray, " free"]
 
     @property
@@ -104,17 +110,19 @@ def diagnose(
             "draws of each chain are needed, one acceptance a chain and one name a parameter"
         )
     times = autocorrelation_time(values)
-    each = autocorrelation_time(values - values.mean(axis=1, keepdims=True))  # as if the chains were alike
-    ranks, unequal = rank_statistics(values, each, bins)
-    return Diagnostics(
-        free, chains, draws, times, chains * draws / times, split_r_hat(values), acceptance, ranks, unequal
-    )
+    size, ratio = chains * draws / times, split_r_hat(values)
+    return Diagnostics(free, chains, draws, times, size, ratio, acceptance, *rank_statistics(values, bins))
 
 
-def autocorrelation_time(values: Chain) -> Float[np.ndarray, " free"]:
-    """τ of every parameter, at least 1; inf where no chain moves."""
+def autocorrelation_time(values: Chain, *, alike: bool = False, least: float = 0.0) -> Float[np.ndarray, " free"]:
+    """τ of every parameter, at least 1; inf where no chain moves.
+
+    alike: as if chains differed by chance alone. Autocorrelations about a chain's own mean lack τ / draws each then.
+    least: sums go on for as long as with a τ of so many draws.
+    """
     chains, draws, count = values.shape
-    times = np.full(count, np.inf)
+    times, lags = np.full(count, np.inf), np.arange(draws)
+    lacking = np.minimum((2 * lags + 1) / draws, 0.5) if alike else 0.0
     for k in range(count):
         one = values[:, :, k]
         if not (np.ptp(one, axis=1) > 0).any():
@@ -124,8 +132,9 @@ def autocorrelation_time(values: Chain) -> Float[np.ndarray, " free"]:
         covariance = np.fft.irfft(power.mean(axis=0), 2 * draws)[:draws] / draws
         within = covariance[0] * draws / max(draws - 1, 1)
         whole = covariance[0] + (np.var(one.mean(axis=1), ddof=1) if chains > 1 else 0.0)
-        sums = 2.0 * np.cumsum(1 - (within - covariance) / whole) - 1.0
-        beyond = np.arange(draws) >= WINDOW * sums
+        correlation = covariance / covariance[0] if alike else 1 - (within - covariance) / whole
+        sums = (2.0 * np.cumsum(correlation) - 1.0) / (1.0 - lacking)
+        beyond = lags >= WINDOW * np.maximum(sums, least)
         times[k] = max(1.0, sums[np.argmax(beyond) if beyond.any() else -1])
     return times
 
@@ -139,17 +148,21 @@ def split_r_hat(values: Chain) -> Float[np.ndarray, " free"]:
 
 
 def rank_statistics(
-    values: Chain, times: Float[np.ndarray, " free"], bins: int = 10
-) -> tuple[Float[np.ndarray, "free chain bin"], Float[np.ndarray, " free"]]:
-    """Shares as above, and the p-value of their χ²: small where chains differ."""
+    values: Chain, bins: int = 10
+) -> tuple[Float[np.ndarray, "free chain bin"], Float[np.ndarray, "free bin"], Float[np.ndarray, " free"]]:
+    """Shares as above, their standard deviation by chance, and the p-value of their χ²: small where chains differ."""
     chains, draws, count = values.shape
     ranks = stats.rankdata(values.reshape(-1, count), axis=0).reshape(values.shape)
     which = np.minimum((ranks - 0.5) * bins / (chains * draws), bins - 1).astype(int)
-    shares = (
-        np.array([[np.bincount(which[c, :, k], minlength=bins) for c in range(chains)] for k in range(count)]) / draws
-    )
-    square = (draws / times) * np.sum((shares - shares.mean(axis=1, keepdims=True)) ** 2, axis=(1, 2)) * bins
-    return shares, stats.chi2.sf(square, (bins - 1) * max(chains - 1, 1))
+    there = (which[..., None] == np.arange(bins)).astype(float)
+    shares = there.mean(axis=1)
+    slowest = autocorrelation_time(values, alike=True)
+    least = float(slowest[np.isfinite(slowest)].max(initial=1.0))  # what is slow shows a little in every bin
+    times = np.stack([autocorrelation_time(there[:, :, k], alike=True, least=least) for k in range(count)])
+    overall = shares.mean(axis=0)
+    square = np.sum((shares - overall) ** 2 * draws / times, axis=(0, 2)) * bins
+    chance = np.sqrt(overall * (1 - overall) * np.minimum(times, draws) / draws)
+    return shares.transpose(1, 0, 2), chance, stats.chi2.sf(square, (bins - 1) * max(chains - 1, 1))
 
 
 def _scores(values: Chain) -> Chain:
