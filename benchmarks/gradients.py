@@ -31,7 +31,8 @@ from benchmarks.programs import LAMBDA, SOURCE, STEPS, Program, samples
 from benchmarks.report import Report, command
 from yeastfit import Numerics, Parameters, Relaxation, Sensitivity, member_keys, sensitivity, simulate
 from yeastfit.infer.curves import Curves, without_problems
-from yeastfit.infer.sensitivity import PATH_NODES, STATISTICS, Estimate, hard_but_smoothly_measured, tame
+from yeastfit.infer.sensitivity import PATH_NODES, STATISTICS, hard_but_smoothly_measured, tame
+from yeastfit.infer.sensitivity_result import Estimate
 from yeastfit.measure.smooth import SmoothStatistics
 from yeastfit.model.colony import Colony, start
 from yeastfit.model.parameters import NAMES

@@ -11,8 +11,8 @@ from jaxtyping import Array
 from yeastfit import FitSettings, Parameters
 from yeastfit.infer.colonies import Colonies
 from yeastfit.infer.ensembles import Ensembles
-from yeastfit.infer.fit import _Fitter
 from yeastfit.infer.fitted import Fit
+from yeastfit.infer.fitter import Fitter
 from yeastfit.infer.space import ALONE, Bounds, Space
 from yeastfit.infer.targets import Targets
 from yeastfit.model.parameters import NAMES
@@ -121,4 +121,4 @@ def fitted(
     grown: dict[str, Colonies] = {ALONE: given} if isinstance(given, StandIn) else {**given}
     space = Space.of(free, fixed or {name: Parameters(aspect_ratio=0.5) for name in by_name}, own, bounds)
     ensembles = Ensembles(by_name, grown, space, seed, settings)
-    return _Fitter(ensembles, dict(pulls or {}), lambda what, share: None).run(start)
+    return Fitter(ensembles, dict(pulls or {}), lambda what, share: None).run(start)

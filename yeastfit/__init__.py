@@ -10,7 +10,8 @@ from yeastfit.infer.experiment import information_of
 from yeastfit.infer.fit import fit
 from yeastfit.infer.fitted import Fit
 from yeastfit.infer.information import Information, information
-from yeastfit.infer.sensitivity import Sensitivity, sensitivity
+from yeastfit.infer.sensitivity import sensitivity
+from yeastfit.infer.sensitivity_result import Sensitivity
 from yeastfit.infer.settings import FitSettings
 from yeastfit.infer.targets import Targets
 from yeastfit.infer.uncertainty import explore

@@ -8,7 +8,8 @@ import numpy as np
 from yeastfit import plot
 from yeastfit.errors import InputError
 from yeastfit.infer.choices import Design
-from yeastfit.infer.sensitivity import Sensitivity, sensitivity
+from yeastfit.infer.sensitivity import sensitivity
+from yeastfit.infer.sensitivity_result import Sensitivity
 from yeastfit.model.numerics import Numerics
 from yeastfit.model.parameters import Parameters
 from yeastfit.progress import Progress

@@ -8,7 +8,7 @@ from stand_in import CENTRE, CURVES, FREE, QUIET, ROOT, SETTINGS, SLOPES, STATIS
 
 from yeastfit import InputError, Parameters, Targets
 from yeastfit.infer.ensembles import Ensembles, Joint
-from yeastfit.infer.fit import _Fitter, _Run
+from yeastfit.infer.fitter import Fitter, Run
 from yeastfit.infer.space import Space
 from yeastfit.model.parameters import NAMES
 
@@ -131,8 +131,8 @@ def test_a_start_whose_refinement_comes_to_nothing_ends_alone(targets: Targets) 
         return np.where(away[:, COLUMNS[:1]] > AT[0] + 0.35, np.nan, finer(away))
 
     whole = replace(ensembles({"": targets}, {"": StandIn(straight)}), fine={"": StandIn(torn)})
-    fitter = _Fitter(whole, {}, lambda what, share: None)
-    good, bad = _Run(1, AT), _Run(2, AT + np.array([0.7, 0.0, 0.0]))
+    fitter = Fitter(whole, {}, lambda what, share: None)
+    good, bad = Run(1, AT), Run(2, AT + np.array([0.7, 0.0, 0.0]))
     fitter._stage([good, bad], 2, 64, 0.05, last=True)
     assert good.joint is not None
     assert good.defect is not None
@@ -145,8 +145,8 @@ def test_a_fit_is_that_of_the_finer_model() -> None:
     """Without the refinement it would be off by what the finer model changes."""
     targets = exact(TRUTH, finer)
     whole = ensembles({"": targets}, {"": StandIn(straight, QUIET)})
-    refined = _Fitter(replace(whole, fine={"": StandIn(finer, QUIET)}), {}, lambda what, share: None).run(AT + 0.2)
-    coarse = _Fitter(whole, {}, lambda what, share: None).run(AT + 0.2)
+    refined = Fitter(replace(whole, fine={"": StandIn(finer, QUIET)}), {}, lambda what, share: None).run(AT + 0.2)
+    coarse = Fitter(whole, {}, lambda what, share: None).run(AT + 0.2)
     errors = np.sqrt(np.diag(refined.covariance))
     np.testing.assert_allclose(refined.theta, AT, atol=1e-3)
     np.testing.assert_allclose(refined.conditions[0].fitted, targets.mean, atol=1e-3)

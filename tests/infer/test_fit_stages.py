@@ -166,13 +166,13 @@ def test_a_parameter_that_runs_to_its_bound_is_said(targets: Targets) -> None:
 
 def test_progress_goes_from_nothing_to_all(targets: Targets) -> None:
     from yeastfit.infer.ensembles import Ensembles
-    from yeastfit.infer.fit import _Fitter
+    from yeastfit.infer.fitter import Fitter
     from yeastfit.infer.space import ALONE, Space
 
     told: list[tuple[str, float]] = []
     space = Space.of(FREE, {ALONE: Parameters(aspect_ratio=0.5)})
     ensembles = Ensembles({ALONE: targets}, {ALONE: StandIn()}, space, 0, SETTINGS)
-    _Fitter(ensembles, {}, lambda what, share: told.append((what, share))).run(None)
+    Fitter(ensembles, {}, lambda what, share: told.append((what, share))).run(None)
     shares = [share for _, share in told]
     assert shares == sorted(shares)
     assert 0 <= shares[0] < shares[-1] <= 1

@@ -35,7 +35,7 @@ from yeastfit.infer.experiment import (
     systematic,
 )
 from yeastfit.infer.information import Information, precision
-from yeastfit.infer.sensitivity import Sensitivity
+from yeastfit.infer.sensitivity_result import Sensitivity
 from yeastfit.model.parameters import PARAMETERS
 
 By = Literal["image", "statistic"]

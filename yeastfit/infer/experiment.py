@@ -12,7 +12,7 @@ from jaxtyping import Float
 
 from yeastfit.errors import InputError
 from yeastfit.infer.information import CurveSquare, Information, information
-from yeastfit.infer.sensitivity import Sensitivity
+from yeastfit.infer.sensitivity_result import Sensitivity
 
 
 def information_of(

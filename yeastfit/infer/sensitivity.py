@@ -28,13 +28,11 @@ kind exists, and w is 0.
 itself (`regression.pooled`).
 """
 
-import json
 import time as clock
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
-from pathlib import Path
-from typing import Any, Literal, get_args
+from dataclasses import replace
+from typing import get_args
 
 import jax
 import jax.numpy as jnp
@@ -44,6 +42,7 @@ from jaxtyping import Array, Float
 from yeastfit.errors import InputError
 from yeastfit.infer.curves import Curves, robust_mean, without_problems
 from yeastfit.infer.regression import design, of_members, paired, pooled, regress
+from yeastfit.infer.sensitivity_result import Estimate, Method, Sensitivity, Table
 from yeastfit.measure.smooth import SmoothStatistics
 from yeastfit.model.colony import PROBLEMS
 from yeastfit.model.numerics import Numerics
@@ -51,106 +50,11 @@ from yeastfit.model.parameters import NAMES, Parameters
 from yeastfit.model.relaxation import Relaxation
 from yeastfit.progress import Progress, silent
 from yeastfit.simulation import member_keys, schedule_of
-from yeastfit.storage import write_json
 
-Method = Literal["combined", "regression", "pathwise"]
 STATISTICS = ("compactness", "mean_radius", "radius", "area", "cell_count")
 COUNT = "cell_count"
 PATH_NODES = 64  # of the mean colony, up to which pathwise derivatives are of use
 EXPLODED = 3.0  # times the scatter of the members left as they are: the tails would decide a plain mean
-
-Table = Float[np.ndarray, "statistic time free"]
-
-
-@dataclass(frozen=True)
-class Estimate:
-    """J and its standard errors by one estimator, [statistic, time, free]."""
-
-    jacobian: Table
-    error: Table
-
-
-@dataclass(frozen=True)
-class Sensitivity:
-    """Mean curves of an ensemble and their derivatives in log λ.
-
-    mean, mean_error: [statistic, time], of the model at λ itself. jacobian, error: [statistic, time, free], by
-    `method`. pathwise_share: w, [statistic, time]. parts: the estimators that went into it, by name; NaN where a path
-    was not grown. tails: by how much outliers among pathwise derivatives would have raised their scatter, [statistic,
-    time], 1 where there were none. scatter: covariance of one colony's curves over statistics and times.
-    correlation: of the errors of a column of J over them, by the regression; without one, that of the colonies.
-    runs: colonies grown, by what for. seconds: likewise.
-    """
-
-    parameters: Parameters
-    free: tuple[str, ...]
-    statistics: tuple[str, ...]
-    times: Float[np.ndarray, " time"]
-    method: Method
-    mean: Float[np.ndarray, "statistic time"]
-    mean_error: Float[np.ndarray, "statistic time"]
-    jacobian: Table
-    error: Table
-    pathwise_share: Float[np.ndarray, "statistic time"]
-    parts: dict[str, Estimate]
-    tails: Float[np.ndarray, "statistic time"]
-    scatter: Float[np.ndarray, "curve curve"]
-    correlation: Float[np.ndarray, "curve curve"]
-    runs: dict[str, int]
-    seconds: dict[str, float]
-    seed: int
-    spread: float
-    warnings: list[str]
-
-    def carried_by(self) -> np.ndarray:
-        """The estimator with the larger weight in each entry of [statistic, time]."""
-        return np.where(self.pathwise_share > 0.5, "pathwise", "regression")
-
-    def rows(self) -> list[dict[str, Any]]:
-        """Tidy table: one row per statistic, time and parameter."""
-        carried = self.carried_by()
-        return [
-            {
-                "statistic": statistic,
-                "time": float(time),
-                "parameter": name,
-                "mean": float(self.mean[s, t]),
-                "mean_error": float(self.mean_error[s, t]),
-                "derivative": float(self.jacobian[s, t, k]),
-                "error": float(self.error[s, t, k]),
-                "carried_by": str(carried[s, t]),
-                "pathwise_share": float(self.pathwise_share[s, t]),
-            }
-            for s, statistic in enumerate(self.statistics)
-            for t, time in enumerate(self.times)
-            for k, name in enumerate(self.free)
-        ]
-
-    def asdict(self) -> dict[str, Any]:
-        """Plain data."""
-        return {**asdict(self), "parameters": self.parameters.asdict()}
-
-    def save(self, path: str | Path) -> None:
-        """`asdict` as JSON."""
-        write_json(path, self.asdict())
-
-    @staticmethod
-    def load(path: str | Path) -> "Sensitivity":
-        """What `save` wrote."""
-        data = json.loads(Path(path).read_text())
-
-        def array(values: Any) -> np.ndarray:
-            return np.array(values, dtype=float)
-
-        parts = {name: Estimate(**{k: array(v) for k, v in part.items()}) for name, part in data["parts"].items()}
-        arrays = ("times", "mean", "mean_error", "jacobian", "error", "pathwise_share", "tails", "scatter")
-        changed = {
-            "parameters": Parameters(**data["parameters"]),
-            "parts": parts,
-            **{name: array(data[name]) for name in (*arrays, "correlation")},
-            **{name: tuple(data[name]) for name in ("free", "statistics")},
-        }
-        return Sensitivity(**{**data, **changed})
 
 
 def sensitivity(
