@@ -9,12 +9,12 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Float
-from scipy.linalg import solve_triangular
-from scipy.spatial.distance import cdist
 from scipy.special import logsumexp
 
 from yeastfit.errors import InputError
 from yeastfit.storage import written_whole
+
+NEAREST = 10  # draws for each parameter, at least, that proposals are made from
 
 
 @dataclass(frozen=True)
@@ -37,29 +37,44 @@ class Population:
 
 @dataclass(frozen=True)
 class Mixture:
-    """Proposals Σ_j w_j N(x_j, 2 C), C the weighted covariance of the x_j."""
+    """Proposals Σ_j w_j N(x_j, C_j) around draws x_j that are near the data: C_j = Σ_k w_k (x_k − x_j)(x_k − x_j)ᵀ.
 
-    x: Float[np.ndarray, "draw free"]
-    weights: Float[np.ndarray, " draw"]
-    root: Float[np.ndarray, "free free"]
+    roots: Cholesky factors of C_j.
+    """
+
+    x: Float[np.ndarray, "near free"]
+    weights: Float[np.ndarray, " near"]
+    roots: Float[np.ndarray, "near free free"]
 
     @staticmethod
-    def of(population: Population) -> "Mixture":
-        """Around a population. Raises `InputError` where its draws do not span the space."""
-        covariance = 2 * np.atleast_2d(np.cov(population.x, rowvar=False, aweights=population.weights))
-        if not np.isfinite(covariance).all() or np.linalg.eigvalsh(covariance)[0] <= 0:
+    def of(population: Population, epsilon: float) -> "Mixture":
+        """Around the draws within ε, at least `NEAREST` of them for each parameter.
+
+        Raises `InputError` where they do not span the space.
+        """
+        free = population.x.shape[1]
+        count = max(int(np.sum(population.distances <= epsilon)), NEAREST * free)
+        near = np.argsort(population.distances, kind="stable")[:count]
+        x, weights = population.x[near], population.weights[near] / population.weights[near].sum()
+        apart = x[None] - x[:, None]
+        covariances = np.einsum("k,jka,jkb->jab", weights, apart, apart)
+        if not np.isfinite(covariances).all() or not (np.linalg.eigvalsh(covariances)[:, 0] > 0).all():
             raise InputError(f"population is {len(population.x)}, its draws have no covariance: take a larger one")
-        return Mixture(population.x, population.weights, np.linalg.cholesky(covariance))
+        return Mixture(x, weights, np.linalg.cholesky(covariances))
 
     def draw(self, count: int, rng: np.random.Generator) -> Float[np.ndarray, "proposal free"]:
         """Independent proposals."""
-        centres = self.x[rng.choice(len(self.x), size=count, p=self.weights)]
-        return centres + rng.standard_normal(centres.shape) @ self.root.T
+        chosen = rng.choice(len(self.x), size=count, p=self.weights)
+        steps = rng.standard_normal((count, self.x.shape[1]))
+        return self.x[chosen] + np.einsum("pab,pb->pa", self.roots[chosen], steps)
 
     def log_density(self, x: Float[np.ndarray, "proposal free"]) -> Float[np.ndarray, " proposal"]:
         """Up to a constant."""
-        here, there = (solve_triangular(self.root, one.T, lower=True).T for one in (x, self.x))
-        return logsumexp(-0.5 * cdist(here, there, "sqeuclidean"), b=self.weights, axis=1)
+        found = np.empty((len(x), len(self.x)))
+        for j, (centre, root) in enumerate(zip(self.x, self.roots, strict=True)):
+            steps = (x - centre) @ np.linalg.inv(root).T
+            found[:, j] = -0.5 * np.sum(steps**2, axis=1) - np.log(np.diag(root)).sum()
+        return logsumexp(found, b=self.weights, axis=1)
 
 
 class PopulationFile:
