@@ -242,9 +242,9 @@ class Race:
                 path = Path(folder) / "chains.h5"
                 try:
                     found = abc_mcmc(problem.data_sets, problem.prior, distance, plan, seed=seed, path=path)
-                except InputError as error:  # no data set of the pilot is near enough to start from
+                except InputError:
                     spent = {"colonies": size.pilot * problem.replicates, "seconds": np.nan, "error": np.inf}
-                    return {MCMC: [spent | {"said": str(error)}]}
+                    return {MCMC: [spent | {"said": "no data set of the pilot came within ε, to start from"}]}
                 seconds += found.seconds
                 trace.append(self.point_of(found, found.simulations * problem.replicates, seconds))
         return {MCMC: trace}
