@@ -169,6 +169,8 @@ class Study:
     def asked(self, k: int) -> dict[str, Any]:
         """What makes the records of a part: another of these, other records."""
         part = asdict(self.parts[k])
+        if self.parts[k].method != "emulator":
+            part["proposals"] = "local"  # of ABC-SMC, which had others once
         what = {**part, "prior": PRIOR.asdict(), "model": asdict(MODEL), "extent": EXTENT, "pixel": PIXEL, "seed": SEED}
         return json.loads(json.dumps(what))
 

@@ -242,7 +242,9 @@ class Race:
                 path = Path(folder) / "chains.h5"
                 try:
                     found = abc_mcmc(problem.data_sets, problem.prior, distance, plan, seed=seed, path=path)
-                except InputError:
+                except InputError as error:
+                    if trace or "simulations from the prior comes that close" not in str(error):
+                        raise
                     spent = {"colonies": size.pilot * problem.replicates, "seconds": np.nan, "error": np.inf}
                     return {MCMC: [spent | {"said": "no data set of the pilot came within ε, to start from"}]}
                 seconds += found.seconds

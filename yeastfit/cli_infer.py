@@ -49,7 +49,7 @@ def infer(
     steps: Annotated[
         int | None, typer.Option(help="abc-mcmc: steps of each chain, in all, resumed ones included; 1000.")
     ] = None,
-    walkers: Annotated[int | None, typer.Option(help="Chains: 128 of emulator, 32 of abc-mcmc.")] = None,
+    walkers: Annotated[int | None, typer.Option(help="Chains; 128 of emulator, 32 of abc-mcmc.")] = None,
     distance: Annotated[
         str | None, typer.Option(help="ABC: mahalanobis (by default), curves or li.", show_default=False)
     ] = None,

@@ -21,7 +21,7 @@ class Comparison:
     """One derivative by jax and by another way: of the number `output[index]` along a direction.
 
     by: "differences", or "transpose", ⟨v, J d⟩ beside ⟨Jᵀ v, d⟩. uncertainty: of both. scale: what the tolerance and
-    `error` refer to, the larger of both derivatives and `FLOOR` times the value.
+    `error` refer to, the larger of both derivatives and `derivatives.FLOOR` times the value.
     """
 
     by: str

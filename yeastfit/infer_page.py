@@ -11,7 +11,7 @@ if TYPE_CHECKING:
 ALT = {
     "corner": "Posterior of every parameter and pair of parameters, with the prior",
     "traces": "Every parameter along the chains, or the weights of the draws",
-    "ranks": "Ranks of the draws of every chain",
+    "ranks": "Ranks of the draws of every chain; grey: two standard deviations of chance",
     "predictive": "Predicted curves over the data",
     "colonies": "Observed colonies above colonies grown from draws of the posterior",
     "emulator": "Residuals of simulations held out from the emulator",

@@ -54,7 +54,7 @@ def ranks(found: "Diagnostics") -> Figure:
         panel.set(xlabel="rank", ylim=(0, None))
         panel.set_title(f"{found.free[k].replace('_', ' ')}, p = {found.unequal[k]:.2g}", fontsize=9)
         panel.tick_params(labelsize=7)
-    figure.axes[0].set_ylabel(f"share of each of {chains} chains", fontsize=8)
+    figure.axes[0].set_ylabel(f"share of each of {chains} chains\n(grey: two sd of chance)", fontsize=8)
     return figure
 
 

@@ -91,6 +91,22 @@ def test_p_values_of_ranks_are_uniform_where_chains_agree(memory: float) -> None
     assert shares.min() > 1e-4
 
 
+def test_ranks_of_short_chains_that_agree() -> None:
+    """Five autocorrelation times are too few to know them by: p-values lean to the upper side, and not to 0."""
+    found = [rank_statistics(autoregressive(0.9, chains=32, draws=100, seed=seed)) for seed in range(20)]
+    assert 0.5 < np.mean([one[2] for one in found]) < 0.9
+    off = [((shares - 0.1) / chance[:, None]).std() for shares, chance, _ in found]
+    assert np.mean(off) == pytest.approx(1.0, abs=0.15)
+
+
+@pytest.mark.parametrize("chains", [4, 10, 20])
+@pytest.mark.parametrize("width", [0.0, 1.0])
+def test_ranks_of_chains_that_never_meet(chains: int, width: float) -> None:
+    """Each in bins of its own, which are then left by none."""
+    values = width * autoregressive(0.5, chains=chains, draws=200) + 100.0 * np.arange(chains)[:, None, None]
+    assert (rank_statistics(values)[2] < 1e-6).all()
+
+
 def test_ranks_of_chains_that_seldom_leave_a_tail() -> None:
     """Draws forget at once, but for whether they are in the tail: a tenth of them is, for ten draws at a time."""
     p_values, shares = [], []

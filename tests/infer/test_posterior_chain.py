@@ -2,13 +2,14 @@
 
 import numpy as np
 import pytest
+from scipy.stats import norm
 
 from yeastfit.infer.posterior_chain import walk
 
 
-@pytest.mark.parametrize("free", [1, 2, 5])
-def test_a_normal_density_is_drawn_from(free: int) -> None:
-    """Means, standard deviations and 90 % intervals, within four of their standard errors."""
+@pytest.mark.parametrize(("free", "walkers"), [(1, 256), (2, 256), (5, 256), (5, 40)])
+def test_a_normal_density_is_drawn_from(free: int, walkers: int) -> None:
+    """Means, standard deviations and 90 % intervals, within four of their standard errors; with few walkers, too."""
     rng = np.random.default_rng(free)
     root = np.tril(rng.normal(size=(free, free))) + 2 * np.eye(free)
 
@@ -18,9 +19,9 @@ def test_a_normal_density_is_drawn_from(free: int) -> None:
     drawn, size = [], 0.0
     for seed in range(4):
         places = 3 * rng.standard_normal((2000, free)) @ root.T
-        found = walk(log_density, places, walkers=256, most_steps=4000, seed=seed, room=2000)
+        found = walk(log_density, places, walkers=walkers, most_steps=4000, seed=seed, room=2000)
         drawn.append(np.linalg.solve(root, found.flat.T).T)
-        size += 256 * 0.5 * found.steps / found.times.max()
+        size += walkers * 0.5 * found.steps / found.times.max()
     z = np.concatenate(drawn)
     np.testing.assert_allclose(z.mean(axis=0), 0.0, atol=4 / np.sqrt(size))
     np.testing.assert_allclose(z.std(axis=0), 1.0, atol=4 / np.sqrt(2 * size))
@@ -39,3 +40,34 @@ def test_two_modes_have_their_weights() -> None:
     right = found.flat[:, 0] > 0
     assert right.mean() == pytest.approx(0.75, abs=0.05)
     np.testing.assert_allclose(found.flat[right].std(axis=0), 1.0, atol=0.05)
+
+
+def test_a_trail_is_walked_along_and_back() -> None:
+    """A tenth of the draws, by a density of the others; the exact share of what is beyond 1."""
+
+    def log_density(x: np.ndarray) -> np.ndarray:
+        along, across = (x[:, 0] - x[:, 1]) / np.sqrt(2), (x[:, 0] + x[:, 1]) / np.sqrt(2)
+        core = np.log(0.9 / 0.3) - 0.5 * (along / 0.3) ** 2
+        trail = np.log(0.1) - 0.5 * (along - 2.5) ** 2
+        return np.logaddexp(core, trail) - 0.5 * (across / 0.1) ** 2
+
+    places = np.random.default_rng(0).normal(0, 1.5, size=(2000, 2))
+    found = walk(log_density, places, walkers=128, most_steps=5000, seed=0, room=2000)
+    assert found.times.max() < 15  # 35 by differential evolution alone
+    share = ((found.flat[:, 0] - found.flat[:, 1]) / np.sqrt(2) > 1).mean()
+    exact = 0.9 * norm.sf(1 / 0.3) + 0.1 * norm.sf(-1.5)
+    independent = 128 * 0.5 * found.steps / found.times.max()
+    assert share == pytest.approx(exact, abs=4 * np.sqrt(exact * (1 - exact) / independent))
+
+
+def test_chains_that_nothing_moves_come_back_as_they_are() -> None:
+    """Every proposal is refused: no autocorrelation time, and no error either."""
+    places = np.random.default_rng(0).normal(size=(300, 2))
+    known = {row.tobytes() for row in places}
+
+    def log_density(x: np.ndarray) -> np.ndarray:
+        return np.array([0.0 if row.tobytes() in known else -np.inf for row in x])
+
+    found = walk(log_density, places, walkers=16, most_steps=1000, seed=0, room=300)
+    assert np.isinf(found.times).all()
+    assert found.x.shape[1] >= 50

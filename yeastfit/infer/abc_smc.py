@@ -7,6 +7,7 @@ the prior π (log λ where its law is one of log λ), with the indicator kernel:
     population t:  x* = x_j + z, j with probability w_j of those of population t − 1 with d_j ≤ ε_t, z ~ N(0, C_j);
                    simulated once; the first N with d ≤ ε_t, whose weights are w ∝ π(x*) / Σ_j w_j N(x*; x_j, C_j).
 
+Of those with d_j ≤ ε_t there are at least `populations.NEAREST` for each parameter, further ones where need be.
 C_j = Σ_k w_k (x_k − x_j)(x_k − x_j)ᵀ, over the same draws, are the local covariances of Filippi et al. 2013,
 doi:10.1515/sagmb-2012-0069. To the same ε they take a quarter to a half fewer simulations than twice the covariance of
 population t − 1 does, which is wider than where the next one will be.

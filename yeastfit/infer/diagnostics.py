@@ -117,12 +117,12 @@ def diagnose(
 def autocorrelation_time(values: Chain, *, alike: bool = False, least: float = 0.0) -> Float[np.ndarray, " free"]:
     """τ of every parameter, at least 1; inf where no chain moves.
 
-    alike: as if chains differed by chance alone. Autocorrelations about a chain's own mean lack τ / draws each then.
-    least: sums go on for as long as with a τ of so many draws.
+    alike: as if chains differed by chance alone. Autocorrelations about a chain's own mean lack τ / draws each then,
+    which is put back; it can be up to lags of a quarter of the draws. least: sums go on as with a τ of so many draws.
     """
     chains, draws, count = values.shape
     times, lags = np.full(count, np.inf), np.arange(draws)
-    lacking = np.minimum((2 * lags + 1) / draws, 0.5) if alike else 0.0
+    lacking, furthest = ((2 * lags + 1) / draws, draws // 4) if alike else (0.0, draws)
     for k in range(count):
         one = values[:, :, k]
         if not (np.ptp(one, axis=1) > 0).any():
@@ -133,8 +133,8 @@ def autocorrelation_time(values: Chain, *, alike: bool = False, least: float = 0
         within = covariance[0] * draws / max(draws - 1, 1)
         whole = covariance[0] + (np.var(one.mean(axis=1), ddof=1) if chains > 1 else 0.0)
         correlation = covariance / covariance[0] if alike else 1 - (within - covariance) / whole
-        sums = (2.0 * np.cumsum(correlation) - 1.0) / (1.0 - lacking)
-        beyond = lags >= WINDOW * np.maximum(sums, least)
+        sums = (2.0 * np.cumsum(correlation) - 1.0) / np.maximum(1.0 - lacking, 0.5)
+        beyond = lags >= np.minimum(WINDOW * np.maximum(sums, least), furthest)
         times[k] = max(1.0, sums[np.argmax(beyond) if beyond.any() else -1])
     return times
 
@@ -154,15 +154,17 @@ def rank_statistics(
     chains, draws, count = values.shape
     ranks = stats.rankdata(values.reshape(-1, count), axis=0).reshape(values.shape)
     which = np.minimum((ranks - 0.5) * bins / (chains * draws), bins - 1).astype(int)
-    there = (which[..., None] == np.arange(bins)).astype(float)
-    shares = there.mean(axis=1)
     slowest = autocorrelation_time(values, alike=True)
     least = float(slowest[np.isfinite(slowest)].max(initial=1.0))  # what is slow shows a little in every bin
-    times = np.stack([autocorrelation_time(there[:, :, k], alike=True, least=least) for k in range(count)])
-    overall = shares.mean(axis=0)
-    square = np.sum((shares - overall) ** 2 * draws / times, axis=(0, 2)) * bins
+    shares, times = np.empty((count, chains, bins)), np.empty((count, bins))
+    for k in range(count):
+        there = (which[:, :, k, None] == np.arange(bins)).astype(float)
+        shares[k], times[k] = there.mean(axis=1), autocorrelation_time(there, alike=True, least=least)
+    times = np.where(np.isfinite(times), times, least)  # of bins that every chain is in always, or never
+    overall = shares.mean(axis=1)
+    square = np.sum((shares - overall[:, None]) ** 2 * draws / times[:, None], axis=(1, 2)) * bins
     chance = np.sqrt(overall * (1 - overall) * np.minimum(times, draws) / draws)
-    return shares.transpose(1, 0, 2), chance, stats.chi2.sf(square, (bins - 1) * max(chains - 1, 1))
+    return shares, chance, stats.chi2.sf(square, (bins - 1) * max(chains - 1, 1))
 
 
 def _scores(values: Chain) -> Chain:

@@ -20,8 +20,9 @@ Given = tuple[Float[np.ndarray, "given free"], Float[np.ndarray, "given statisti
 class EmulatedSettings:
     """How a posterior is found by an emulator.
 
-    first: simulations from the prior, a power of two. each: simulations of every further round. most: in all. widen: w.
-    settle: see `emulated`. walkers: chains; most_steps: of each. batch: rows of every call of the simulator.
+    first: simulations from the prior, a power of two. each: simulations of every further round. most: in all. widen: w
+    in `emulated`; settle: see there. walkers: chains, at most as many as simulations; most_steps: of each. batch: rows
+    of every call of the simulator.
     """
 
     first: int = 512

@@ -37,9 +37,9 @@ class Population:
 
 @dataclass(frozen=True)
 class Mixture:
-    """Proposals Σ_j w_j N(x_j, C_j) around draws x_j that are near the data: C_j = Σ_k w_k (x_k − x_j)(x_k − x_j)ᵀ.
+    """Proposals Σ_j w_j N(x_j, C_j) around draws x_j that are near the data, C_j = Σ_k w_k (x_k − x_j)(x_k − x_j)ᵀ.
 
-    roots: Cholesky factors of C_j.
+    That is C + (x_j − m)(x_j − m)ᵀ with their mean m and covariance C. roots: Cholesky factors of C_j.
     """
 
     x: Float[np.ndarray, "near free"]
@@ -56,11 +56,11 @@ class Mixture:
         count = max(int(np.sum(population.distances <= epsilon)), NEAREST * free)
         near = np.argsort(population.distances, kind="stable")[:count]
         x, weights = population.x[near], population.weights[near] / population.weights[near].sum()
-        apart = x[None] - x[:, None]
-        covariances = np.einsum("k,jka,jkb->jab", weights, apart, apart)
-        if not np.isfinite(covariances).all() or not (np.linalg.eigvalsh(covariances)[:, 0] > 0).all():
+        off = x - weights @ x
+        covariance = off.T @ (weights[:, None] * off)
+        if not np.isfinite(covariance).all() or np.linalg.eigvalsh(covariance)[0] <= 0:
             raise InputError(f"population is {len(population.x)}, its draws have no covariance: take a larger one")
-        return Mixture(x, weights, np.linalg.cholesky(covariances))
+        return Mixture(x, weights, np.linalg.cholesky(covariance + off[:, :, None] * off[:, None, :]))
 
     def draw(self, count: int, rng: np.random.Generator) -> Float[np.ndarray, "proposal free"]:
         """Independent proposals."""
@@ -102,7 +102,9 @@ class PopulationFile:
         different = [key for key in self.head if head.get(key) != self.head[key]]
         if different:
             said = "; ".join(f"{key} was {head.get(key)}, now it is {self.head[key]}" for key in different)
-            raise InputError(f"{self.path} holds other populations: {said}")
+            raise InputError(
+                f"{self.path} holds other populations: {said}; remove it and they are made anew from stored simulations"
+            )
         return found
 
     def write(self, populations: Sequence[Population]) -> None:

@@ -1,12 +1,12 @@
 """Chains of emcee on a posterior whose likelihood is an emulator's.
 
-They walk in the prior's coordinates, log λ where its law is one of log λ. In half of the steps half of the walkers are
-drawn anew from a kernel density of the others, which takes them along thin trails and from mode to mode at once; in the
-others they move by differential evolution (ter Braak 2006, doi:10.1007/s11222-006-8769-1), which does not mind how many
-parameters there are. On the demo's trail chains of 128 so forget in 20 steps, by differential evolution alone in 110.
-emcee's snooker update is not used: as of 3.1.6 it does not leave the density as it is (of a normal one in three
-dimensions it makes standard deviations of 0.89). Chains start at simulations drawn by their posterior density, and run
-until they are `ENOUGH` autocorrelation times long.
+They walk in the prior's coordinates, log λ where its law is one of log λ. Half of the steps, where there are `KERNELS`
+walkers for each parameter, propose each half of the walkers from a kernel density of the other half, which takes them
+along thin trails and from mode to mode at once; in the others they move by differential evolution (ter Braak 2006,
+doi:10.1007/s11222-006-8769-1), which does not mind how many parameters there are. On the demo's trail 128 chains so
+forget in 20 steps, by differential evolution alone in 110. emcee's snooker update is not used: as of 3.1.6 it does not
+leave the density as it is (of a normal one in three dimensions it makes standard deviations of 0.89). Chains start at
+simulations drawn by their posterior density, and run until they are `ENOUGH` autocorrelation times long.
 """
 
 from collections.abc import Callable
@@ -92,8 +92,8 @@ def walk(
             state = sampler.run_mcmc(state, min(PIECE, most_steps - sampler.iteration))
         half = sampler.get_chain(discard=sampler.iteration // 2)
         times = autocorrelation_time(half.transpose(1, 0, 2))
-        burnt = min(int(PIECE / 2 + BURN_IN * times.max()), sampler.iteration // 2)
-    thin = max(1, min(int(APART * times.max()), (sampler.iteration - burnt) // FEWEST))
+        burnt = int(min(PIECE / 2 + BURN_IN * times.max(), sampler.iteration // 2))
+    thin = max(1, int(min(APART * times.max(), (sampler.iteration - burnt) // FEWEST)))
     return Chains(
         sampler.get_chain(discard=burnt, thin=thin).transpose(1, 0, 2),
         sampler.get_log_prob(discard=burnt, thin=thin).T,
