@@ -263,7 +263,7 @@ def test_chains_of_something_else_are_refused(tmp_path: Path) -> None:
         run(GAUSSIAN, SHORT, seed=17, path=path)
     with pytest.raises(InputError, match=r"holds other chains: share was 0.2, now it is 0.3"):
         run(GAUSSIAN, replace(SHORT, share=0.3), seed=16, path=path)
-    with pytest.raises(InputError, match=r"holds other chains: observed was \[0.8\], now it is \[0.9\]"):
+    with pytest.raises(InputError, match=r"holds other chains: distance's observed was \[0.8\], now it is \[0.9\]"):
         run(known_posteriors.gaussian(0.9), SHORT, seed=16, path=path)
     with (
         Store(tmp_path / "simulations.h5", ("mean",), ("average",), about="another model") as store,

@@ -80,8 +80,9 @@ def abc_mcmc(
     backend: emcee.backends.Backend | ChainFile = emcee.backends.Backend()
     done, notes = 0, list[str]()
     if path is not None:
-        head = {"prior": prior.asdict(), **distance.asdict(), "labels": simulator.labels, **settings.fixed}
-        backend = ChainFile(path, {**head, "seed": seed, "about": recorded.about}, lambda: recorded.asked)
+        head = {"prior": prior.asdict(), "labels": simulator.labels, "seed": seed, "about": recorded.about}
+        head |= {f"distance's {name}": one for name, one in distance.asdict().items()}
+        backend = ChainFile(path, {**head, **settings.fixed}, lambda: recorded.asked)
         done, notes = backend.take_up(), backend.notes
     if not done:
         backend.reset(*first.coords.shape)
@@ -107,7 +108,7 @@ def abc_mcmc(
         seconds=clock.perf_counter() - began,
         seed=seed,
         method="ABC-MCMC",
-        settings={**asdict(settings), "prior": prior.asdict(), **distance.asdict()},
+        settings={**asdict(settings), "prior": prior.asdict(), **distance.asdict()},  # its covariance, not Σ
         warnings=[*recorded.notes, *notes, *pilot.warnings, *_standstills(moved)],
         diagnostics={"epsilon": float(epsilon), "proposal_covariance": (covariance / 3).tolist()},
     )
