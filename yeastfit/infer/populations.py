@@ -71,10 +71,10 @@ class Mixture:
     def log_density(self, x: Float[np.ndarray, "proposal free"]) -> Float[np.ndarray, " proposal"]:
         """Up to a constant."""
         found = np.empty((len(x), len(self.x)))
-        for j, (centre, root) in enumerate(zip(self.x, self.roots, strict=True)):
-            steps = (x - centre) @ np.linalg.inv(root).T
-            found[:, j] = -0.5 * np.sum(steps**2, axis=1) - np.log(np.diag(root)).sum()
-        return logsumexp(found, b=self.weights, axis=1)
+        for j, (centre, inverse) in enumerate(zip(self.x, np.linalg.inv(self.roots), strict=True)):
+            found[:, j] = -0.5 * np.sum(((x - centre) @ inverse.T) ** 2, axis=1)
+        volumes = np.diagonal(self.roots, axis1=1, axis2=2).prod(axis=1)
+        return logsumexp(found, b=self.weights / volumes, axis=1)
 
 
 class PopulationFile:
