@@ -21,9 +21,10 @@ import numpy as np
 from jaxtyping import Array
 
 from yeastfit.errors import InputError
+from yeastfit.measure.coverage import coverage, true_mask
+from yeastfit.measure.photograph import Optics, photograph, write_micrograph
 from yeastfit.measure.smooth import node_statistics
 from yeastfit.measure.statistics import measure_mask
-from yeastfit.measure.synthetic import Optics, coverage, photograph, true_mask, write_micrograph
 from yeastfit.model.cells import Cells
 from yeastfit.model.numerics import Numerics
 from yeastfit.model.parameters import Parameters, Scales

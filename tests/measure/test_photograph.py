@@ -13,8 +13,9 @@ import tifffile
 from scipy.ndimage import distance_transform_edt
 
 from yeastfit.errors import InputError
+from yeastfit.measure.coverage import coverage, true_mask
 from yeastfit.measure.images import read_micrograph
-from yeastfit.measure.synthetic import KINDS, Optics, coverage, photograph, true_mask, write_micrograph
+from yeastfit.measure.photograph import KINDS, Optics, photograph, write_micrograph
 
 PIXEL = 0.75  # µm
 P, Q = 3.75, 2.7  # µm, half axes of a cell
@@ -269,7 +270,7 @@ def test_a_failed_write_leaves_the_old_file(tmp_path: Path, pixels: Array, monke
     def fail(*_: Any) -> None:
         raise OSError("disk full")
 
-    monkeypatch.setattr("yeastfit.measure.synthetic.os.replace", fail)
+    monkeypatch.setattr(Path, "replace", fail)
     with pytest.raises(OSError, match="disk full"):
         write_micrograph(path, pixels, PIXEL, "tiff")
     assert [each.read_bytes() for each in tmp_path.iterdir()] == [b"old"]

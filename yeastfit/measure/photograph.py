@@ -1,7 +1,7 @@
-"""Bright-field photographs of simulated colonies, with the mask they should give. Not differentiable.
+"""Bright-field photographs of simulated colonies. Not differentiable.
 
-`coverage` turns ellipses into what each pixel holds, `photograph` turns that into grey values, `write_micrograph` into
-a file that states its pixel size. The light that a pixel passes is
+`photograph` turns what each pixel holds (`coverage`) into grey values, `write_micrograph` these into a file that states
+its pixel size. The light that a pixel passes is
 
     T = 1 - φ + φ exp(-a),    a = (base + depth t + rim max(1 - t, 0)) (1 + ε),    t = thickness / φ
 
@@ -24,11 +24,10 @@ yeast), taken at 1.55 µm per pixel; contrast and blur are those of a stronger o
 """
 
 import hashlib
-import os
 import uuid
 from dataclasses import dataclass
 from io import BytesIO
-from math import hypot, isfinite, pi
+from math import isfinite, pi
 from pathlib import Path
 from typing import Any
 
@@ -37,130 +36,14 @@ import numpy.typing as npt
 from scipy import ndimage
 
 from yeastfit.errors import InputError
+from yeastfit.measure.coverage import Array, Floats, finite, require_positive
+from yeastfit.storage import written_whole
 
-Array = npt.NDArray[Any]
-Floats = npt.NDArray[np.float64]
-Mask = npt.NDArray[np.bool_]
 Pixels = npt.NDArray[np.uint8]
 
 KINDS = ("tiff", "imagej", "ome")
-MAX_SAMPLES = 32_768  # along a side of the fine grid, which holds one byte a sample: 1 GiB
 CLEARANCE = 4.0  # px between a speck of dust and the colony
 LAMP = 0.3  # half sides: how far the lamp's centre may lie from the image's, along x and y
-
-
-# ------------------------------------------------------------------------------------------------------------- coverage
-
-
-def coverage(
-    centres: Array,
-    directions: Array,
-    half_lengths: Array,
-    half_widths: Array,
-    extent: float,
-    pixel_size: float,
-    supersample: int = 5,
-) -> tuple[Floats, Floats]:
-    """Per pixel, the part in the union of ellipses r² = (u/p)² + (v/q)² ≤ 1, and the mean of Σ √max(1 - r², 0).
-
-    centres [n, 2] (x, y), half_lengths p [n], half_widths q [n], extent and pixel_size are in one unit (µm); directions
-    [n, 2] are unit vectors along p. A cell of no length or width covers nothing; what lies outside is cut off. Means
-    are over `supersample`² points a pixel; with an odd number of them no pixel is half covered exactly, a tie that
-    `true_mask` counts as colony and that makes a mask of single cells 2 % too large at 4² points.
-
-    Returns fraction, in [0, 1], and thickness, in cell layers. Both are [rows, columns], round(extent / pixel_size) a
-    side, centred on the origin, rows downwards (along -y), columns along x. A pixel is exactly `pixel_size` wide, so an
-    `extent` that is no multiple of it changes by up to half a pixel. Raises `InputError` where shapes differ, a value
-    is not finite or a length negative, directions are no unit vectors, or the image would be empty or enormous.
-    """
-    cells = _checked_cells(centres, directions, half_lengths, half_widths)
-    side = _checked_side(extent, pixel_size, supersample)
-    # x of the columns, and -y of the rows
-    axis = (np.arange(side * supersample) + 0.5) * (pixel_size / supersample) - 0.5 * side * pixel_size
-    covered = np.zeros((axis.size, axis.size), dtype=bool)
-    thickness = np.zeros((side, side))
-    for x, y, cos, sin, p, q in cells:
-        rows = _span(-y, hypot(p * sin, q * cos), side, pixel_size)
-        columns = _span(x, hypot(p * cos, q * sin), side, pixel_size)
-        fine_rows, fine_columns = (slice(s.start * supersample, s.stop * supersample) for s in (rows, columns))
-        up, right = -axis[fine_rows, None] - y, axis[None, fine_columns] - x
-        r2 = ((cos * right + sin * up) / p) ** 2 + ((cos * up - sin * right) / q) ** 2
-        covered[fine_rows, fine_columns] |= r2 <= 1
-        thickness[rows, columns] += _pixel_means(np.sqrt(np.maximum(1 - r2, 0)), supersample)
-    return _pixel_means(covered, supersample), thickness
-
-
-def true_mask(fraction: Array) -> Mask:
-    """Pixels that are colony, fraction ≥ ½: what a segmentation of the photograph should find."""
-    return np.asarray(_finite("fraction", fraction, (None, None)) >= 0.5)
-
-
-def _span(centre: float, reach: float, side: int, pixel_size: float) -> slice:
-    """Pixels of one axis within `reach` of `centre`; empty outside the image."""
-    middle = 0.5 * side
-    first, last = np.floor((centre - reach) / pixel_size + middle), np.ceil((centre + reach) / pixel_size + middle)
-    return slice(int(np.clip(first, 0, side)), int(np.clip(last, 0, side)))
-
-
-def _pixel_means(samples: Array, supersample: int) -> Floats:
-    rows, columns = (size // supersample for size in samples.shape)
-    means = samples.reshape(rows, supersample, columns, supersample).mean((1, 3), dtype=np.float64)
-    return np.asarray(means, dtype=np.float64)
-
-
-def _checked_cells(centres: Array, directions: Array, half_lengths: Array, half_widths: Array) -> Floats:
-    """x, y, direction, p and q [n, 6] of the cells that cover something."""
-    centres = _finite("centres", centres, (None, 2))
-    count = len(centres)
-    directions = _finite("directions", directions, (count, 2))
-    lengths = [_finite("half_lengths", half_lengths, (count,)), _finite("half_widths", half_widths, (count,))]
-    for name, values in zip(("half_lengths", "half_widths"), lengths, strict=True):
-        if (values < 0).any():
-            raise InputError(f"{name}: got {values.min():g}, need lengths of at least 0")
-    exists = np.minimum(*lengths) > 0
-    norms = np.hypot(*directions[exists].T)
-    if (off := np.abs(norms - 1) > 1e-4).any():
-        raise InputError(f"directions: got a vector of length {norms[off][0]:g}, need unit vectors")
-    return np.column_stack([centres, directions, *lengths])[exists]
-
-
-def _checked_side(extent: float, pixel_size: float, supersample: int) -> int:
-    """Pixels along a side."""
-    for name, value in (("extent", extent), ("pixel_size", pixel_size)):
-        _require_positive(name, value)
-    if not isinstance(supersample, int) or isinstance(supersample, bool) or supersample < 1:
-        raise InputError(f"supersample: got {supersample!r}, need a whole number of at least 1")
-    side, largest = extent / pixel_size, MAX_SAMPLES // supersample
-    if not 0.5 < side <= largest:
-        raise InputError(
-            f"extent: got {extent:g}, {side:.3g} pixels of {pixel_size:g} a side, need 1 to {largest} at supersample "
-            f"{supersample}"
-        )
-    return round(side)
-
-
-def _finite(name: str, values: Array, shape: tuple[int | None, ...]) -> Floats:
-    """An array of double precision; None in `shape` stands for any size."""
-    array = np.asarray(values)
-    wanted = f"[{', '.join('any' if size is None else str(size) for size in shape)}]"
-    if array.dtype.kind not in "buif" or len(shape) != array.ndim:
-        raise InputError(f"{name}: got shape {list(array.shape)} of {array.dtype}, need numbers {wanted}")
-    if any(size not in (None, held) for size, held in zip(shape, array.shape, strict=True)):
-        raise InputError(f"{name}: got shape {list(array.shape)}, need {wanted}")
-    array = array.astype(np.float64)
-    if shape == (None, None) and not array.size:
-        raise InputError(f"{name}: got shape {list(array.shape)}, need at least one pixel")
-    if bad := int((~np.isfinite(array)).sum()):
-        raise InputError(f"{name}: {bad} of {array.size} values are NaN or infinite, need finite ones")
-    return array
-
-
-def _require_positive(name: str, value: float) -> None:
-    if isinstance(value, bool) or not isfinite(value) or value <= 0:
-        raise InputError(f"{name}: got {value!r}, need a finite length above 0")
-
-
-# ----------------------------------------------------------------------------------------------------------- photograph
 
 
 @dataclass(frozen=True)
@@ -223,9 +106,9 @@ def photograph(
     it in this order, so leaving out dust changes nothing else. Raises `InputError` for a fraction outside [0, 1], a
     negative thickness, shapes that differ, or NaN.
     """
-    _require_positive("pixel_size", pixel_size)
-    fraction = _finite("fraction", fraction, (None, None))
-    thickness = _finite("thickness", thickness, fraction.shape)
+    require_positive("pixel_size", pixel_size)
+    fraction = finite("fraction", fraction, (None, None))
+    thickness = finite("thickness", thickness, fraction.shape)
     if fraction.min() < 0 or fraction.max() > 1:
         raise InputError(f"fraction: got {fraction.min():g} to {fraction.max():g}, need values from 0 to 1")
     if thickness.min() < 0:
@@ -290,9 +173,6 @@ def _speck(
     return np.asarray(1 - np.where(distance < 2, darkness * np.exp(-(np.minimum(distance, 2) ** 4)), 0))
 
 
-# ---------------------------------------------------------------------------------------------------------------- files
-
-
 def write_micrograph(path: str | Path, pixels: Array, pixel_size: float, kind: str = "tiff") -> None:
     """An 8-bit image [rows, columns] as a TIFF file that states its `pixel_size`, in µm, in one of three ways.
 
@@ -301,19 +181,15 @@ def write_micrograph(path: str | Path, pixels: Array, pixel_size: float, kind: s
     the same image makes the same bytes. Raises `InputError` for another kind, other pixels or a missing folder.
     """
     path = Path(path)
-    _require_positive("pixel_size", pixel_size)
+    require_positive("pixel_size", pixel_size)
     if kind not in KINDS:
         raise InputError(f"kind: got {kind!r}, need one of {', '.join(KINDS)}")
     if pixels.dtype != np.uint8 or pixels.ndim != 2 or not pixels.size:
         raise InputError(f"pixels: got shape {list(pixels.shape)} of {pixels.dtype}, need uint8 [rows, columns]")
     if not path.parent.is_dir():
         raise InputError(f"{path}: {path.parent} is no folder, need one that exists")
-    partial = path.with_name(f".{path.name}.{os.getpid()}.partial")
-    try:
-        partial.write_bytes(_encoded(pixels, pixel_size, kind))
-        os.replace(partial, path)
-    finally:
-        partial.unlink(missing_ok=True)
+    with written_whole(path) as temporary:
+        temporary.write_bytes(_encoded(pixels, pixel_size, kind))
 
 
 def _encoded(pixels: Array, pixel_size: float, kind: str) -> bytes:
