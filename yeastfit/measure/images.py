@@ -5,19 +5,19 @@ where it is missing), PNG and JPEG need `PIL`. No pixel size is ever assumed: `r
 """
 
 import logging
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
-from math import isfinite, sqrt
+from math import sqrt
 from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple
 from warnings import catch_warnings, simplefilter
-from xml.etree import ElementTree
 
 import numpy as np
 import numpy.typing as npt
 from jaxtyping import Float32, UInt8, UInt16
 
 from yeastfit.errors import InputError, PixelSizeError
+from yeastfit.measure.pixel_size import PixelSize, is_length, pillow_sizes, tiff_sizes
 
 Grey = UInt8[np.ndarray, "row column"] | UInt16[np.ndarray, "row column"] | Float32[np.ndarray, "row column"]
 
@@ -25,23 +25,9 @@ MAX_PIXELS = 100_000_000  # refused from the header, before anything is allocate
 MAX_BYTES = 8 * MAX_PIXELS  # likewise, for wide types and many channels
 DENSEST = {1: 1, 5: 3_000, 8: 1_100, 32_773: 64, 32_946: 1_100}  # bytes in a stored one: none, LZW, deflate, PackBits
 MIN_SIDE = 16  # pixels; below, a background cannot be told from a colony
-LARGEST_PIXEL = 20.0  # µm; a coarser print density (72, 96, 300 dpi, 1 x 1) says nothing about a microscope
 LUMINANCE = np.array([0.2125, 0.7154, 0.0721], dtype=np.float32)  # of red, green and blue, Rec. 709
-MICROMETRES = {
-    **dict.fromkeys(("µm", "μm", "um", "\\u00b5m", "\\u00B5m", "micron", "microns", "micrometer", "micrometre"), 1.0),
-    **dict.fromkeys(("nm", "nanometer", "nanometre"), 1e-3),
-    **dict.fromkeys(("Å", "A", "angstrom"), 1e-4),
-    **dict.fromkeys(("pm",), 1e-6),
-    **dict.fromkeys(("mm", "millimeter", "millimetre"), 1e3),
-    **dict.fromkeys(("cm", "centimeter", "centimetre"), 1e4),
-    **dict.fromkeys(("m", "meter", "metre"), 1e6),
-    **dict.fromkeys(("inch", "in"), 25_400.0),
-}
 
 logging.getLogger("tifffile").addHandler(logging.NullHandler())  # what it says of damaged files, InputError says too
-
-
-# ------------------------------------------------------------------------------------------------------------- reading
 
 
 @dataclass(frozen=True)
@@ -52,14 +38,6 @@ class Micrograph:
     pixel_size: float
     pixel_size_source: str
     path: Path
-
-
-class PixelSize(NamedTuple):
-    """A pixel size as a file states it, in µm along x and y; `source` says where, in words."""
-
-    source: str
-    x: float
-    y: float
 
 
 class Contents(NamedTuple):
@@ -85,11 +63,11 @@ def read_micrograph(path: str | Path, pixel_size: float | None = None) -> Microg
 
     A file states it, in order of trust, as OME-XML PhysicalSizeX, as an ImageJ unit with its resolution, as TIFF tag
     65326 (µm, written by the microscope of the real data), or as a resolution per inch, centimetre or metre, taken only
-    where it makes a pixel finer than `LARGEST_PIXEL`. Raises `InputError` where none is found and where x and y differ
+    where it makes a pixel finer than `pixel_size.LARGEST_PIXEL`. Raises `InputError` where none is found and where x and y differ
     by more than 1 %.
     """
     path = Path(path)
-    if pixel_size is not None and (isinstance(pixel_size, bool) or not _is_length(pixel_size)):
+    if pixel_size is not None and (isinstance(pixel_size, bool) or not is_length(pixel_size)):
         raise InputError(f"pixel_size: got {pixel_size!r}, need a positive number of µm per pixel")
     contents = _read(path)
     if pixel_size is not None:
@@ -104,10 +82,6 @@ def read_micrograph(path: str | Path, pixel_size: float | None = None) -> Microg
             f"{path}: pixels of {x:.5g} by {y:.5g} µm ({source}), need square ones (1 %): resample the image"
         )
     return Micrograph(contents.pixels, sqrt(x * y), source, path)
-
-
-def _is_length(value: float) -> bool:
-    return isfinite(value) and value > 0
 
 
 def _read(path: Path) -> Contents:
@@ -125,7 +99,7 @@ def _read(path: Path) -> Contents:
     except Exception as error:  # a damaged file makes readers raise anything at all
         reason = getattr(error, "strerror", None) or " ".join(str(error).split()) or type(error).__name__
         raise InputError(f"{path}: cannot be read ({reason[:200]}), need an intact TIFF, PNG or JPEG file") from error
-    return Contents(_finite(pixels, path), [size for size in sizes if _is_length(size.x * size.y)], remark)
+    return Contents(_finite(pixels, path), [size for size in sizes if is_length(size.x * size.y)], remark)
 
 
 def _reader(path: Path, start: bytes) -> Callable[[Path, BinaryIO], Contents]:
@@ -206,7 +180,7 @@ def _read_tiff(path: Path, file: BinaryIO) -> Contents:
         if max(ends) > (held := path.stat().st_size):
             raise InputError(f"{path}: is cut short at {held} bytes of {max(ends)}, need the whole file")
         _check_stored(path, page)
-        sizes, remark = _trusted(list(_tiff_sizes(tif, page)))
+        sizes, remark = tiff_sizes(tif, page)
         return Contents(_tiff_pixels(page, path, file), sizes, remark)
 
 
@@ -244,7 +218,7 @@ def _read_pillow(path: Path, file: BinaryIO) -> Contents:
             raise InputError(f"{path}: far too many pixels, need at most {limit} million: crop or bin it") from None
     with image:
         _check_size(path, *image.size, getattr(image, "n_frames", 1))
-        sizes, remark = _trusted(list(_pillow_sizes(image)))
+        sizes, remark = pillow_sizes(image)
         if image.mode == "P":
             converted = image.convert("RGBA")
         elif image.mode in ("1", "L", "LA", "RGB", "RGBA", "F") or image.mode.startswith("I"):
@@ -252,65 +226,3 @@ def _read_pillow(path: Path, file: BinaryIO) -> Contents:
         else:
             raise InputError(f"{path}: colour mode {image.mode}, need greyscale, palette, RGB or RGBA")
         return Contents(_to_grey(np.asarray(converted), path), sizes, remark)
-
-
-# ---------------------------------------------------------------------------------------------------------- pixel size
-
-
-def _trusted(found: list[tuple[bool, PixelSize]]) -> tuple[list[PixelSize], str]:
-    """Sizes that count, and a remark on the first print density that does not. True marks a print density."""
-    sizes = [size for printed, size in found if not printed or max(size.x, size.y) <= LARGEST_PIXEL]
-    ignored = [size for printed, size in found if printed and max(size.x, size.y) > LARGEST_PIXEL]
-    remark = f" ({ignored[0].source} is a print density, {25_400 / ignored[0].x:.0f} dpi)" if ignored else ""
-    return sizes, remark
-
-
-def _tiff_sizes(tif: Any, page: Any) -> Iterator[tuple[bool, PixelSize]]:
-    tags = {tag.code: tag.value for tag in page.tags}
-    yield from ((False, size) for size in _ome_size(tif.ome_metadata or ""))
-    density = [_ratio(tags.get(code)) for code in (282, 283)]
-    unit = str((tif.imagej_metadata or {}).get("unit", "")).strip()
-    if unit in MICROMETRES and unit not in ("inch", "in") and all(density):
-        yield False, PixelSize(f"ImageJ resolution in {unit}", *(MICROMETRES[unit] / each for each in density))
-    if 65326 in tags:
-        size = _number(tags[65326])
-        yield False, PixelSize("TIFF tag 65326", size, size)
-    per = {2: ("inch", 25_400.0), 3: ("centimetre", 10_000.0)}.get(int(tags.get(296, 2)))
-    if per and all(density):
-        yield True, PixelSize(f"TIFF resolution per {per[0]}", *(per[1] / each for each in density))
-
-
-def _ome_size(xml: str) -> Iterator[PixelSize]:
-    try:
-        elements = list(ElementTree.fromstring(xml).iter()) if xml else []
-    except ElementTree.ParseError:
-        return
-    pixels = next((element.attrib for element in elements if element.tag.endswith("Pixels")), {})
-    x, y = (_number(pixels.get(f"PhysicalSize{axis}")) for axis in "XY")
-    unit_x, unit_y = (MICROMETRES.get(pixels.get(f"PhysicalSize{axis}Unit", "µm")) for axis in "XY")
-    if x and unit_x:
-        yield PixelSize("OME PhysicalSizeX", x * unit_x, y * (unit_y or unit_x) if y else x * unit_x)
-
-
-def _pillow_sizes(image: Any) -> Iterator[tuple[bool, PixelSize]]:
-    x, y = (_number(each) for each in image.info.get("dpi", (0, 0)))
-    if image.format == "JPEG":  # without a JFIF unit Pillow's dpi is EXIF's or a guess
-        x, y = (x, y) if image.info.get("jfif_unit") in (1, 2) else (0.0, 0.0)
-    if x and y:
-        yield True, PixelSize(f"{image.format} resolution", 25_400 / x, 25_400 / y)
-
-
-def _ratio(value: Any) -> float:
-    """A TIFF rational; 0 where it is absent or has no value."""
-    if isinstance(value, tuple) and len(value) == 2:
-        return _number(value[0]) / _number(value[1]) if _number(value[1]) else 0.0
-    return _number(value)
-
-
-def _number(value: Any) -> float:
-    """A positive finite number; 0 for everything else a metadata field may hold."""
-    try:
-        number = float(value.decode() if isinstance(value, bytes) else value)
-    except (TypeError, ValueError):
-        return 0.0
-    return number if _is_length(number) else 0.0

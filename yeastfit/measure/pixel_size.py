@@ -1,0 +1,104 @@
+"""The size of a pixel, as the metadata of an image file state it, in µm along x and y."""
+
+from collections.abc import Iterable, Iterator
+from math import isfinite
+from typing import Any, NamedTuple
+from xml.etree import ElementTree
+
+LARGEST_PIXEL = 20.0  # µm; a coarser print density (72, 96, 300 dpi, 1 x 1) says nothing about a microscope
+MICROMETRES = {
+    **dict.fromkeys(("µm", "μm", "um", "\\u00b5m", "\\u00B5m", "micron", "microns", "micrometer", "micrometre"), 1.0),
+    **dict.fromkeys(("nm", "nanometer", "nanometre"), 1e-3),
+    **dict.fromkeys(("Å", "A", "angstrom"), 1e-4),
+    **dict.fromkeys(("pm",), 1e-6),
+    **dict.fromkeys(("mm", "millimeter", "millimetre"), 1e3),
+    **dict.fromkeys(("cm", "centimeter", "centimetre"), 1e4),
+    **dict.fromkeys(("m", "meter", "metre"), 1e6),
+    **dict.fromkeys(("inch", "in"), 25_400.0),
+}
+
+
+class PixelSize(NamedTuple):
+    """A pixel size as a file states it, in µm along x and y; `source` says where, in words."""
+
+    source: str
+    x: float
+    y: float
+
+
+Stated = tuple[list[PixelSize], str]  # sizes that count, in order of trust, and a remark on what was not trusted
+
+
+def tiff_sizes(tif: Any, page: Any) -> Stated:
+    """Of a file and its page that `tifffile` opened."""
+    return _trusted(_of_tiff(tif, page))
+
+
+def pillow_sizes(image: Any) -> Stated:
+    """Of an image that Pillow opened."""
+    return _trusted(_of_pillow(image))
+
+
+def is_length(value: float) -> bool:
+    """Finite and above 0."""
+    return isfinite(value) and value > 0
+
+
+def _trusted(found: Iterable[tuple[bool, PixelSize]]) -> Stated:
+    """Without print densities, which are marked with True, but for fine ones; the remark is on the first left out."""
+    sizes, ignored = list[PixelSize](), list[PixelSize]()
+    for printed, size in found:
+        (ignored if printed and max(size.x, size.y) > LARGEST_PIXEL else sizes).append(size)
+    remark = f" ({ignored[0].source} is a print density, {25_400 / ignored[0].x:.0f} dpi)" if ignored else ""
+    return sizes, remark
+
+
+def _of_tiff(tif: Any, page: Any) -> Iterator[tuple[bool, PixelSize]]:
+    tags = {tag.code: tag.value for tag in page.tags}
+    yield from ((False, size) for size in _ome_size(tif.ome_metadata or ""))
+    density = [_ratio(tags.get(code)) for code in (282, 283)]
+    unit = str((tif.imagej_metadata or {}).get("unit", "")).strip()
+    if unit in MICROMETRES and unit not in ("inch", "in") and all(density):
+        yield False, PixelSize(f"ImageJ resolution in {unit}", *(MICROMETRES[unit] / each for each in density))
+    if 65326 in tags:
+        size = _number(tags[65326])
+        yield False, PixelSize("TIFF tag 65326", size, size)
+    per = {2: ("inch", 25_400.0), 3: ("centimetre", 10_000.0)}.get(int(tags.get(296, 2)))
+    if per and all(density):
+        yield True, PixelSize(f"TIFF resolution per {per[0]}", *(per[1] / each for each in density))
+
+
+def _ome_size(xml: str) -> Iterator[PixelSize]:
+    try:
+        elements = list(ElementTree.fromstring(xml).iter()) if xml else []
+    except ElementTree.ParseError:
+        return
+    pixels = next((element.attrib for element in elements if element.tag.endswith("Pixels")), {})
+    x, y = (_number(pixels.get(f"PhysicalSize{axis}")) for axis in "XY")
+    unit_x, unit_y = (MICROMETRES.get(pixels.get(f"PhysicalSize{axis}Unit", "µm")) for axis in "XY")
+    if x and unit_x:
+        yield PixelSize("OME PhysicalSizeX", x * unit_x, y * (unit_y or unit_x) if y else x * unit_x)
+
+
+def _of_pillow(image: Any) -> Iterator[tuple[bool, PixelSize]]:
+    x, y = (_number(each) for each in image.info.get("dpi", (0, 0)))
+    if image.format == "JPEG":  # without a JFIF unit Pillow's dpi is EXIF's or a guess
+        x, y = (x, y) if image.info.get("jfif_unit") in (1, 2) else (0.0, 0.0)
+    if x and y:
+        yield True, PixelSize(f"{image.format} resolution", 25_400 / x, 25_400 / y)
+
+
+def _ratio(value: Any) -> float:
+    """A TIFF rational; 0 where it is absent or has no value."""
+    if isinstance(value, tuple) and len(value) == 2:
+        return _number(value[0]) / _number(value[1]) if _number(value[1]) else 0.0
+    return _number(value)
+
+
+def _number(value: Any) -> float:
+    """A positive finite number; 0 for everything else a metadata field may hold."""
+    try:
+        number = float(value.decode() if isinstance(value, bytes) else value)
+    except (TypeError, ValueError):
+        return 0.0
+    return number if is_length(number) else 0.0
