@@ -63,8 +63,8 @@ def read_micrograph(path: str | Path, pixel_size: float | None = None) -> Microg
 
     A file states it, in order of trust, as OME-XML PhysicalSizeX, as an ImageJ unit with its resolution, as TIFF tag
     65326 (µm, written by the microscope of the real data), or as a resolution per inch, centimetre or metre, taken only
-    where it makes a pixel finer than `pixel_size.LARGEST_PIXEL`. Raises `InputError` where none is found and where x and y differ
-    by more than 1 %.
+    where it makes a pixel finer than `pixel_size.LARGEST_PIXEL`. Raises `InputError` where none is found and where x
+    and y differ by more than 1 %.
     """
     path = Path(path)
     if pixel_size is not None and (isinstance(pixel_size, bool) or not is_length(pixel_size)):
