@@ -9,7 +9,8 @@ from yeastfit.infer.design import design
 from yeastfit.infer.experiment import information_of
 from yeastfit.infer.fit import fit
 from yeastfit.infer.fitted import Fit
-from yeastfit.infer.information import Information, information
+from yeastfit.infer.information import information
+from yeastfit.infer.information_result import Information
 from yeastfit.infer.sensitivity import sensitivity
 from yeastfit.infer.sensitivity_result import Sensitivity
 from yeastfit.infer.settings import FitSettings

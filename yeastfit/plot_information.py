@@ -10,7 +10,7 @@ from yeastfit.infer.directions import percent
 
 if TYPE_CHECKING:
     from yeastfit.infer.choices import Design
-    from yeastfit.infer.information import Information
+    from yeastfit.infer.information_result import Information
 
 SEEN, BLIND = "#7a5230", "#b00020"
 CIRCLE = np.linspace(0.0, 2 * np.pi, 181)

@@ -14,7 +14,7 @@ from sensitivities import made_up
 from yeastfit import InputError, Sensitivity, cli, plot
 from yeastfit.infer.choices import Choice, Criterion, Design
 from yeastfit.infer.design import By, design
-from yeastfit.infer.information import Information
+from yeastfit.infer.information_result import Information
 from yeastfit.model.parameters import NAMES, PARAMETERS
 
 FREE = ("mobility", "metabolic_rate", "aspect_ratio")

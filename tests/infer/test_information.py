@@ -10,7 +10,8 @@ from sensitivities import made_up
 from yeastfit import InputError, plot
 from yeastfit.infer.directions import blind_sentence, combination, percent, power_law, sparse_basis
 from yeastfit.infer.experiment import curve_covariance, information_of, systematic
-from yeastfit.infer.information import Information, information
+from yeastfit.infer.information import information
+from yeastfit.infer.information_result import Information
 
 RNG = np.random.default_rng(0)
 HALF = RNG.normal(size=(6, 12))

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from yeastfit.infer.directions import percent
-from yeastfit.infer.information import Information
+from yeastfit.infer.information_result import Information
 from yeastfit.storage import write_json
 
 if TYPE_CHECKING:

@@ -34,7 +34,7 @@ from yeastfit.infer.experiment import (
     scatter_freedom,
     systematic,
 )
-from yeastfit.infer.information import Information, precision
+from yeastfit.infer.information_result import Information, precision
 from yeastfit.infer.sensitivity_result import Sensitivity
 from yeastfit.model.parameters import PARAMETERS
 

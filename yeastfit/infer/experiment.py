@@ -11,7 +11,8 @@ import numpy as np
 from jaxtyping import Float
 
 from yeastfit.errors import InputError
-from yeastfit.infer.information import CurveSquare, Information, information
+from yeastfit.infer.information import CurveSquare, information
+from yeastfit.infer.information_result import Information
 from yeastfit.infer.sensitivity_result import Sensitivity
 
 

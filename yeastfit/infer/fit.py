@@ -18,7 +18,7 @@ a measurement error (`infer.ensembles`). The stages:
 
 The estimate is the minimum of one more affine function, that of the last stage's ensembles near its best point taken
 together: θ̂ = θ + F⁻¹ g. cov θ̂ = F⁻¹, F the Fisher information, J's noise taken out; no error is given in a direction
-that the data do not see (`infer.information`).
+that the data do not see (`infer.information_result`).
 """
 
 from collections.abc import Mapping, Sequence

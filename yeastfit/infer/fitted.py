@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from yeastfit.errors import InputError
-from yeastfit.infer.information import Information
+from yeastfit.infer.information_result import Information
 from yeastfit.infer.regression import CurveSquare
 from yeastfit.infer.settings import FitSettings
 from yeastfit.infer.space import Entry, Space, Vector

@@ -9,7 +9,8 @@ from scipy.linalg import solve_triangular
 from yeastfit.errors import InputError
 from yeastfit.infer.ensembles import Defect, Ensembles, Joint
 from yeastfit.infer.fitted import Condition, Fit, Start, Step
-from yeastfit.infer.information import Information, information
+from yeastfit.infer.information import information
+from yeastfit.infer.information_result import Information
 from yeastfit.infer.search import Search
 from yeastfit.infer.space import Vector
 from yeastfit.model.colony import PROBLEMS

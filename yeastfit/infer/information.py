@@ -1,4 +1,4 @@
-"""What curves can tell about λ: the Fisher information of log λ, its directions, and what it does not hold.
+"""What curves can tell about λ: the Fisher information of log λ.
 
 Mean curves y = m(λ) + noise, noise ~ N(0, Σ), J = ∂m / ∂log λ [curve, free]. A Gaussian prior of standard deviation τ_k
 in log λ_k adds to what the data know (Kay 1993, Fundamentals of Statistical Signal Processing, section 3.9):
@@ -11,220 +11,18 @@ is orthogonal. On average that noise adds tr(W N_i) to entry (i, i) of JᵀWJ, h
 
     A = JᵀWJ − diag(tr(W N_i)).
 
-Along a unit direction v, noise alone makes vᵀAv scatter with variance 2 Σ_ij v_i² v_j² tr(W N_i W N_j).
-
-**Blind directions.** An eigenvalue of A is told from noise where it is above `TOLD_APART` standard deviations of that;
-where it is not, the data hold nothing along its direction, and it counts as 0. Of the F that is left, a direction is
-blind where the error of log λ along it, 1/√eigenvalue, is above a limit, by default 1: a factor e. A parameter with a
-component above `LOADING` in the blind directions, unit vectors, has no standard error. The others' errors hold what
-the blind directions add to them, but for those of eigenvalue 0, which are taken for fixed.
+What is left of it, and which directions the data do not see, is told by the result (`information_result`).
 """
 
-import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from jaxtyping import Float
 
 from yeastfit.errors import InputError
-from yeastfit.infer.directions import LOADING, blind_sentence, combination, percent, sparse_basis
-from yeastfit.storage import write_json
+from yeastfit.infer.information_result import ROUNDING, Information
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
-TOLD_APART = 2.0  # standard deviations of what the noise of J alone makes of an eigenvalue
-ROUNDING = 1e-10  # of the largest eigenvalue: smaller ones are rounding errors
-
-Square = Float[np.ndarray, "free free"]
 CurveSquare = Float[np.ndarray, "curve curve"]
-
-
-@dataclass(frozen=True)
-class Information:
-    """Fisher information of log λ of the free parameters.
-
-    data: A [free, free], may have negative eigenvalues where it is all noise. noise: tr(W N_i W N_j) [free, free].
-    prior: standard deviations in log λ, by name. limit: error of log λ beyond which a direction is blind.
-    """
-
-    free: tuple[str, ...]
-    data: Square
-    noise: Square
-    prior: dict[str, float]
-    limit: float = 1.0
-
-    @cached_property
-    def told_apart(self) -> tuple[Float[np.ndarray, " direction"], Float[np.ndarray, "direction free"]]:
-        """Eigenvalues and eigenvectors of the data's part that are told from the noise of J."""
-        values, vectors = np.linalg.eigh(self.data)
-        seen = values > np.maximum(self._floor(vectors.T), ROUNDING * np.abs(values).max())
-        return values[seen], vectors.T[seen]
-
-    @cached_property
-    def matrix(self) -> Square:
-        """F without the directions in which the data's part is not told from the noise of J."""
-        values, rows = self.told_apart
-        return (rows.T * values) @ rows + np.diag(precision(self.prior, self.free))
-
-    @cached_property
-    def _spectrum(self) -> tuple[np.ndarray, np.ndarray]:
-        values, vectors = np.linalg.eigh(self.matrix)
-        values = np.where(values > ROUNDING * np.abs(values).max(), values, 0.0)[::-1]
-        rows = vectors.T[::-1]
-        largest = np.take_along_axis(rows, np.abs(rows).argmax(axis=1)[:, None], axis=1)
-        return values, rows * np.where(largest < 0, -1.0, 1.0)
-
-    @property
-    def eigenvalues(self) -> Float[np.ndarray, " direction"]:
-        """Of `matrix`, largest first; 0 where nothing is known."""
-        return self._spectrum[0]
-
-    @property
-    def directions(self) -> Float[np.ndarray, "direction free"]:
-        """Unit vectors in log λ that belong to `eigenvalues`, largest component positive."""
-        return self._spectrum[1]
-
-    @cached_property
-    def noise_floor(self) -> Float[np.ndarray, " direction"]:
-        """What the data's part of each eigenvalue must exceed to be told from the noise of J."""
-        return self._floor(self.directions)
-
-    @cached_property
-    def direction_errors(self) -> Float[np.ndarray, " direction"]:
-        """Error of log λ along each of `directions`; inf where nothing is known."""
-        with np.errstate(divide="ignore"):
-            return 1.0 / np.sqrt(self.eigenvalues)
-
-    @cached_property
-    def blind(self) -> np.ndarray:
-        """Which of `directions` have an error above `limit`."""
-        return self.direction_errors > self.limit
-
-    @cached_property
-    def undetermined(self) -> tuple[str, ...]:
-        """Parameters that have a share in the blind directions."""
-        share = np.sqrt((self.directions[self.blind] ** 2).sum(axis=0))
-        return tuple(name for name, one in zip(self.free, share, strict=True) if one > LOADING)
-
-    @cached_property
-    def covariance(self) -> Square:
-        """Of log λ; nan for parameters that are `undetermined`."""
-        known = self.eigenvalues > 0
-        rows = self.directions[known]
-        found = (rows.T / self.eigenvalues[known]) @ rows
-        hidden = np.isin(self.free, self.undetermined)
-        found[hidden | hidden[:, None]] = np.nan
-        return found
-
-    @property
-    def standard_errors(self) -> dict[str, float]:
-        """Of log λ, relative errors where they are small; nan for parameters that are `undetermined`."""
-        return dict(zip(self.free, np.sqrt(np.diag(self.covariance)).tolist(), strict=True))
-
-    def without(self, name: str) -> "Information":
-        """With one parameter fixed."""
-        kept = [k for k, one in enumerate(self.free) if one != name]
-        square = np.ix_(kept, kept)
-        free = tuple(self.free[k] for k in kept)
-        prior = {one: width for one, width in self.prior.items() if one != name}
-        return replace(self, free=free, data=self.data[square], noise=self.noise[square], prior=prior)
-
-    @cached_property
-    def best_fixed(self) -> str | None:
-        """The parameter that, fixed, leaves fewest blind directions and then the least variance of log λ in the others.
-
-        None where no direction is blind, or nothing would be left.
-        """
-        if not self.blind.any() or len(self.free) < 2:
-            return None
-
-        def left(name: str) -> tuple[int, float]:
-            rest = self.without(name)
-            return int(rest.blind.sum()), float(np.sum(rest.direction_errors[~rest.blind] ** 2))
-
-        return min(self.undetermined, key=left)
-
-    def sentences(self) -> list[str]:
-        """What the data do not see, in words; empty where all is well."""
-        unseen = self.blind & (self.eigenvalues == 0)
-        said = []
-        for row in sparse_basis(self.directions[unseen]):
-            floor = self._floor(row[None])[0]  # what it hides would be of use where it is above 1 / limit²
-            hidden = 1.0 / np.sqrt(floor) if floor * self.limit**2 > 1.0 else np.inf
-            said.append(blind_sentence(self.free, row, hidden=float(hidden)))
-        for k in np.flatnonzero(self.blind & ~unseen):
-            said.append(blind_sentence(self.free, self.directions[k], float(self.direction_errors[k])))
-        if said:
-            others = "; those of the others hold where this point lies along what is not seen"
-            all_of_them = len(self.undetermined) == len(self.free)
-            said.append(f"no standard error of {', '.join(self.undetermined)}{'' if all_of_them else others}")
-        if self.best_fixed:
-            errors = self.without(self.best_fixed).standard_errors
-            known = ", ".join(f"{one} {percent(error)}" for one, error in errors.items())
-            said.append(f"best fixed: {self.best_fixed}; then the errors are: {known}")
-        return said
-
-    def rows(self) -> list[dict[str, Any]]:
-        """One row per direction: eigenvalue, error in percent, what it is in words, and its components."""
-        table = []
-        for k, direction in enumerate(self.directions):
-            words, largest = combination(self.free, direction)
-            table.append(
-                {
-                    "eigenvalue": float(self.eigenvalues[k]),
-                    "noise_floor": float(self.noise_floor[k]),
-                    "error_percent": float(100 * self.direction_errors[k]),
-                    "blind": bool(self.blind[k]),
-                    "combination": words,
-                    "combination_known_to": percent(float(self.direction_errors[k]) / largest),
-                    **dict(zip(self.free, direction.tolist(), strict=True)),
-                }
-            )
-        return table
-
-    def asdict(self) -> dict[str, Any]:
-        """Plain data, derived values included."""
-        return {
-            **{name: getattr(self, name) for name in ("free", "data", "noise", "prior", "limit")},
-            **{name: getattr(self, name) for name in ("matrix", "covariance", "standard_errors", "undetermined")},
-            **{"best_fixed": self.best_fixed, "sentences": self.sentences(), "directions": self.rows()},
-        }
-
-    def save(self, path: str | Path) -> None:
-        """`asdict` as JSON."""
-        write_json(path, self.asdict())
-
-    @staticmethod
-    def load(path: str | Path) -> "Information":
-        """What `save` wrote."""
-        return Information.fromdict(json.loads(Path(path).read_text()))
-
-    @staticmethod
-    def fromdict(data: Mapping[str, Any]) -> "Information":
-        """What `asdict` gave, as JSON keeps it."""
-        square, noise = (np.array(data[name], dtype=float) for name in ("data", "noise"))
-        return Information(tuple(data["free"]), square, noise, dict(data["prior"]), data["limit"])
-
-    def plot(self) -> "Figure":
-        """The sloppy spectrum: eigenvalues and what each direction is made of."""
-        from yeastfit.plot_information import spectrum
-
-        return spectrum(self)
-
-    def plot_ellipses(self) -> "Figure":
-        """Error ellipses of every pair of parameters."""
-        from yeastfit.plot_information import ellipses
-
-        return ellipses(self)
-
-    def _floor(self, directions: Float[np.ndarray, "direction free"]) -> np.ndarray:
-        squares = directions**2
-        return TOLD_APART * np.sqrt(2.0 * np.sum((squares @ self.noise) * squares, axis=1))
 
 
 def information(
@@ -239,8 +37,7 @@ def information(
 ) -> Information:
     """Fisher information of log λ in mean curves with covariance Σ (see above).
 
-    jacobian: J. covariance: Σ, see
-    `infer.experiment`. free: names of J's columns. error: standard errors of J's
+    jacobian: J. covariance: Σ, see `infer.experiment`. free: names of J's columns. error: standard errors of J's
     entries, none by default; correlation: ρ, by default they are independent from curve to curve. prior: standard
     deviation in log λ by name. limit: error of log λ beyond which a direction is blind.
 
@@ -260,11 +57,6 @@ def information(
     bias = np.trace(noises, axis1=1, axis2=2)
     data = whitened.T @ whitened - np.diag(bias)
     return Information(names, data, np.einsum("icd,jdc->ij", noises, noises), prior, limit)
-
-
-def precision(prior: Mapping[str, float], free: Sequence[str]) -> Float[np.ndarray, " free"]:
-    """1 / τ² of every free parameter, 0 where there is no prior."""
-    return np.array([1.0 / prior[name] ** 2 if name in prior else 0.0 for name in free])
 
 
 def _mute(jacobian: np.ndarray, covariance: np.ndarray, error: np.ndarray) -> np.ndarray:
