@@ -8,7 +8,8 @@ from scipy.linalg import solve_triangular
 
 from yeastfit.errors import InputError
 from yeastfit.infer.ensembles import Defect, Ensembles, Joint
-from yeastfit.infer.fitted import Condition, Fit, Start, Step
+from yeastfit.infer.estimate import conditions, last_step, verdict
+from yeastfit.infer.fitted import Fit, Start, Step
 from yeastfit.infer.information import information
 from yeastfit.infer.information_result import Information
 from yeastfit.infer.search import Search
@@ -21,7 +22,6 @@ ABOUT_AS_GOOD = 9.0  # of the rough χ²: what a start may lag behind the best a
 NEARLY_AS_GOOD = 4.0
 WITHIN_NOISE = 1.0  # of χ²: a fall by less is one standard error in one direction, at most
 CARRIED = 2  # starts that go on, at most
-FARTHEST = 0.5  # of log λ: the longest last step
 
 
 @dataclass
@@ -211,11 +211,11 @@ class Fitter:
         )
         factor = np.linalg.cholesky(sigma)
         residuals, jacobian = self._whitened(best, joint, factor)
-        step = self._last_step(known, residuals, jacobian, joint.theta)
+        step = last_step(known, residuals, jacobian, len(self.y), joint.theta, self.space)
         theta, rest = joint.theta + step, residuals + jacobian @ step
-        converged, status = self._verdict(best, theta, known)
+        converged, status = verdict(best.ended, best.failed, theta - best.theta, known)
         result = Fit(
-            conditions=self._conditions(theta, self.y + factor @ rest[: len(self.y)], sigma),
+            conditions=conditions(self.space, ensembles.targets, theta, self.y + factor @ rest[: len(self.y)], sigma),
             space=self.space,
             theta=theta,
             information=known,
@@ -233,49 +233,6 @@ class Fitter:
             warnings=(),
         )
         return result.with_warnings(self._warnings(result, known, runs))
-
-    def _conditions(self, theta: Vector, fitted: np.ndarray, sigma: np.ndarray) -> tuple[Condition, ...]:
-        """Each condition's part of the result."""
-        parameters, found, first = self.space.parameters(theta), list[Condition](), 0
-        for name, targets in self.ensembles.targets.items():
-            here = slice(first, first + len(targets.values))
-            table = np.full(targets.mean.shape, np.nan)
-            table[targets.measured] = fitted[here]
-            found.append(Condition(name, targets, parameters[name], table, sigma[here, here]))
-            first = here.stop
-        return tuple(found)
-
-    @staticmethod
-    def _verdict(best: Run, theta: Vector, known: Information) -> tuple[bool, str]:
-        """Whether the fit converged, and how it ended in words.
-
-        Where the optimiser did not say so, it has if the estimate, which all ensembles near its last point make
-        together, is within one standard error of that point.
-        """
-        if best.ended == "converged":
-            return True, best.ended
-        away = theta - best.theta
-        apart = float(np.sqrt(away @ known.matrix @ away))
-        if apart < 1 and not best.failed:
-            return True, f"converged within the noise of the ensemble: {best.ended}"
-        return (
-            False,
-            f"not converged: {best.ended}, and the estimate is {apart:.1f} standard errors from the last point",
-        )
-
-    def _last_step(self, known: Information, residuals: np.ndarray, jacobian: np.ndarray, theta: Vector) -> Vector:
-        """To the minimum of the affine function, in the directions that are seen, not far and inside the bounds.
-
-        Where the data see nothing, their gradient is noise, and must not pull against a prior.
-        """
-        count, (_, told) = len(self.y), known.told_apart
-        data = told.T @ (told @ (jacobian[:count].T @ residuals[:count]))
-        gradient = -data - jacobian[count:].T @ residuals[count:]
-        seen = known.eigenvalues > 0
-        rows = known.directions[seen]
-        step = rows.T @ (rows @ gradient / known.eigenvalues[seen])
-        step *= min(1.0, FARTHEST / max(np.abs(step).max(), 1e-12))
-        return np.clip(theta + step, self.space.low, self.space.high) - theta
 
     def _warnings(self, result: Fit, known: Information, runs: list[Run]) -> list[str]:
         said = self.notes + known.sentences()
