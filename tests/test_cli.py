@@ -11,7 +11,7 @@ from PIL import Image
 
 from yeastfit import cli
 from yeastfit.measure.dataset import read_dataset
-from yeastfit.simulation import Simulation
+from yeastfit.simulation_result import Simulation
 
 RECIPE = """
 [small]

@@ -21,7 +21,8 @@ from yeastfit.measure.series import measure_dataset, measure_file
 from yeastfit.model.numerics import Numerics
 from yeastfit.model.parameters import PARAMETERS, Parameters, Scales
 from yeastfit.model.relaxation import HARD, Relaxation
-from yeastfit.simulation import Simulation, member_keys, simulate
+from yeastfit.simulation import member_keys, simulate
+from yeastfit.simulation_result import Simulation
 
 __version__ = "0.1.0"
 __all__ = [

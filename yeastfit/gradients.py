@@ -19,7 +19,8 @@ from yeastfit.model.numerics import Numerics
 from yeastfit.model.parameters import NAMES, PARAMETERS, Parameters
 from yeastfit.model.relaxation import Relaxation
 from yeastfit.model.simulate import Snapshot
-from yeastfit.simulation import Observer, Simulation, schedule_of, simulate
+from yeastfit.simulation import Observer, schedule_of, simulate
+from yeastfit.simulation_result import Simulation
 
 LARGEST = 100.0  # L0 per unit of log λ: one hundredth more λ would move a node by a whole cell
 WIDTHS = ("union", "contact", "boundary")

@@ -17,7 +17,7 @@ from yeastfit.model.cells import cells_of, level_set
 from yeastfit.storage import written_whole
 
 if TYPE_CHECKING:
-    from yeastfit.simulation import Simulation
+    from yeastfit.simulation_result import Simulation
 
 COLONY, TRUTH, OUTLINE = "#7a5230", "#1b7837", "#ff4d00"
 CONDITIONS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#000000")  # Okabe and Ito

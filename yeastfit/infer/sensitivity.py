@@ -14,15 +14,8 @@ the variance of n runs of central differences; common keys help those more.
 members tells by how much. So they are taken of a model close to the hard one, half tamed, and only up to `PATH_NODES`
 nodes, where they cost little and a few of them are as quiet as hundreds of runs.
 
-**Combined** shrinks the unbiased estimate R towards the quiet one P, for each statistic and time,
-
-    J = R + w (P − R),    w = min(V_R / (V_R + V_P), (p − 2) V_R / |P − R|²),
-
-over the p parameters: the first is the blend of least variance where P has no bias, the second the factor of James and
-Stein, which takes over as P and R disagree (Green & Strawderman 1991, doi:10.1080/01621459.1991.10475144; blends of
-first- and zeroth-order gradients by their variances: Suh et al. 2022, arXiv:2202.00817). The mean squared error over
-the p parameters is not above regression's, whatever the bias of P is. With fewer than three parameters nothing of the
-kind exists, and w is 0.
+**Combined** shrinks the first towards the second, the more the quieter the second is and the better they agree
+(`infer.blend`).
 
 **Scatter**, the covariance S of one colony's curves, comes of the same runs: of the pairs, and of the colonies at λ
 itself (`regression.pooled`).
@@ -40,9 +33,10 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from yeastfit.errors import InputError
+from yeastfit.infer.blend import combine
 from yeastfit.infer.curves import Curves, robust_mean, without_problems
 from yeastfit.infer.regression import design, of_members, paired, pooled, regress
-from yeastfit.infer.sensitivity_result import Estimate, Method, Sensitivity, Table
+from yeastfit.infer.sensitivity_result import Estimate, Method, Sensitivity
 from yeastfit.measure.smooth import SmoothStatistics
 from yeastfit.model.colony import PROBLEMS
 from yeastfit.model.numerics import Numerics
@@ -195,28 +189,6 @@ def hard_but_smoothly_measured() -> Relaxation:
 def tame() -> Relaxation:
     """The model that is differentiated: a contact to both sides of its radius, whose direction is half held fixed."""
     return Relaxation(contact=0.1, overhang=0.25, turning=0.5)
-
-
-def combine(unbiased: Estimate, quiet: Estimate) -> tuple[Table, Table, Float[np.ndarray, "statistic time"]]:
-    """J, its errors and w (see above). V_R and V_P are means over the parameters, squared distances likewise.
-
-    The bias of P enters the error as what |P − R|² exceeds V_R + V_P by, and half the standard deviation of that.
-    """
-    p = unbiased.jacobian.shape[-1]
-    scale = np.where(unbiased.error > 0, unbiased.error, 1.0)  # in units of R's errors, where R has any
-    apart = np.mean(((quiet.jacobian - unbiased.jacobian) / scale) ** 2, axis=-1)
-    noise = np.mean((quiet.error / scale) ** 2, axis=-1)
-    known = (unbiased.error > 0).all(axis=-1) & np.isfinite(apart) & np.isfinite(noise)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        share = np.minimum(1.0 / (1.0 + noise), (p - 2) / (p * apart))
-    share = np.where(known & (p > 2), share, 0.0)
-    bias = np.maximum(apart - 1.0 - noise, 0.0) + np.sqrt(0.5 / p) * (1.0 + noise)
-    w, b = share[..., None], np.where(known, bias, 0.0)[..., None]
-    path = np.where(known[..., None], quiet.jacobian, 0.0)
-    path_error = np.where(known[..., None], quiet.error, 0.0)
-    jacobian = unbiased.jacobian + w * (path - unbiased.jacobian)
-    error = np.sqrt((1 - w) ** 2 * unbiased.error**2 + w**2 * (path_error**2 + b * scale**2))
-    return jacobian, error, share
 
 
 def _pathwise(

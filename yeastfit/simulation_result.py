@@ -1,0 +1,109 @@
+"""What `simulate` returns: everything about a run."""
+
+import json
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from yeastfit.model.colony import PROBLEMS, Colony, Problems
+from yeastfit.model.numerics import Numerics
+from yeastfit.model.parameters import NAMES, Parameters, Scales
+from yeastfit.model.relaxation import Relaxation
+from yeastfit.storage import written_whole
+
+_COLONY_ARRAYS = ("positions", "parents", "weights", "lineages", "count", "nutrient", "step")
+
+
+@dataclass(frozen=True)
+class Simulation:
+    """Result of `simulate`. Arrays have the keys' batch axis first, if there was one, then the sample times.
+
+    times: model time, 1/μ*. statistics: by name, lengths in L0. colony: the last state of every member.
+    """
+
+    times: Float[np.ndarray, " sample"]
+    statistics: dict[str, np.ndarray]
+    colony: Colony
+    parameters: Parameters
+    relaxation: Relaxation
+    numerics: Numerics
+    scales: Scales
+    seconds: float
+
+    @property
+    def problems(self) -> dict[str, int]:
+        """How many members ran into each of `Problems`; empty when all went well."""
+        counts = {name: int(np.sum(getattr(self.colony.problems, name))) for name in PROBLEMS}
+        return {name: count for name, count in counts.items() if count}
+
+    @property
+    def capacity_reached(self) -> np.ndarray:
+        """Whether births were cut because every node slot was taken, per member."""
+        return np.asarray(self.colony.problems.capacity_reached)
+
+    def warnings(self) -> list[str]:
+        """The problems in words."""
+        members = int(np.size(self.capacity_reached))
+        return [f"{count} of {members} colonies: {PROBLEMS[name]}" for name, count in self.problems.items()]
+
+    def rows(self) -> list[dict[str, Any]]:
+        """Tidy table: one row per member and sample time, lengths in L0 and in µm."""
+        length, areas = self.scales.length, ("area", "overlap_area")
+        units = {"radius": length, "mean_radius": length, "perimeter": length, **dict.fromkeys(areas, length**2)}
+        units = {name: unit for name, unit in units.items() if name in self.statistics}
+        curves = {name: np.atleast_2d(values) for name, values in self.statistics.items()}
+        table = []
+        for member in range(next(iter(curves.values())).shape[0]):
+            for k, time in enumerate(self.times):
+                row: dict[str, Any] = {"member": member, "time": float(time), "hours": self.scales.hours(float(time))}
+                row |= {name: float(values[member, k]) for name, values in curves.items()}
+                row |= {f"{name}_um{'2' * (name in areas)}": row[name] * unit for name, unit in units.items()}
+                table.append(row)
+        return table
+
+    def save(self, path: str | Path) -> None:
+        """Curves, last states and configuration in one NumPy archive."""
+        arrays: dict[str, Any] = {f"statistics/{name}": values for name, values in self.statistics.items()}
+        arrays |= {f"colony/{name}": getattr(self.colony, name) for name in _COLONY_ARRAYS}
+        arrays |= {f"problems/{name}": getattr(self.colony.problems, name) for name in PROBLEMS}
+        arrays |= {f"parameters/{name}": getattr(self.parameters, name) for name in NAMES}
+        names = ("union", "contact", "boundary", "turning", "overhang")
+        widths = {name: _number(getattr(self.relaxation, name)) for name in names}
+        configuration = {
+            "numerics": asdict(self.numerics),
+            "scales": asdict(self.scales),
+            "relaxation": {**widths, "births": self.relaxation.births},
+            "seconds": self.seconds,
+        }
+        with written_whole(path) as temporary, temporary.open("wb") as file:  # a file keeps its name as given
+            np.savez_compressed(file, times=self.times, configuration=json.dumps(configuration), **arrays)
+
+    @staticmethod
+    def load(path: str | Path) -> "Simulation":
+        """What `save` wrote."""
+        with np.load(path) as archive:
+            groups: dict[str, dict[str, np.ndarray]] = {}
+            for key in archive.files:
+                group, _, name = key.partition("/")
+                groups.setdefault(group, {})[name] = archive[key]
+        configuration = json.loads(str(groups["configuration"][""]))
+        problems = Problems(**{name: jnp.asarray(values) for name, values in groups["problems"].items()})
+        states = {name: jnp.asarray(values) for name, values in groups["colony"].items()}
+        return Simulation(
+            times=groups["times"][""],
+            statistics=groups["statistics"],
+            colony=Colony(**states, problems=problems),
+            parameters=Parameters(**groups["parameters"]),
+            relaxation=Relaxation(**configuration["relaxation"]),
+            numerics=Numerics(**configuration["numerics"]),
+            scales=Scales(**configuration["scales"]),
+            seconds=configuration["seconds"],
+        )
+
+
+def _number(width: Array | None) -> float | None:
+    return None if width is None else float(width)
