@@ -7,8 +7,8 @@ The unbiased estimate R is shrunk towards the quiet one P, for each statistic an
 over the p parameters: the first is the blend of least variance where P has no bias, the second the factor of James and
 Stein, which takes over as P and R disagree (Green & Strawderman 1991, doi:10.1080/01621459.1991.10475144; blends of
 first- and zeroth-order gradients by their variances: Suh et al. 2022, arXiv:2202.00817). The mean squared error over
-the p parameters is not above R's, whatever the bias of P is. With fewer than three parameters nothing of the
-kind exists, and w is 0.
+the p parameters is not above R's, whatever the bias of P is. With fewer than three parameters nothing of the kind
+exists, and w is 0.
 """
 
 import numpy as np

@@ -7,6 +7,7 @@ from jaxtyping import Float
 
 from yeastfit.infer.fitted import Condition
 from yeastfit.infer.information_result import Information
+from yeastfit.infer.regression import CurveSquare
 from yeastfit.infer.space import Space, Vector
 from yeastfit.infer.targets import Targets
 
@@ -55,7 +56,7 @@ def conditions(
     targets: Mapping[str, Targets],
     theta: Vector,
     fitted: Float[np.ndarray, " curve"],
-    sigma: Float[np.ndarray, "curve curve"],
+    sigma: CurveSquare,
 ) -> tuple[Condition, ...]:
     """Each condition's part of the result. fitted, sigma: of all measured values, condition by condition."""
     parameters, found, first = space.parameters(theta), list[Condition](), 0

@@ -11,8 +11,9 @@ import numpy as np
 from jaxtyping import Float
 
 from yeastfit.errors import InputError
-from yeastfit.infer.information import CurveSquare, information
+from yeastfit.infer.information import information
 from yeastfit.infer.information_result import Information
+from yeastfit.infer.regression import CurveSquare
 from yeastfit.infer.sensitivity_result import Sensitivity
 
 

@@ -21,8 +21,7 @@ from jaxtyping import Float
 
 from yeastfit.errors import InputError
 from yeastfit.infer.information_result import ROUNDING, Information
-
-CurveSquare = Float[np.ndarray, "curve curve"]
+from yeastfit.infer.regression import CurveSquare
 
 
 def information(
