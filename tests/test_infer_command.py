@@ -22,7 +22,7 @@ from yeastfit import cli
 from yeastfit.errors import InputError
 from yeastfit.infer.colony_simulator import ColonySimulator
 from yeastfit.infer.distances import LiDistance
-from yeastfit.infer.pilot import distance_of, pilot_of
+from yeastfit.infer.pilot import DistanceName, distance_of, pilot_of
 from yeastfit.infer.priors import default_prior
 from yeastfit.infer.samples import Samples
 from yeastfit.infer.simulations import DATASET, Recorded
@@ -347,6 +347,15 @@ def test_the_last_area_is_a_condition_of_li_and_coauthors() -> None:
         InputError, match=r"none of 64 .* area within 5 % of the observed one: .*area at 2 was observed"
     ):
         pilot_of(Recorded(larger, 32), prior, distance(), 64, 0)
+
+
+@pytest.mark.parametrize("name", ["mahalanobis", "curves"])
+def test_distances_by_scatter_take_statistics_of_any_sign(name: DistanceName) -> None:
+    prior, data, sd = default_prior(("mobility",)), np.array([-40.0, 3.0]), np.array([2.0, 0.5])
+    drawing = Drawing(("mobility",), ("slope", "radius at 2"), lambda value, rng: data + sd * rng.normal(size=2))
+    distance = distance_of(name, Recorded(drawing, 64), prior, data, 512, 0)
+    expected = 3.0 if name == "mahalanobis" else 3.0 / np.sqrt(2)
+    np.testing.assert_allclose(distance(data + np.diag(3 * sd)), expected, rtol=0.1)
 
 
 def test_prior_of_a_file_and_its_template(data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -115,7 +115,7 @@ def distance_of(
     if name == "li":
         areas = [k for k, label in enumerate(recorded.labels) if label.startswith("area at ")]
         return LiDistance(observed, areas[-1] if areas and len(observed) > 1 else None)
-    found = pilot_of(recorded, prior, LiDistance(observed), pilot, seed)
+    found = pilot_of(recorded, prior, WeightedCurves(observed, np.ones(len(observed))), pilot, seed)
     whole = np.isfinite(found.distances)
     x, statistics = found.x[whole], found.statistics[whole]
     x = (x - x.mean(axis=0)) / x.std(axis=0)
