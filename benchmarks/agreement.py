@@ -48,6 +48,7 @@ from benchmarks.report import Report, command
 from yeastfit.fit_command import measurements, read_truth
 from yeastfit.infer.adjustment import adjusted
 from yeastfit.infer.distances import Mahalanobis
+from yeastfit.infer.priors import Prior
 from yeastfit.infer.samples import Samples, weighted_quantile
 from yeastfit.infer_command import Run
 from yeastfit.infer_request import Method, Request
@@ -113,7 +114,7 @@ class Found:
         if "rounds" in samples.diagnostics:
             share = share + samples.diagnostics["rounds"][-1]["error_share"]
         if samples.method == "ABC-MCMC":
-            samples = _adjusted(samples)
+            samples = moved(samples, PRIOR)
             share = share * samples.weights.size * np.sum(samples.weights**2)  # some count for less than others
         x, weights = np.log(samples.flat), samples.weights.ravel()
         mean = weights @ x
@@ -130,12 +131,12 @@ class Found:
         return each, bool(apart[0] <= weighted_quantile(apart[1:], self.weights, level))
 
 
-def _adjusted(samples: Samples) -> Samples:
-    """Draws of chains as if their simulations had been the observation."""
+def moved(samples: Samples, prior: Prior) -> Samples:
+    """Draws of chains of ABC, adjusted as if their simulations had been the observation."""
     observed, covariance = (np.array(samples.settings[name]) for name in ("observed", "covariance"))
     statistics = samples.statistics.reshape(-1, len(observed))
     distances = Mahalanobis(observed, covariance)(statistics)
-    values, weights, why = adjusted(samples.flat, samples.weights.ravel(), statistics, distances, observed, PRIOR)
+    values, weights, why = adjusted(samples.flat, samples.weights.ravel(), statistics, distances, observed, prior)
     found = replace(
         samples, values=values.reshape(samples.values.shape), weights=weights.reshape(samples.weights.shape)
     )

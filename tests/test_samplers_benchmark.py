@@ -118,6 +118,19 @@ def test_the_reference_is_the_exact_posterior_within_its_own_error_and_abc_finds
     assert exact(one).error(witness) < 0.2
 
 
+def test_chains_are_charged_once_for_their_pilot_and_are_there_when_adjusted() -> None:
+    one = problem(replicates=1)
+    reference = Reference.of(one, np.array([1.5, 1.5]), 4096)
+    size = samplers.Size(epsilon=3.0, pilot=1024, steps=150, looks=3, scatter=400)
+    found = samplers.Race(one, reference, size).mcmc(1)
+    plain, better = found[samplers.MCMC], found[samplers.MCMC_ADJUSTED]
+    assert [point["colonies"] for point in plain] == [point["colonies"] for point in better]
+    grown = np.diff([0, *(point["colonies"] for point in plain)])
+    assert grown[0] > 1024
+    assert (grown[1:] <= 32 * 50).all(), "the pilot was simulated again"
+    assert better[-1]["error"] < samplers.THRESHOLD < plain[-1]["error"]
+
+
 def test_a_box_that_does_not_hold_the_posterior_is_refused_and_boxes_end_with_the_prior() -> None:
     one = problem()
     away = Problem(one.colonies, one.prior, one.observed, one.replicates, TRUTH * np.exp([1.2, 0.0]))
@@ -202,6 +215,7 @@ def test_verdicts_count_failures_and_compare_abc_at_one_tolerance(tmp_path: Path
         samplers.RIVAL: [trace_of((9000, 0.6)), late],
         samplers.RIVAL_ADJUSTED: [trace_of((9000, 0.2)), late],
         samplers.MCMC: [gone, gone],
+        samplers.MCMC_ADJUSTED: [gone, gone],
     }
     report, size = Report("samplers", quick=True), samplers.Size(seeds=(1, 2), epsilon=1.1)
     samplers.verdicts(report, runs, size)
