@@ -324,6 +324,13 @@ def test_li_and_coauthors() -> None:
     chosen = {name: settled[name] for name in ("distance", "kernel", "move", "colonies", "epsilon")}
     assert chosen == {"distance": "li", "kernel": "indicator", "move": "gaussian", "colonies": 1, "epsilon": 0.03}
     assert request.measurement_error == 0.0
+    assert request.statistics == ("compactness", "radius", "area")
+    assert Request.of(True, {"method": None, "statistics": ("radius",)}).statistics == ("radius",)
+    assert request.the_prior().asdict() == {
+        "mobility": {"law": "log-uniform", "low": 0.02, "high": 20.0},
+        "metabolic_rate": {"law": "log-uniform", "low": 0.05, "high": 20.0},
+        "aspect_ratio": {"law": "beta", "a": 2.0, "b": 2.0, "low": 0.2, "high": 1.0},
+    }
     with wrong_types(), pytest.raises(InputError, match="--kernel is gaussian, with --li it is indicator"):
         Request.of(True, {"method": None, "kernel": "gaussian"})
     with pytest.raises(InputError, match="not of emulator"):

@@ -33,8 +33,12 @@ def infer(
     ] = None,
     free: Annotated[str, typer.Option(help="Parameters to infer, by name, with commas.")] = ",".join(DEFAULT_FREE),
     statistics: Annotated[
-        str, typer.Option(help="Curves of the data, with commas: compactness, radius, area, perimeter, or the table's.")
-    ] = "compactness,radius",
+        str | None,
+        typer.Option(
+            help="Curves of the data, with commas: compactness,radius (by default), area, perimeter, or the table's.",
+            show_default=False,
+        ),
+    ] = None,
     condition: Annotated[str | None, typer.Option(help="Which condition's colonies.", show_default=False)] = None,
     prior: Annotated[
         Path | None, typer.Option(help="TOML file; by default log-uniform, plausible ranges.", show_default=False)
@@ -68,7 +72,8 @@ def infer(
         bool,
         typer.Option(
             "--li",
-            help="As Li et al. 2024: abc-mcmc, their distance, indicator, Gaussian proposal Σ/3; area within 5 %.",
+            help="As Li et al. 2024: abc-mcmc, their distance, indicator, Gaussian proposal Σ/3, beta prior of aspect "
+            "ratio; compactness, radius and area, the last area within 5 %.",
         ),
     ] = False,
     draws: Annotated[int, typer.Option(min=10, help="Of the posterior predictive check.")] = 40,
@@ -97,7 +102,8 @@ def infer(
     are not free are held at the values given here.
     """
     if print_prior:
-        sys.stdout.write(template(check_free(design_command.names(free))))
+        bounded = Request.of(li, {"method": None if li else "emulator"}).bounded
+        sys.stdout.write(template(check_free(design_command.names(free)), bounded=bounded))
         return
     if source is None or folder is None:
         raise InputError(f"{'SOURCE' if source is None else '--out'} is missing: yeastfit infer SOURCE --out FOLDER")
@@ -105,7 +111,8 @@ def infer(
         li,
         {
             "method": method or ("abc-mcmc" if li else "emulator"),
-            **{"free": check_free(design_command.names(free)), "statistics": design_command.names(statistics)},
+            **({"statistics": design_command.names(statistics)} if statistics is not None else {}),
+            **{"free": check_free(design_command.names(free))},
             **{"condition": condition, "prior": prior, "fixed": parameters, "distance": distance, "epsilon": tolerance},
             **{"share": pilot_quantile, "kernel": kernel, "move": move, "pilot": pilot, "steps": steps},
             **{"walkers": walkers, "population": population, "simulations": simulations, "colonies": colonies},

@@ -33,21 +33,24 @@ OWN = {  # options that only some methods have
 }
 NAMES = {"epsilon": "tolerance", "share": "pilot-quantile"}
 LI = {"distance": "li", "kernel": "indicator", "move": "gaussian", "colonies": 1, "measurement_error": 0.0}
+LI_STATISTICS = ("compactness", "radius", "area")
 
 
 @dataclass(frozen=True)
 class Request:
     """What is asked for. Options that are None have the method's default, `settled`.
 
-    statistics: curves of the data. fixed: λ of those that are not free. epsilon: or else the quantile `share` of the
-    pilot. steps: of each chain, in all; simulations: at most. colonies: whose mean is one simulated data set, of ABC;
-    the emulator learns single colonies and takes R of them for the R replicates. draws: of the posterior predictive
-    check. dt, spacing: of the model that is meant, as the data sets of data/synthetic are made; a coarser one is off in
-    compactness by up to 5 %. measurement_error: relative, of the means; None as `FitSettings` has it. reuse: another
-    run's folder, whose colonies serve again: the emulator learns from all of them, ABC takes those it would grow.
+    li: as Li et al. 2024 did it, see `of`. statistics: curves of the data. fixed: λ of those that are not free.
+    epsilon: or else the quantile `share` of the pilot. steps: of each chain, in all; simulations: at most. colonies:
+    whose mean is one simulated data set, of ABC; the emulator learns single colonies and takes R of them for the R
+    replicates. draws: of the posterior predictive check. dt, spacing: of the model that is meant, as the data sets of
+    data/synthetic are made; a coarser one is off in compactness by up to 5 %. measurement_error: relative, of the
+    means; None as `FitSettings` has it. reuse: another run's folder, whose colonies serve again: the emulator learns
+    from all of them, ABC takes those it would grow.
     """
 
     method: Method = "emulator"
+    li: bool = False
     free: tuple[str, ...] = DEFAULT_FREE
     statistics: tuple[str, ...] = ("compactness", "radius")
     condition: str | None = None
@@ -91,7 +94,11 @@ class Request:
 
     @staticmethod
     def of(li: bool, options: dict[str, Any]) -> "Request":
-        """Of options by name. li: with the settings of Li et al. 2024, beside which no others may be given."""
+        """Of options by name. li: with the settings of Li et al. 2024, beside which no others may be given.
+
+        Without statistics in the options, area is one of them, so that colonies must come near the last area observed.
+        Without a file of priors, parameters between 0 and 1 have theirs.
+        """
         if not li:
             return Request(**options)
         if options["method"] not in (None, "abc-mcmc"):
@@ -99,12 +106,17 @@ class Request:
         for name, value in LI.items():
             if options.get(name) not in (None, value):
                 raise InputError(f"--{name} is {options[name]}, with --li it is {value}: leave out one of the two")
-        return Request(**{**options, **LI, "method": "abc-mcmc"})
+        return Request(**{"statistics": LI_STATISTICS, **options, **LI, "method": "abc-mcmc", "li": True})
 
     def the_prior(self) -> Prior:
         """As the file says, or over the plausible ranges."""
         free = check_free(self.free)
-        return Prior.read(self.prior, free) if self.prior else default_prior(free)
+        return Prior.read(self.prior, free) if self.prior else default_prior(free, bounded=self.bounded)
+
+    @property
+    def bounded(self) -> str:
+        """Law of parameters that have a largest value, by default."""
+        return "beta" if self.li else "log-uniform"
 
     def settled(self) -> "dict[str, Any]":
         """The method's settings, by name, with its defaults."""

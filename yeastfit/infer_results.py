@@ -189,7 +189,7 @@ def write_results(
         temporary.write_text(infer_page(results, pictures, made), encoding="utf-8")
     if importlib.util.find_spec("arviz") is None:
         return ["posterior.nc is left out: ArviZ is not installed (pip install yeastfit[arviz])"]
-    to_netcdf(samples, folder / "posterior.nc", targets.values)
+    to_netcdf(samples, folder / "posterior.nc", found)
     return []
 
 

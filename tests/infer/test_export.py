@@ -2,6 +2,7 @@
 
 import sys
 import warnings
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -12,9 +13,18 @@ import pytest
 from yeastfit import InputError
 from yeastfit.infer.diagnostics import autocorrelation_time
 from yeastfit.infer.export import groups_of, to_arviz, to_netcdf
+from yeastfit.infer.predictive import Predictive
 from yeastfit.infer.samples import Samples
 
-OBSERVED = np.array([0.1, 0.2, 0.3])
+PREDICTED = Predictive(
+    free=("mobility", "aspect_ratio"),
+    labels=("area", "length", "count"),
+    values=np.ones((10, 2)),
+    statistics=np.arange(30.0).reshape(10, 3),
+    observed=np.array([0.1, 0.2, 0.3]),
+    replicates=1,
+    failed=0,
+)
 
 
 def samples(chains: int = 3, draws: int = 50, weights: np.ndarray | None = None) -> Samples:
@@ -45,13 +55,15 @@ def arviz() -> Any:
 
 def test_a_file_comes_back_with_all_groups(arviz: Any, tmp_path: Path) -> None:
     found = samples()
-    to_netcdf(found, tmp_path / "posterior.nc", OBSERVED)
+    to_netcdf(found, tmp_path / "posterior.nc", PREDICTED)
     back = arviz.from_netcdf(str(tmp_path / "posterior.nc"), engine="h5netcdf")
     np.testing.assert_array_equal(back["posterior"]["mobility"].values, found.values[:, :, 0])
     assert back["posterior"]["aspect_ratio"].dims == ("chain", "draw")
     predictive = back["posterior_predictive"]["statistics"]
     assert predictive.dims == ("chain", "draw", "statistic")
-    np.testing.assert_array_equal(predictive.sel(statistic="length").values, found.statistics[:, :, 1])
+    np.testing.assert_array_equal(predictive.sel(statistic="length").values, PREDICTED.statistics[None, :, 1])
+    simulated = back["sample_stats"]["simulated"]
+    np.testing.assert_array_equal(simulated.sel(statistic="length").values, found.statistics[:, :, 1])
     np.testing.assert_array_equal(back["observed_data"]["statistics"].sel(statistic="count").values, 0.3)
     np.testing.assert_array_equal(back["sample_stats"]["lp"].values, found.log_probability)
     np.testing.assert_allclose(back["sample_stats"]["acceptance_rate"].mean("draw").values, [0.2, 0.3, 0.4])
@@ -85,8 +97,8 @@ def test_weighted_draws_and_what_is_not_there() -> None:
     groups = groups_of(unsimulated)
     assert set(groups) == {"posterior", "sample_stats"}
     assert set(groups["sample_stats"]) == {"lp", "weight"}
-    with pytest.raises(InputError, match=r"observed has shape \(2,\), expected one number for each of area, length, c"):
-        groups_of(found, OBSERVED[:2])
+    with pytest.raises(InputError, match=r"found is of area, count, expected .* area, length, count"):
+        groups_of(found, replace(PREDICTED, labels=("area", "count")))
 
 
 def test_what_arviz_1_is_called_with(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -98,9 +110,9 @@ def test_what_arviz_1_is_called_with(monkeypatch: pytest.MonkeyPatch) -> None:
         return "tree"
 
     monkeypatch.setitem(sys.modules, "arviz", SimpleNamespace(__version__="1.2.0", from_dict=from_dict))
-    assert to_arviz(samples(), OBSERVED) == "tree"
+    assert to_arviz(samples(), PREDICTED) == "tree"
     assert set(called["data"]) == {"posterior", "posterior_predictive", "sample_stats", "observed_data"}
-    assert called["dims"] == {"statistics": ["statistic"]}
+    assert called["dims"] == {"statistics": ["statistic"], "simulated": ["statistic"]}
     assert called["coords"] == {"statistic": ["area", "length", "count"]}
     assert called["attrs"]["posterior"]["seed"] == 5
 

@@ -98,6 +98,9 @@ def test_the_template_is_the_default_prior(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="free parameter 'speed' is unknown, expected some of diffusivity"):
         template(("mobility", "speed"))
     assert PARAMETERS["mobility"].meaning in template()
+    path.write_text(template(("mobility", "repulsion_radius"), bounded="beta"), encoding="utf-8")
+    laws = {name: one.law for name, one in Prior.read(path).laws.items()}
+    assert laws == {"repulsion_radius": "beta", "mobility": "log-uniform"}
 
 
 def test_every_law_comes_back_from_a_file(tmp_path: Path) -> None:

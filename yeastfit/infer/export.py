@@ -1,8 +1,10 @@
 """Posteriors for ArviZ: one NetCDF file with all that its plots and checks ask for.
 
-Groups, after ArviZ's schema: `posterior`, a variable [chain, draw] for each parameter; `posterior_predictive`, a
-variable [chain, draw, statistic] with the statistics of each draw; `observed_data`, those observed; `sample_stats`, lp,
-the log probability, acceptance_rate, of the draw's chain, and weight where draws differ in weight.
+Groups, after ArviZ's schema: `posterior`, a variable [chain, draw] for each parameter; `posterior_predictive`, the
+statistics [1, draw, statistic] of data sets simulated anew at some of the draws; `observed_data`, those observed;
+`sample_stats`, lp, the log probability, acceptance_rate, of the draw's chain, weight where draws differ in weight, and
+simulated [chain, draw, statistic], what each draw has of its own: in ABC the simulation that was accepted, which is near
+the data because it was accepted, with the emulator what that draws.
 
 ArviZ before 1.0 holds them as `InferenceData`, from 1.0 on as xarray's `DataTree`; files are the same. It is imported
 when it is needed: `pip install yeastfit[arviz]`.
@@ -14,23 +16,23 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
 
 from yeastfit.errors import InputError
+from yeastfit.infer.predictive import Predictive
 from yeastfit.infer.samples import Samples
 from yeastfit.storage import written_whole
 
-STATISTICS = "statistics"
+STATISTICS, SIMULATED = "statistics", "simulated"
 Groups = dict[str, dict[str, np.ndarray]]
 
 
-def to_arviz(samples: Samples, observed: Float[np.ndarray, " statistic"] | None = None) -> Any:
+def to_arviz(samples: Samples, found: Predictive | None = None) -> Any:
     """`InferenceData` or `DataTree`, whichever the ArviZ that is installed has.
 
-    observed: statistics of the data, in the order of the samples' labels; without them there is no group of them.
-    Raises `InputError` where ArviZ is missing, or `observed` does not fit.
+    found: of `predict`, what was observed and what was predicted; without it there are no groups of these. Raises
+    `InputError` where ArviZ is missing, or `found` is of other statistics.
     """
-    groups, arviz = groups_of(samples, observed), _arviz()
+    groups, arviz = groups_of(samples, found), _arviz()
     about = {
         "inference_library": "yeastfit",
         "method": samples.method,
@@ -39,7 +41,8 @@ def to_arviz(samples: Samples, observed: Float[np.ndarray, " statistic"] | None 
         "settings": json.dumps(samples.settings, default=np.ndarray.tolist),
         "warnings": json.dumps(samples.warnings),
     }
-    named = {"dims": {STATISTICS: ["statistic"]}, "coords": {"statistic": list(samples.labels)}}
+    dims = {STATISTICS: ["statistic"], SIMULATED: ["statistic"]}
+    named = {"dims": dims, "coords": {"statistic": list(samples.labels)}}
     with warnings.catch_warnings():  # one chain of weighted draws is as meant
         warnings.filterwarnings("ignore", "More chains", UserWarning)
         warnings.filterwarnings("ignore", "Found chain dimension to be longer", UserWarning)
@@ -48,31 +51,33 @@ def to_arviz(samples: Samples, observed: Float[np.ndarray, " statistic"] | None 
         return arviz.from_dict(groups, **named, attrs={"posterior": about})
 
 
-def to_netcdf(samples: Samples, path: str | Path, observed: Float[np.ndarray, " statistic"] | None = None) -> None:
+def to_netcdf(samples: Samples, path: str | Path, found: Predictive | None = None) -> None:
     """`to_arviz` as a NetCDF file, written whole or not at all; `arviz.from_netcdf` reads it."""
-    data = to_arviz(samples, observed)
+    data = to_arviz(samples, found)
     with written_whole(path) as temporary:
         data.to_netcdf(str(temporary), engine="h5netcdf")
 
 
-def groups_of(samples: Samples, observed: Float[np.ndarray, " statistic"] | None = None) -> Groups:
-    """Arrays by group and variable. Raises `InputError` where `observed` does not fit."""
+def groups_of(samples: Samples, found: Predictive | None = None) -> Groups:
+    """Arrays by group and variable. Raises `InputError` where `found` is of other statistics."""
     chains, draws = samples.weights.shape
     stats = {"lp": samples.log_probability}
     if len(samples.acceptance) == chains:
         stats["acceptance_rate"] = np.repeat(samples.acceptance[:, None], draws, axis=1)
     if samples.weighted:
         stats["weight"] = samples.weights
-    groups = {"posterior": {name: samples.values[:, :, k] for k, name in enumerate(samples.free)}}
     if np.isfinite(samples.statistics).any():
-        groups["posterior_predictive"] = {STATISTICS: samples.statistics}
+        stats[SIMULATED] = samples.statistics
+    groups = {"posterior": {name: samples.values[:, :, k] for k, name in enumerate(samples.free)}}
     groups["sample_stats"] = stats
-    if observed is not None:
-        if observed.shape != (len(samples.labels),):
+    if found is not None:
+        if found.labels != samples.labels:
             raise InputError(
-                f"observed has shape {observed.shape}, expected one number for each of {', '.join(samples.labels)}"
+                f"found is of {', '.join(found.labels)}, expected the statistics of the samples, "
+                f"{', '.join(samples.labels)}"
             )
-        groups["observed_data"] = {STATISTICS: observed}
+        groups["posterior_predictive"] = {STATISTICS: found.statistics[None]}
+        groups["observed_data"] = {STATISTICS: found.observed}
     return groups
 
 

@@ -19,6 +19,8 @@ from yeastfit.errors import InputError
 from yeastfit.infer.laws import LAWS, Law
 from yeastfit.model.parameters import NAMES, PARAMETERS
 
+UNINFORMED = {"a": 2.0, "b": 2.0}  # of beta
+
 Values = Float[np.ndarray, "draw free"]
 
 
@@ -140,22 +142,30 @@ class Prior:
         return np.sum([law.density.logpdf(one) for law, one in zip(self.laws.values(), x.T, strict=True)], axis=0)
 
 
-def default_prior(free: Sequence[str]) -> Prior:
-    """Log-uniform over the plausible range of each parameter of the model."""
+def default_prior(free: Sequence[str], *, bounded: str = "log-uniform") -> Prior:
+    """Log-uniform over the plausible range of each parameter of the model.
+
+    bounded: law of those that have a largest admissible value; "beta" is Beta(2, 2), the widest of those that Li et al.
+    2024 have for theirs, all of which lie between 0 and 1.
+    """
     for name in free:
         if name not in PARAMETERS:
             raise InputError(f"free parameter {name!r} is unknown, expected some of {', '.join(NAMES)}")
-    ranges = {name: PARAMETERS[name].plausible for name in NAMES if name in free}
-    return Prior({name: Law("log-uniform", {"low": low, "high": high}) for name, (low, high) in ranges.items()})
+    laws = {}
+    for name in (name for name in NAMES if name in free):
+        low, high = PARAMETERS[name].plausible
+        law = "log-uniform" if math.isinf(PARAMETERS[name].largest) else bounded
+        laws[name] = Law(law, {"low": low, "high": high, **(UNINFORMED if law == "beta" else {})})
+    return Prior(laws)
 
 
-def template(free: Sequence[str] = NAMES) -> str:
+def template(free: Sequence[str] = NAMES, *, bounded: str = "log-uniform") -> str:
     """A file of `default_prior` to start from, with every law in its comments."""
     numbers = {name: [*info.needs, *(f"{key} (optional)" for key in info.defaults)] for name, info in LAWS.items()}
     laws = [f"#   {name}: {', '.join(each)}" for name, each in numbers.items()]
     head = ["# Priors of the free parameters, one table each. Laws and their numbers:", *laws]
     head += ["# The median of a log-normal law is that of λ, its sd that of log λ."]
-    return "\n".join(head) + "\n\n" + default_prior(free).toml()
+    return "\n".join(head) + "\n\n" + default_prior(free, bounded=bounded).toml()
 
 
 def _check_admissible(name: str, law: Law) -> None:
