@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers import wrong_types
+from known_colonies import write_measurements
 from PIL import Image
 from stand_in import ROOT, SETTINGS, STATISTICS, TIMES, StandIn, bent, fitted, logs
 
@@ -34,10 +35,9 @@ def table(folder: Path, conditions: dict[str, Parameters], replicates: int = 6) 
         for colony, values in enumerate(curves.reshape(replicates, len(STATISTICS), len(TIMES)), start=1):
             for k, time in enumerate(TIMES):
                 name = f"{condition}{colony}_{k}.tif"
-                row = dict(
-                    zip(NEEDED, (name, condition, colony, SCALES.hours(time), 0.75, f"masks/{name}"), strict=True)
-                )
-                sizes = dict(zip(STATISTICS, values[:, k], strict=True)) | {"max_radius": 3.0}
+                known = (name, condition, colony, SCALES.hours(time), 0.75, f"masks/{name}", 3.0 * SCALES.length)
+                row = dict(zip(NEEDED, known, strict=True))
+                sizes = dict(zip(STATISTICS, values[:, k], strict=True))
                 lines.append(row | {n: v * SCALES.length ** KINDS[n].power for n, v in sizes.items()})
     write_table(folder / TABLE, lines)
     return folder / TABLE
@@ -201,8 +201,13 @@ def test_an_older_fit_does_not_outlive_a_failed_one(tmp_path: Path, capsys: pyte
     out.mkdir()
     for name in RESULTS:
         (out / name).write_text("an older fit")
-    assert cli.run(["fit", str(tmp_path / "nowhere.csv"), "--out", str(out)]) == 2
-    assert "nowhere.csv" in capsys.readouterr().err
+    table = str(write_measurements(tmp_path / "measurements.csv"))
+    for wrong in ([str(tmp_path / "nowhere.csv")], [table, "--condition", "rich"], [table, "--bounds", "mobility=1"]):
+        assert cli.run(["fit", *wrong, "--out", str(out)]) == 2
+        assert wrong[-1].split("/")[-1] in capsys.readouterr().err
+        assert len(list(out.iterdir())) == len(RESULTS), "what cannot begin leaves all as it was"
+    assert cli.run(["fit", table, "--statistics", "area", "--out", str(out)]) == 2
+    assert "'area' is not in the table" in capsys.readouterr().err
     assert not list(out.iterdir())
 
 

@@ -7,6 +7,7 @@ import resource
 import shutil
 import subprocess
 import sys
+import time
 import zlib
 from pathlib import Path
 from typing import Any
@@ -18,7 +19,7 @@ from helpers import wrong_types
 from known_colonies import TRUTH, stand_in, write_measurements
 from known_posteriors import Drawing
 
-from yeastfit import cli
+from yeastfit import cli, infer_command
 from yeastfit.errors import InputError
 from yeastfit.infer.colony_simulator import ColonySimulator
 from yeastfit.infer.distances import LiDistance
@@ -26,6 +27,7 @@ from yeastfit.infer.pilot import DistanceName, distance_of, pilot_of
 from yeastfit.infer.priors import default_prior
 from yeastfit.infer.samples import Samples
 from yeastfit.infer.simulations import DATASET, Recorded
+from yeastfit.infer_command import Run
 from yeastfit.infer_request import Request
 
 TINY = {
@@ -52,11 +54,13 @@ def arguments(data: Path, out: Path, method: str, *more: str) -> list[str]:
 
 
 def assert_same(found: Path, expected: Path) -> None:
-    """Draws, to the last bit."""
+    """Draws and what was made of them, to the last bit."""
     one, other = (Samples.load(folder / "samples.npz") for folder in (found, expected))
     for name in ("values", "weights", "log_probability", "acceptance", "statistics"):
         np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
     assert (one.simulations, one.settings, one.seed) == (other.simulations, other.settings, other.seed)
+    for name in ("posterior.csv", "predictive.csv"):
+        assert (found / name).read_text() == (expected / name).read_text()
 
 
 @pytest.mark.parametrize("method", [pytest.param("emulator", marks=pytest.mark.slow), "abc-mcmc", "abc-smc"])
@@ -123,7 +127,7 @@ def test_a_run_that_stopped_anywhere_comes_to_the_same_bits(
 KILLED = """
 import resource, sys
 import known_colonies
-from yeastfit import cli
+from yeastfit import cli, infer_command
 known_colonies.{dying}
 resource.setrlimit(resource.RLIMIT_FSIZE, ({limit}, {limit}))
 sys.exit(cli.run(sys.argv[1:]))
@@ -151,7 +155,7 @@ def test_killed_for_real_it_comes_to_the_same_bits(data: Path, tmp_path: Path, m
     assert_same(tmp_path / "parts", tmp_path / "whole")
 
 
-LONG = {  # with a nap before each batch, longer than all the time between the kills
+LONG = {
     "emulator": ["--simulations", "512"],
     "abc-mcmc": ["--steps", "1500"],
     "abc-smc": ["--population", "256", "--simulations", "20000", "--tolerance", "1.2"],
@@ -161,15 +165,27 @@ LONG = {  # with a nap before each batch, longer than all the time between the k
 @pytest.mark.slow
 @pytest.mark.parametrize("method", list(LONG))
 def test_killed_at_twenty_random_moments_it_comes_to_the_same_bits(data: Path, tmp_path: Path, method: str) -> None:
-    """Nothing that is on disk when the kill comes is lost, and what was never disturbed is what comes out."""
+    """Nothing that is on disk when the kill comes is lost, and what was never disturbed is what comes out.
+
+    Moments are even over what a run takes that nobody disturbs, results included. A run that was done before its kill
+    came has its last files taken away, and its next one something to do.
+    """
     long = (*LONG[method], "--draws", "10")
-    assert cli.run(arguments(data, tmp_path / "whole", method, *long)) == 0
-    parts, kept, kills = tmp_path / "parts", 0, 0
-    for moment in np.random.default_rng(7).uniform(0.0, 1.2, 20):
-        dying = f"kill_within({moment:.4f}, nap=0.02)"
+    began = time.perf_counter()
+    done = run_apart("kill_within(1e6, nap=0.02)", arguments(data, tmp_path / "whole", method, *long))
+    assert done.returncode == 0, done.stderr
+    length = time.perf_counter() - began
+    parts, kept, kills, rng = tmp_path / "parts", 0, 0, np.random.default_rng(7)
+    for _ in range(60):
+        if kills == 20:
+            break
+        dying = f"kill_within({rng.uniform(0.0, length):.4f}, nap=0.02)"
         done = run_apart(dying, arguments(data, parts, method, *long, "--resume"))
         kills += done.returncode == -9
         assert done.returncode in (-9, 0), done.stderr
+        if done.returncode == 0:
+            for name in ("manifest.json", "samples.npz", "populations.npz"):
+                (parts / name).unlink(missing_ok=True)
         if (parts / "simulations.h5").is_file():
             with h5py.File(parts / "simulations.h5") as file:
                 rows = file[DATASET][...]
@@ -215,8 +231,8 @@ def test_colonies_of_another_run_serve_again(
         both = {row["values"].tobytes() + row["seed"].tobytes() for row in file[DATASET][:] if row["check"]}
     assert both == kept | set(asked)
     found = Samples.load(tmp_path / "then" / "samples.npz")
-    if then == "emulator":  # its first 32 were there; and the predictive check has 10 means of 6
-        assert len(set(asked)) == found.simulations - 32 + 10 * 6
+    if then == "emulator":  # its first 64 were there; and the predictive check has 10 means of 6
+        assert len(set(asked)) == found.simulations - 64 + 10 * 6
         assert found.settings["given"] == len(kept)
     shutil.rmtree(tmp_path / "first")
     assert cli.run([*again, "--draws", "10", "--resume"]) == 0
@@ -240,6 +256,76 @@ def test_more_steps_make_a_run_longer(data: Path, tmp_path: Path) -> None:
     assert cli.run(arguments(data, tmp_path / "parts", "abc-mcmc")) == 0
     assert cli.run([*arguments(data, tmp_path / "parts", "abc-mcmc"), "--steps", "55", "--resume"]) == 0
     assert_same(tmp_path / "parts", tmp_path / "long")
+
+
+def test_more_simulations_make_a_run_of_the_emulator_longer(data: Path, tmp_path: Path) -> None:
+    """Its first round stays as it was, although so many simulations would have begun with a larger one."""
+
+    def first() -> int:
+        return json.loads((tmp_path / "out" / "run.json").read_text())["configuration"]["first"]
+
+    few = [*arguments(data, tmp_path / "out", "emulator"), "--simulations", "64"]
+    assert cli.run(few) == 0
+    assert first() == 64
+    assert Request(free=("mobility", "aspect_ratio"), simulations=300).settled()["first"] == 128
+    assert cli.run([*few, "--simulations", "300", "--resume"]) == 0
+    assert first() == 64
+    found = Samples.load(tmp_path / "out" / "samples.npz")
+    assert (found.settings["first"], found.settings["most"]) == (64, 300)
+
+
+def test_a_distance_is_made_once(data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Another processor would round it in another way, and its chains be refused as those of another distance."""
+    assert cli.run(arguments(data, tmp_path / "out", "abc-mcmc")) == 0
+
+    def other(*given: Any) -> None:
+        pytest.fail("the distance was made again")
+
+    monkeypatch.setattr(infer_command, "distance_of", other)
+    assert cli.run([*arguments(data, tmp_path / "out", "abc-mcmc"), "--steps", "45", "--resume"]) == 0
+
+
+def test_problems_of_colonies_are_told_of_however_often_a_run_was_stopped(
+    data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    undisturbed = ColonySimulator.__call__
+
+    def truncated(self: ColonySimulator, values: np.ndarray, seeds: np.ndarray) -> np.ndarray:
+        if self.colonies.grown >= 64:
+            raise KeyboardInterrupt
+        self.colonies.grown += len(values)
+        self.colonies.problems["capacity_reached"] += 3
+        return undisturbed(self, values, seeds)
+
+    monkeypatch.setattr(ColonySimulator, "__call__", truncated)
+    assert cli.run(arguments(data, tmp_path / "out", "abc-smc")) == 130
+    monkeypatch.setattr(ColonySimulator, "__call__", undisturbed)
+    assert cli.run(arguments(data, tmp_path / "out", "abc-smc", "--resume")) == 0
+    said = json.loads((tmp_path / "out" / "manifest.json").read_text())["warnings"]
+    assert any(one.startswith("6 of 64 colonies: births were cut") for one in said)
+
+
+def test_colonies_that_are_seen_once_each_are_doubted(data: Path, tmp_path: Path) -> None:
+    def doubts(table: Path, name: str) -> list[str]:
+        run = Run.begin(Request(free=("mobility",)), table, tmp_path / name, False, 1, lambda done, total: None)
+        return run.doubts()
+
+    assert doubts(data, "together") == []
+    head, *lines = data.read_text().splitlines()
+    once = tmp_path / "once" / "measurements.csv"
+    once.parent.mkdir()
+    once.write_text("\n".join([head, *(lines[3 * k + k % 3] for k in range(6))]) + "\n")  # each hour has other ones
+    (said,) = doubts(once, "apart")
+    assert "not every colony is in all points of the curves, some two of them share 0" in said
+
+
+def test_a_time_step_too_long_for_the_prior_is_refused_at_once(
+    data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    many = ["infer", str(data), "--out", str(tmp_path / "out"), "--free", "diffusivity", "--dt", "0.02"]
+    assert cli.run(many) == 2
+    assert "diffusivity · dt / spacing² is 19.9" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
 
 
 def test_ctrl_c_says_how_to_go_on(
@@ -311,6 +397,16 @@ def test_a_file_of_chains_that_is_none_is_refused(
         ({"method": "abc-mcmc", "epsilon": 0.1, "share": 0.1}, "need one of the two"),
         ({"method": "abc-mcmc", "distance": "far"}, "--distance is 'far'"),
         ({"method": "abc-mcmc", "steps": 3}, "at least 4"),
+        ({"method": "abc-mcmc", "colonies": 0}, "--colonies is 0, it must be at least 1"),
+        ({"method": "abc-smc", "pilot": 0}, "--pilot is 0, it must be at least 2"),
+        ({"method": "abc-mcmc", "walkers": -3}, "walkers is -3"),
+        ({"method": "abc-mcmc", "move": "far"}, "move is 'far'"),
+        ({"method": "abc-smc", "population": 1}, "population is 1"),
+        ({"method": "emulator", "walkers": 2}, "walkers is 2"),
+        (
+            {"method": "emulator", "statistics": ("compactnes",)},
+            "'compactnes' is unknown, expected some of angular_index, area",
+        ),
     ],
 )
 def test_options_that_do_not_go_together(options: dict[str, Any], said: str) -> None:

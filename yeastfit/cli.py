@@ -64,7 +64,8 @@ def simulate(
     numerics = Numerics(domain=domain, spacing=spacing, dt=dt, capacity=capacity)
     if not 0 < every <= time:
         raise InputError(f"every is {every:g}, it must be above 0 and at most the time, {time:g}")
-    times = np.unique(np.append(np.arange(1, int(time / every + 1e-9) + 1) * every, time))
+    regular = np.arange(1, int(time / every + 1e-9) + 1) * every
+    times = np.append(regular[regular < time - 0.5 * dt], time)
     keys = member_keys(seed, members)
     relaxation = HARD if hard else Relaxation()
     with progress("growing colonies") as advance:

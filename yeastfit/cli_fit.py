@@ -66,14 +66,6 @@ def fit(
     photograph of each colony will do. Parameters that are not free are held at the values given here. Exit code 1 where
     the fit did not converge.
     """
-    for name in fit_command.RESULTS:
-        (folder / name).unlink(missing_ok=True)
-    fit_command.check_conditions(source, condition or ())
-    with progress("measuring micrographs") as advance:
-        data = fit_command.measurements(source, folder, jobs or os.cpu_count() or 1, advance)
-    warn(data.warnings)
-    targets = data.targets(condition or (), design_command.names(statistics), Scales(length, rate))
-    fit_command.write_targets(folder, targets)
     options: dict[str, Any] = {
         "free": design_command.names(free),
         "own": () if own == "none" else design_command.names(own),
@@ -82,6 +74,14 @@ def fit(
     }
     error = MEASUREMENT_ERROR if measurement_error is None else measurement_error
     settings = FitSettings(method=method, starts=starts, dt=dt, measurement_error=error)  # type: ignore[arg-type]
+    fit_command.check_source(source, condition or ())
+    for name in fit_command.RESULTS:
+        (folder / name).unlink(missing_ok=True)
+    with progress("measuring micrographs") as advance:
+        data = fit_command.measurements(source, folder, jobs or os.cpu_count() or 1, advance)
+    warn(data.warnings)
+    targets = data.targets(condition or (), design_command.names(statistics), Scales(length, rate))
+    fit_command.write_targets(folder, targets)
     single = next(iter(targets.values())) if len(targets) == 1 else targets
     with stages() as stage:
         result = run_fit(

@@ -130,7 +130,7 @@ def infer(
         out.print(f"this run is finished: results in {folder}, on one page: index.html")
         return
     try:
-        with growing() as (tell, say):
+        with growing(run.most, run.colonies.colonies.grown) as (tell, say):
             samples = run.sample(tell, say)
             say("posterior predictive check", 1.0)
             results, remarks = run.results(samples, fit_command.read_truth(source) if truth else None, tell)
@@ -141,7 +141,7 @@ def infer(
         raise InputError(f"{folder}: {infer_command.reason(error)}; {run.folder.resume_hint()}") from error
     more = {"configuration": run.folder.configuration, "seconds": samples.seconds, "warnings": results.warnings}
     write_manifest(folder, command="infer", seed=seed, inputs=infer_command.inputs_of(source), **more)
-    warn([*results.warnings, *remarks])
+    warn([*(one for one in results.warnings if one not in run.data.warnings), *remarks])
     out.print(results.table())
     for line in results.lines():
         out.print(line, highlight=False)

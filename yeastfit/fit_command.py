@@ -1,5 +1,6 @@
 """What `yeastfit fit` does: measurements, made or read, the fit to them, and the files of both."""
 
+import csv
 import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -15,7 +16,7 @@ from yeastfit.infer.fitted import Fit
 from yeastfit.infer.measurements import TABLE, conditions_of, read_measurements, targets_of
 from yeastfit.infer.targets import Targets
 from yeastfit.infer.uncertainty import Bootstrap, Profile
-from yeastfit.measure.dataset import dataset_folder, read_dataset
+from yeastfit.measure.dataset import MANIFESTS, dataset_folder, read_dataset
 from yeastfit.measure.tasks import dataset_tasks
 from yeastfit.model.parameters import NAMES, Scales
 from yeastfit.storage import write_table
@@ -62,7 +63,10 @@ def measurements(source: Path, folder: Path, jobs: int, progress: Callable[[int,
     table = source / TABLE if source.is_dir() else source
     where = dataset_folder(source)
     if where is None and table.is_file():
-        return Measurements(read_measurements(table), table.parent, [table], [])
+        rows = read_measurements(table)
+        masks = [table.parent / str(row["mask"]) for row in rows]
+        inputs = [table, *(mask for mask in masks if mask.is_file())]
+        return Measurements(rows, table.parent, inputs, told(rows, table.parent))
     dataset = read_dataset(where or source)
     tasks = dataset_tasks(dataset)
     refuse_mixed_folder(folder, tasks)
@@ -78,10 +82,26 @@ def measurements(source: Path, folder: Path, jobs: int, progress: Callable[[int,
     return Measurements(rows, folder, inputs, failed + doubts)
 
 
-def check_conditions(source: Path, chosen: Sequence[str]) -> None:
-    """What a data set's manifest tells of the conditions that are chosen, before anything is measured."""
-    if where := dataset_folder(source):
+def told(rows: Sequence[Mapping[str, Any]], folder: Path) -> list[str]:
+    """What was said when these were measured, from measurements.csv and failures.csv."""
+    failures, failed = folder / "failures.csv", list[str]()
+    if failures.is_file():
+        with failures.open(newline="", encoding="utf-8") as file:
+            failed = [f"left out: {row['error']}" for row in csv.DictReader(file)]
+    doubts = [(row["file"], one) for row in rows for one in str(row.get("warnings") or "").split(";")]
+    return failed + [f"{name}: {one.strip()}" for name, one in doubts if one.strip()]
+
+
+def check_source(source: Path, chosen: Sequence[str]) -> None:
+    """Whether there are data, and of the conditions that are chosen, before anything is measured or written."""
+    table = source / TABLE if source.is_dir() else source
+    where = dataset_folder(source)
+    if where is not None:
         _check_chosen(chosen, read_dataset(where).conditions)
+    elif table.is_file():
+        _check_chosen(chosen, conditions_of(read_measurements(table)))
+    else:
+        raise InputError(f"{source}: neither a data set, with {' or '.join(MANIFESTS)}, nor a {TABLE}")
 
 
 def _check_chosen(chosen: Sequence[str], there: Sequence[str]) -> None:

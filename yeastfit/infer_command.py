@@ -1,11 +1,14 @@
 """What `yeastfit infer` does: measurements, a sampler's run in a folder that it can be taken up from, and its draws.
 
 Files of a run: measured/ (where micrographs were measured), targets.csv, simulations.h5 (every colony, those of another
-run in reused.h5, too), chains.h5 or populations.npz, samples.npz; then what `infer_results` makes of them.
+run in reused.h5, too), problems.json (what they ran into), distance.json, chains.h5 or populations.npz, samples.npz;
+then what `infer_results` makes of them.
 """
 
+import json
 import os
 import shutil
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,8 +19,10 @@ import numpy as np
 from yeastfit import fit_command
 from yeastfit.errors import InputError
 from yeastfit.infer.abc_mcmc import abc_mcmc
-from yeastfit.infer.abc_smc import SmcSettings, abc_smc
+from yeastfit.infer.abc_smc import abc_smc
+from yeastfit.infer.colonies import Colonies
 from yeastfit.infer.colony_simulator import ColonySimulator
+from yeastfit.infer.distances import Distance, restored
 from yeastfit.infer.emulated import emulated
 from yeastfit.infer.emulated_settings import EmulatedSettings, Given
 from yeastfit.infer.ensembles import measurement_covariance
@@ -36,23 +41,29 @@ from yeastfit.infer_results import Results, photographs, write_results
 from yeastfit.model.colony import PROBLEMS
 from yeastfit.model.parameters import Parameters, Scales
 from yeastfit.progress import Progress
-from yeastfit.storage import written_whole
+from yeastfit.storage import write_json, written_whole
 
-FIRST = 512  # simulations of the emulator's first round, where so many are allowed
-SIMULATIONS, REUSED = "simulations.h5", "reused.h5"
+SIMULATIONS, REUSED, DISTANCE, PROBLEMS_MET = "simulations.h5", "reused.h5", "distance.json", "problems.json"
 COLONIES = 6  # of either kind, in the picture
 
 
 @dataclass(frozen=True)
 class Watched(Wrapper):
-    """A simulator that tells how many colonies it has grown: `tell(rows)` after each batch."""
+    """A simulator of colonies that tells how many it has grown: `tell(rows)` after each batch.
 
+    kept: file of what colonies have run into since the run began, written before their statistics are.
+    """
+
+    colonies: Colonies
+    kept: Path
     tell: Callable[[int], None]
 
     def __call__(self, values: Any, seeds: Any) -> Any:
         """As the simulator's own."""
+        before = self.colonies.grown
         found = self.simulator(values, seeds)
-        self.tell(len(values))
+        write_json(self.kept, {"grown": self.colonies.grown, "problems": dict(self.colonies.problems)})
+        self.tell(self.colonies.grown - before)
         return found
 
 
@@ -74,13 +85,15 @@ class Run:
         """Opens the folder, measures or reads the data. Raises `InputError`, before anything is simulated."""
         configuration = request.configuration()
         chosen = [] if request.condition is None else [request.condition]
-        fit_command.check_conditions(source, chosen)
+        fit_command.check_source(source, chosen)
+        request.check_numerics()
         if request.reuse and not (path / REUSED).is_file() and not (request.reuse / SIMULATIONS).is_file():
             raise InputError(f"--reuse: {request.reuse} holds no {SIMULATIONS}, need the folder of a run of infer")
         folder = RunFolder.begin(path, configuration, inputs_of(source), request.seed, resume)
         measured = path / "measured"
         if (measured / TABLE).is_file():  # of these inputs, which have not changed; it is written after its masks
-            data = fit_command.Measurements(read_measurements(measured / TABLE), measured, [], [])
+            rows = read_measurements(measured / TABLE)
+            data = fit_command.Measurements(rows, measured, [], fit_command.told(rows, measured))
         else:
             data = fit_command.measurements(source, measured, jobs, progress)
         targets = data.targets(chosen, request.statistics, Scales(request.length, request.rate))
@@ -88,6 +101,9 @@ class Run:
         single = next(iter(targets.values()))
         simulator = ColonySimulator.of(single, request.free, Parameters(**request.fixed), request.numerics())
         run = Run(request, source, folder, data, single, simulator)
+        if (path / PROBLEMS_MET).is_file():
+            met = json.loads((path / PROBLEMS_MET).read_text())
+            simulator.colonies.grown, simulator.colonies.problems = met["grown"], Counter(met["problems"])
         run.take_over()
         return run
 
@@ -95,6 +111,17 @@ class Run:
     def replicates(self) -> int:
         """R of the data; the fewest where curves have different numbers of colonies."""
         return int(self.targets.replicates[self.targets.measured].min())
+
+    @property
+    def most(self) -> int:
+        """Colonies that the run grows at most, the predictive check's among them."""
+        settings, plan = self.request.settled(), self.request.plan()
+        if isinstance(plan, EmulatedSettings):
+            sampled = plan.most
+        else:
+            chains = plan.steps * plan.walkers if isinstance(plan, McmcSettings) else plan.simulations
+            sampled = settings["colonies"] * (settings["pilot"] + chains)
+        return sampled + self.request.draws * self.replicates
 
     @property
     def noise(self) -> CurveSquare:
@@ -114,35 +141,35 @@ class Run:
         path, request = self.folder.path, self.request
         if self.folder.finished:
             return Samples.load(path / "samples.npz")
-        settings, prior, seed = request.settled(), request.the_prior(), request.seed
-        observed = self.targets.values
-        how: dict[str, Any] = {"seed": seed, "progress": say}
+        prior, observed = request.the_prior(), self.targets.values
+        how: dict[str, Any] = {"seed": request.seed, "progress": say}
         with self.store(path / SIMULATIONS) as store:
             given = self.reused(store)
-            simulator = self.data_sets(Recorded(Watched(self.colonies, tell), BATCH, store))
-            if request.method == "emulator":
-                plan = emulated_settings(settings["simulations"], settings["walkers"])
+            simulator = self.data_sets(Recorded(self.watched(tell), BATCH, store))
+            plan = request.plan(self.folder.configuration.get("first"))
+            if isinstance(plan, EmulatedSettings):
                 how |= {"replicates": self.replicates, "noise": self.noise, "given": given}
                 found = emulated(simulator, prior, observed, plan, **how)
             else:
                 say("pilot", 0.0)
-                recorded = Recorded(simulator, BATCH)
-                distance = distance_of(settings["distance"], recorded, prior, observed, settings["pilot"], seed)
-                if request.method == "abc-mcmc":
-                    mcmc = McmcSettings(
-                        **{name: value for name, value in settings.items() if name not in ("distance", "colonies")}
-                    )
-                    found = abc_mcmc(simulator, prior, distance, mcmc, path=path / "chains.h5", **how)
+                distance = self.distance(Recorded(simulator, BATCH))
+                if isinstance(plan, McmcSettings):
+                    found = abc_mcmc(simulator, prior, distance, plan, path=path / "chains.h5", **how)
                 else:
-                    smc = SmcSettings(
-                        population=settings["population"],
-                        simulations=settings["simulations"],
-                        epsilon=settings.get("epsilon"),
-                        batch=BATCH,
-                    )
-                    found = abc_smc(simulator, prior, distance, smc, path=path / "populations.npz", **how)
+                    found = abc_smc(simulator, prior, distance, plan, path=path / "populations.npz", **how)
             found = found.warned(*store.notes, *self.doubts())
         found.save(path / "samples.npz")
+        return found
+
+    def distance(self, recorded: Recorded) -> Distance:
+        """As it was made when the run began: another processor would round its covariance in another way."""
+        kept, request = self.folder.path / DISTANCE, self.request
+        if kept.is_file():
+            return restored(json.loads(kept.read_text()))
+        settings = request.settled()
+        name, pilot = settings["distance"], settings["pilot"]
+        found = distance_of(name, recorded, request.the_prior(), self.targets.values, pilot, request.seed)
+        write_json(kept, found.asdict())
         return found
 
     def take_over(self) -> None:
@@ -156,6 +183,10 @@ class Run:
                 self.store(temporary).close()
         except InputError as error:
             raise InputError(f"--reuse: {reuse / SIMULATIONS} cannot be: {error}") from None
+
+    def watched(self, tell: Callable[[int], None]) -> Simulator:
+        """Of single colonies."""
+        return Watched(self.colonies, self.colonies.colonies, self.folder.path / PROBLEMS_MET, tell)
 
     def store(self, path: Path) -> Store:
         """Of colonies of this run's kind."""
@@ -180,9 +211,8 @@ class Run:
 
     def predictive(self, samples: Samples, tell: Callable[[int], None]) -> Predictive:
         """Data sets of as many colonies as were observed, at draws of the samples."""
-        simulator = Watched(self.colonies, tell)
         with self.store(self.folder.path / SIMULATIONS) as store:
-            recorded = Recorded(simulator, BATCH, store)
+            recorded = Recorded(self.watched(tell), BATCH, store)
             return predict(
                 samples,
                 recorded,
@@ -211,27 +241,31 @@ class Run:
 
     def doubts(self) -> list[str]:
         """What the data do not fulfil, in words."""
-        counts = self.targets.replicates[self.targets.measured]
-        if not np.ptp(counts):
-            return []
-        return [
-            f"the curves' points are means of {counts.min()} to {counts.max()} colonies, all are taken for means of "
-            f"{counts.min()}"
-        ]
+        targets, said = self.targets, list[str]()
+        counts = targets.replicates[targets.measured]
+        if np.ptp(counts):
+            said.append(
+                f"the curves' points are means of {counts.min()} to {counts.max()} colonies, all are taken for means "
+                f"of {counts.min()}"
+            )
+        if targets.curves is not None:
+            seen = np.isfinite(targets.curves[:, targets.measured]).astype(int)
+            shared = seen.T @ seen
+            if (shared < np.minimum.outer(counts, counts)).any():
+                said.append(
+                    f"not every colony is in all points of the curves, some two of them share {shared.min()}: all are "
+                    "taken for the same colonies, seen at every time, so that intervals may be too narrow or too wide"
+                )
+        return said
 
     def problems(self) -> list[str]:
-        """What colonies ran into that were grown by this call."""
+        """What micrographs and colonies ran into, since the run began."""
         grown = self.colonies.colonies
-        return [f"{count} of {grown.grown} colonies: {PROBLEMS[name]}" for name, count in grown.problems.items()]
+        met = [f"{count} of {grown.grown} colonies: {PROBLEMS[name]}" for name, count in grown.problems.items()]
+        return [*self.data.warnings, *met]
 
 
 def reason(error: OSError) -> str:
     """In one line; HDF5's own words are many."""
     where = f" ({error.filename})" if error.filename else ""
     return os.strerror(error.errno) + where if error.errno else " ".join(str(error).split())
-
-
-def emulated_settings(simulations: int, walkers: int) -> EmulatedSettings:
-    """Rounds of `FIRST`, or of what is a power of two and at most half of the simulations."""
-    first = min(FIRST, 2 ** max(1, int(np.log2(max(simulations, 2))) - 1))
-    return EmulatedSettings(first=first, each=first, most=simulations, walkers=walkers, batch=min(128, first))

@@ -17,13 +17,14 @@ from typing import Any
 import jax
 
 from yeastfit.errors import InputError
-from yeastfit.infer.measurements import TABLE
+from yeastfit.infer.measurements import TABLE, read_measurements
 from yeastfit.measure.dataset import MANIFESTS, dataset_folder, read_dataset
 from yeastfit.storage import sha256_of, versions, write_json
 
 RUN, MANIFEST = "run.json", "manifest.json"
 SAMPLERS = ("emcee", "optax", "h5py")
 EXTENT = ("steps", "simulations")
+KEPT = ("first",)  # follows from how long it was to go on at first, and stays
 OPTIONS = {"share": "pilot-quantile", "epsilon": "tolerance", "fixed": "model parameters"}
 
 
@@ -71,8 +72,9 @@ class RunFolder:
             raise InputError(f"--resume: {path} holds another run: {'; '.join(different + changed[:5])}")
         longer = [name for name in EXTENT if earlier["configuration"].get(name) != plain.get(name)]
         if longer:
+            (path / MANIFEST).unlink(missing_ok=True)  # first: a folder that has one is finished
+            plain |= {name: earlier["configuration"][name] for name in KEPT if name in earlier["configuration"]}
             write_json(file, {**earlier, "configuration": plain})
-            (path / MANIFEST).unlink(missing_ok=True)
         return RunFolder(path, plain, hashes, seed, _other_versions(earlier), finished and not longer)
 
     def resume_hint(self) -> str:
@@ -81,14 +83,15 @@ class RunFolder:
 
 
 def inputs_of(source: Path) -> list[Path]:
-    """What a run reads: the manifest and the images of a data set, or the table of measurements."""
+    """What a run reads: the manifest and the images of a data set, or a table of measurements and its masks."""
     if where := dataset_folder(source):
         dataset = read_dataset(where)
         return [dataset.manifest, *(frame.path for frame in dataset.frames)]
     table = source / TABLE if source.is_dir() else source
     if not table.is_file():
         raise InputError(f"{source}: neither a data set, with {' or '.join(MANIFESTS)}, nor a {TABLE}")
-    return [table]
+    masks = [table.parent / str(row["mask"]) for row in read_measurements(table)]
+    return [table, *(mask for mask in masks if mask.is_file())]
 
 
 def hashes_of(inputs: Sequence[Path]) -> dict[str, str]:
@@ -114,7 +117,7 @@ def _differences(earlier: Mapping[str, Any], now: Mapping[str, Any], within: str
     """In words, down to single numbers of tables."""
     said = []
     for name in [*now, *(name for name in earlier if name not in now)]:
-        if name in EXTENT and not within:
+        if name in (*EXTENT, *KEPT) and not within:
             continue
         before, after = earlier.get(name), now.get(name)
         label = f"{within}{OPTIONS.get(name, name)}"

@@ -4,20 +4,28 @@ from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any, Literal, get_args
 
+import jax.numpy as jnp
+import numpy as np
+
 from yeastfit.errors import InputError
 from yeastfit.infer.abc_smc import SmcSettings
 from yeastfit.infer.distances import KernelName
 from yeastfit.infer.emulated_settings import EmulatedSettings
+from yeastfit.infer.emulator import ROWS_PER_TERM
 from yeastfit.infer.fit import DEFAULT_FREE
 from yeastfit.infer.mcmc_settings import McmcSettings, Move
 from yeastfit.infer.pilot import DistanceName
 from yeastfit.infer.priors import Prior, default_prior
 from yeastfit.infer.settings import MEASUREMENT_ERROR, FitSettings
 from yeastfit.infer.space import check_free
-from yeastfit.model.parameters import Scales
+from yeastfit.infer.targets import known_statistics
+from yeastfit.model.numerics import Numerics
+from yeastfit.model.nutrient import check_alpha
+from yeastfit.model.parameters import PARAMETERS, Scales
 
 Method = Literal["emulator", "abc-mcmc", "abc-smc"]
 BATCH = 32  # colonies that are grown together
+FAR = 0.999  # of a prior: few draws are beyond
 OWN = {  # options that only some methods have
     "steps": ("abc-mcmc",),
     "move": ("abc-mcmc",),
@@ -91,6 +99,15 @@ class Request:
             raise InputError("--tolerance and --pilot-quantile are given, need one of the two")
         if self.steps is not None and self.steps < 4:
             raise InputError(f"--steps is {self.steps}, a chain needs at least 4 to be judged")
+        for name, least in (("colonies", 1), ("pilot", 2)):
+            value = getattr(self, name)
+            if value is not None and value < least:
+                raise InputError(f"--{name} is {value}, it must be at least {least}")
+        known = {*known_statistics("smooth"), *known_statistics("mask")}
+        for name in self.statistics:
+            if name not in known:
+                raise InputError(f"--statistics: {name!r} is unknown, expected some of {', '.join(sorted(known))}")
+        self.plan()
 
     @staticmethod
     def of(li: bool, options: dict[str, Any]) -> "Request":
@@ -106,7 +123,8 @@ class Request:
         for name, value in LI.items():
             if options.get(name) not in (None, value):
                 raise InputError(f"--{name} is {options[name]}, with --li it is {value}: leave out one of the two")
-        return Request(**{"statistics": LI_STATISTICS, **options, **LI, "method": "abc-mcmc", "li": True})
+        chosen: dict[str, Any] = {"statistics": LI_STATISTICS, **options, **LI, "method": "abc-mcmc", "li": True}
+        return Request(**chosen)
 
     def the_prior(self) -> Prior:
         """As the file says, or over the plausible ranges."""
@@ -121,20 +139,53 @@ class Request:
     def settled(self) -> "dict[str, Any]":
         """The method's settings, by name, with its defaults."""
         chosen = {name: value for name in OWN if (value := getattr(self, name)) is not None}
-        return {**DEFAULTS[self.method], **chosen}
+        settled = {**DEFAULTS[self.method], **chosen}
+        if self.method == "emulator":
+            settled["first"] = first_round(settled["simulations"], len(self.free))
+        return settled
+
+    def plan(self, first: int | None = None) -> EmulatedSettings | McmcSettings | SmcSettings:
+        """The sampler's own. first: simulations of the emulator's first round, where it is not the one of `settled`."""
+        settings = self.settled()
+        if self.method == "emulator":
+            first = first or settings["first"]
+            most, walkers = settings["simulations"], settings["walkers"]
+            return EmulatedSettings(first=first, each=first, most=most, walkers=walkers, batch=min(128, first))
+        if self.method == "abc-mcmc":
+            other = ("distance", "colonies")
+            return McmcSettings(**{name: value for name, value in settings.items() if name not in other})
+        chosen = {name: settings[name] for name in ("population", "simulations", "epsilon") if name in settings}
+        return SmcSettings(**chosen, batch=BATCH)
 
     def numerics(self) -> FitSettings:
         """How colonies are grown, and what errors their measured means have."""
         error = MEASUREMENT_ERROR if self.measurement_error is None else self.measurement_error
         return FitSettings(dt=self.dt, spacing=self.spacing, measurement_error=error)
 
+    def check_numerics(self) -> None:
+        """Raises `InputError` where the prior reaches a diffusivity for which the time step is too long."""
+        free, numerics = check_free(self.free), self.numerics()
+        largest = self.fixed.get("diffusivity", PARAMETERS["diffusivity"].default)
+        if "diffusivity" in free:
+            largest = self.the_prior().quantile(np.full((1, len(free)), FAR))[0, free.index("diffusivity")]
+        step = Numerics(domain=100 * numerics.spacing, spacing=numerics.spacing, dt=numerics.dt)
+        check_alpha(jnp.asarray(largest, jnp.result_type(float)), step)
+
     def configuration(self) -> dict[str, Any]:
         """What makes the run what it is, plain data."""
-        other = {*OWN, "seed", "prior", "reuse"}
+        other = {*OWN, "seed", "prior", "reuse", "li"}
         plain = {one.name: getattr(self, one.name) for one in fields(self) if one.name not in other}
         fixed = {name: value for name, value in self.fixed.items() if name not in self.free}
         reuse = None if self.reuse is None else str(self.reuse)
         return {**plain, **self.settled(), "fixed": fixed, "prior": self.the_prior().asdict(), "reuse": reuse}
+
+
+def first_round(simulations: int, free: int) -> int:
+    """`EmulatedSettings.first`; where few are allowed, half of them, or more where a quadratic needs more."""
+    most = 2 ** int(np.log2(max(simulations, 4)))  # powers of two, all of them
+    terms = (free + 1) * (free + 2) // 2
+    needed = 2 ** int(np.ceil(np.log2(2 * ROWS_PER_TERM * terms)))
+    return min(EmulatedSettings.first, max(most // 2, min(most, needed)))
 
 
 DEFAULTS: dict[str, dict[str, Any]] = {

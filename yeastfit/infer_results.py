@@ -111,11 +111,11 @@ class Results:
         """Diagnostics for a terminal."""
         said = []
         if self.chains:
-            lengths, ratios = self.chains.lengths, self.chains.r_hat
+            chains = self.chains
             said.append(
-                f"{self.chains.chains} chains of {self.chains.draws} draws, {lengths.min():.0f} autocorrelation times "
-                f"or more; split R̂ at most {np.nanmax(ratios, initial=1.0):.3f}; acceptance "
-                f"{self.samples.acceptance.mean():.1%}"
+                f"{chains.chains} chains of {chains.draws} draws, {chains.lengths.min():.0f} autocorrelation times of "
+                f"{chains.times.max():.1f} draws or more; split R̂ at most {np.nanmax(chains.r_hat, initial=1.0):.3f}; "
+                f"acceptance {self.samples.acceptance.mean():.1%}"
             )
         else:
             said.append(

@@ -68,6 +68,11 @@ def write_json(path: str | Path, data: Any) -> None:
         temporary.write_text(json.dumps(_plain(data), indent=2, allow_nan=False) + "\n")
 
 
+def as_json(data: Any) -> str:
+    """Plain data, arrays and NumPy's numbers, all digits kept, in one line."""
+    return json.dumps(data, default=lambda one: one.tolist())
+
+
 def sha256_of(path: str | Path) -> str:
     """Of a file's bytes."""
     return hashlib.sha256(Path(path).read_bytes()).hexdigest()

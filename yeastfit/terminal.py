@@ -3,10 +3,12 @@
 import time as clock
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass, field
+from datetime import timedelta
 
 import typer
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
 out, err = Console(), Console(stderr=True)
 
@@ -29,24 +31,46 @@ def stages() -> Iterator[Callable[[str, float], None]]:
         yield lambda what, share: bar.update(task, description=what, completed=share)
 
 
+@dataclass
+class Pace:
+    """How fast colonies grow, and how long the rest takes at most: `most` of them in all, of which `done` were there.
+
+    Seconds count from `began`, whatever else they were spent on.
+    """
+
+    most: int
+    done: int
+    began: float = field(default_factory=lambda: clock.perf_counter())
+    grown: int = 0
+
+    @property
+    def share(self) -> float:
+        """Of the whole."""
+        return min((self.done + self.grown) / self.most, 1.0)
+
+    def __str__(self) -> str:
+        """For a terminal; nothing before there is anything to tell."""
+        if not self.grown:
+            return ""
+        each = self.grown / (clock.perf_counter() - self.began)
+        left = timedelta(seconds=round(max(self.most - self.done - self.grown, 0) / each))
+        return f"{self.grown} colonies, {each:.1f} a second, at most {left} left"
+
+
 @contextmanager
-def growing() -> Iterator[tuple[Callable[[int], None], Callable[[str, float], None]]]:
-    """What a sampler is doing, with colonies grown a second and the time that is left; nothing but on a terminal."""
-    columns = (
-        *(TextColumn("{task.description}"), BarColumn(), TextColumn("{task.fields[grown]}")),
-        *(TimeElapsedColumn(), TimeRemainingColumn(elapsed_when_finished=True)),
-    )
+def growing(most: int, done: int) -> Iterator[tuple[Callable[[int], None], Callable[[str, float], None]]]:
+    """What a sampler is doing, with the pace of its colonies; nothing but on a terminal."""
+    columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.fields[pace]}"), TimeElapsedColumn())
     with Progress(*columns, console=err, disable=not err.is_terminal, transient=True) as bar:
-        task = bar.add_task("sampling", total=1.0, grown="")
-        began, grown = clock.perf_counter(), 0
+        pace = Pace(most, done)
+        task = bar.add_task("sampling", total=1.0, pace="")
+        bar.update(task, completed=pace.share)
 
         def tell(rows: int) -> None:
-            nonlocal grown
-            grown += rows
-            each = grown / (clock.perf_counter() - began)
-            bar.update(task, grown=f"{grown} colonies, {each:.1f} a second")
+            pace.grown += rows
+            bar.update(task, completed=pace.share, pace=str(pace))
 
-        yield tell, lambda what, share: bar.update(task, description=what, completed=share)
+        yield tell, lambda what, share: bar.update(task, description=what)
 
 
 def warn(lines: list[str]) -> None:

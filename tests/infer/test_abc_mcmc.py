@@ -278,6 +278,13 @@ def test_chains_of_something_else_are_refused(tmp_path: Path) -> None:
 # --- what is said -----------------------------------------------------------------------------------------------------
 
 
+def test_a_file_in_a_folder_that_is_not_there_yet_and_a_seed_of_numpy(tmp_path: Path) -> None:
+    with wrong_types():
+        found = run(GAUSSIAN, SHORT, seed=np.int64(5), path=tmp_path / "new" / "chains.h5")
+    found.save(tmp_path / "samples.npz")
+    np.testing.assert_array_equal(Samples.load(tmp_path / "samples.npz").values, run(GAUSSIAN, SHORT, seed=5).values)
+
+
 def test_a_prior_that_excludes_the_data_is_said() -> None:
     far = known_posteriors.gaussian(observed=50.0)
     with pytest.raises(InputError, match=r"epsilon is 0.1, none of 60 simulations .* nearest .*; average was observed"):

@@ -46,6 +46,16 @@ def test_a_statistic_that_never_varies_does_no_harm() -> None:
     np.testing.assert_allclose(found, 0.0, atol=1e-12)
 
 
+def test_draws_that_all_lie_at_no_distance_weigh_the_same() -> None:
+    """A distance that leaves out a statistic, such as Li's with area, may be 0 throughout while that one varies."""
+    prior = Prior.of({"a": {"law": "normal", "mean": 0.0, "sd": 1.0}})
+    statistics = np.random.default_rng(1).normal(size=(100, 1))
+    found, weights, said = adjusted(2 * statistics, np.full(100, 0.01), statistics, np.zeros(100), np.zeros(1), prior)
+    np.testing.assert_allclose(found, 0.0, atol=1e-12)
+    np.testing.assert_allclose(weights, 0.01)
+    assert said == []
+
+
 def test_too_few_draws_are_left_as_they_were() -> None:
     prior = Prior.of({"a": {"law": "normal", "mean": 0.0, "sd": 1.0}})
     values, weights = np.arange(6.0)[:, None], np.full(6, 1 / 6)

@@ -54,6 +54,8 @@ def test_measured_points_of_colonies_are_grown_and_counted(estimator: str, names
         curves[:, -1], 7.0
     )  # cells at 2.1: 1, 3, 7, as every node buds once in a unit of time
     np.testing.assert_array_equal(made.grow(LOGS, keys[1:2])[0], curves[1])
+    made.grow(np.repeat(LOGS, 3, axis=0), keys[np.array([0, 1, 1])])
+    assert made.grown == 3 + 1 + 2, "a copy that fills up a batch is no further colony"
 
 
 def test_what_colonies_run_into_is_counted() -> None:

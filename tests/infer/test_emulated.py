@@ -78,6 +78,14 @@ def test_failures_count_as_evidence() -> None:
     assert compared(found, blind, observed, 6)[0].min() < -0.5
 
 
+def test_data_that_the_prior_does_not_reach_are_told_of() -> None:
+    known = linear()
+    observed = known.observed(TRUTH, 1, seed=4)
+    observed[0] = 40.0
+    said = emulated(known, known.prior, observed, SMALL, seed=7).warnings
+    assert any(f"{known.labels[0]} was observed as 40, the prior's simulations have" in one for one in said)
+
+
 class Stops:
     """A simulator that comes to an end after so many rows."""
 

@@ -5,6 +5,7 @@ import pytest
 from known_likelihoods import Known, curved, fragile, linear, simulations
 
 from yeastfit import InputError
+from yeastfit.infer import emulator as emulator_module
 from yeastfit.infer.emulator import Emulator, train
 from yeastfit.infer.heldout import HeldOut
 from yeastfit.infer.networks import EmulatorSettings
@@ -78,6 +79,15 @@ def test_log_likelihood_is_a_density_of_replicates_means(of_curved: Emulator) ->
     np.testing.assert_allclose(np.cov(drawn, rowvar=False), scatter[0] / 5 + error[0], rtol=0.06, atol=2e-3)
     drawn = of_curved.draw(np.repeat(values[:1], 20000, axis=0), np.random.default_rng(0), 5, noise)
     np.testing.assert_allclose(np.cov(drawn, rowvar=False), scatter[0] / 5 + error[0] + noise, rtol=0.06, atol=5e-3)
+
+
+def test_draws_are_the_same_however_many_are_made_at_a_time(
+    of_curved: Emulator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    values = inside(curved(), 100)
+    found = of_curved.draw(values, np.random.default_rng(1), replicates=3)
+    monkeypatch.setattr(emulator_module, "DRAWN", 32)
+    np.testing.assert_allclose(of_curved.draw(values, np.random.default_rng(1), replicates=3), found, rtol=1e-4)
 
 
 def test_the_same_seed_gives_the_same_emulator() -> None:

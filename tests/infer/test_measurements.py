@@ -81,7 +81,8 @@ def test_a_folder_or_its_table_is_read_as_it_is(measured: Path, tmp_path: Path) 
     for source in (measured, measured / TABLE):
         found = measurements(source, tmp_path, 1, lambda done, all_: None)
         assert found.folder == measured
-        assert found.inputs == [measured / TABLE]
+        assert found.inputs[0] == measured / TABLE
+        assert sorted(found.inputs[1:]) == sorted((measured / "masks").iterdir())
         assert len(found.rows) == 4
     assert not list(tmp_path.iterdir())
 
@@ -119,6 +120,9 @@ def test_tables_that_are_none_are_refused_in_words(measured: Path, tmp_path: Pat
     short = [{name: value for name, value in row.items() if name not in ("hours", "mask")} for row in rows]
     with pytest.raises(InputError, match="no column hours, mask, need the measurements"):
         read_measurements(written(short, tmp_path / "short.csv"))
+    short = [{name: value for name, value in row.items() if name != "max_radius"} for row in rows]
+    with pytest.raises(InputError, match="no column max_radius, need the measurements"):
+        read_measurements(written(short, tmp_path / "short.csv"))
     odd = [*rows[:2], {**rows[2], "area": "large"}]
     with pytest.raises(InputError, match="line 4: area is 'large', it must be a number"):
         read_measurements(written(odd, tmp_path / "odd.csv"))
@@ -128,7 +132,13 @@ def test_rows_that_no_fit_can_use_are_refused_in_words(measured: Path, tmp_path:
     rows = read_measurements(written([{**row, "hours": ""} for row in raw(measured)], tmp_path / TABLE))
     with pytest.raises(InputError, match=r"colony01_06\.0h\.tif: its hours are unknown"):
         targets_of(rows, measured)
+    rows = read_measurements(written([{**row, "um_per_pixel": ""} for row in raw(measured)], tmp_path / TABLE))
+    with pytest.raises(InputError, match=r"colony01_06\.0h\.tif: um_per_pixel is nan, it must be a number above 0"):
+        targets_of(rows, measured)
     rows = read_measurements(measured / TABLE)
+    for twice in ([{**row, "replicate": ""} for row in rows], [*rows, {**rows[0], "file": "again.tif"}]):
+        with pytest.raises(InputError, match=r"at 6 hours stands twice, colony01_06\.0h\.tif is of it, too"):
+            targets_of(twice, measured)
     with pytest.raises(InputError, match="'colour' is not in the table, which has"):
         targets_of(rows, measured, statistics=("colour",))
     sizes = [{**row, "um_per_pixel": row["um_per_pixel"] * (1 + 0.1 * k)} for k, row in enumerate(rows)]

@@ -1,5 +1,6 @@
 """Posterior predictive checks: against normal data whose bands are known, and data that the model does not make."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -74,7 +75,7 @@ def test_errors_of_measurement_are_not_averaged_out() -> None:
 
 def test_data_that_the_model_does_not_make_are_told_of() -> None:
     found = predict(samples_at(np.zeros(100)), NORMAL, np.array([0.0, 6.0]), draws=200)
-    assert found.p_value == 0.0
+    assert found.p_value == 1 / 201
     (said,) = found.sentences()
     assert "mostly by b" in said
 
@@ -84,6 +85,17 @@ def test_p_values_of_data_like_the_predicted_are_uniform() -> None:
     shares = [predict(posterior, NORMAL, rng.normal(size=2), draws=100, seed=k).p_value for k in range(200)]
     assert np.mean(shares) == pytest.approx(0.5, abs=0.08)
     assert np.mean(np.array(shares) < 0.2) == pytest.approx(0.2, abs=0.1)
+
+
+def test_few_draws_do_not_accuse_a_model_that_is_right() -> None:
+    """Bands hold one more draw as often as they say, and alarms are as rare as their p."""
+    rng, n = np.random.default_rng(9), 40
+    every = rng.normal(size=(2000, n + 1, 3))
+    found = [Predictive(("mean",), ("a", "b", "c"), np.zeros((n, 1)), one[1:], one[0], 1, 0) for one in every]
+    assert np.mean([one.inside(0.9) for one in found]) == pytest.approx(0.9, abs=0.015)
+    assert np.mean([bool(one.sentences()) for one in found]) == pytest.approx(1 / 41, abs=0.01)
+    (said,) = replace(found[0], values=np.zeros((10, 1)), statistics=every[0, 1:11], observed=every[0, 11]).sentences()
+    assert "10 draws are too few to tell" in said
 
 
 def test_too_few_draws_are_refused() -> None:

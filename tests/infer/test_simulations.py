@@ -12,7 +12,7 @@ import pytest
 
 from yeastfit import InputError
 from yeastfit.infer.simulations import ROOM, Recorded, Store
-from yeastfit.infer.simulator import Simulator, seed_of
+from yeastfit.infer.simulator import Simulator, seed_of, stream_of
 
 FREE, LABELS = ("mobility", "aspect_ratio"), ("area", "compactness", "radius")
 
@@ -56,6 +56,8 @@ def test_seeds_depend_on_run_and_number_alone() -> None:
     for wrong in (-1, 2**32):
         with pytest.raises(InputError, match=f"seed is {wrong}, it must be at least 0 and below 2"):
             seed_of(wrong, [0])
+        with pytest.raises(InputError, match=r"seed is .*, it must be at least 0 and below 2\^32"):
+            stream_of(wrong, 1, 0)
 
 
 # --- the store --------------------------------------------------------------------------------------------------------

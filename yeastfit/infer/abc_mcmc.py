@@ -71,12 +71,6 @@ def abc_mcmc(
     settings.check_walkers(len(prior.free))
     say = progress or silent
     recorded = Recorded(simulator, settings.rows, store)
-    say("pilot", 0.0)
-    pilot = pilot_of(recorded, prior, distance, settings.pilot, seed)
-    epsilon = settings.epsilon if settings.epsilon is not None else pilot.quantile(settings.share)
-    covariance = _covariance(settings, pilot, epsilon)
-    target = _Target(recorded, prior, distance, settings, epsilon, seed)
-    first = target.start(pilot)
     backend: emcee.backends.Backend | ChainFile = emcee.backends.Backend()
     done, notes = 0, list[str]()
     if path is not None:
@@ -84,6 +78,12 @@ def abc_mcmc(
         head |= {f"distance's {name}": one for name, one in distance.asdict().items()}
         backend = ChainFile(path, {**head, **settings.fixed}, lambda: recorded.asked)
         done, notes = backend.take_up(), backend.notes
+    say("pilot", 0.0)
+    pilot = pilot_of(recorded, prior, distance, settings.pilot, seed)
+    epsilon = settings.epsilon if settings.epsilon is not None else pilot.quantile(settings.share)
+    covariance = _covariance(settings, pilot, epsilon)
+    target = _Target(recorded, prior, distance, settings, epsilon, seed)
+    first = target.start(pilot)
     if not done:
         backend.reset(*first.coords.shape)
     sampler = emcee.EnsembleSampler(

@@ -191,7 +191,8 @@ class _Problem:
         if not populations:
             raise InputError(
                 f"population is {self.settings.population}, fewer of {self.recorded.asked} simulations from the prior "
-                "came to anything: look at the simulator or the prior, or allow more simulations"
+                "came to anything that has a distance from the data (Li's has none where area is too far off): look at "
+                "the simulator or the prior, or allow more simulations"
             )
         settings, last, first = self.settings, populations[-1], populations[0]
         said = unreached(first.statistics, self.distance.observed, self.recorded.labels)

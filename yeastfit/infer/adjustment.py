@@ -36,7 +36,8 @@ def adjusted(
     apart = statistics - observed
     if not apart.any():
         return values, weights, []
-    near = weights * (1 - (distances / distances.max()) ** 2)
+    largest = distances.max()
+    near = weights * (1 - (distances / largest) ** 2) if largest > 0 else weights
     size = near.sum() ** 2 / np.sum(near**2) if near.any() else 0.0
     needed = ENOUGH * (1 + statistics.shape[1])
     if size < needed:

@@ -17,7 +17,7 @@ from emcee import State
 from emcee.backends import HDFBackend
 
 from yeastfit.errors import InputError
-from yeastfit.storage import full_disks_told
+from yeastfit.storage import as_json, full_disks_told
 
 GROUP = "mcmc"
 STEP = np.dtype([("simulations", "<i8"), ("check", "<u4")])
@@ -38,7 +38,8 @@ class ChainFile(HDFBackend):
 
     @full_disks_told()
     def reset(self, nwalkers: int, ndim: int) -> None:
-        """Empties it."""
+        """Empties it, or makes it, with the folders above it."""
+        self.path.parent.mkdir(parents=True, exist_ok=True)
         super().reset(nwalkers, ndim)
         with self.open("a") as file:
             file[GROUP].create_dataset("steps", (0,), maxshape=(None,), dtype=STEP)
@@ -117,11 +118,6 @@ class ChainFile(HDFBackend):
         if different:
             said = "; ".join(f"{key} was {head.get(key)}, now it is {self.head[key]}" for key in different)
             raise InputError(f"{self.path} holds other chains: {said}")
-
-
-def as_json(data: Any) -> str:
-    """Plain data and arrays; numbers keep all their digits."""
-    return json.dumps(data, default=np.ndarray.tolist)
 
 
 def _check(coords: np.ndarray, log_prob: np.ndarray, blobs: np.ndarray) -> int:

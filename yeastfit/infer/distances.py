@@ -10,6 +10,7 @@ than 5 % off the observed one, and compared it by the others. Kernels K_ε(d), o
     indicator:  1 where d ≤ ε, else 0            Gaussian:  exp(−d² / 2ε²)
 """
 
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any, Literal, Protocol, runtime_checkable
 
@@ -138,6 +139,14 @@ class Mahalanobis:
     def asdict(self) -> dict[str, Any]:
         """Plain data."""
         return {"distance": "Mahalanobis", **_lists(self)}
+
+
+def restored(plain: Mapping[str, Any]) -> Distance:
+    """The distance that `asdict` tells of."""
+    arrays = {name: np.array(one, dtype=float) for name, one in plain.items() if isinstance(one, list)}
+    if plain["distance"] == "Li":
+        return LiDistance(**arrays, area=plain["area"])
+    return WeightedCurves(**arrays) if plain["distance"] == "weighted curves" else Mahalanobis(**arrays)
 
 
 def log_kernel(kernel: KernelName, distance: Float[np.ndarray, " draw"], epsilon: float) -> Float[np.ndarray, " draw"]:

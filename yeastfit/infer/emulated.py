@@ -29,7 +29,7 @@ from yeastfit.errors import InputError
 from yeastfit.infer.diagnostics import diagnose
 from yeastfit.infer.emulated_settings import EmulatedSettings, Given, all_once, usable
 from yeastfit.infer.emulator import Emulator, Square, train
-from yeastfit.infer.pilot import first_values
+from yeastfit.infer.pilot import first_values, unreached
 from yeastfit.infer.posterior_chain import Chains, Posterior, walk
 from yeastfit.infer.priors import Prior
 from yeastfit.infer.samples import Samples
@@ -66,11 +66,11 @@ def emulated(
     """
     began = clock.perf_counter()
     settings = settings or EmulatedSettings()
-    settings.check(simulator, prior, observed, replicates, noise)
     known = usable(given, prior, len(simulator.labels))
+    settings.check(simulator, prior, observed, replicates, noise, len(known[0]))
     run = _Run(Recorded(simulator, settings.batch, store), prior, observed, replicates, noise, settings, seed, known)
-    found = run.rounds(progress or silent)
-    return run.samples(found, clock.perf_counter() - began)
+    found, said = run.rounds(progress or silent)
+    return run.samples(found, clock.perf_counter() - began).warned(*said)
 
 
 @dataclass(frozen=True)
@@ -101,11 +101,13 @@ class _Run:
     seed: int
     given: Given
 
-    def rounds(self, say: Progress) -> list[Round]:
-        """Until settled, or the budget is spent."""
+    def rounds(self, say: Progress) -> tuple[list[Round], list[str]]:
+        """Until settled, or the budget is spent; also what of the data the prior does not reach, in words."""
         most = self.settings.most
         values = first_values(self.prior, self.settings.first, self.seed)
         statistics = self._simulated(values, 0)
+        came = np.isfinite(statistics).all(axis=1)
+        said = unreached(statistics[came], self.observed, self.recorded.labels) if came.any() else []
         done = [self._round(values, statistics, None)]
         while not self._settled(done[-1]) and len(values) < most:
             say(f"round {len(done)}", len(values) / most)
@@ -114,7 +116,7 @@ class _Run:
             values = np.concatenate([values, new])
             done.append(self._round(values, statistics, done[-1]))
         say("done", 1.0)
-        return done
+        return done, said
 
     def _simulated(self, values: Float[np.ndarray, "row free"], start: int) -> Float[np.ndarray, "row statistic"]:
         return self.recorded(values, seed_of(self.seed, range(start, start + len(values))))

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from yeastfit.errors import InputError
-from yeastfit.infer.emulator import Square
+from yeastfit.infer.emulator import Square, fewest
 from yeastfit.infer.networks import EmulatorSettings
 from yeastfit.infer.priors import Prior
 from yeastfit.infer.simulator import Simulator
@@ -53,8 +53,9 @@ class EmulatedSettings:
         observed: Float[np.ndarray, " statistic"],
         replicates: int,
         noise: Square | None,
+        given: int = 0,
     ) -> None:
-        """Raises `InputError` where the arguments do not belong together."""
+        """Raises `InputError` where the arguments do not belong together. given: simulations there are already."""
         if simulator.free != prior.free:
             raise InputError(f"prior is of {', '.join(prior.free)}, the simulator's parameters are {simulator.free}")
         if observed.shape != (len(simulator.labels),) or not np.isfinite(observed).all():
@@ -66,6 +67,12 @@ class EmulatedSettings:
         ):
             raise InputError(
                 f"noise must be a covariance of {len(observed)} statistics, got one of shape {noise.shape}"
+            )
+        least = fewest(len(prior.free), len(observed), self.emulator)
+        if self.first + given < least:
+            raise InputError(
+                f"first is {self.first}, an emulator of {len(prior.free)} parameters and {len(observed)} statistics "
+                f"needs at least {least} simulations: allow more of them"
             )
         if self.walkers < 2 * len(prior.free):
             raise InputError(

@@ -42,6 +42,7 @@ from yeastfit.infer.surface import monomials
 
 ROUNDING = 1e-10  # of correlations' eigenvalues: where one is below, statistics repeat one another
 ROWS_PER_TERM = 4  # simulations for each term of the quadratic, at least
+DRAWN = 1024  # rows that are drawn at a time: each takes several covariances
 
 Values = Float[np.ndarray, "simulation free"]
 Statistics = Float[np.ndarray, "simulation statistic"]
@@ -123,9 +124,13 @@ class Emulator:
         noise: Square | None = None,
     ) -> Float[np.ndarray, "row statistic"]:
         """Statistics drawn at each row of λ, means over R replicates, with the emulator's error and the data's own."""
-        mean, scatter, error, _ = self.moments(values)
-        roots = np.linalg.cholesky(scatter / replicates + error + (0.0 if noise is None else noise))
-        return mean + np.einsum("rij,rj->ri", roots, rng.standard_normal(mean.shape))
+        found = rng.standard_normal((len(values), len(self.labels)))
+        for start in range(0, len(values), DRAWN):
+            rows = slice(start, start + DRAWN)
+            mean, scatter, error, _ = self.moments(values[rows])
+            roots = np.linalg.cholesky(scatter / replicates + error + (0.0 if noise is None else noise))
+            found[rows] = mean + np.einsum("rij,rj->ri", roots, found[rows])
+        return found
 
     def whiten(self, statistics: Float[np.ndarray, "*row statistic"]) -> Float[np.ndarray, "*row statistic"]:
         """u of s."""
@@ -232,6 +237,12 @@ def _whitening(
     return statistics.mean(axis=0), scale[:, None] * np.linalg.cholesky(correlation)
 
 
+def fewest(free: int, statistics: int, settings: EmulatorSettings) -> int:
+    """Simulations that an emulator of so many parameters and statistics needs at least."""
+    terms = (free + 1) * (free + 2) // 2
+    return max(ROWS_PER_TERM * terms, 2 * (statistics + 1), settings.members)
+
+
 def _check(
     values: Values,
     statistics: Statistics,
@@ -246,8 +257,7 @@ def _check(
             f"values and statistics have shapes {values.shape} and {statistics.shape}, "
             f"{len(free)} parameters and {len(labels)} statistics in as many rows are expected"
         )
-    terms = (len(free) + 1) * (len(free) + 2) // 2
-    least = max(ROWS_PER_TERM * terms, 2 * (len(labels) + 1), settings.members)
+    least = fewest(len(free), len(labels), settings)
     if came.sum() < least:
         raise InputError(
             f"values: {came.sum()} of {len(came)} simulations came to something, an emulator of {len(free)} parameters "

@@ -3,14 +3,13 @@
 Groups, after ArviZ's schema: `posterior`, a variable [chain, draw] for each parameter; `posterior_predictive`, the
 statistics [1, draw, statistic] of data sets simulated anew at some of the draws; `observed_data`, those observed;
 `sample_stats`, lp, the log probability, acceptance_rate, of the draw's chain, weight where draws differ in weight, and
-simulated [chain, draw, statistic], what each draw has of its own: in ABC the simulation that was accepted, which is near
-the data because it was accepted, with the emulator what that draws.
+simulated [chain, draw, statistic], what each draw has of its own: in ABC the simulation that was accepted, near to the
+data because it was accepted; with the emulator what that draws.
 
 ArviZ before 1.0 holds them as `InferenceData`, from 1.0 on as xarray's `DataTree`; files are the same. It is imported
 when it is needed: `pip install yeastfit[arviz]`.
 """
 
-import json
 import warnings
 from pathlib import Path
 from typing import Any
@@ -20,7 +19,7 @@ import numpy as np
 from yeastfit.errors import InputError
 from yeastfit.infer.predictive import Predictive
 from yeastfit.infer.samples import Samples
-from yeastfit.storage import written_whole
+from yeastfit.storage import as_json, written_whole
 
 STATISTICS, SIMULATED = "statistics", "simulated"
 Groups = dict[str, dict[str, np.ndarray]]
@@ -38,8 +37,8 @@ def to_arviz(samples: Samples, found: Predictive | None = None) -> Any:
         "method": samples.method,
         "seed": samples.seed,
         "simulations": samples.simulations,
-        "settings": json.dumps(samples.settings, default=np.ndarray.tolist),
-        "warnings": json.dumps(samples.warnings),
+        "settings": as_json(samples.settings),
+        "warnings": as_json(samples.warnings),
     }
     dims = {STATISTICS: ["statistic"], SIMULATED: ["statistic"]}
     named = {"dims": dims, "coords": {"statistic": list(samples.labels)}}

@@ -21,7 +21,7 @@ from yeastfit.measure.statistics import STATISTICS
 from yeastfit.model.parameters import Scales
 
 TABLE = "measurements.csv"
-NEEDED = ("file", "condition", "replicate", "hours", "um_per_pixel", "mask")
+NEEDED = ("file", "condition", "replicate", "hours", "um_per_pixel", "mask", "max_radius")
 SAME_SIZE = 0.02  # relative difference of pixel sizes within which masks are taken for equally fine
 
 
@@ -70,6 +70,10 @@ def targets_of(
         hours = row["hours"]
         if not (isinstance(hours, int | float) and math.isfinite(hours) and hours > 0):
             raise InputError(f"{row['file']}: its hours are unknown, a fit needs them: measure a data set")
+        for name in ("um_per_pixel", "max_radius"):
+            if not (math.isfinite(row[name]) and row[name] > 0):
+                raise InputError(f"{row['file']}: {name} is {row[name]:g}, it must be a number above 0")
+    _refuse_twice(chosen)
     masks = [folder / str(row["mask"]) for row in chosen]
     smooth = all(name in SMOOTH for name in statistics) and all(mask.is_file() for mask in masks)
     estimator = estimator or ("smooth" if smooth else "mask")
@@ -115,6 +119,19 @@ def rows_of(rows: Sequence[Mapping[str, Any]], condition: str | None) -> list[Ma
     if condition is not None and condition not in there:
         raise InputError(f"condition: got {condition!r}, there are {known}")
     return [row for row in rows if condition is None or str(row["condition"] or "") == condition]
+
+
+def _refuse_twice(rows: Sequence[Mapping[str, Any]]) -> None:
+    """Raises `InputError` where two rows are of one colony at one time."""
+    first: dict[tuple[str, float], str] = {}
+    for row in rows:
+        key = (str(row["replicate"] or ""), float(row["hours"]))
+        if key in first:
+            raise InputError(
+                f"{row['file']}: replicate {key[0]!r} at {key[1]:g} hours stands twice, {first[key]} is of it, too: "
+                "every colony needs a replicate of its own"
+            )
+        first[key] = str(row["file"])
 
 
 def _in_lengths(row: Mapping[str, Any], statistics: Sequence[str], scales: Scales) -> dict[str, float]:

@@ -12,7 +12,7 @@ from jaxtyping import Float
 from scipy.special import logsumexp
 
 from yeastfit.errors import InputError
-from yeastfit.storage import written_whole
+from yeastfit.storage import as_json, written_whole
 
 NEAREST = 10  # draws for each parameter, at least, that proposals are made from
 
@@ -84,7 +84,7 @@ class PopulationFile:
     """
 
     def __init__(self, path: str | Path, head: Mapping[str, Any]) -> None:
-        self.path, self.head = Path(path), json.loads(json.dumps(head, default=np.ndarray.tolist))
+        self.path, self.head = Path(path), json.loads(as_json(head))
 
     def read(self) -> list[Population]:
         """None where there is no file."""

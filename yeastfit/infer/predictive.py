@@ -3,13 +3,15 @@
 Of draws λ_i, i = 1..n, each gives statistics s_i, means over R colonies as the data o are. The band of a level holds
 that share of the s_i, statistic by statistic. How far a data set is from them, all statistics together:
 
-    T(y) = Σ_k ((y_k − m_k) / σ_k)²,    m, σ mean and standard deviation of the s_i;
-    p = share of the s_i with T(s_i) ≥ T(o),
+    T(y) = Σ_k ((y_k − m_k) / σ_k)²,    m, σ mean and standard deviation of the s_i and o together;
+    p = (1 + number of the s_i with T(s_i) ≥ T(o)) / (1 + n),
 
-a posterior predictive p-value (Gelman, Meng & Stern 1996, Statistica Sinica 6, 733): near 0 the model with these
-parameters does not make such data; uniform it is not, as the data were used to find λ.
+a posterior predictive p-value (Gelman, Meng & Stern 1996, Statistica Sinica 6, 733), no less than 1 / (1 + n): near 0
+the model with these parameters does not make such data; uniform it is not, as the data were used to find λ. Quantiles
+are those between which one more draw would lie with that probability: of n draws in order, the k-th is at k / (n + 1).
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from operator import itemgetter
 from pathlib import Path
@@ -36,7 +38,7 @@ from yeastfit.storage import written_whole
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-LEAST_P = 0.02  # from where it is said that the model does not make such data
+LEAST_P = 0.025  # from where it is said that the model does not make such data; the least that 40 draws can tell
 FEWEST = 10  # draws, for a band to be one
 FINE = 0.05  # L0, pixels of silhouettes
 
@@ -74,7 +76,11 @@ class Predictive:
 
     def band(self, level: float) -> Float[np.ndarray, "statistic 2"]:
         """Central interval of each statistic."""
-        return np.quantile(self.statistics, [0.5 - 0.5 * level, 0.5 + 0.5 * level], axis=0).T
+        return self.quantiles([0.5 - 0.5 * level, 0.5 + 0.5 * level]).T
+
+    def quantiles(self, shares: Sequence[float]) -> Float[np.ndarray, "share statistic"]:
+        """Of each statistic."""
+        return np.quantile(self.statistics, shares, axis=0, method="weibull")
 
     def inside(self, level: float) -> Bool[np.ndarray, " statistic"]:
         """Which observations lie in the band."""
@@ -84,15 +90,20 @@ class Predictive:
     @property
     def p_value(self) -> float:
         """p, see above."""
-        mean, sd = self.statistics.mean(axis=0), self.statistics.std(axis=0, ddof=1)
-        sd = np.where(sd > 0, sd, np.finfo(float).tiny ** 0.5)
-        apart = np.sum(((self.statistics - mean) / sd) ** 2, axis=1)
-        return float(np.mean(apart >= np.sum(((self.observed - mean) / sd) ** 2)))
+        every = np.vstack([self.observed, self.statistics])
+        mean, sd = every.mean(axis=0), every.std(axis=0)
+        apart = np.sum(((every - mean) / np.where(sd > 0, sd, 1.0)) ** 2, axis=1)
+        return float(np.mean(apart >= apart[0]))
 
     def sentences(self) -> list[str]:
         """What is wrong; empty where all is well."""
         said = [] if not self.failed else [f"posterior predictive: {self.failed} draws came to nothing"]
-        if self.p_value < LEAST_P:
+        if (1 + len(self.values)) * LEAST_P < 1:
+            said.append(
+                f"posterior predictive: {len(self.values)} draws are too few to tell data that the model does not "
+                f"make, {round(1 / LEAST_P) - 1} are needed"
+            )
+        if self.p_value <= LEAST_P:
             away = [label for label, one in zip(self.labels, self.inside(0.99), strict=True) if not one]
             where = f", mostly by {', '.join(away)}" if away else ""
             said.append(
@@ -104,7 +115,7 @@ class Predictive:
     def rows(self) -> list[dict[str, Any]]:
         """A row for each statistic: observed, and what was predicted."""
         shares = (0.05, 0.25, 0.5, 0.75, 0.95)
-        quantiles = np.quantile(self.statistics, shares, axis=0).T.tolist()
+        quantiles = self.quantiles(shares).T.tolist()
         names = [f"q{100 * share:02.0f}" for share in shares]
         rows = zip(self.labels, self.observed.tolist(), quantiles, self.inside(0.9).tolist(), strict=True)
         return [
@@ -187,7 +198,10 @@ def silhouettes(
     grown = simulate(
         parameters, keys, times=[time], numerics=numerics, relaxation=HARD, observe=observe, throw=False
     ).colony
-    reach = float(np.abs(np.asarray(grown.positions)[np.asarray(grown.alive)]).max()) + 1.5
+    places = np.abs(np.asarray(grown.positions)[np.asarray(grown.alive)])
+    reach = (
+        float(places.max(where=np.isfinite(places), initial=0.0)) + 1.5
+    )  # what is not finite stays out of the picture
     points = 2 * int(np.ceil(reach / FINE)) + 1
     grid = (HARD.union, HARD.union_reach, -FINE * (points - 1) / 2, FINE, points)
     each = (jax.tree.map(itemgetter(k), (grown, parameters.aspect_ratio)) for k in range(len(values)))

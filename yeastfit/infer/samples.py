@@ -11,7 +11,7 @@ from jaxtyping import Float
 
 from yeastfit.errors import InputError
 from yeastfit.infer.diagnostics import autocorrelation_time
-from yeastfit.storage import written_whole
+from yeastfit.storage import as_json, written_whole
 
 ARRAYS = ("values", "weights", "log_probability", "acceptance", "statistics")
 
@@ -99,7 +99,7 @@ class Samples:
         arrays = {name: getattr(self, name) for name in ARRAYS}
         rest = {name: getattr(self, name) for name in self.__dataclass_fields__ if name not in ARRAYS}
         with written_whole(path) as temporary, temporary.open("wb") as file:
-            np.savez_compressed(file, allow_pickle=False, rest=json.dumps(rest, default=np.ndarray.tolist), **arrays)
+            np.savez_compressed(file, allow_pickle=False, rest=as_json(rest), **arrays)
 
     @staticmethod
     def load(path: str | Path) -> "Samples":

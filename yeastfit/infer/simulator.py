@@ -83,8 +83,7 @@ def seed_of(seed: int, numbers: Sequence[int] | np.ndarray) -> Int[np.ndarray, "
     on the number alone, so a run that is taken up again draws what it would have drawn. Two of n numbers share a seed
     with probability n² / 2³³, which does no harm: their parameters differ.
     """
-    if not 0 <= seed < 2**BITS:
-        raise InputError(f"seed is {seed}, it must be at least 0 and below 2^{BITS}")
+    _check_seed(seed)
     words = [np.random.SeedSequence(seed, spawn_key=(int(n),)).generate_state(1)[0] for n in np.ravel(numbers)]
     return np.array(words, dtype=np.int64)
 
@@ -93,4 +92,10 @@ def stream_of(seed: int, *key: int) -> np.random.SeedSequence:
     """Where a run's other random numbers come from, such as proposals; two or more numbers say which they are."""
     if len(key) < 2:
         raise InputError(f"key is {key}, it needs at least two numbers: those of one are simulations'")
+    _check_seed(seed)
     return np.random.SeedSequence(seed, spawn_key=key)
+
+
+def _check_seed(seed: int) -> None:
+    if not 0 <= seed < 2**BITS:
+        raise InputError(f"seed is {seed}, it must be at least 0 and below 2^{BITS}")

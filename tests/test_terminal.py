@@ -1,0 +1,27 @@
+"""What a long run says of its pace."""
+
+import pytest
+
+from yeastfit import terminal
+from yeastfit.terminal import Pace
+
+
+def test_the_time_that_is_left_follows_from_all_the_time_that_went_by(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Rounds of 80 s, an eighth of them training, in which nothing grows; then a run that was taken up again."""
+    now = [1000.0]
+    monkeypatch.setattr(terminal.clock, "perf_counter", lambda: now[0])
+    pace = Pace(most=4096, done=0)
+    assert str(pace) == ""
+    for number in range(1, 9):
+        for _ in range(4):
+            now[0] += 17.5
+            pace.grown += 128
+        now[0] += 10.0
+        assert pace.share == pytest.approx(number / 8)
+        minutes, seconds = divmod(80 * (8 - number), 60)
+        assert str(pace) == f"{512 * number} colonies, 6.4 a second, at most 0:{minutes:02.0f}:{seconds:02.0f} left"
+    again = Pace(most=4096, done=3072)
+    assert again.share == 0.75
+    now[0] += 16.0
+    again.grown += 64
+    assert str(again) == "64 colonies, 4.0 a second, at most 0:04:00 left"
