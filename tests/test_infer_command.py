@@ -18,6 +18,7 @@ import pytest
 from helpers import wrong_types
 from known_colonies import TRUTH, stand_in, write_measurements
 from known_posteriors import Drawing
+from PIL import Image
 
 from yeastfit import cli, infer_command
 from yeastfit.errors import InputError
@@ -491,3 +492,34 @@ def test_one_condition_at_a_time(
     two = write_measurements(tmp_path / "data" / "measurements.csv", conditions=("a", "b"))
     assert cli.run(arguments(two, tmp_path / "out", "abc-mcmc")) == 2
     assert "--condition: the data have 'a', 'b'" in capsys.readouterr().err
+
+
+RECIPE = """
+[small]
+seed = 5
+hours = [3, 5, 6]
+replicates = 6
+extent = 75.0
+parameters = { mobility = 1.0, metabolic_rate = 1.0, aspect_ratio = 0.6 }
+numerics = { domain = 14.0, spacing = 0.2, dt = 0.01, capacity = 32 }
+"""
+
+
+@pytest.mark.slow
+def test_photographs_become_a_posterior(tmp_path: Path) -> None:
+    """The whole way, with colonies: photographed, measured, inferred, predicted, and shown beside each other."""
+    (tmp_path / "recipes.toml").write_text(RECIPE)
+    assert cli.run(["synthesize", "--recipe", str(tmp_path / "recipes.toml"), "--out", str(tmp_path)]) == 0
+    out, how = tmp_path / "out", ["--free", "aspect-ratio", "--dt", "0.02", "--spacing", "0.2", "--truth"]
+    assert cli.run(["infer", str(tmp_path / "small"), "--out", str(out), "--simulations", "256", *how]) == 0
+    with (out / "posterior.csv").open() as file:
+        (row,) = csv.DictReader(file)
+    assert float(row["sd"]) < 0.1
+    assert abs(float(row["mean"]) - 0.6) < 3 * float(row["sd"])
+    page = (out / "index.html").read_text()
+    assert "Above, photographs at the last time" in page
+    with Image.open(out / "colonies.png") as picture:
+        above = np.asarray(picture.convert("L"))[: picture.height // 2]
+    assert np.ptp(above) > 100
+    assert len(np.unique(above)) > 50, "grey values of photographs"
+    assert len(json.loads((out / "run.json").read_text())["inputs"]) == 19

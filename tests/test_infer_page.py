@@ -23,46 +23,66 @@ LATE = (
 """
     + REPORT
 )
-PICTURES = ("corner", "predictive", "colonies", "traces", "ranks")
+PICTURES = {
+    "abc-mcmc": ("corner", "predictive", "colonies", "traces", "ranks"),
+    "abc-smc": ("corner", "predictive", "colonies", "traces"),
+    "emulator": ("corner", "predictive", "colonies", "traces", "ranks", "emulator"),
+}
+OPTIONS = {
+    "abc-mcmc": ["--steps", "20", "--walkers", "4", "--pilot", "96", "--pilot-quantile", "0.2"],
+    "abc-smc": ["--population", "48", "--simulations", "300", "--pilot", "96"],
+    "emulator": ["--simulations", "64", "--walkers", "4"],
+}
+WORDS = {"abc-mcmc": "chains are too short for mobility", "abc-smc": "population 1", "emulator": "has not settled"}
 
 
-@pytest.fixture(scope="module")
-def page(tmp_path_factory: pytest.TempPathFactory) -> str:
-    """Of short chains, which leave doubts."""
-    folder = tmp_path_factory.mktemp("infer")
+def made(folder: Path, method: str) -> str:
+    """A page of short chains, or few simulations, which leave doubts."""
     data = write_measurements(folder / "data" / "measurements.csv")
     command = ["infer", str(data), "--out", str(folder / "out"), "--free", "mobility,aspect-ratio", "--draws", "12"]
-    command += ["--method", "abc-mcmc", "--steps", "20", "--walkers", "4", "--pilot", "96", "--pilot-quantile", "0.2"]
     with pytest.MonkeyPatch.context() as patch:
         stand_in(patch)
-        assert cli.run(command) == 0
+        assert cli.run([*command, "--method", method, *OPTIONS[method]]) == 0
     return (folder / "out" / "index.html").read_text(encoding="utf-8")
 
 
-def test_the_page_is_whole(page: str) -> None:
+@pytest.fixture(scope="module", params=list(PICTURES))
+def method(request: pytest.FixtureRequest) -> str:
+    return request.param
+
+
+@pytest.fixture(scope="module")
+def page(method: str, tmp_path_factory: pytest.TempPathFactory) -> str:
+    return made(tmp_path_factory.mktemp(method), method)
+
+
+def test_the_page_is_whole(page: str, method: str) -> None:
     read = Reader(page)
     assert read.open == []
     names = [attributes["id"] for _, attributes in read.tags if "id" in attributes]
     assert len(set(names)) == len(names)
-    assert set(PICTURES) <= set(names)
+    assert set(PICTURES[method]) <= set(names)
     assert {(link["href"] or "")[1:] for link in read.of("a")} <= set(names)
     assert all((image["src"] or "").startswith("data:image/") for image in read.of("img"))
     assert all(image["alt"] for image in read.of("img")[:-1])
-    for words in ("chains are too short for mobility", "90 % band", "ABC-MCMC", "log-uniform", "measurements.csv"):
+    for words in (WORDS[method], "90 % band", method, "log-uniform", "measurements.csv"):
         assert words in read.words
-    assert read.words.index("chains are too short") < read.words.index("Mean, standard deviation")
+    assert read.words.index("draws are too few") < read.words.index("Mean, standard")
+    assert "photographs at the last time" not in read.words  # a table without any
     assert not re.search(r"(?:src|href)=[\"'](?!#|data:)", page)
     assert not re.search(r"/tmp|pytest-of", re.sub(r"base64,[A-Za-z0-9+/=]+", "", page))
 
 
 @pytest.mark.parametrize("width", [1280, 500])
-def test_a_browser_shows_it(page: str, tmp_path: Path, width: int, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_browser_shows_it(
+    page: str, method: str, tmp_path: Path, width: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(test_page, "LATE", LATE)
     seen, console = open_in_browser(page, tmp_path, width)
     assert console == []
     assert seen["faults"] == []
     assert seen["requests"] == []
-    assert len(seen["pictures"]) == len(PICTURES) + 1  # and the one that grows
+    assert len(seen["pictures"]) == len(PICTURES[method]) + 1  # and the one that grows
     assert all(wide > 0 and complete for _, wide, complete in seen["pictures"])
     assert seen["enlarged"] == [True, True]
     assert seen["sorted"] == [["aspect_ratio", "mobility"], ["mobility", "aspect_ratio"]]

@@ -18,8 +18,8 @@ ALT = {
 }
 
 
-def infer_page(results: "Results", pictures: Mapping[str, bytes], made: Mapping[str, Any]) -> str:
-    """One HTML file. pictures: PNG by name, see `ALT`; made: versions and settings."""
+def infer_page(results: "Results", pictures: Mapping[str, bytes], made: Mapping[str, Any], *, seen: bool) -> str:
+    """One HTML file. pictures: PNG by name, see `ALT`; made: versions, settings. seen: whether photographs are."""
     samples, found = results.samples, results.predictive
     lead = page.facts(
         [
@@ -33,7 +33,7 @@ def infer_page(results: "Results", pictures: Mapping[str, bytes], made: Mapping[
         ("Doubts", _doubts(results)),
         ("Parameters", _parameters(results) + _figure(pictures, "corner")),
         ("The data, predicted", _predicted(results) + _figure(pictures, "predictive") + _predictions(results)),
-        ("Colonies", _COLONIES + _figure(pictures, "colonies")),
+        ("Colonies", (_PHOTOGRAPHS if seen else "") + _GROWN + _figure(pictures, "colonies")),
         ("Chains" if results.chains else "Populations", _chains(results) + _figure(pictures, "traces", "ranks")),
     ]
     if "emulator" in pictures:
@@ -43,9 +43,10 @@ def infer_page(results: "Results", pictures: Mapping[str, bytes], made: Mapping[
     return page.document("Posterior of the parameters", lead, sections, foot)
 
 
-_COLONIES = (
-    "<p>Above, photographs at the last time, with what was taken for the colony; below, one colony each from draws of "
-    "the posterior, at the same time and on the same scale; their titles are λ in the table's order.</p>"
+_PHOTOGRAPHS = "<p>Above, photographs at the last time, with what was taken for the colony.</p>"
+_GROWN = (
+    "<p>Grown anew, one colony each from draws of the posterior, to the last time of the data, all on one scale; their "
+    "titles are λ in the table's order.</p>"
 )
 
 

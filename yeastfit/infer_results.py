@@ -186,7 +186,7 @@ def write_results(
         plot.save(figure, folder / f"{name}.png")
     pictures = {name: (folder / f"{name}.png").read_bytes() for name in figures}
     with written_whole(folder / "index.html") as temporary:
-        temporary.write_text(infer_page(results, pictures, made), encoding="utf-8")
+        temporary.write_text(infer_page(results, pictures, made, seen=bool(seen)), encoding="utf-8")
     if importlib.util.find_spec("arviz") is None:
         return ["posterior.nc is left out: ArviZ is not installed (pip install yeastfit[arviz])"]
     to_netcdf(samples, folder / "posterior.nc", found)

@@ -92,6 +92,12 @@ def test_a_bootstrap_needs_single_colonies() -> None:
             targets.resampled(np.random.default_rng(0))
 
 
+def test_what_round_colonies_have_none_of_may_be_0_or_below() -> None:
+    means = {"branch_count": np.array([0.0, 2.0]), "filament_radius_index": np.array([-0.05, 0.1])}
+    found = Targets.from_means(means, [1.0, 2.0], extent=3.0, estimator="mask")
+    np.testing.assert_array_equal(found.values, [0.0, 2.0, -0.05, 0.1])
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [

@@ -17,6 +17,10 @@ SPACING = 0.1  # L0, the grid on which shapes are compared: 0.75 µm for yeast
 SMOOTHING = 0.15  # L0, the blur both undergo, which makes them indifferent to how a pixel on the edge was called
 NODES = ("mean_radius", "cell_count")  # what an image does not show and somebody may have counted
 PLACES = ("centroid_x", "centroid_y")  # where a colony lies in its image, which no model tells
+MAY_VANISH = (  # of round colonies, whose indices may be below 0
+    *("hole_count", "filament_area", "filament_area_index", "filament_radius_index", "branch_count", "branch_length"),
+    *("radial_index", "angular_index", "wave_number", "fractal_dimension"),
+)
 REACH = 3.0  # times the mean distance from the centroid: farther out no colony reaches
 
 Estimator = Literal["smooth", "mask"]
@@ -68,7 +72,9 @@ class Targets:
             )
         if not self.measured.any():
             raise InputError("targets: nothing is measured, replicates is 0 everywhere")
-        self._refuse(~(np.isfinite(self.mean) & (self.mean > 0)), "mean", "it must be above 0")
+        self._refuse(~np.isfinite(self.mean), "mean", "it must be a finite number")
+        solid = np.array([name not in MAY_VANISH for name in self.names])[:, None]
+        self._refuse(solid & (self.mean <= 0), "mean", "it must be above 0")
         self._refuse((self.scatter < 0) | np.isinf(self.scatter), "scatter", "it must be above 0, or nan: not known")
         self._refuse(
             (self.scatter == 0) & (self.replicates > 1),
