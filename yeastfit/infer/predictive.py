@@ -199,9 +199,8 @@ def silhouettes(
         parameters, keys, times=[time], numerics=numerics, relaxation=HARD, observe=observe, throw=False
     ).colony
     places = np.abs(np.asarray(grown.positions)[np.asarray(grown.alive)])
-    reach = (
-        float(places.max(where=np.isfinite(places), initial=0.0)) + 1.5
-    )  # what is not finite stays out of the picture
+    farthest = places.max(where=np.isfinite(places), initial=0.0)  # what is not finite is not in the picture
+    reach = float(farthest) + 1.5
     points = 2 * int(np.ceil(reach / FINE)) + 1
     grid = (HARD.union, HARD.union_reach, -FINE * (points - 1) / 2, FINE, points)
     each = (jax.tree.map(itemgetter(k), (grown, parameters.aspect_ratio)) for k in range(len(values)))
