@@ -366,7 +366,7 @@ def checked(report: Report, race: Race) -> None:
 
 def picture(runs: Mapping[str, list[Trace]], path: Path) -> None:
     """Errors of all runs against colonies."""
-    figure = Figure(figsize=(7, 4), layout="constrained")
+    figure = Figure(figsize=(7, 4.5), layout="constrained")
     panel = figure.subplots()
     for number, (name, traces) in enumerate(runs.items()):
         for trace in traces:
@@ -376,7 +376,7 @@ def picture(runs: Mapping[str, list[Trace]], path: Path) -> None:
     first = dict(zip(reversed(labels), reversed(handles), strict=True))
     panel.axhline(THRESHOLD, color="black", lw=0.8, ls="--")
     panel.set(xscale="log", yscale="log", xlabel="simulated colonies", ylabel="error of the posterior")
-    panel.legend([first[name] for name in runs], list(runs), fontsize=8)
+    figure.legend([first[name] for name in runs], list(runs), fontsize=8, ncols=3, loc="outside upper center")
     figure.savefig(path, dpi=80)
 
 
