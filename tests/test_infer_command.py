@@ -259,20 +259,19 @@ def test_more_steps_make_a_run_longer(data: Path, tmp_path: Path) -> None:
     assert_same(tmp_path / "parts", tmp_path / "long")
 
 
-def test_more_simulations_make_a_run_of_the_emulator_longer(data: Path, tmp_path: Path) -> None:
-    """Its first round stays as it was, although so many simulations would have begun with a larger one."""
+def test_a_longer_run_of_the_emulator_keeps_its_first_round(data: Path, tmp_path: Path) -> None:
+    """Although so many simulations would have begun with a larger one."""
 
-    def first() -> int:
-        return json.loads((tmp_path / "out" / "run.json").read_text())["configuration"]["first"]
+    def begun(simulations: int, resume: bool) -> Run:
+        request = Request(free=("mobility", "aspect_ratio"), simulations=simulations)
+        return Run.begin(request, data, tmp_path / "out", resume, 1, lambda done, total: None)
 
-    few = [*arguments(data, tmp_path / "out", "emulator"), "--simulations", "64"]
-    assert cli.run(few) == 0
-    assert first() == 64
-    assert Request(free=("mobility", "aspect_ratio"), simulations=300).settled()["first"] == 128
-    assert cli.run([*few, "--simulations", "300", "--resume"]) == 0
-    assert first() == 64
-    found = Samples.load(tmp_path / "out" / "samples.npz")
-    assert (found.settings["first"], found.settings["most"]) == (64, 300)
+    assert begun(64, False).folder.configuration["first"] == 64
+    longer = begun(300, True)
+    assert longer.request.settled()["first"] == 128
+    assert longer.folder.configuration["first"] == 64
+    assert json.loads((tmp_path / "out" / "run.json").read_text())["configuration"]["first"] == 64
+    assert begun(300, True).folder.configuration["first"] == 64
 
 
 def test_a_distance_is_made_once(data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -64,6 +64,7 @@ class RunFolder:
             state = "a finished run" if finished else "a run that was not finished"
             raise InputError(f"--out: {path} holds {state}: give --resume to go on with it, or another folder")
         earlier = _read(file)
+        plain |= {name: earlier["configuration"][name] for name in KEPT if name in earlier["configuration"]}
         different = _differences(earlier["configuration"], plain)
         different += [f"seed was {earlier['seed']}, now it is {seed}"] if earlier["seed"] != seed else []
         changed = [f"{name} has changed" for name in hashes if earlier["inputs"].get(name) != hashes[name]]
@@ -73,7 +74,6 @@ class RunFolder:
         longer = [name for name in EXTENT if earlier["configuration"].get(name) != plain.get(name)]
         if longer:
             (path / MANIFEST).unlink(missing_ok=True)  # first: a folder that has one is finished
-            plain |= {name: earlier["configuration"][name] for name in KEPT if name in earlier["configuration"]}
             write_json(file, {**earlier, "configuration": plain})
         return RunFolder(path, plain, hashes, seed, _other_versions(earlier), finished and not longer)
 

@@ -3,7 +3,6 @@
 import struct
 import subprocess
 import sys
-import time
 import zlib
 from contextlib import suppress
 from functools import cache
@@ -556,11 +555,10 @@ EVERY_KIND = ("awri796_500um_s11", "awri796_50um_s02", "awri796_50um_s10", DEFEC
 
 
 class Agreement(NamedTuple):
-    """With the published mask: intersection over union, the share of it found; processor seconds per 1600 x 1200 px."""
+    """With the published mask: intersection over union, and the share of it found."""
 
     overlap: float
     found: float
-    seconds: float
     warnings: tuple[str, ...]
 
 
@@ -568,25 +566,18 @@ class Agreement(NamedTuple):
 def agreement(folder, stem):
     photograph = read_image(folder / "raw" / f"{stem}.tif")
     published = segment(read_image(folder / "masks" / f"{stem}.tif")).mask
-    start = time.process_time()
     found = segment(photograph, name=stem)
-    seconds = (time.process_time() - start) * 1600 * 1200 / photograph.size
     both = (found.mask & published).sum()
-    return Agreement(both / (found.mask | published).sum(), both / published.sum(), seconds, found.warnings)
+    return Agreement(both / (found.mask | published).sum(), both / published.sum(), found.warnings)
 
 
 @pytest.mark.parametrize("stem", EVERY_KIND)
 def test_a_real_colony_agrees_with_the_published_mask(real_data, stem):
-    overlap, found, _, warnings = agreement(real_data, stem)
+    overlap, found, warnings = agreement(real_data, stem)
     assert overlap >= (0.8 if stem == DEFECTIVE else 0.95)
     assert found >= (0.998 if stem == DEFECTIVE else 0.97)
     foreign = ("cut off from an object at the border",)
     assert warnings == (foreign if stem == "awri796_50um_s10" else ())
-
-
-def test_a_photograph_of_1600_by_1200_takes_two_seconds(real_data):
-    """The fastest counts: the machine may be busy with other things."""
-    assert min(agreement(real_data, stem).seconds for stem in EVERY_KIND) < 2
 
 
 @pytest.mark.slow
