@@ -13,13 +13,22 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from yeastfit import infer_command
+from yeastfit import cli, infer_command
 from yeastfit.infer.colony_simulator import ColonySimulator
 from yeastfit.model.parameters import NAMES, Parameters, Scales
 
 TRUTH = {"mobility": 1.5, "aspect_ratio": 0.5}
 HOURS = (4.0, 6.0, 8.0)
 SCATTER = 0.1
+RECIPE = """
+[small]
+seed = 5
+hours = [3, 5, 6]
+replicates = 6
+extent = 75.0
+parameters = { mobility = 1.0, metabolic_rate = 1.0, aspect_ratio = 0.6 }
+numerics = { domain = 14.0, spacing = 0.2, dt = 0.01, capacity = 32 }
+"""
 
 
 def curves(mobility: np.ndarray, aspect_ratio: np.ndarray, times: np.ndarray) -> np.ndarray:
@@ -70,6 +79,14 @@ def write_measurements(path: Path, replicates: int = 6, seed: int = 3, condition
         writer.writeheader()
         writer.writerows(rows)
     return path
+
+
+def photographed(folder: Path) -> Path:
+    """A small data set of grown colonies, photographs and truth."""
+    recipe = folder / "recipes.toml"
+    recipe.write_text(RECIPE)
+    assert cli.run(["synthesize", "--recipe", str(recipe), "--out", str(folder)]) == 0
+    return folder / "small"
 
 
 def kill_within(seconds: float, nap: float) -> None:

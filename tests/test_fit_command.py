@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers import wrong_types
-from known_colonies import write_measurements
+from known_colonies import photographed, write_measurements
 from PIL import Image
 from stand_in import ROOT, SETTINGS, STATISTICS, TIMES, StandIn, bent, fitted, logs
 
@@ -224,24 +224,12 @@ def test_the_truth_lies_beside_the_table_or_in_the_folder(tmp_path: Path) -> Non
         assert read_truth(source) == pytest.approx(TRUTH.asdict())
 
 
-RECIPE = """
-[small]
-seed = 5
-hours = [3, 5, 6]
-replicates = 6
-extent = 75.0
-parameters = { mobility = 1.0, metabolic_rate = 1.0, aspect_ratio = 0.6 }
-numerics = { domain = 14.0, spacing = 0.2, dt = 0.01, capacity = 32 }
-"""
-
-
 @pytest.mark.slow
 def test_photographs_become_a_fit(tmp_path: Path) -> None:
     """The whole way, with colonies: measured, fitted, resampled and profiled."""
-    (tmp_path / "recipes.toml").write_text(RECIPE)
-    assert cli.run(["synthesize", "--recipe", str(tmp_path / "recipes.toml"), "--out", str(tmp_path)]) == 0
+    small = photographed(tmp_path)
     out, options = tmp_path / "fit", ["--free", "aspect-ratio", "--bootstrap", "20", "--profile", "--truth"]
-    assert cli.run(["fit", str(tmp_path / "small"), "--out", str(out), *options]) == 0
+    assert cli.run(["fit", str(small), "--out", str(out), *options]) == 0
     result = Fit.load(out / "fit.json")
     assert result.targets.estimator == "smooth"
     assert abs(result.values["aspect_ratio"] - 0.6) < 3 * result.standard_errors["aspect_ratio"]

@@ -16,7 +16,7 @@ import h5py
 import numpy as np
 import pytest
 from helpers import wrong_types
-from known_colonies import TRUTH, stand_in, write_measurements
+from known_colonies import TRUTH, photographed, stand_in, write_measurements
 from known_posteriors import Drawing
 from PIL import Image
 
@@ -493,24 +493,12 @@ def test_one_condition_at_a_time(
     assert "--condition: the data have 'a', 'b'" in capsys.readouterr().err
 
 
-RECIPE = """
-[small]
-seed = 5
-hours = [3, 5, 6]
-replicates = 6
-extent = 75.0
-parameters = { mobility = 1.0, metabolic_rate = 1.0, aspect_ratio = 0.6 }
-numerics = { domain = 14.0, spacing = 0.2, dt = 0.01, capacity = 32 }
-"""
-
-
 @pytest.mark.slow
 def test_photographs_become_a_posterior(tmp_path: Path) -> None:
     """The whole way, with colonies: photographed, measured, inferred, predicted, and shown beside each other."""
-    (tmp_path / "recipes.toml").write_text(RECIPE)
-    assert cli.run(["synthesize", "--recipe", str(tmp_path / "recipes.toml"), "--out", str(tmp_path)]) == 0
+    small = photographed(tmp_path)
     out, how = tmp_path / "out", ["--free", "aspect-ratio", "--dt", "0.02", "--spacing", "0.2", "--truth"]
-    assert cli.run(["infer", str(tmp_path / "small"), "--out", str(out), "--simulations", "256", *how]) == 0
+    assert cli.run(["infer", str(small), "--out", str(out), "--simulations", "256", *how]) == 0
     with (out / "posterior.csv").open() as file:
         (row,) = csv.DictReader(file)
     assert float(row["sd"]) < 0.1

@@ -33,7 +33,11 @@ OPTIONS = {
     "abc-smc": ["--population", "48", "--simulations", "300", "--pilot", "96"],
     "emulator": ["--simulations", "64", "--walkers", "4"],
 }
-WORDS = {"abc-mcmc": "chains are too short for mobility", "abc-smc": "population 1", "emulator": "has not settled"}
+WORDS = {  # a doubt, and what is said of the method further down
+    "abc-mcmc": ("chains are too short for mobility", "ABC-MCMC"),
+    "abc-smc": ("draws are too few", "population 1"),
+    "emulator": ("has not settled", "Rounds of the emulator"),
+}
 
 
 def made(folder: Path, method: str) -> str:
@@ -65,9 +69,9 @@ def test_the_page_is_whole(page: str, method: str) -> None:
     assert {(link["href"] or "")[1:] for link in read.of("a")} <= set(names)
     assert all((image["src"] or "").startswith("data:image/") for image in read.of("img"))
     assert all(image["alt"] for image in read.of("img")[:-1])
-    for words in (WORDS[method], "90 % band", method, "log-uniform", "measurements.csv"):
+    for words in (*WORDS[method], "90 % band", method, "log-uniform", "measurements.csv"):
         assert words in read.words
-    assert read.words.index("draws are too few") < read.words.index("Mean, standard")
+    assert read.words.index(WORDS[method][0]) < read.words.index("Mean, standard deviation")
     assert "photographs at the last time" not in read.words  # a table without any
     assert not re.search(r"(?:src|href)=[\"'](?!#|data:)", page)
     assert not re.search(r"/tmp|pytest-of", re.sub(r"base64,[A-Za-z0-9+/=]+", "", page))

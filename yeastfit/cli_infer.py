@@ -102,8 +102,7 @@ def infer(
     are not free are held at the values given here.
     """
     if print_prior:
-        bounded = Request.of(li, {"method": None if li else "emulator"}).bounded
-        sys.stdout.write(template(check_free(design_command.names(free)), bounded=bounded))
+        sys.stdout.write(template(check_free(design_command.names(free)), bounded=Request(li=li).bounded))
         return
     if source is None or folder is None:
         raise InputError(f"{'SOURCE' if source is None else '--out'} is missing: yeastfit infer SOURCE --out FOLDER")

@@ -13,7 +13,7 @@ from rich.table import Table
 from yeastfit import plot, plot_fit
 from yeastfit.errors import InputError
 from yeastfit.infer.fitted import Fit
-from yeastfit.infer.measurements import TABLE, conditions_of, read_measurements, targets_of
+from yeastfit.infer.measurements import TABLE, conditions_of, files_of, read_measurements, table_in, targets_of
 from yeastfit.infer.targets import Targets
 from yeastfit.infer.uncertainty import Bootstrap, Profile
 from yeastfit.measure.dataset import MANIFESTS, dataset_folder, read_dataset
@@ -60,13 +60,10 @@ class Measurements:
 
 def measurements(source: Path, folder: Path, jobs: int, progress: Callable[[int, int], None]) -> Measurements:
     """Read measurements.csv, or the one in a folder; or measure a data set, with all that `yeastfit measure` leaves."""
-    table = source / TABLE if source.is_dir() else source
-    where = dataset_folder(source)
+    table, where = table_in(source), dataset_folder(source)
     if where is None and table.is_file():
         rows = read_measurements(table)
-        masks = [table.parent / str(row["mask"]) for row in rows]
-        inputs = [table, *(mask for mask in masks if mask.is_file())]
-        return Measurements(rows, table.parent, inputs, told(rows, table.parent))
+        return Measurements(rows, table.parent, files_of(table, rows), told(rows, table.parent))
     dataset = read_dataset(where or source)
     tasks = dataset_tasks(dataset)
     refuse_mixed_folder(folder, tasks)
@@ -94,8 +91,7 @@ def told(rows: Sequence[Mapping[str, Any]], folder: Path) -> list[str]:
 
 def check_source(source: Path, chosen: Sequence[str]) -> None:
     """Whether there are data, and of the conditions that are chosen, before anything is measured or written."""
-    table = source / TABLE if source.is_dir() else source
-    where = dataset_folder(source)
+    table, where = table_in(source), dataset_folder(source)
     if where is not None:
         _check_chosen(chosen, read_dataset(where).conditions)
     elif table.is_file():

@@ -17,8 +17,8 @@ from typing import Any
 import jax
 
 from yeastfit.errors import InputError
-from yeastfit.infer.measurements import TABLE, read_measurements
-from yeastfit.measure.dataset import MANIFESTS, dataset_folder, read_dataset
+from yeastfit.infer.measurements import files_of, read_measurements, table_in
+from yeastfit.measure.dataset import dataset_folder, read_dataset
 from yeastfit.storage import sha256_of, versions, write_json
 
 RUN, MANIFEST = "run.json", "manifest.json"
@@ -83,15 +83,12 @@ class RunFolder:
 
 
 def inputs_of(source: Path) -> list[Path]:
-    """What a run reads: the manifest and the images of a data set, or a table of measurements and its masks."""
+    """What a run reads, which is there: manifest and images of a data set, or a table of measurements and its masks."""
     if where := dataset_folder(source):
         dataset = read_dataset(where)
         return [dataset.manifest, *(frame.path for frame in dataset.frames)]
-    table = source / TABLE if source.is_dir() else source
-    if not table.is_file():
-        raise InputError(f"{source}: neither a data set, with {' or '.join(MANIFESTS)}, nor a {TABLE}")
-    masks = [table.parent / str(row["mask"]) for row in read_measurements(table)]
-    return [table, *(mask for mask in masks if mask.is_file())]
+    table = table_in(source)
+    return files_of(table, read_measurements(table))
 
 
 def hashes_of(inputs: Sequence[Path]) -> dict[str, str]:

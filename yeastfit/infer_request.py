@@ -11,7 +11,7 @@ from yeastfit.errors import InputError
 from yeastfit.infer.abc_smc import SmcSettings
 from yeastfit.infer.distances import KernelName
 from yeastfit.infer.emulated_settings import EmulatedSettings
-from yeastfit.infer.emulator import ROWS_PER_TERM
+from yeastfit.infer.emulator import fewest
 from yeastfit.infer.fit import DEFAULT_FREE
 from yeastfit.infer.mcmc_settings import McmcSettings, Move
 from yeastfit.infer.pilot import DistanceName
@@ -183,8 +183,7 @@ class Request:
 def first_round(simulations: int, free: int) -> int:
     """`EmulatedSettings.first`; where few are allowed, half of them, or more where a quadratic needs more."""
     most = 2 ** int(np.log2(max(simulations, 4)))  # powers of two, all of them
-    terms = (free + 1) * (free + 2) // 2
-    needed = 2 ** int(np.ceil(np.log2(2 * ROWS_PER_TERM * terms)))
+    needed = 2 ** int(np.ceil(np.log2(2 * fewest(free, 0, EmulatedSettings().emulator))))
     return min(EmulatedSettings.first, max(most // 2, min(most, needed)))
 
 

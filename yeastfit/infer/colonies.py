@@ -51,7 +51,7 @@ class Colonies:
 
     def grow(self, log_parameters: Float[np.ndarray, "member 7"], keys: Array) -> Float[np.ndarray, "member curve"]:
         """The measured points of each colony's curves."""
-        values = self.curves.members(jnp.asarray(log_parameters, jnp.result_type(float)), keys)
+        values = np.asarray(self.curves.members(jnp.asarray(log_parameters, jnp.result_type(float)), keys))
         told = np.column_stack([log_parameters, jax.random.key_data(keys)])
         once = np.unique(told, axis=0, return_index=True)[1]  # batches are filled up with copies
         self.grown += len(once)

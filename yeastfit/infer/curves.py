@@ -61,7 +61,7 @@ class Curves(eqx.Module):
         return jnp.concatenate(values), jnp.concatenate(tangents)
 
 
-def without_problems(values: Array) -> tuple[Float[np.ndarray, "member curve"], Counter[str]]:
+def without_problems(values: Array | np.ndarray) -> tuple[Float[np.ndarray, "member curve"], Counter[str]]:
     """The curves among `Curves`' values, and how many members ran into each of `PROBLEMS`."""
     table = np.asarray(values, dtype=float)
     met = dict(zip(PROBLEMS, table[:, -len(PROBLEMS) :].sum(axis=0).astype(int).tolist(), strict=True))

@@ -25,6 +25,17 @@ NEEDED = ("file", "condition", "replicate", "hours", "um_per_pixel", "mask", "ma
 SAME_SIZE = 0.02  # relative difference of pixel sizes within which masks are taken for equally fine
 
 
+def table_in(source: Path) -> Path:
+    """The table itself, or the one in a folder; whether there is one or not."""
+    return source / TABLE if source.is_dir() else source
+
+
+def files_of(table: Path, rows: Sequence[Mapping[str, Any]]) -> list[Path]:
+    """A table and those of its masks that are there."""
+    masks = [table.parent / str(row["mask"]) for row in rows]
+    return [table, *(mask for mask in masks if mask.is_file())]
+
+
 def read_measurements(path: str | Path) -> list[dict[str, Any]]:
     """Rows of a measurements.csv, numbers as numbers, nan where a cell is empty.
 
