@@ -21,7 +21,7 @@ from yeastfit.infer.simulator import seed_of
 NETWORKS = EmulatorSettings(members=4)
 FEW = EmulatorSettings(members=2, width=16, steps=200)
 SETTINGS = EmulatedSettings(first=1024, each=1024, most=3072, batch=1024, emulator=NETWORKS)
-SMALL = EmulatedSettings(first=64, each=64, most=192, settle=1e-6, most_steps=500, batch=32, emulator=FEW)
+SMALL = EmulatedSettings(first=64, each=64, most=192, settle=1e-6, most_steps=100, batch=32, emulator=FEW)
 TRUTH = (1.3, 0.8)
 
 
@@ -70,7 +70,8 @@ def test_failures_count_as_evidence() -> None:
     """Six data sets that did not fail tell against λ at which simulations fail."""
     known = fragile()
     observed = known.observed((2.4, 0.8), 6, seed=3)
-    found = emulated(known, known.prior, observed, SETTINGS, replicates=6, seed=0)
+    found = emulated(known, known.prior, observed, replace(SETTINGS, most=6144), replicates=6, seed=0)
+    assert found.warnings == []
     shift, ratio = compared(found, known, observed, 6)
     np.testing.assert_allclose(shift, 0.0, atol=0.3)
     np.testing.assert_allclose(ratio, 1.0, atol=0.15)

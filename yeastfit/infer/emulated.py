@@ -1,7 +1,8 @@
 """Posteriors by an emulator of the likelihood, learnt in rounds where the posterior is.
 
 1. λ of low discrepancy from the prior (scrambled Sobol') are simulated.
-2. An emulator learns from all simulations so far (`emulator`); chains sample its likelihood times the prior.
+2. An emulator learns from all simulations so far (`emulator`); chains sample its likelihood times the prior, for long
+   once the rounds are over and briefly before (`posterior_chain`).
 3. Unless the posterior has settled, further λ are simulated: draws x + √(w² − 1) ξ, in the prior's coordinates, x from
    the posterior and ξ ~ N(0, its covariance), which has w times its width. Those outside the prior are drawn again.
    Then 2. again.
@@ -18,7 +19,7 @@ repeats its training and its chains, simulates only what is missing, and comes t
 """
 
 import time as clock
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -30,7 +31,7 @@ from yeastfit.infer.diagnostics import diagnose
 from yeastfit.infer.emulated_settings import EmulatedSettings, Given, all_once, usable
 from yeastfit.infer.emulator import Emulator, Square, train
 from yeastfit.infer.pilot import first_values, unreached
-from yeastfit.infer.posterior_chain import Chains, Posterior, walk
+from yeastfit.infer.posterior_chain import ROUGHLY, Chains, Posterior, Walk
 from yeastfit.infer.priors import Prior
 from yeastfit.infer.samples import Samples
 from yeastfit.infer.simulations import Recorded, Store
@@ -75,13 +76,14 @@ def emulated(
 
 @dataclass(frozen=True)
 class Round:
-    """One round's emulator and chains.
+    """One round's emulator and chains. walk: what could make these longer.
 
     mean, covariance, quantiles: of the prior's coordinates. moved: the quantiles, since the round before, in halves of
     their distance. error_share: of the emulator's error in the variance that data are compared with, at the mean.
     """
 
     emulator: Emulator
+    walk: Walk
     chains: Chains
     mean: Float[np.ndarray, " free"]
     covariance: Float[np.ndarray, "free free"]
@@ -115,6 +117,7 @@ class _Run:
             statistics = np.concatenate([statistics, self._simulated(new, len(values))])
             values = np.concatenate([values, new])
             done.append(self._round(values, statistics, done[-1]))
+        done[-1] = replace(done[-1], chains=done[-1].walk.until())
         say("done", 1.0)
         return done, said
 
@@ -140,7 +143,7 @@ class _Run:
             room=self.settings.most + len(self.given[0]),
         )
         came = np.isfinite(statistics).all(axis=1)
-        chains = walk(
+        walk = Walk.start(
             Posterior(emulator, self.prior, self.observed, self.replicates, self.noise),
             self.prior.coordinates(values[came]),
             walkers=self.settings.walkers,
@@ -148,12 +151,13 @@ class _Run:
             seed=self.seed,
             room=self.settings.most + len(self.given[0]),
         )
+        chains = walk.until(ROUGHLY)
         mean, covariance = chains.flat.mean(axis=0), np.atleast_2d(np.cov(chains.flat, rowvar=False))
         quantiles, moved = np.quantile(chains.flat, CENTRAL, axis=0), np.inf
         if before is not None:
             low, _, high = before.quantiles
             moved = float(np.max(np.abs(quantiles - before.quantiles) / (0.5 * (high - low))))
-        return Round(emulator, chains, mean, covariance, quantiles, moved, self._error_share(emulator, mean))
+        return Round(emulator, walk, chains, mean, covariance, quantiles, moved, self._error_share(emulator, mean))
 
     def _settled(self, one: Round) -> bool:
         return one.moved <= self.settings.settle and one.error_share <= self.settings.settle**2

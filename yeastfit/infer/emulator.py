@@ -94,11 +94,14 @@ class Emulator:
 
         noise: N, in the statistics' units.
         """
-        x = jnp.asarray(self.coordinates.of_values(values))
-        u, white = self.whiten(observed), np.zeros((len(observed), len(observed)))
+        x, u, white = (
+            self.coordinates.of_values(values),
+            self.whiten(observed),
+            np.zeros((len(observed), len(observed))),
+        )
         if noise is not None:
             white = np.linalg.solve(self.root, np.linalg.solve(self.root, noise).T)
-        rest = (jnp.asarray(one) for one in (u, float(replicates), 0.5 * (white + white.T)))
+        rest = u, np.asarray(float(replicates)), 0.5 * (white + white.T)
         found = np.asarray(log_likelihood_of_rows(self.members, x, *rest), dtype=float)
         return found - np.log(np.diag(self.root)).sum()
 

@@ -3,6 +3,7 @@
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from yeastfit.infer.networks import Network, Shape
@@ -60,10 +61,11 @@ def moments_of_rows(members: Members, x: Float[Array, "row free"]) -> tuple[Arra
 @eqx.filter_jit
 def log_likelihood_of_rows(
     members: Members,
-    x: Float[Array, "row free"],
-    u: Float[Array, " statistic"],
-    replicates: Array,
-    noise: Float[Array, "statistic statistic"],
+    x: Float[Array | np.ndarray, "row free"],
+    u: Float[Array | np.ndarray, " statistic"],
+    replicates: Float[Array | np.ndarray, ""],
+    noise: Float[Array | np.ndarray, "statistic statistic"],
 ) -> Float[Array, " row"]:
     """`Members.log_likelihood` of every row, some rows at a time."""
-    return jax.lax.map(lambda one: members.log_likelihood(one, u, replicates, noise), x, batch_size=ROWS)
+    rest = [jnp.asarray(one) for one in (u, replicates, noise)]
+    return jax.lax.map(lambda one: members.log_likelihood(one, *rest), jnp.asarray(x), batch_size=ROWS)
