@@ -146,15 +146,16 @@ class Run:
         with self.store(path / SIMULATIONS) as store:
             given = self.reused(store)
             simulator = self.data_sets(Recorded(self.watched(tell), BATCH, store))
+            chains = path / "chains.h5"
             plan = request.plan(self.folder.configuration.get("first"))
             if isinstance(plan, EmulatedSettings):
                 how |= {"replicates": self.replicates, "noise": self.noise, "given": given}
-                found = emulated(simulator, prior, observed, plan, **how)
+                found = emulated(simulator, prior, observed, plan, path=chains, **how)
             else:
                 say("pilot", 0.0)
                 distance = self.distance(Recorded(simulator, BATCH))
                 if isinstance(plan, McmcSettings):
-                    found = abc_mcmc(simulator, prior, distance, plan, path=path / "chains.h5", **how)
+                    found = abc_mcmc(simulator, prior, distance, plan, path=chains, **how)
                 else:
                     found = abc_smc(simulator, prior, distance, plan, path=path / "populations.npz", **how)
             found = found.warned(*store.notes, *self.doubts())

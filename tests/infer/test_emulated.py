@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from emcee.backends import HDFBackend
 from helpers import wrong_types
 from known_likelihoods import Known, curved, fragile, linear
 
@@ -149,10 +150,11 @@ def test_samples_save_what_the_emulator_said(tmp_path: Path) -> None:
     found = emulated(
         known,
         known.prior,
-        known.observed(TRUTH, 50_000, seed=5),
+        known.moments(np.array([TRUTH]))[0][0],
         settings,
         replicates=50_000,
         seed=1,
+        path=tmp_path / "chains.h5",
         progress=lambda what, share: heard.append((what, share)),
     )
     assert found.values.shape[1] >= 50  # however long the chains hang together
@@ -164,6 +166,12 @@ def test_samples_save_what_the_emulator_said(tmp_path: Path) -> None:
     assert back.diagnostics["rounds"][-1]["held_out"]["labels"] == ["s0", "s1", "s2", "s3"]
     assert back.method == "emulator"
     assert back.settings["replicates"] == 50_000
+    chains = HDFBackend(tmp_path / "chains.h5", read_only=True)
+    assert chains.iteration == found.diagnostics["steps"] == 100
+    x = np.swapaxes(chains.get_chain(), 0, 1)[:, -found.values.shape[1] :]
+    np.testing.assert_array_equal(known.prior.values(x.reshape(-1, 2)), found.flat)
+    np.testing.assert_allclose(chains.accepted / 100, found.acceptance)
+    assert len(chains.get_last_sample().random_state) == 5
 
 
 def test_what_is_refused() -> None:

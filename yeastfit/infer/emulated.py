@@ -20,6 +20,7 @@ repeats its training and its chains, simulates only what is missing, and comes t
 
 import time as clock
 from dataclasses import asdict, dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -55,15 +56,17 @@ def emulated(
     seed: int = 0,
     store: Store | None = None,
     given: Given | None = None,
+    path: str | Path | None = None,
     progress: Progress | None = None,
 ) -> Samples:
     """The posterior of λ given the mean statistics of R replicates.
 
     noise: covariance of errors of that mean which come from measuring, and which replicates do not average out. store:
     of simulations, see above. given: λ and statistics of further ones, to learn from as well; they do not count as
-    simulations of this run. `statistics` of the result are drawn from the emulator, as means of R replicates;
-    `log_probability` is that in the prior's coordinates; the emulator's checks, round by round, are in `diagnostics`.
-    Raises `InputError`, also where too many simulations fail.
+    simulations of this run. path: of an HDF5 file for the last round's chains, burn-in included and in the prior's
+    coordinates, as emcee's `HDFBackend` reads it. `statistics` of the result are drawn from the emulator, as means of R
+    replicates; `log_probability` is that in the prior's coordinates; the emulator's checks, round by round, are in
+    `diagnostics`. Raises `InputError`, also where too many simulations fail.
     """
     began = clock.perf_counter()
     settings = settings or EmulatedSettings()
@@ -71,6 +74,8 @@ def emulated(
     settings.check(simulator, prior, observed, replicates, noise, len(known[0]))
     run = _Run(Recorded(simulator, settings.batch, store), prior, observed, replicates, noise, settings, seed, known)
     found, said = run.rounds(progress or silent)
+    if path is not None:
+        found[-1].walk.save(path)
     return run.samples(found, clock.perf_counter() - began).warned(*said)
 
 
