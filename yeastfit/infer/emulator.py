@@ -94,11 +94,8 @@ class Emulator:
 
         noise: N, in the statistics' units.
         """
-        x, u, white = (
-            self.coordinates.of_values(values),
-            self.whiten(observed),
-            np.zeros((len(observed), len(observed))),
-        )
+        x, u = self.coordinates.of_values(values), self.whiten(observed)
+        white = np.zeros((len(u), len(u)))
         if noise is not None:
             white = np.linalg.solve(self.root, np.linalg.solve(self.root, noise).T)
         rest = u, np.asarray(float(replicates)), 0.5 * (white + white.T)
