@@ -119,7 +119,7 @@ def _emulator(results: "Results") -> str:
         page.Column("round"),
         page.Column("simulations"),
         page.Column("failed"),
-        page.Column("moved", "half-widths"),
+        page.Column("moved", "sd"),
         page.Column("error_share", "%"),
     ]
     cells = [
@@ -128,8 +128,8 @@ def _emulator(results: "Results") -> str:
     ]
     words = (
         "<p>Networks learn the mean and the scatter of a colony's statistics, round by round where the posterior is. "
-        "Moved: by how much the posterior changed from the round before. Error share: of the emulator's own error in "
-        "the variance that data are compared with.</p>"
+        "Moved: by how much the posterior changed from the round before, in standard deviations, of the parameter that "
+        "changed most. Error share: of the emulator's own error in the variance that data are compared with.</p>"
     )
     return words + page.table("Rounds of the emulator", columns, cells, ["emulator"] * len(cells))
 

@@ -7,10 +7,11 @@
    the posterior and ξ ~ N(0, its covariance), which has w times its width. Those outside the prior are drawn again.
    Then 2. again.
 
-**Settled**: from one round to the next, of each parameter the median and the two quantiles that hold 68 % between them
-moved by no more than `settle` of half their distance; and the emulator's error is at most settle² of the variance that
-the data are compared with, so that it moves a mean by some `settle` standard deviations or less. Else rounds go on
-until the budget of simulations is spent. Of rare draws far off this says nothing: how many there are is less certain.
+**Settled**: from one round to the next no parameter's law moved by more than `settle` standard deviations, which
+`apart` reads off the shares of draws below the median and the two quantiles that hold 68 %; and the emulator's error is
+at most settle² of the variance that the data are compared with, so that it moves a mean by some `settle` standard
+deviations or less. Else rounds go on until the budget of simulations is spent. Of rare draws far off this says nothing:
+how many there are is less certain.
 
 As the likelihood is what is learnt, where the simulations were made has no influence on the posterior but by the
 emulator's error (Papamakarios et al. 2019, arXiv:1805.07226): those of other runs, whatever their method, serve as
@@ -25,14 +26,14 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float
-from scipy.stats import chi2
+from scipy.stats import chi2, norm
 
 from yeastfit.errors import InputError
 from yeastfit.infer.diagnostics import diagnose
 from yeastfit.infer.emulated_settings import EmulatedSettings, Given, all_once, usable
 from yeastfit.infer.emulator import Emulator, Square, train
 from yeastfit.infer.pilot import first_values, unreached
-from yeastfit.infer.posterior_chain import ROUGHLY, Chains, Posterior, Walk
+from yeastfit.infer.posterior_chain import BRIEFLY, ROUGHLY, Chains, Posterior, Walk
 from yeastfit.infer.priors import Prior
 from yeastfit.infer.samples import Samples
 from yeastfit.infer.simulations import Recorded, Store
@@ -40,7 +41,7 @@ from yeastfit.infer.simulator import Simulator, seed_of, stream_of
 from yeastfit.progress import Progress, silent
 
 NEAR = 0.99  # of draws as wide as the proposals are: simulations among which the emulator is checked
-CENTRAL = (0.16, 0.5, 0.84)  # quantiles that must settle
+CENTRAL = np.array([0.16, 0.5, 0.84])  # quantiles that must settle
 LARGEST_ERROR = 0.3  # of the variance of the data, from which the emulator's error is warned of
 TRIES = 100  # rounds of drawing again what fell outside the prior
 
@@ -79,12 +80,28 @@ def emulated(
     return run.samples(found, clock.perf_counter() - began).warned(*said)
 
 
+def apart(one: Float[np.ndarray, "draw free"], other: Float[np.ndarray, "draw2 free"]) -> Float[np.ndarray, " free"]:
+    """How far two samples are from each other, for each parameter, in standard deviations of a normal law.
+
+    max over p in `CENTRAL` of |Φ⁻¹(F(x_p)) − Φ⁻¹(p)|, where x_p is the p-quantile of one sample and F the share of the
+    other that is not above it; the larger value of both ways round. Of normal laws this is the shift of their means in
+    standard deviations, or by what share one is narrower; it is the same in all coordinates, and no more than it should
+    be where a law is skewed or has a trail, in which a few draws move a quantile far.
+    """
+    ways = []
+    for first, second in ((one, other), (other, one)):
+        below = (second[:, None] <= np.quantile(first, CENTRAL, axis=0)).mean(axis=0)
+        share = np.clip(below, 0.5 / len(second), 1.0 - 0.5 / len(second))
+        ways.append(np.abs(norm.ppf(share) - norm.ppf(CENTRAL)[:, None]).max(axis=0))
+    return np.maximum(*ways)
+
+
 @dataclass(frozen=True)
 class Round:
     """One round's emulator and chains. walk: what could make these longer.
 
-    mean, covariance, quantiles: of the prior's coordinates. moved: the quantiles, since the round before, in halves of
-    their distance. error_share: of the emulator's error in the variance that data are compared with, at the mean.
+    mean, covariance: of the prior's coordinates. moved: how far `apart` it is from the round before, of all parameters
+    the farthest. error_share: of the emulator's error in the variance that data are compared with, at the mean.
     """
 
     emulator: Emulator
@@ -92,7 +109,6 @@ class Round:
     chains: Chains
     mean: Float[np.ndarray, " free"]
     covariance: Float[np.ndarray, "free free"]
-    quantiles: Float[np.ndarray, "3 free"]
     moved: float
     error_share: float
 
@@ -156,13 +172,10 @@ class _Run:
             seed=self.seed,
             room=self.settings.most + len(self.given[0]),
         )
-        chains = walk.until(ROUGHLY)
+        chains = walk.until(ROUGHLY, BRIEFLY if before is None else np.inf)
         mean, covariance = chains.flat.mean(axis=0), np.atleast_2d(np.cov(chains.flat, rowvar=False))
-        quantiles, moved = np.quantile(chains.flat, CENTRAL, axis=0), np.inf
-        if before is not None:
-            low, _, high = before.quantiles
-            moved = float(np.max(np.abs(quantiles - before.quantiles) / (0.5 * (high - low))))
-        return Round(emulator, walk, chains, mean, covariance, quantiles, moved, self._error_share(emulator, mean))
+        moved = np.inf if before is None else float(apart(chains.flat, before.chains.flat).max())
+        return Round(emulator, walk, chains, mean, covariance, moved, self._error_share(emulator, mean))
 
     def _settled(self, one: Round) -> bool:
         return one.moved <= self.settings.settle and one.error_share <= self.settings.settle**2
@@ -242,8 +255,8 @@ class _Run:
         settle, share = self.settings.settle, last.error_share
         if not self._settled(last):
             said.append(
-                f"the posterior has not settled: its quantiles moved by {last.moved:.2f} of their half-width in the "
-                f"last round, {settle:g} is wanted, the emulator's error is {100 * share:.1f} % of the variance of the "
+                f"the posterior has not settled: it moved by {last.moved:.2f} standard deviations in the last round, "
+                f"{settle:g} is wanted, the emulator's error is {100 * share:.1f} % of the variance of the "
                 f"data, {100 * settle**2:g} % is wanted; {self.recorded.asked} simulations were allowed: raise most"
             )
         if share > LARGEST_ERROR:

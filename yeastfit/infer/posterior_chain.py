@@ -7,7 +7,7 @@ doi:10.1007/s11222-006-8769-1), which does not mind how many parameters there ar
 forget in 20 steps, by differential evolution alone in 110. emcee's snooker update is not used: as of 3.1.6 it does not
 leave the density as it is (of a normal one in three dimensions it makes standard deviations of 0.89). Chains start at
 simulations drawn by their posterior density, and run until they are so many autocorrelation times long: `ENOUGH` for a
-result, `ROUGHLY` to see where the next simulations belong.
+result, `ROUGHLY` to see where the next simulations belong, for which `BRIEFLY` is the most where little is known yet.
 """
 
 from collections.abc import Callable
@@ -27,6 +27,7 @@ from yeastfit.storage import full_disks_told, written_whole
 
 ENOUGH = 1.2 * LONG  # autocorrelation times; `diagnose` has its own estimate of them, and asks for LONG
 ROUGHLY = 20.0  # with 128 chains, quantiles are within some 0.03 standard deviations
+BRIEFLY = 1000  # steps of chains on what the first simulations say
 BURN_IN = 3  # autocorrelation times, after the first `PIECE` steps
 PIECE = 500  # steps between looks at the autocorrelation time
 APART = 0.5  # autocorrelation times between draws that are kept
@@ -102,13 +103,13 @@ class Walk:
         random = np.random.RandomState(rng.integers(2**32)).get_state()
         return Walk(sampler, emcee.State(start, log_prob=density, random_state=random), most_steps)
 
-    def until(self, enough: float = ENOUGH) -> Chains:
-        """Goes on, `most_steps` in all at most, until chains are so many autocorrelation times long."""
-        sampler = self.sampler
+    def until(self, enough: float = ENOUGH, most: float = np.inf) -> Chains:
+        """Goes on until chains are so many autocorrelation times long, or of that many steps, `most_steps` at most."""
+        sampler, most = self.sampler, min(most, self.most_steps)
         times, burnt = self._times()
-        while sampler.iteration < self.most_steps and sampler.iteration - burnt < enough * times.max():
+        while sampler.iteration < most and sampler.iteration - burnt < enough * times.max():
             with threadpool_limits(1, user_api="blas"):  # waking further threads takes longer than such small matrices
-                self.state = sampler.run_mcmc(self.state, min(PIECE, self.most_steps - sampler.iteration))
+                self.state = sampler.run_mcmc(self.state, int(min(PIECE, most - sampler.iteration)))
             times, burnt = self._times()
         thin = max(1, int(min(APART * times.max(), (sampler.iteration - burnt) // FEWEST)))
         return Chains(
