@@ -8,10 +8,9 @@ import pytest
 from emcee.backends import HDFBackend
 from helpers import wrong_types
 from known_likelihoods import Known, curved, fragile, linear
-from scipy.stats import norm
 
 from yeastfit import InputError
-from yeastfit.infer.emulated import apart, emulated
+from yeastfit.infer.emulated import emulated
 from yeastfit.infer.emulated_settings import EmulatedSettings
 from yeastfit.infer.networks import EmulatorSettings
 from yeastfit.infer.pilot import first_values
@@ -33,24 +32,6 @@ def compared(samples: Samples, known: Known, observed: np.ndarray, replicates: i
     sd = np.sqrt(np.diag(covariance))
     x = np.log(samples.flat)
     return (x.mean(axis=0) - mean) / sd, x.std(axis=0) / sd
-
-
-def test_how_far_laws_are_apart() -> None:
-    """Shifts of normal laws, their narrowing, in any coordinates; a trail that grows by 3 %."""
-    normal = np.random.default_rng(0).standard_normal((100_000, 1))
-    np.testing.assert_allclose(apart(normal, normal + 0.3), 0.3, atol=0.02)
-    np.testing.assert_allclose(apart(np.exp(normal), np.exp(normal + 0.3)), apart(normal, normal + 0.3), atol=1e-4)
-    np.testing.assert_allclose(apart(1.25 * normal, normal), 0.25 * normal.std(), atol=0.02)
-    np.testing.assert_array_equal(apart(normal, normal), apart(normal[::-1], normal))
-    assert apart(normal, normal + 20.0).min() > 4.0
-    body = np.sort(normal, axis=0)
-    with_less, with_more = (
-        np.concatenate([body, np.linspace([5.0], [30.0], round(share / (1 - share) * len(body)))])
-        for share in (0.14, 0.17)
-    )
-    assert np.quantile(with_more, 0.84) > np.quantile(with_less, 0.84) + 2.0
-    in_trail = 0.86 + 0.14 * (0.01 / 0.17)  # of those with less, below the others' quantile of 84 %
-    np.testing.assert_allclose(apart(with_less, with_more), norm.ppf(in_trail) - norm.ppf(0.84), atol=1e-3)
 
 
 @pytest.mark.parametrize("measured", [False, True])

@@ -4,8 +4,8 @@
 2. An emulator learns from all simulations so far (`emulator`); chains sample its likelihood times the prior, for long
    once the rounds are over and briefly before (`posterior_chain`).
 3. Unless the posterior has settled, further λ are simulated: draws x + √(w² − 1) ξ, in the prior's coordinates, x from
-   the posterior and ξ ~ N(0, its covariance), which has w times its width. Those outside the prior are drawn again.
-   Then 2. again.
+   the posterior and ξ ~ N(0, its covariance), which has w times its width; of one with a trail, the covariance of most
+   of it (`covariance_of_most`). Those outside the prior are drawn again. Then 2. again.
 
 **Settled**: from one round to the next no parameter's law moved by more than `settle` standard deviations, which
 `apart` reads off the shares of draws below the median and the two quantiles that hold 68 %; and the emulator's error is
@@ -26,12 +26,13 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float
-from scipy.stats import chi2, norm
+from scipy.stats import chi2
 
 from yeastfit.errors import InputError
 from yeastfit.infer.diagnostics import diagnose
 from yeastfit.infer.emulated_settings import EmulatedSettings, Given, all_once, usable
 from yeastfit.infer.emulator import Emulator, Square, train
+from yeastfit.infer.normal_scores import apart, covariance_of_most
 from yeastfit.infer.pilot import first_values, unreached
 from yeastfit.infer.posterior_chain import BRIEFLY, ROUGHLY, Chains, Posterior, Walk
 from yeastfit.infer.priors import Prior
@@ -41,7 +42,6 @@ from yeastfit.infer.simulator import Simulator, seed_of, stream_of
 from yeastfit.progress import Progress, silent
 
 NEAR = 0.99  # of draws as wide as the proposals are: simulations among which the emulator is checked
-CENTRAL = np.array([0.16, 0.5, 0.84])  # quantiles that must settle
 LARGEST_ERROR = 0.3  # of the variance of the data, from which the emulator's error is warned of
 TRIES = 100  # rounds of drawing again what fell outside the prior
 
@@ -78,22 +78,6 @@ def emulated(
     if path is not None:
         found[-1].walk.save(path)
     return run.samples(found, clock.perf_counter() - began).warned(*said)
-
-
-def apart(one: Float[np.ndarray, "draw free"], other: Float[np.ndarray, "draw2 free"]) -> Float[np.ndarray, " free"]:
-    """How far two samples are from each other, for each parameter, in standard deviations of a normal law.
-
-    max over p in `CENTRAL` of |Φ⁻¹(F(x_p)) − Φ⁻¹(p)|, where x_p is the p-quantile of one sample and F the share of the
-    other that is not above it; the larger value of both ways round. Of normal laws this is the shift of their means in
-    standard deviations, or by what share one is narrower; it is the same in all coordinates, and no more than it should
-    be where a law is skewed or has a trail, in which a few draws move a quantile far.
-    """
-    ways = []
-    for first, second in ((one, other), (other, one)):
-        below = (second[:, None] <= np.quantile(first, CENTRAL, axis=0)).mean(axis=0)
-        share = np.clip(below, 0.5 / len(second), 1.0 - 0.5 / len(second))
-        ways.append(np.abs(norm.ppf(share) - norm.ppf(CENTRAL)[:, None]).max(axis=0))
-    return np.maximum(*ways)
 
 
 @dataclass(frozen=True)
@@ -187,7 +171,7 @@ class _Run:
 
     def _proposals(self, last: Round, count: int, number: int) -> Float[np.ndarray, "row free"]:
         rng = np.random.default_rng(stream_of(self.seed, 2, number))
-        root = np.sqrt(self.settings.widen**2 - 1.0) * np.linalg.cholesky(last.covariance)
+        root = np.sqrt(self.settings.widen**2 - 1.0) * np.linalg.cholesky(covariance_of_most(last.chains.flat))
         found = np.zeros((0, len(last.mean)))
         for _ in range(TRIES):
             draws = last.chains.flat[rng.integers(len(last.chains.flat), size=count)]
