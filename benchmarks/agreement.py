@@ -24,8 +24,9 @@ difference of means is above half a standard deviation.
 
     python -m benchmarks.agreement [--quick] [--json FILE] [--docs DIR] [--work DIR]
 
-All runs are kept in DIR of --work, out/agreement by default, and taken up there. With --quick: one data set, one seed,
-the second part only, tiny settings, no targets. With --docs, DIR/agreement.md and DIR/agreement.png are written.
+All runs are kept in DIR of --work, out/agreement by default, and taken up there by the same code. With --quick: one
+data set, one seed, the second part only, tiny settings, no targets. With --docs, DIR/agreement.md and
+DIR/agreement.png are written.
 """
 
 import argparse
@@ -44,7 +45,7 @@ from matplotlib.figure import Figure
 
 from benchmarks.calibration import PRIOR
 from benchmarks.recovery import BOX
-from benchmarks.report import Report, command
+from benchmarks.report import Report, code, command
 from yeastfit.fit_command import measurements, read_truth
 from yeastfit.infer.adjustment import adjusted
 from yeastfit.infer.distances import Mahalanobis
@@ -325,7 +326,7 @@ def main(arguments: list[str] | None = None) -> None:
     own, others = parser.parse_known_args(arguments)
 
     def run(report: Report, quick: bool) -> None:
-        size, work = (QUICK, own.work / "quick") if quick else (Size(), own.work / "full")
+        size, work = QUICK if quick else Size(), own.work / f"{'quick' if quick else 'full'}-{code()}"
         found = agree(report, size, work)
         if size.whole:
             wholes(report, size, work)

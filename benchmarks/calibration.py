@@ -26,9 +26,9 @@ posterior fails.
     python -m benchmarks.calibration [--quick] [--json FILE] [--docs DIR] [--work DIR] [--jobs N]
 
 All is kept in DIR of --work, out/calibration by default: for each group its simulations, and a line of JSON for each
-data set that is done. A run that was interrupted goes on there. N groups run at a time, each in a process, by default
-as many as there are cores: chains take one core only. With --quick: a few data sets with tiny settings, no targets.
-With --docs, DIR/calibration.md and DIR/calibration.png are written.
+data set that is done. A run that was interrupted goes on there, by the same code. N groups run at a time, each in a
+process, by default as many as there are cores: chains take one core only. With --quick: a few data sets with tiny
+settings, no targets. With --docs, DIR/calibration.md and DIR/calibration.png are written.
 """
 
 import argparse
@@ -51,7 +51,7 @@ from jaxtyping import Float
 from benchmarks.lines import append_line, read_lines
 from benchmarks.ranks import QUANTITIES, Record, picture, verdicts
 from benchmarks.recovery import BOX, SEED, STATISTICS
-from benchmarks.report import Report, command
+from benchmarks.report import Report, code, command
 from yeastfit.errors import InputError
 from yeastfit.infer.abc_smc import SmcSettings, abc_smc
 from yeastfit.infer.colony_simulator import ColonySimulator
@@ -168,10 +168,8 @@ class Study:
 
     def asked(self, k: int) -> dict[str, Any]:
         """What makes the records of a part: another of these, other records."""
-        part = asdict(self.parts[k])
-        if self.parts[k].method != "emulator":
-            part["proposals"] = "local"  # of ABC-SMC, which had others once
-        what = {**part, "prior": PRIOR.asdict(), "model": asdict(MODEL), "extent": EXTENT, "pixel": PIXEL, "seed": SEED}
+        what = {**asdict(self.parts[k]), "prior": PRIOR.asdict(), "model": asdict(MODEL), "extent": EXTENT}
+        what |= {"pixel": PIXEL, "seed": SEED, "code": code()}
         return json.loads(json.dumps(what))
 
     def done(self, k: int, group: int) -> list[Record]:
@@ -179,7 +177,7 @@ class Study:
         lines = self.file(k, group, "jsonl")
         records = read_lines(lines)
         if any(record["asked"] != self.asked(k) for record in records):
-            raise InputError(f"--work: {lines} holds data sets of other settings; name another folder")
+            raise InputError(f"--work: {lines} holds data sets of other settings or other code; name another folder")
         return records
 
     def keep(self, k: int, group: int, record: Record) -> None:

@@ -169,13 +169,19 @@ def test_a_study_goes_on_after_the_last_whole_line(
     assert [record["number"] for record in study.done(0, 0)] == [1, 2, 3, 4]
 
 
-def test_data_sets_of_other_settings_are_refused_before_anything_is_run(tmp_path: Path, echoed: None) -> None:
+def test_data_sets_of_other_settings_are_refused_before_anything_is_run(
+    tmp_path: Path, echoed: None, monkeypatch: pytest.MonkeyPatch
+) -> None:
     study = Study(QUICK, tmp_path)
     study.keep(1, 0, {**made(1), "asked": study.asked(1)})
     other = Study((QUICK[0], replace(QUICK[1], draws=9)), tmp_path)
-    with pytest.raises(InputError, match=r"abc-smc00\.jsonl holds data sets of other settings; name another folder"):
+    said = r"abc-smc00\.jsonl holds data sets of other settings or other code; name another folder"
+    with pytest.raises(InputError, match=said):
         calibration.calibrate(Report("calibration"), other, 1)
     assert not study.file(0, 0, "jsonl").exists()
+    monkeypatch.setattr(calibration, "code", lambda: "0" * 8)
+    with pytest.raises(InputError, match=said):
+        calibration.calibrate(Report("calibration"), study, 1)
 
 
 def test_a_posterior_that_fails_is_kept_counted_and_missed(

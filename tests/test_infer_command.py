@@ -73,6 +73,8 @@ def test_a_table_becomes_a_posterior(
     (data.parent / "truth" / "parameters.json").write_text(json.dumps({**ColonyDefaults, **TRUTH}))
     assert cli.run(arguments(data, out, method, "--truth")) == 0
     assert all((out / name).is_file() for name in FILES)
+    with (out / "predictive.csv").open() as file:
+        assert [float(row["hours"]) for row in csv.DictReader(file)] == [4.0, 6.0, 8.0] * 2
     with (out / "posterior.csv").open() as file:
         rows = {row["parameter"]: row for row in csv.DictReader(file)}
     assert list(rows) == ["mobility", "aspect_ratio"]
@@ -259,6 +261,26 @@ def test_more_steps_make_a_run_longer(data: Path, tmp_path: Path) -> None:
     assert cli.run(arguments(data, tmp_path / "parts", "abc-mcmc")) == 0
     assert cli.run([*arguments(data, tmp_path / "parts", "abc-mcmc"), "--steps", "55", "--resume"]) == 0
     assert_same(tmp_path / "parts", tmp_path / "long")
+
+
+def test_a_run_is_not_made_shorter(data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """What was found by more would be written over."""
+    assert cli.run(arguments(data, tmp_path / "out", "abc-mcmc")) == 0
+    before = (tmp_path / "out" / "posterior.csv").read_bytes()
+    assert cli.run([*arguments(data, tmp_path / "out", "abc-mcmc"), "--steps", "20", "--resume"]) == 2
+    assert "holds a run of 40 steps, now it is 20: give --steps 40 or more" in " ".join(capsys.readouterr().err.split())
+    assert (tmp_path / "out" / "manifest.json").is_file()
+    assert (tmp_path / "out" / "posterior.csv").read_bytes() == before
+    assert cli.run([*arguments(data, tmp_path / "out", "abc-mcmc"), "--resume"]) == 0
+
+
+def test_a_truth_that_is_not_known_is_said_at_once(
+    data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert cli.run(arguments(data, tmp_path / "out", "abc-mcmc", "--truth")) == 2
+    assert "--truth: " in (said := " ".join(capsys.readouterr().err.split()))
+    assert "has no truth/parameters.json beside it" in said
+    assert not (tmp_path / "out").exists()
 
 
 def test_a_longer_run_of_the_emulator_keeps_its_first_round(data: Path, tmp_path: Path) -> None:

@@ -75,6 +75,7 @@ def fit(
     error = MEASUREMENT_ERROR if measurement_error is None else measurement_error
     settings = FitSettings(method=method, starts=starts, dt=dt, measurement_error=error)  # type: ignore[arg-type]
     fit_command.check_source(source, condition or ())
+    known = fit_command.known_truth(source) if truth else None
     for name in fit_command.RESULTS:
         (folder / name).unlink(missing_ok=True)
     with progress("measuring micrographs") as advance:
@@ -87,7 +88,6 @@ def fit(
         result = run_fit(
             single, fixed=Parameters(**parameters), seed=seed, settings=settings, progress=stage, **options
         )
-    known = fit_command.read_truth(source) if truth else None
     fit_command.write_fit(folder, result, known)
     lines = _explored(folder, result, bootstrap, profile)
     more = {"configuration": {"parameters": parameters, **options}, "seconds": result.seconds, "status": result.status}

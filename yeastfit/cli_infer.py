@@ -97,9 +97,9 @@ def infer(
 
     Micrographs are measured first. Every simulation is kept: a run that was stopped, or killed, goes on with --resume
     to the bits it would have come to, and with more --steps or --simulations it gets longer; with --reuse another run
-    of these data, by any method, makes use of them. The emulator compares the data with means of as many colonies as
-    were observed; ABC with single ones, unless --colonies says otherwise, which widens its posterior. Parameters that
-    are not free are held at the values given here.
+    of these data makes use of them: the emulator of all, ABC of those that it would grow itself. The emulator compares
+    the data with means of as many colonies as were observed; ABC with single ones, unless --colonies says otherwise,
+    which widens its posterior. Parameters that are not free are held at the values given here.
     """
     if print_prior:
         sys.stdout.write(template(check_free(design_command.names(free)), bounded=Request(li=li).bounded))
@@ -119,20 +119,25 @@ def infer(
             **{"measurement_error": measurement_error, "reuse": reuse},
         },
     )
+    known = fit_command.known_truth(source) if truth else None
     try:
         with progress("measuring micrographs") as advance:
             run = infer_command.Run.begin(request, source, folder, resume, jobs or os.cpu_count() or 1, advance)
+    except KeyboardInterrupt:
+        err.print("stopped; repeat the command with --resume to go on", markup=False, highlight=False)
+        raise
     except OSError as error:
         raise InputError(f"{folder}: {infer_command.reason(error)}") from error
     warn([*run.folder.notes, *run.data.warnings])
     if run.folder.finished:
+        warn(["--truth: the page of a finished run stays as it is"] if truth else [])
         out.print(f"this run is finished: results in {folder}, on one page: index.html")
         return
     try:
         with growing(run.most, run.colonies.colonies.grown) as (tell, say):
             samples = run.sample(tell, say)
             say("posterior predictive check", 1.0)
-            results, remarks = run.results(samples, fit_command.read_truth(source) if truth else None, tell)
+            results, remarks = run.results(samples, known, tell)
     except KeyboardInterrupt:
         err.print(f"stopped; {run.folder.resume_hint()}", markup=False, highlight=False, soft_wrap=True)
         raise

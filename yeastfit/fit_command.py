@@ -129,6 +129,14 @@ def read_truth(source: Path) -> dict[str, float] | None:
     return {name: json.loads(path.read_text())[name] for name in NAMES} if path.is_file() else None
 
 
+def known_truth(source: Path) -> dict[str, float]:
+    """`read_truth`. Raises `InputError` where nothing is known."""
+    known = read_truth(source)
+    if known is None:
+        raise InputError(f"--truth: {source} has no truth/parameters.json beside it, leave --truth out")
+    return known
+
+
 def write_targets(folder: Path, targets: Mapping[str, Targets]) -> None:
     """targets.csv: the curves that are fitted."""
     write_table(

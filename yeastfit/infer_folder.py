@@ -2,7 +2,7 @@
 
 run.json is written before anything else and says what the run is: its configuration, the SHA-256 of its inputs, seed,
 versions and device. It is taken up by the same configuration and the same inputs only; numbers that merely say how long
-it goes on (`EXTENT`) may change. manifest.json comes last: a folder that has one is finished.
+it goes on (`EXTENT`) may rise. manifest.json comes last: a folder that has one is finished.
 """
 
 import json
@@ -45,8 +45,8 @@ class RunFolder:
     ) -> "RunFolder":
         """Writes run.json, or compares with the one that is there.
 
-        Raises `InputError` where there is a run and `resume` is not asked for, where it is another one, and where the
-        folder holds inputs.
+        Raises `InputError` where there is a run and `resume` is not asked for, where it is another one or a shorter one
+        is asked for, and where the folder holds inputs.
         """
         if path.resolve() in {one.resolve().parent for one in inputs}:
             raise InputError(f"--out: {path} holds the data, need another folder for the results")
@@ -71,7 +71,13 @@ class RunFolder:
         changed += [f"{name} is gone" for name in earlier["inputs"] if name not in hashes]
         if different or changed:
             raise InputError(f"--resume: {path} holds another run: {'; '.join(different + changed[:5])}")
-        longer = [name for name in EXTENT if earlier["configuration"].get(name) != plain.get(name)]
+        extents = [(name, earlier["configuration"][name], plain[name]) for name in EXTENT if name in plain]
+        for name, before, now in extents:
+            if now < before:
+                raise InputError(
+                    f"--resume: {path} holds a run of {before} {name}, now it is {now}: give --{name} {before} or more"
+                )
+        longer = any(now > before for _, before, now in extents)
         if longer:
             (path / MANIFEST).unlink(missing_ok=True)  # first: a folder that has one is finished
             write_json(file, {**earlier, "configuration": plain})

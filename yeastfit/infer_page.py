@@ -76,7 +76,8 @@ def _predicted(results: "Results") -> str:
     return (
         f"<p>At {len(found.values)} draws of the posterior {of} was simulated anew. Where the model is right, about "
         f"90 % of the observations lie in the wider band. All together p is {found.p_value:.2f}: the share of "
-        "predictions that lie as far from their mean as the data do.</p>"
+        "predictions that lie as far from their mean as the data do. Statistics are named by their times in units of "
+        "1/μ*; lengths are in L0, areas in L0²; in the picture and in predictive.csv there are hours, too.</p>"
     )
 
 

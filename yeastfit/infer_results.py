@@ -167,7 +167,8 @@ def write_results(
     samples, found = results.samples, results.predictive
     write_table(folder / "posterior.csv", results.rows())
     write_json(folder / "diagnostics.json", results.diagnostics())
-    write_table(folder / "predictive.csv", found.rows())
+    rows = zip(found.rows(), targets.hours.tolist(), strict=True)
+    write_table(folder / "predictive.csv", [{"hours": round(hours, 6), **row} for row, hours in rows])
     found.save(folder / "predictive.npz")
     figures = {"corner": plot_corner.corner(samples, results.prior, results.truth)}
     figures["traces"] = plot_posterior.traces(samples)

@@ -13,7 +13,7 @@ from yeastfit.model.parameters import NAMES, PARAMETERS
 Out = Annotated[Path, typer.Option("--out", help="Folder for the results; made if missing.", show_default=False)]
 Seed = Annotated[int, typer.Option("--seed", min=0, help="Random seed: same seed, same result.")]
 Rate = Annotated[float, typer.Option("--rate", help="Maximal growth rate μ* per hour; the unit of time is 1/μ*.")]
-Truth = Annotated[bool, typer.Option("--truth", help="Show the true parameters beside, if known.")]
+Truth = Annotated[bool, typer.Option("--truth", help="Show the true parameters beside, of synthetic data.")]
 Jobs = Annotated[
     int | None, typer.Option(min=1, help="Most processes that measure; by default one a core.", show_default=False)
 ]

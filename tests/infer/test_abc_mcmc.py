@@ -301,7 +301,9 @@ def test_a_simulator_of_nothing_is_said() -> None:
 
 def test_a_chain_that_cannot_move_is_said() -> None:
     stuck = run(GAUSSIAN, replace(SHORT, covariance=((1e8,),)), seed=18)
-    assert stuck.warnings[0] == ("chain 0 accepted none of 30 proposals: widen epsilon or make the proposals smaller")
+    assert stuck.warnings[0] == (
+        "chain 0 accepted none of 30 proposals: a larger tolerance epsilon would let it move, or smaller proposals"
+    )
     assert len(stuck.warnings) == 4
     np.testing.assert_array_equal(stuck.acceptance, 0.0)
     assert 1 <= stuck.effective_size[0] <= 4

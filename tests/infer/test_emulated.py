@@ -8,9 +8,10 @@ import pytest
 from emcee.backends import HDFBackend
 from helpers import wrong_types
 from known_likelihoods import Known, curved, fragile, linear
+from scipy.stats import chi2
 
 from yeastfit import InputError
-from yeastfit.infer.emulated import emulated
+from yeastfit.infer.emulated import emulated, proposed
 from yeastfit.infer.emulated_settings import EmulatedSettings
 from yeastfit.infer.networks import EmulatorSettings
 from yeastfit.infer.pilot import first_values
@@ -32,6 +33,21 @@ def compared(samples: Samples, known: Known, observed: np.ndarray, replicates: i
     sd = np.sqrt(np.diag(covariance))
     x = np.log(samples.flat)
     return (x.mean(axis=0) - mean) / sd, x.std(axis=0) / sd
+
+
+def test_simulations_are_proposed_around_most_of_the_posterior() -> None:
+    """w times as wide as a normal one; of one with 8 % of its draws on a trail half of them stay around the others."""
+    prior = Prior.of({name: {"law": "log-uniform", "low": np.exp(-20), "high": np.exp(20)} for name in ("a", "b")})
+    rng = np.random.default_rng(0)
+    body = rng.standard_normal((9200, 2)) @ np.array([[0.1, -0.08], [0.0, 0.05]])
+    wide = proposed(body, 20_000, 2.5, prior, rng)
+    np.testing.assert_allclose(np.cov(wide.T), 6.25 * np.cov(body.T), rtol=0.05)
+    trail = body[:800] + rng.uniform(0.5, 3.0, (800, 1)) * [1.0, -0.8]
+    around = proposed(np.concatenate([body, trail]), 4000, 2.5, prior, rng)
+    off = np.einsum("rf,rf->r", around, np.linalg.solve(np.cov(body.T), around.T).T)
+    assert np.mean(off < 2.5**2 * chi2.ppf(0.5, 2)) > 0.4
+    assert np.mean(around[:, 0] > 0.5) > 0.05
+    assert ((around[:, 0] > -1.5) & (around[:, 0] < 4.0)).all()
 
 
 @pytest.mark.parametrize("measured", [False, True])
@@ -120,6 +136,19 @@ def test_a_run_that_was_stopped_goes_on_to_the_same_bits(tmp_path: Path) -> None
     np.testing.assert_array_equal(again.values, whole.values)
     np.testing.assert_array_equal(again.statistics, whole.statistics)
     assert (emulated(known, known.prior, observed, SMALL, seed=8).values[:, :10] != whole.values[:, :10]).all()
+
+
+def test_a_longer_run_has_use_for_all_of_a_shorter_one(tmp_path: Path) -> None:
+    """Although its last round was a part of one."""
+    known = linear()
+    observed = known.observed(TRUTH, 1, seed=4)
+    with Store(tmp_path / "simulations.h5", known.free, known.labels) as store:
+        short = emulated(known, known.prior, observed, replace(SMALL, most=100), seed=7, store=store)
+        assert short.simulations == len(store) == 100
+        emulated(known, known.prior, observed, SMALL, seed=7, store=store)
+        assert len(store) == 192
+        once = emulated(known, known.prior, observed, replace(SMALL, most=64), seed=7, store=store)
+    assert "not settled: whether one round more would move it is not known" in "\n".join(once.warnings)
 
 
 def test_simulations_of_other_runs_are_learnt_from() -> None:

@@ -208,6 +208,9 @@ def _covariance(settings: McmcSettings, pilot: Pilot, epsilon: float) -> Float[n
     return given
 
 
+_LARGER = "a larger tolerance epsilon would let it move"
+
+
 def _standstills(moved: Bool[np.ndarray, "draw chain"]) -> list[str]:
     """What is to be said of chains that stood still for long."""
     said, steps = [], len(moved)
@@ -215,9 +218,7 @@ def _standstills(moved: Bool[np.ndarray, "draw chain"]) -> list[str]:
         ends = np.flatnonzero(np.concatenate([[True], each, [True]]))
         longest = int(np.diff(ends).max()) - 1
         if longest == steps:
-            said.append(
-                f"chain {chain} accepted none of {steps} proposals: widen epsilon or make the proposals smaller"
-            )
+            said.append(f"chain {chain} accepted none of {steps} proposals: {_LARGER}, or smaller proposals")
         elif longest >= max(STILL, STANDSTILL * steps):
-            said.append(f"chain {chain} stood still for {longest} of {steps} steps: widen epsilon")
+            said.append(f"chain {chain} stood still for {longest} of {steps} steps: {_LARGER}")
     return said

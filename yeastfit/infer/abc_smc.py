@@ -198,6 +198,8 @@ class _Problem:
         said = unreached(first.statistics, self.distance.observed, self.recorded.labels)
         if settings.epsilon is not None and last.epsilon > settings.epsilon:
             said.append(f"epsilon {settings.epsilon:g} was not reached, it ended at {last.epsilon:.4g}: {end}")
+        elif not np.isfinite(last.epsilon):
+            said.append(f"the sample is one of the prior, nearer ones did not come: {end}")
         values, weights = self.prior.values(last.x), last.weights
         if settings.adjust:
             observed = self.distance.observed

@@ -41,7 +41,7 @@ from yeastfit.infer.simulations import Recorded, Store
 from yeastfit.infer.simulator import Simulator, seed_of, stream_of
 from yeastfit.progress import Progress, silent
 
-NEAR = 0.99  # of draws as wide as the proposals are: simulations among which the emulator is checked
+NEAR = 0.99  # of draws w times as wide as the posterior with its trail: where simulations check the emulator
 LARGEST_ERROR = 0.3  # of the variance of the data, from which the emulator's error is warned of
 TRIES = 100  # rounds of drawing again what fell outside the prior
 
@@ -95,6 +95,21 @@ class Round:
     covariance: Float[np.ndarray, "free free"]
     moved: float
     error_share: float
+
+
+def proposed(
+    draws: Float[np.ndarray, "draw free"], count: int, widen: float, prior: Prior, rng: np.random.Generator
+) -> Float[np.ndarray, "count free"]:
+    """Where simulations are made: around draws of the posterior, w times as wide as most of it, in x of the prior."""
+    root = np.sqrt(widen**2 - 1.0) * np.linalg.cholesky(covariance_of_most(draws))
+    found = np.zeros((0, draws.shape[1]))
+    for _ in range(TRIES):
+        x = draws[rng.integers(len(draws), size=count)]
+        x = x + rng.standard_normal(x.shape) @ root.T
+        found = np.concatenate([found, x[np.isfinite(prior.log_density_of_coordinates(x))]])
+        if len(found) >= count:
+            return found[:count]
+    raise InputError(f"widen is {widen:g}: with it hardly a draw lies in the prior, lower it")
 
 
 @dataclass(frozen=True)
@@ -170,17 +185,10 @@ class _Run:
         return distance <= self.settings.widen**2 * chi2.ppf(NEAR, len(last.mean))
 
     def _proposals(self, last: Round, count: int, number: int) -> Float[np.ndarray, "row free"]:
+        """As many of a whole round's, the same whatever the count is: a longer run has use for each of them."""
         rng = np.random.default_rng(stream_of(self.seed, 2, number))
-        root = np.sqrt(self.settings.widen**2 - 1.0) * np.linalg.cholesky(covariance_of_most(last.chains.flat))
-        found = np.zeros((0, len(last.mean)))
-        for _ in range(TRIES):
-            draws = last.chains.flat[rng.integers(len(last.chains.flat), size=count)]
-            x = draws + rng.standard_normal(draws.shape) @ root.T
-            x = x[np.isfinite(self.prior.log_density_of_coordinates(x))]
-            found = np.concatenate([found, x])[:count]
-            if len(found) == count:
-                return self.prior.values(found)
-        raise InputError(f"widen is {self.settings.widen:g}: with it hardly a draw lies in the prior, lower it")
+        whole = proposed(last.chains.flat, max(count, self.settings.each), self.settings.widen, self.prior, rng)
+        return self.prior.values(whole[:count])
 
     def samples(self, rounds: list[Round], seconds: float) -> Samples:
         """The last round's chains."""
@@ -238,10 +246,13 @@ class _Run:
         said = [*self.recorded.notes, *last.emulator.held_out.sentences()]
         settle, share = self.settings.settle, last.error_share
         if not self._settled(last):
+            moved = f"it moved by {last.moved:.2f} standard deviations in the last round, {settle:g} is wanted"
+            if np.isinf(last.moved):
+                moved = "whether one round more would move it is not known"
             said.append(
-                f"the posterior has not settled: it moved by {last.moved:.2f} standard deviations in the last round, "
-                f"{settle:g} is wanted, the emulator's error is {100 * share:.1f} % of the variance of the "
-                f"data, {100 * settle**2:g} % is wanted; {self.recorded.asked} simulations were allowed: raise most"
+                f"the posterior has not settled: {moved}, the emulator's error is {100 * share:.1f} % of the variance "
+                f"of the data, {100 * settle**2:g} % is wanted; {self.recorded.asked} simulations were allowed: allow "
+                "more"
             )
         if share > LARGEST_ERROR:
             said.append(

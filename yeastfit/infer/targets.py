@@ -92,6 +92,12 @@ class Targets:
         """The means that are measured."""
         return self.mean[self.measured]
 
+    @property
+    def hours(self) -> Float[np.ndarray, " curve"]:
+        """When each of `values` was seen."""
+        hours = np.array([self.scales.hours(time) for time in self.times.tolist()])
+        return np.broadcast_to(hours, self.measured.shape)[self.measured]
+
     def label(self, number: int) -> str:
         """What the number-th of `values` is."""
         statistic, time = np.argwhere(self.measured)[number]
