@@ -1,5 +1,6 @@
 """Every notebook runs in a reduced size, and is committed with the outputs of the full one."""
 
+import ast
 import re
 from pathlib import Path
 from typing import Any
@@ -84,6 +85,16 @@ def test_runs_in_reduced_size(path: Path, tmp_path: Path, monkeypatch: pytest.Mo
     assert "REDUCED SIZE" in code_cells(notebook)[-1].outputs[0]["data"]["text/html"]
     if path.name == "source_figures.ipynb":
         check_statements(notebook)
+
+
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.name)
+def test_imports_what_there_is(path: Path) -> None:
+    """Slow ones, too: so much is known in a moment."""
+    source = "\n".join(cell.source for cell in code_cells(nbformat.read(path, as_version=4)))
+    plain = re.sub(r"^%.*$", "", source, flags=re.MULTILINE)
+    imports = [node for node in ast.walk(ast.parse(plain)) if isinstance(node, ast.Import | ast.ImportFrom)]
+    assert "yeastfit" in " ".join(map(ast.unparse, imports))
+    exec("\n".join(map(ast.unparse, imports)), {})
 
 
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.name)
