@@ -46,6 +46,7 @@ from yeastfit.progress import Progress, silent
 
 STANDSTILL = 0.25  # of a run, and `STILL` steps: a chain that does not move for longer is warned of
 STILL = 50
+LARGER = "a larger tolerance epsilon would let it move"  # what to do about it
 
 
 def abc_mcmc(
@@ -208,9 +209,6 @@ def _covariance(settings: McmcSettings, pilot: Pilot, epsilon: float) -> Float[n
     return given
 
 
-_LARGER = "a larger tolerance epsilon would let it move"
-
-
 def _standstills(moved: Bool[np.ndarray, "draw chain"]) -> list[str]:
     """What is to be said of chains that stood still for long."""
     said, steps = [], len(moved)
@@ -218,7 +216,7 @@ def _standstills(moved: Bool[np.ndarray, "draw chain"]) -> list[str]:
         ends = np.flatnonzero(np.concatenate([[True], each, [True]]))
         longest = int(np.diff(ends).max()) - 1
         if longest == steps:
-            said.append(f"chain {chain} accepted none of {steps} proposals: {_LARGER}, or smaller proposals")
+            said.append(f"chain {chain} accepted none of {steps} proposals: {LARGER}, or smaller proposals")
         elif longest >= max(STILL, STANDSTILL * steps):
-            said.append(f"chain {chain} stood still for {longest} of {steps} steps: {_LARGER}")
+            said.append(f"chain {chain} stood still for {longest} of {steps} steps: {LARGER}")
     return said
