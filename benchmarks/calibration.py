@@ -175,8 +175,8 @@ class Study:
     def done(self, k: int, group: int) -> list[Record]:
         """Records of a group. Raises `InputError` where one was made with something else."""
         lines = self.file(k, group, "jsonl")
-        records = read_lines(lines)
-        if any(record["asked"] != self.asked(k) for record in records):
+        records, asked = read_lines(lines), self.asked(k)
+        if any(record["asked"] != asked for record in records):
             raise InputError(f"--work: {lines} holds data sets of other settings or other code; name another folder")
         return records
 

@@ -20,6 +20,7 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, field
 from datetime import date
+from functools import cache
 from hashlib import sha256
 from pathlib import Path
 from typing import Annotated, Any
@@ -223,6 +224,7 @@ def command(
     app(arguments, prog_name=f"python -m benchmarks.{name}")
 
 
+@cache
 def code() -> str:
     """What is measured, in eight hexadecimal digits: of the SHA-256 of all of yeastfit's own files."""
     folder = Path(yeastfit.__file__).parent

@@ -77,8 +77,7 @@ class RunFolder:
                 raise InputError(
                     f"--resume: {path} holds a run of {before} {name}, now it is {now}: give --{name} {before} or more"
                 )
-        longer = any(now > before for _, before, now in extents)
-        if longer:
+        if longer := any(now > before for _, before, now in extents):
             (path / MANIFEST).unlink(missing_ok=True)  # first: a folder that has one is finished
             write_json(file, {**earlier, "configuration": plain})
         return RunFolder(path, plain, hashes, seed, _other_versions(earlier), finished and not longer)
