@@ -355,11 +355,14 @@ def test_a_time_step_too_long_for_the_prior_is_refused_at_once(
 def test_ctrl_c_says_how_to_go_on(
     data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    def interrupted(self: Any, values: np.ndarray, seeds: np.ndarray) -> np.ndarray:
+    def interrupted(*given: Any) -> None:
         raise KeyboardInterrupt
 
     monkeypatch.setattr(ColonySimulator, "__call__", interrupted)
     assert cli.run(arguments(data, tmp_path / "out", "abc-mcmc")) == 130
+    assert "repeat the command with --resume" in capsys.readouterr().err
+    monkeypatch.setattr(Run, "begin", interrupted)  # while photographs are measured
+    assert cli.run(arguments(data, tmp_path / "other", "abc-mcmc")) == 130
     assert "repeat the command with --resume" in capsys.readouterr().err
 
 

@@ -167,6 +167,13 @@ def test_a_prior_that_excludes_the_data_is_said() -> None:
     assert "epsilon 0.1 was not reached" in found.warnings[1]
 
 
+def test_a_sample_of_the_prior_is_said_to_be_one() -> None:
+    found = run(GAUSSIAN, replace(SHORT, populations=1), seed=4)
+    assert found.diagnostics["epsilon"] == [np.inf]
+    assert "the sample is one of the prior, nearer ones did not come: " in "\n".join(found.warnings)
+    assert "one of the prior" not in "\n".join(run(GAUSSIAN, SHORT, seed=4).warnings)
+
+
 def test_a_simulator_of_nothing_is_said() -> None:
     nothing = replace(GAUSSIAN.simulator, draw=lambda values, rng: values * np.nan)
     with pytest.raises(InputError, match="population is 60, fewer of 992 simulations from the prior came to anything"):

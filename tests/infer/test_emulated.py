@@ -23,7 +23,7 @@ from yeastfit.infer.simulator import seed_of
 NETWORKS = EmulatorSettings(members=4)
 FEW = EmulatorSettings(members=2, width=16, steps=200)
 SETTINGS = EmulatedSettings(first=1024, each=1024, most=3072, batch=1024, emulator=NETWORKS)
-SMALL = EmulatedSettings(first=64, each=64, most=192, settle=1e-6, most_steps=100, batch=32, emulator=FEW)
+SMALL = EmulatedSettings(first=64, each=64, most=192, settle=1e-6, walkers=32, most_steps=500, batch=32, emulator=FEW)
 TRUTH = (1.3, 0.8)
 
 
@@ -196,10 +196,10 @@ def test_samples_save_what_the_emulator_said(tmp_path: Path) -> None:
     assert back.method == "emulator"
     assert back.settings["replicates"] == 50_000
     chains = HDFBackend(tmp_path / "chains.h5", read_only=True)
-    assert chains.iteration == found.diagnostics["steps"] == 100
-    x = np.swapaxes(chains.get_chain(), 0, 1)[:, -found.values.shape[1] :]
+    assert chains.iteration == found.diagnostics["steps"] == 500
+    x = np.swapaxes(chains.get_chain(discard=250, thin=5), 0, 1)
     np.testing.assert_array_equal(known.prior.values(x.reshape(-1, 2)), found.flat)
-    np.testing.assert_allclose(chains.accepted / 100, found.acceptance)
+    np.testing.assert_allclose(chains.accepted / 500, found.acceptance)
     assert len(chains.get_last_sample().random_state) == 5
 
 

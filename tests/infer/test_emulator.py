@@ -86,7 +86,7 @@ def test_draws_are_the_same_however_many_are_made_at_a_time(
 ) -> None:
     values = inside(curved(), 100)
     found = of_curved.draw(values, np.random.default_rng(1), replicates=3)
-    monkeypatch.setattr(emulator_module, "DRAWN", 32)
+    monkeypatch.setattr(emulator_module, "ROWS", 32)
     np.testing.assert_allclose(of_curved.draw(values, np.random.default_rng(1), replicates=3), found, rtol=1e-4)
 
 

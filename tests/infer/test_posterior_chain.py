@@ -19,7 +19,7 @@ def test_a_normal_density_is_drawn_from(free: int, walkers: int) -> None:
     drawn, size = [], 0.0
     for seed in range(4):
         places = 3 * rng.standard_normal((2000, free)) @ root.T
-        found = Walk.start(log_density, places, walkers=walkers, most_steps=4000, seed=seed, room=2000).until()
+        found = Walk.start(log_density, places, walkers=walkers, most_steps=4000, seed=seed).until()
         drawn.append(np.linalg.solve(root, found.flat.T).T)
         size += walkers * 0.5 * found.steps / found.times.max()
     z = np.concatenate(drawn)
@@ -36,7 +36,7 @@ def test_two_modes_have_their_weights() -> None:
         return np.logaddexp(left, np.log(3.0) + right)
 
     places = np.random.default_rng(0).uniform(-8, 8, size=(2000, 2))
-    found = Walk.start(log_density, places, walkers=128, most_steps=5000, seed=1, room=2000).until()
+    found = Walk.start(log_density, places, walkers=128, most_steps=5000, seed=1).until()
     right = found.flat[:, 0] > 0
     assert right.mean() == pytest.approx(0.75, abs=0.05)
     np.testing.assert_allclose(found.flat[right].std(axis=0), 1.0, atol=0.05)
@@ -52,7 +52,7 @@ def test_a_trail_is_walked_along_and_back() -> None:
         return np.logaddexp(core, trail) - 0.5 * (across / 0.1) ** 2
 
     places = np.random.default_rng(0).normal(0, 1.5, size=(2000, 2))
-    found = Walk.start(log_density, places, walkers=128, most_steps=5000, seed=0, room=2000).until()
+    found = Walk.start(log_density, places, walkers=128, most_steps=5000, seed=0).until()
     assert found.times.max() < 15  # 35 by differential evolution alone
     share = ((found.flat[:, 0] - found.flat[:, 1]) / np.sqrt(2) > 1).mean()
     exact = 0.9 * norm.sf(1 / 0.3) + 0.1 * norm.sf(-1.5)
@@ -68,6 +68,6 @@ def test_chains_that_nothing_moves_come_back_as_they_are() -> None:
     def log_density(x: np.ndarray) -> np.ndarray:
         return np.array([0.0 if row.tobytes() in known else -np.inf for row in x])
 
-    found = Walk.start(log_density, places, walkers=16, most_steps=1000, seed=0, room=300).until()
+    found = Walk.start(log_density, places, walkers=16, most_steps=1000, seed=0).until()
     assert np.isinf(found.times).all()
     assert found.x.shape[1] >= 50

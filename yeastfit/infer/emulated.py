@@ -169,7 +169,6 @@ class _Run:
             walkers=self.settings.walkers,
             most_steps=self.settings.most_steps,
             seed=self.seed,
-            room=self.settings.most + len(self.given[0]),
         )
         chains = walk.until(ROUGHLY, BRIEFLY if before is None else np.inf)
         mean, covariance = chains.flat.mean(axis=0), np.atleast_2d(np.cov(chains.flat, rowvar=False))

@@ -36,7 +36,7 @@ class EmulatedSettings:
     emulator: EmulatorSettings = field(default_factory=EmulatorSettings)
 
     def __post_init__(self) -> None:
-        for name, least in (("first", 2), ("each", 1), ("walkers", 4), ("most_steps", 100), ("batch", 1)):
+        for name, least in (("first", 2), ("each", 1), ("walkers", 4), ("most_steps", 500), ("batch", 1)):
             if getattr(self, name) < least:
                 raise InputError(f"{name} is {getattr(self, name)}, it must be at least {least}")
         if self.first & (self.first - 1):

@@ -28,7 +28,7 @@ from jaxtyping import Array, Bool, Float
 
 from yeastfit.errors import InputError
 from yeastfit.infer.heldout import HeldOut
-from yeastfit.infer.members import Members, log_likelihood_of_rows, moments_of_rows
+from yeastfit.infer.members import ROWS, Members, log_likelihood_of_rows, moments_of_rows
 from yeastfit.infer.networks import (
     EmulatorSettings,
     Network,
@@ -42,7 +42,6 @@ from yeastfit.infer.surface import monomials
 
 ROUNDING = 1e-10  # of correlations' eigenvalues: where one is below, statistics repeat one another
 ROWS_PER_TERM = 4  # simulations for each term of the quadratic, at least
-DRAWN = 1024  # rows that are drawn at a time: each takes several covariances
 
 Values = Float[np.ndarray, "simulation free"]
 Statistics = Float[np.ndarray, "simulation statistic"]
@@ -111,8 +110,10 @@ class Emulator:
         Float[np.ndarray, " row"],
     ]:
         """Mean and covariance of one data set's statistics, covariance of the emulator's error, share that succeeds."""
-        found = moments_of_rows(self.members, jnp.asarray(self.coordinates.of_values(values)))
-        mean, scatter, error, success = (np.asarray(one, dtype=float) for one in found)
+        x = self.coordinates.of_values(values)
+        pieces = in_pieces(x, ROWS)
+        every = zip(*(moments_of_rows(self.members, jnp.asarray(one)) for one in pieces), strict=True)
+        mean, scatter, error, success = (np.concatenate(one).astype(float)[: len(x)] for one in every)
         back = self.root.T
         return self.center + mean @ back, self.root @ scatter @ back, self.root @ error @ back, np.exp(success)
 
@@ -125,8 +126,8 @@ class Emulator:
     ) -> Float[np.ndarray, "row statistic"]:
         """Statistics drawn at each row of λ, means over R replicates, with the emulator's error and the data's own."""
         found = rng.standard_normal((len(values), len(self.labels)))
-        for start in range(0, len(values), DRAWN):
-            rows = slice(start, start + DRAWN)
+        for start in range(0, len(values), ROWS):
+            rows = slice(start, start + ROWS)
             mean, scatter, error, _ = self.moments(values[rows])
             roots = np.linalg.cholesky(scatter / replicates + error + (0.0 if noise is None else noise))
             found[rows] = mean + np.einsum("rij,rj->ri", roots, found[rows])
@@ -205,6 +206,12 @@ def _residuals(
 
     every = eqx.filter_vmap(by)(networks, baselines)
     return jnp.take_along_axis(every, part[None, :, None], axis=0)[0]
+
+
+def in_pieces(rows: Float[np.ndarray, "row free"], length: int) -> Float[np.ndarray, "piece length free"]:
+    """Of one length, whatever their number is: the last one begins again from the first row where rows end."""
+    count = max(1, -(-len(rows) // length))
+    return np.resize(rows, (count, length, rows.shape[1]))
 
 
 def _padded(rows: np.ndarray, room: int) -> np.ndarray:

@@ -54,8 +54,8 @@ class Members(eqx.Module):
 
 @eqx.filter_jit
 def moments_of_rows(members: Members, x: Float[Array, "row free"]) -> tuple[Array, Array, Array, Array]:
-    """`Members.moments` of every row, some rows at a time."""
-    return jax.lax.map(members.moments, x, batch_size=ROWS)
+    """`Members.moments` of every row; compiled anew where their number is another."""
+    return jax.vmap(members.moments)(x)
 
 
 @eqx.filter_jit

@@ -21,7 +21,7 @@ from jaxtyping import Float
 from threadpoolctl import threadpool_limits
 
 from yeastfit.infer.diagnostics import LONG, autocorrelation_time
-from yeastfit.infer.emulator import Emulator, Square
+from yeastfit.infer.emulator import Emulator, Square, in_pieces
 from yeastfit.infer.priors import Prior
 from yeastfit.storage import full_disks_told, written_whole
 
@@ -93,12 +93,11 @@ class Walk:
         walkers: int,
         most_steps: int,
         seed: int,
-        room: int,
     ) -> "Walk":
-        """From places of which some have a high density, the same for the same seed. room: places at most."""
+        """From places of which some have a high density, the same for the same seed."""
         rng = np.random.default_rng(seed)
         places = places[np.sort(np.unique(places, axis=0, return_index=True)[1])]  # replicates share one
-        start, density = _start(posterior, places, walkers, rng, room)
+        start, density = _start(posterior, places, walkers, rng)
         sampler = emcee.EnsembleSampler(*start.shape, posterior, moves=_moves(*start.shape), vectorize=True)
         random = np.random.RandomState(rng.integers(2**32)).get_state()
         return Walk(sampler, emcee.State(start, log_prob=density, random_state=random), most_steps)
@@ -154,10 +153,10 @@ def _moves(walkers: int, free: int) -> list[tuple[emcee.moves.Move, float]]:
 
 
 def _start(
-    posterior: LogDensity, places: Float[np.ndarray, "place free"], walkers: int, rng: np.random.Generator, room: int
+    posterior: LogDensity, places: Float[np.ndarray, "place free"], walkers: int, rng: np.random.Generator
 ) -> tuple[Float[np.ndarray, "walker free"], Float[np.ndarray, " walker"]]:
     """Different places, drawn without replacement by their density (Gumbel's trick), and its logarithm."""
-    padded = np.concatenate([places, np.repeat(places[:1], room - len(places), axis=0)])
-    density = posterior(padded)[: len(places)]
+    pieces = in_pieces(places, walkers // 2)  # of as many rows as steps have, which are compiled for
+    density = np.concatenate([posterior(one) for one in pieces])[: len(places)]
     chosen = np.argsort(-(density + rng.gumbel(size=len(places))))[:walkers]
     return places[chosen], density[chosen]
