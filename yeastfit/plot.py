@@ -78,7 +78,7 @@ def colony(simulation: "Simulation", member: int = 0, width: float | None = None
 
 def curves(simulation: "Simulation") -> Figure:
     """Every statistic of `LABELS` over time: members thin, their mean thick."""
-    hours = np.array([simulation.scales.hours(float(time)) for time in simulation.times])
+    hours = simulation.scales.hours(simulation.times)
     names = [name for name in LABELS if name in simulation.statistics]
     figure = Figure(figsize=(11, 5.5), layout="constrained")
     axes = figure.subplots(2, 4).ravel()

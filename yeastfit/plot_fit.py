@@ -121,7 +121,7 @@ def _panel(upper: Any, lower: Any, each: "Condition", row: int, color: str) -> N
     """One statistic of one condition."""
     targets = each.targets
     seen = targets.measured[row]
-    hours = np.array([targets.scales.hours(time) for time in targets.times])[seen]
+    hours = targets.scales.hours(targets.times)[seen]
     error = np.full(targets.mean.shape, np.nan)
     error[targets.measured] = np.sqrt(np.diag(each.covariance))
     fitted, mean, spread = each.fitted[row, seen], targets.mean[row, seen], error[row, seen]

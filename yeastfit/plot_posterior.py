@@ -66,7 +66,7 @@ def predictive(found: "Predictive", targets: "Targets") -> Figure:
     first = 0
     for row, panel in enumerate(figure.subplots(1, count, squeeze=False)[0]):
         seen = targets.measured[row]
-        hours = np.array([targets.scales.hours(float(time)) for time in targets.times[seen]])
+        hours = targets.scales.hours(targets.times[seen])
         part = slice(first, first + int(seen.sum()))
         first = part.stop
         if len(hours) > 1:

@@ -79,6 +79,7 @@ def test_scales_convert_and_refuse() -> None:
     scales = Scales(length=5.0, rate=0.5)
     assert scales.hours(2.0) == 4.0
     assert scales.time(scales.hours(3.7)) == pytest.approx(3.7)
+    np.testing.assert_array_equal(scales.hours(np.array([2.0, 3.0])), [4.0, 6.0])
     assert Scales().hours(1.0) == pytest.approx(2.174, abs=5e-4)
     for value in (0.0, -1.0, math.nan, math.inf, "7.5"):
         with wrong_types(), pytest.raises(InputError, match=f"scale length is {value!r}"):

@@ -42,6 +42,7 @@ from yeastfit.infer.surface import monomials
 
 ROUNDING = 1e-10  # of correlations' eigenvalues: where one is below, statistics repeat one another
 ROWS_PER_TERM = 4  # simulations for each term of the quadratic, at least
+ROOM = 1024  # simulations: as many, or a multiple, are compiled for
 
 Values = Float[np.ndarray, "simulation free"]
 Statistics = Float[np.ndarray, "simulation statistic"]
@@ -162,17 +163,18 @@ def train(
     came = np.isfinite(statistics).all(axis=1)
     _check(values, statistics, came, prior.free, tuple(labels), settings)
     rng = np.random.default_rng(seed)
-    room = max(room or 0, len(values))
+    room = -(-max(room or 0, len(values)) // ROOM) * ROOM
     coordinates = Coordinates.of(prior, values)
     x = coordinates.of_values(values)
     features = monomials(x)
     center, root = _whitening(features[came], statistics[came], tuple(labels))
     u = np.where(came[:, None], np.linalg.solve(root, (statistics - center).T).T, 0.0)
-    dealt, part = deal(len(values), settings.members, rng, room)
+    dealt, part = deal(len(values), settings, rng, room)
     baselines = np.stack([_least_squares(features, u, came & (part != one)) for one in range(settings.members)])
     shape = Shape.of(root)
     data = Simulated(*(jnp.asarray(_padded(one, room)) for one in (x, u, came.astype(float))))
-    networks, _ = fitted(jax.random.key(seed), jnp.asarray(baselines), shape, data, dealt, settings)
+    starts = Network.start(x.shape[1], u.shape[1], settings, rng)
+    networks, _ = fitted(starts, jnp.asarray(baselines), shape, data, dealt, settings)
     found = _residuals(networks, jnp.asarray(baselines), shape, data, jnp.asarray(_padded(part, room)))
     residuals = np.asarray(found, dtype=float)[: len(values)]
     chosen = came & (np.ones(len(values), dtype=bool) if near is None else near)

@@ -111,7 +111,7 @@ def targets_of(
     for row, value in zip(chosen, values, strict=True):
         for name in statistics:
             curves[name][replicates.index(row["replicate"]), hours.index(float(row["hours"]))] = value[name]
-    times = np.array([scales.time(hour) for hour in hours])
+    times = scales.time(np.array(hours))
     how: dict[str, Any] = {"spacing": spacing, "smoothing": smoothing, "extent": extent, "estimator": estimator}
     return Targets.from_replicates(curves, times, scales=scales, **how)
 

@@ -22,7 +22,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import optax
-from jaxtyping import Array, Float, Int, PRNGKeyArray
+from jaxtyping import Array, Float, Int
 
 from yeastfit.errors import InputError
 from yeastfit.infer.surface import monomials
@@ -66,13 +66,21 @@ class Network(eqx.Module):
     mixing: Float[Array, "*member pair"]
 
     @staticmethod
-    def start(key: PRNGKeyArray, free: int, statistics: int, settings: EmulatorSettings) -> "Network":
-        """Hardly a correction yet: the last layer's weights are small, A is 0."""
-        layers = eqx.nn.MLP(free, 2 * statistics + 1, settings.width, settings.depth, jax.nn.silu, key=key)
-        layers = eqx.tree_at(
-            lambda one: (one.layers[-1].weight, one.layers[-1].bias), layers, replace_fn=lambda leaf: 0.01 * leaf
-        )
-        return Network(layers, jnp.zeros(statistics * (statistics - 1) // 2))
+    def start(free: int, statistics: int, settings: EmulatorSettings, rng: np.random.Generator) -> "Network":
+        """All members, hardly a correction yet: the last layer's weights are small, A is 0."""
+        sizes = free, 2 * statistics + 1, settings.width, settings.depth
+        layers = eqx.filter_eval_shape(eqx.nn.MLP, *sizes, jax.nn.silu, key=jax.random.key(0))
+
+        def drawn(layer: eqx.nn.Linear) -> eqx.nn.Linear:
+            limit = (0.01 if layer is layers.layers[-1] else 1.0) / math.sqrt(layer.weight.shape[1])
+
+            def uniform(leaf: jax.ShapeDtypeStruct) -> Array:
+                return jnp.asarray(rng.uniform(-limit, limit, (settings.members, *leaf.shape)))
+
+            return eqx.tree_at(lambda one: (one.weight, one.bias), layer, replace_fn=uniform)
+
+        layers = eqx.tree_at(lambda one: one.layers, layers, tuple(drawn(one) for one in layers.layers))
+        return Network(layers, jnp.zeros((settings.members, statistics * (statistics - 1) // 2)))
 
     def __call__(self, x: Float[Array, " free"]) -> tuple[Array, Array, Array]:
         """f_m [statistic], f_s [statistic] and the logit of success."""
@@ -123,47 +131,43 @@ class Simulated(eqx.Module):
 
 
 class Dealt(eqx.Module):
-    """Which rows each member learns from, and which it is tested on; the first `count` of them count."""
+    """Which rows each member learns from, step by step, and which it is tested on: the first `count` of `test`."""
 
-    learn: Int[Array, "member learn"]
-    learn_count: Int[Array, " member"]
+    learn: Int[Array, "member check step batch"]
     test: Int[Array, "member test"]
-    test_count: Int[Array, " member"]
+    count: Int[Array, " member"]
 
 
-def deal(rows: int, members: int, rng: np.random.Generator, room: int) -> tuple[Dealt, Int[np.ndarray, " row"]]:
+def deal(
+    rows: int, settings: EmulatorSettings, rng: np.random.Generator, room: int
+) -> tuple[Dealt, Int[np.ndarray, " row"]]:
     """Rows dealt at random into one part per member; also the member that each row is held out from.
 
-    room: rows that there may be later; tables have a place for them, so that more data need no further compilation.
+    room: rows that there may be later; there is a place for them, so that more data need no further compilation. All
+    that is random is drawn here and not in compiled code: random numbers would be most of what is to be compiled.
     """
+    members = settings.members
     part = rng.permutation(np.arange(rows) % members)
-    learn, learn_count = _table([np.flatnonzero(part != member) for member in range(members)], room)
-    test, test_count = _table([np.flatnonzero(part == member) for member in range(members)], room // members + 1)
-    return Dealt(learn, learn_count, test, test_count), part
-
-
-def _table(rows: list[np.ndarray], width: int) -> tuple[Int[Array, "member row"], Int[Array, " member"]]:
-    table = np.zeros((len(rows), width), dtype=int)
-    for one, line in zip(rows, table, strict=True):
-        line[: len(one)] = one
-    return jnp.asarray(table), jnp.asarray(np.array([len(one) for one in rows]))
+    steps = settings.checks, settings.steps // settings.checks, settings.batch
+    learn = np.stack([rng.choice(np.flatnonzero(part != member), steps) for member in range(members)])
+    test, count = np.zeros((members, room // members + 1), dtype=int), np.bincount(part, minlength=members)
+    for member, line in enumerate(test):
+        line[: count[member]] = np.flatnonzero(part == member)
+    return Dealt(jnp.asarray(learn), jnp.asarray(test), jnp.asarray(count)), part
 
 
 @eqx.filter_jit
 def fitted(
-    key: PRNGKeyArray,
+    starts: Network,
     baselines: Float[Array, "member feature statistic"],
     shape: Shape,
     data: Simulated,
     dealt: Dealt,
     settings: EmulatorSettings,
 ) -> tuple[Network, Float[Array, "member check"]]:
-    """Networks after training, each as it was when its held-out loss was least, and these losses."""
+    """Networks after training from these, each as it was when its held-out loss was least, and these losses."""
     optimiser = optax.adamw(optax.cosine_decay_schedule(settings.rate, settings.steps), weight_decay=settings.decay)
     features = monomials(data.x)
-    free, statistics = data.x.shape[1], data.u.shape[1]
-    first, second = (jax.random.split(one, len(baselines)) for one in jax.random.split(key))
-    starts = eqx.filter_vmap(lambda one: Network.start(one, free, statistics, settings))(first)
     trained, still = eqx.partition(starts, eqx.is_inexact_array)
 
     def loss(params: Network, baseline: Array, rows: Array) -> Array:
@@ -174,30 +178,25 @@ def fitted(
         surprise = came * (0.5 * jnp.sum(residual**2, axis=-1) - log_det)
         return surprise + optax.sigmoid_binary_cross_entropy(logit, came)
 
-    def train(
-        params: Network, baseline: Array, learn: Array, count: Array, test: Array, tests: Array, key: Array
-    ) -> tuple[Network, Array]:
-        weight = (jnp.arange(len(test)) < tests) / tests
+    def train(params: Network, baseline: Array, learn: Array, test: Array, count: Array) -> tuple[Network, Array]:
+        weight = (jnp.arange(len(test)) < count) / count
 
-        def step(carry: tuple[Network, optax.OptState], key: Array) -> tuple[Any, None]:
+        def step(carry: tuple[Network, optax.OptState], rows: Array) -> tuple[Any, None]:
             params, state = carry
-            rows = learn[jax.random.randint(key, (settings.batch,), 0, count)]
             slope = jax.grad(lambda one: jnp.mean(loss(one, baseline, rows)))(params)
             updates, state = optimiser.update(slope, state, params)
             return (optax.apply_updates(params, updates), state), None
 
-        def check(carry: tuple[Network, optax.OptState, Network, Array], keys: Array) -> tuple[Any, Array]:
+        def check(carry: tuple[Network, optax.OptState, Network, Array], rows: Array) -> tuple[Any, Array]:
             params, state, best, least = carry
-            (params, state), _ = jax.lax.scan(step, (params, state), keys)
+            (params, state), _ = jax.lax.scan(step, (params, state), rows)
             found = jnp.sum(weight * loss(params, baseline, test))
             best = jax.tree.map(lambda new, old: jnp.where(found < least, new, old), params, best)
             return (params, state, best, jnp.minimum(found, least)), found
 
-        keys = jax.random.split(key, (settings.checks, settings.steps // settings.checks))
         start = (params, optimiser.init(params), params, jnp.asarray(jnp.inf))
-        (_, _, best, _), losses = jax.lax.scan(check, start, keys)
+        (_, _, best, _), losses = jax.lax.scan(check, start, learn)
         return best, losses
 
-    tables = (dealt.learn, dealt.learn_count, dealt.test, dealt.test_count)
-    best, losses = jax.vmap(train)(trained, baselines, *tables, second)
+    best, losses = jax.vmap(train)(trained, baselines, dealt.learn, dealt.test, dealt.count)
     return eqx.combine(best, still), losses

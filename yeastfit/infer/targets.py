@@ -95,8 +95,7 @@ class Targets:
     @property
     def hours(self) -> Float[np.ndarray, " curve"]:
         """When each of `values` was seen."""
-        hours = np.array([self.scales.hours(time) for time in self.times.tolist()])
-        return np.broadcast_to(hours, self.measured.shape)[self.measured]
+        return np.broadcast_to(self.scales.hours(self.times), self.measured.shape)[self.measured]
 
     def label(self, number: int) -> str:
         """What the number-th of `values` is."""
@@ -207,7 +206,7 @@ class Targets:
             rows.append(smooth_statistics(one.segmentation.mask, pixel, spacing=spacing, smoothing=smoothing))
             extent = max(extent, one.shape.max_radius / scales.length)
         curves, hours = replicate_curves(dataset, rows, names)
-        times = np.array([scales.time(hour) for hour in hours])
+        times = scales.time(np.array(hours))
         how: dict[str, Any] = {"spacing": spacing, "smoothing": smoothing, "extent": extent, "scales": scales}
         return Targets.from_replicates(curves, times, **how)
 

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass
+from typing import TypeVar
 
 import equinox as eqx
 import jax
@@ -10,6 +11,8 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from yeastfit.errors import InputError
+
+Time = TypeVar("Time", float, np.ndarray)
 
 
 @dataclass(frozen=True)
@@ -117,10 +120,10 @@ class Scales:
             if not (isinstance(value, int | float) and math.isfinite(value) and value > 0):
                 raise InputError(f"scale {name} is {value!r}, it must be a number above 0")
 
-    def hours(self, time: float) -> float:
-        """Model time to hours."""
+    def hours(self, time: Time) -> Time:
+        """Model time, or times, to hours."""
         return time / self.rate
 
-    def time(self, hours: float) -> float:
-        """Hours to model time."""
+    def time(self, hours: Time) -> Time:
+        """Hours, one or many, to model time."""
         return hours * self.rate
