@@ -3,6 +3,7 @@
 import os
 import shutil
 import tempfile
+from collections.abc import Iterator
 from pathlib import Path
 
 import jax
@@ -37,6 +38,15 @@ def pytest_unconfigure() -> None:
 def double():
     """Double precision for one test."""
     with jax.enable_x64(True):
+        yield
+
+
+@pytest.fixture
+def unchecked() -> Iterator[None]:
+    """Types are not checked in one test: of a function that is called thousands of times, one in another test is."""
+    from helpers import wrong_types  # not before the hook that checks what it imports
+
+    with wrong_types():
         yield
 
 

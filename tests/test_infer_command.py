@@ -103,6 +103,7 @@ class Stopped(BaseException):
     """Not an error that anything would catch."""
 
 
+@pytest.mark.usefixtures("unchecked")
 @pytest.mark.parametrize("method", ["abc-mcmc", "abc-smc"])
 def test_a_run_that_stopped_anywhere_comes_to_the_same_bits(
     data: Path, tmp_path: Path, method: str, monkeypatch: pytest.MonkeyPatch
@@ -215,6 +216,7 @@ def test_a_full_disk_is_one_line_and_loses_nothing(data: Path, tmp_path: Path) -
     assert_same(tmp_path / "parts", tmp_path / "whole")
 
 
+@pytest.mark.usefixtures("unchecked")
 @pytest.mark.parametrize(("first", "then"), [("abc-smc", "emulator"), ("emulator", "abc-mcmc")])
 def test_colonies_of_another_run_serve_again(
     data: Path, tmp_path: Path, first: str, then: str, monkeypatch: pytest.MonkeyPatch
@@ -255,6 +257,7 @@ def test_what_cannot_be_reused_is_refused(data: Path, tmp_path: Path, capsys: py
     assert "dt 0.01" in said
 
 
+@pytest.mark.usefixtures("unchecked")
 def test_more_steps_make_a_run_longer(data: Path, tmp_path: Path) -> None:
     longer = [*arguments(data, tmp_path / "long", "abc-mcmc"), "--steps", "55"]
     assert cli.run(longer) == 0

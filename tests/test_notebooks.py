@@ -32,7 +32,6 @@ FULL_SIZE = {  # what the first cell says
     "posterior.ipynb": "full size: 10 colonies to 14 h, 4096 simulations",
     "source_figures.ipynb": "full size: 6 members, to 35.0 h",
 }
-SLOW = ("fitting.ipynb", "gradients.ipynb", "posterior.ipynb")  # minutes, of compiling mostly
 VERDICTS = {
     *("agrees", "disagrees", "not resolved"),
     *("could be finished here", "could not be finished", "faster here", "not faster here"),
@@ -66,11 +65,8 @@ def test_there_are_notebooks() -> None:
     assert [path.name for path in NOTEBOOKS] == list(FULL_SIZE)
 
 
-@pytest.mark.parametrize(
-    "path",
-    [pytest.param(path, marks=pytest.mark.slow if path.name in SLOW else ()) for path in NOTEBOOKS],
-    ids=lambda path: path.name,
-)
+@pytest.mark.slow  # minutes, of compiling mostly
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.name)
 def test_runs_in_reduced_size(path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("YEASTFIT_NOTEBOOK", "quick")
     monkeypatch.setenv("JUPYTER_PREFER_ENV_PATH", "1")  # this environment's kernel, whatever the user has installed

@@ -50,6 +50,7 @@ def test_simulations_are_proposed_around_most_of_the_posterior() -> None:
     assert ((around[:, 0] > -1.5) & (around[:, 0] < 4.0)).all()
 
 
+@pytest.mark.usefixtures("unchecked")
 @pytest.mark.parametrize("measured", [False, True])
 def test_a_linear_gaussian_simulator_has_its_closed_form(measured: bool) -> None:
     """With log λ ~ N(0, 1) before the data its posterior is N(V MᵀW o, V), V = (MᵀWM + 1)⁻¹, W with the noise."""
@@ -72,6 +73,7 @@ def test_a_linear_gaussian_simulator_has_its_closed_form(measured: bool) -> None
     assert (found.effective_size > 1000).all()
 
 
+@pytest.mark.usefixtures("unchecked")
 def test_curved_means_and_noise_that_depends_on_the_parameters() -> None:
     known = curved()
     observed = known.observed(TRUTH, 5, seed=2)
@@ -83,6 +85,7 @@ def test_curved_means_and_noise_that_depends_on_the_parameters() -> None:
     assert (np.abs(predicted.mean(axis=0) - observed) < 2 * predicted.std(axis=0)).all()
 
 
+@pytest.mark.usefixtures("unchecked")
 def test_failures_count_as_evidence() -> None:
     """Six data sets that did not fail tell against λ at which simulations fail."""
     known = fragile()
@@ -118,6 +121,7 @@ class Stops:
         return self.known(values, seeds)
 
 
+@pytest.mark.usefixtures("unchecked")
 def test_a_run_that_was_stopped_goes_on_to_the_same_bits(tmp_path: Path) -> None:
     known = linear()
     observed = known.observed(TRUTH, 1, seed=4)
@@ -138,6 +142,7 @@ def test_a_run_that_was_stopped_goes_on_to_the_same_bits(tmp_path: Path) -> None
     assert (emulated(known, known.prior, observed, SMALL, seed=8).values[:, :10] != whole.values[:, :10]).all()
 
 
+@pytest.mark.usefixtures("unchecked")
 def test_a_longer_run_has_use_for_all_of_a_shorter_one(tmp_path: Path) -> None:
     """Although its last round was a part of one."""
     known = linear()
@@ -151,6 +156,7 @@ def test_a_longer_run_has_use_for_all_of_a_shorter_one(tmp_path: Path) -> None:
     assert "not settled: whether one round more would move it is not known" in "\n".join(once.warnings)
 
 
+@pytest.mark.usefixtures("unchecked")
 def test_simulations_of_other_runs_are_learnt_from() -> None:
     known = linear()
     observed = known.observed(TRUTH, 1, seed=4)
@@ -172,6 +178,7 @@ def test_simulations_of_other_runs_are_learnt_from() -> None:
         emulated(known, known.prior, observed, SMALL, given=(values, statistics[:5]))
 
 
+@pytest.mark.usefixtures("unchecked")
 def test_samples_save_what_the_emulator_said(tmp_path: Path) -> None:
     known = linear()
     heard = list[tuple[str, float]]()
