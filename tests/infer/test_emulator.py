@@ -1,5 +1,6 @@
 """The emulator on simulators whose mean and scatter are known, what it says of itself, and what it refuses."""
 
+import jax
 import numpy as np
 import pytest
 from known_likelihoods import Known, curved, fragile, linear, simulations
@@ -88,6 +89,19 @@ def test_draws_are_the_same_however_many_are_made_at_a_time(
     found = of_curved.draw(values, np.random.default_rng(1), replicates=3)
     monkeypatch.setattr(emulator_module, "ROWS", 32)
     np.testing.assert_allclose(of_curved.draw(values, np.random.default_rng(1), replicates=3), found, rtol=1e-4)
+
+
+def test_more_simulations_and_draws_compile_nothing(caplog: pytest.LogCaptureFixture) -> None:
+    def used(count: int, draws: int) -> None:
+        trained(linear(), count).draw(inside(linear(), draws), np.random.default_rng(1))
+
+    used(256, 10)
+    with jax.log_compiles():
+        used(300, 300)
+        jax.jit(lambda x: x + 1)(np.ones(3))  # a count that does count
+    compiled = [record.getMessage() for record in caplog.records if record.getMessage().startswith("Compiling")]
+    assert len(compiled) == 1, compiled
+    assert "lambda" in compiled[0]
 
 
 def test_the_same_seed_gives_the_same_emulator() -> None:
