@@ -245,6 +245,25 @@ def test_colonies_of_another_run_serve_again(
     assert cli.run([*again, "--draws", "10", "--resume"]) == 0
 
 
+@pytest.mark.usefixtures("unchecked")
+@pytest.mark.parametrize(("more", "other"), [(["--seed", "5"], "seed"), (["--colonies", "2"], "colonies"), ([], "")])
+def test_a_run_that_abc_has_no_use_for_is_told_of(
+    data: Path, tmp_path: Path, more: list[str], other: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """And one that it has use for is not."""
+    assert cli.run(arguments(data, tmp_path / "first", "abc-smc")) == 0
+    capsys.readouterr()
+    again = arguments(data, tmp_path / "then", "abc-smc", "--reuse", str(tmp_path / "first"), *more)
+    assert cli.run(again) == 0
+    said = " ".join(capsys.readouterr().err.split())
+    assert (f"will be of use, it has other {other} than this run: abc-smc takes what it would" in said) == bool(more)
+    counts = []
+    for folder in ("first", "then"):
+        with h5py.File(tmp_path / folder / "simulations.h5") as file:
+            counts.append(sum(row["check"] != 0 for row in file[DATASET][:]))
+    assert (counts[1] > counts[0]) == bool(more)
+
+
 def test_what_cannot_be_reused_is_refused(data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert cli.run(arguments(data, tmp_path / "one", "emulator", "--reuse", str(tmp_path))) == 2
     assert "holds no simulations.h5" in capsys.readouterr().err

@@ -35,7 +35,7 @@ from yeastfit.infer.samples import Samples
 from yeastfit.infer.simulations import Recorded, Store
 from yeastfit.infer.simulator import Mismeasured, Simulator, Wrapper, root_of
 from yeastfit.infer.targets import Targets
-from yeastfit.infer_folder import RunFolder, inputs_of, run_versions
+from yeastfit.infer_folder import RUN, RunFolder, inputs_of, read_run, run_versions
 from yeastfit.infer_request import BATCH, Request
 from yeastfit.infer_results import Results, photographs, write_results
 from yeastfit.model.colony import PROBLEMS
@@ -184,6 +184,22 @@ class Run:
                 self.store(temporary).close()
         except InputError as error:
             raise InputError(f"--reuse: {reuse / SIMULATIONS} cannot be: {error}") from None
+        self.folder.notes.extend(self.of_no_use(reuse))
+
+    def of_no_use(self, reuse: Path) -> list[str]:
+        """In words, why ABC, which has use only for what it would grow itself, finds none of that in another run."""
+        if self.request.method == "emulator" or not (reuse / RUN).is_file():
+            return []
+        other = read_run(reuse / RUN)
+        earlier = {"colonies": 1, **other["configuration"], "seed": other["seed"]}
+        now = {**self.folder.configuration, "seed": self.folder.seed}
+        names = [name for name in ("seed", "prior", "colonies") if earlier[name] != now[name]]
+        if not names:
+            return []
+        why = f"it has other {', '.join(names)} than this run"
+        return [
+            f"--reuse: nothing in {reuse} will be of use, {why}: {self.request.method} takes what it would grow itself"
+        ]
 
     def watched(self, tell: Callable[[int], None]) -> Simulator:
         """Of single colonies."""

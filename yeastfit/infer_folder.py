@@ -63,7 +63,7 @@ class RunFolder:
         if not resume:
             state = "a finished run" if finished else "a run that was not finished"
             raise InputError(f"--out: {path} holds {state}: give --resume to go on with it, or another folder")
-        earlier = _read(file)
+        earlier = read_run(file)
         plain |= {name: earlier["configuration"][name] for name in KEPT if name in earlier["configuration"]}
         different = _differences(earlier["configuration"], plain)
         different += [f"seed was {earlier['seed']}, now it is {seed}"] if earlier["seed"] != seed else []
@@ -107,7 +107,8 @@ def run_versions() -> dict[str, str]:
     return {**versions(), **{name: version(name) for name in SAMPLERS}}
 
 
-def _read(file: Path) -> dict[str, Any]:
+def read_run(file: Path) -> dict[str, Any]:
+    """What `RunFolder.begin` wrote. Raises `InputError` for anything else."""
     try:
         found = json.loads(file.read_text())
         return {**found, **{name: found[name] for name in ("configuration", "inputs", "seed", "versions", "device")}}

@@ -11,7 +11,7 @@ from known_likelihoods import Known, curved, fragile, linear
 from scipy.stats import chi2
 
 from yeastfit import InputError
-from yeastfit.infer.emulated import emulated, proposed
+from yeastfit.infer.emulated import emulated, far_draws, proposed
 from yeastfit.infer.emulated_settings import EmulatedSettings
 from yeastfit.infer.networks import EmulatorSettings
 from yeastfit.infer.pilot import first_values
@@ -48,6 +48,20 @@ def test_simulations_are_proposed_around_most_of_the_posterior() -> None:
     assert np.mean(off < 2.5**2 * chi2.ppf(0.5, 2)) > 0.4
     assert np.mean(around[:, 0] > 0.5) > 0.05
     assert ((around[:, 0] > -1.5) & (around[:, 0] < 4.0)).all()
+
+
+def test_draws_far_off_are_told_of() -> None:
+    """Their share in both rounds, and where they are, in λ; nothing of a normal law."""
+    prior = Prior.of({name: {"law": "log-uniform", "low": 1e-3, "high": 1e3} for name in ("a", "b")})
+    body = 0.1 * np.random.default_rng(0).standard_normal((9600, 2))
+    with_trail = np.concatenate([body, np.full((400, 2), np.log([5.0, 0.2]))])
+    (said,) = far_draws(with_trail, np.concatenate([body, with_trail[-200:]]), prior)
+    assert said.startswith(
+        "4.0 % of the draws lie far from the others (a 5 to 5, b 0.2 to 0.2), 2.0 % did in the round"
+    )
+    (said,) = far_draws(with_trail, None, prior)
+    assert "round before" not in said
+    assert far_draws(body, with_trail, prior) == []
 
 
 @pytest.mark.usefixtures("unchecked")

@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.stats import norm
 
-from yeastfit.infer.normal_scores import apart, covariance_of_most
+from yeastfit.infer.normal_scores import apart, covariance_of_most, far_off
 
 
 def test_how_far_laws_are_apart() -> None:
@@ -37,3 +37,13 @@ def test_the_covariance_of_most() -> None:
     found = covariance_of_most(both)
     np.testing.assert_allclose(np.diag(found), np.diag(root @ root.T), rtol=0.25)
     assert np.linalg.eigvalsh(found).min() > 0.5 * np.linalg.eigvalsh(root @ root.T).min()
+
+
+def test_draws_far_off() -> None:
+    """None of a normal law, however wide; those of a trail, in one parameter or in both."""
+    body = np.random.default_rng(2).standard_normal((50_000, 2)) * [0.1, 30.0]
+    assert not far_off(body, body).any()
+    trail = np.array([[0.6, 0.0], [0.0, -200.0], [1.0, 500.0]])
+    both = np.concatenate([body, np.repeat(trail, 1000, axis=0)])
+    np.testing.assert_array_equal(far_off(both, both), np.arange(len(both)) >= len(body))
+    np.testing.assert_array_equal(far_off(trail, body), [True, True, True])

@@ -11,7 +11,7 @@
 `apart` reads off the shares of draws below the median and the two quantiles that hold 68 %; and the emulator's error is
 at most settle² of the variance that the data are compared with, so that it moves a mean by some `settle` standard
 deviations or less. Else rounds go on until the budget of simulations is spent. Of rare draws far off this says nothing:
-how many there are is less certain.
+how many there are is less certain, and a warning has their share in the last two rounds.
 
 As the likelihood is what is learnt, where the simulations were made has no influence on the posterior but by the
 emulator's error (Papamakarios et al. 2019, arXiv:1805.07226): those of other runs, whatever their method, serve as
@@ -32,7 +32,7 @@ from yeastfit.errors import InputError
 from yeastfit.infer.diagnostics import diagnose
 from yeastfit.infer.emulated_settings import EmulatedSettings, Given, all_once, usable
 from yeastfit.infer.emulator import Emulator, Square, train
-from yeastfit.infer.normal_scores import apart, covariance_of_most
+from yeastfit.infer.normal_scores import apart, covariance_of_most, far_off
 from yeastfit.infer.pilot import first_values, unreached
 from yeastfit.infer.posterior_chain import BRIEFLY, ROUGHLY, Chains, Posterior, Walk
 from yeastfit.infer.priors import Prior
@@ -43,6 +43,7 @@ from yeastfit.progress import Progress, silent
 
 NEAR = 0.99  # of draws w times as wide as the posterior with its trail: where simulations check the emulator
 LARGEST_ERROR = 0.3  # of the variance of the data, from which the emulator's error is warned of
+FEW = 0.01  # of the draws, from which those far off are warned of
 TRIES = 100  # rounds of drawing again what fell outside the prior
 
 
@@ -110,6 +111,22 @@ def proposed(
         if len(found) >= count:
             return found[:count]
     raise InputError(f"widen is {widen:g}: with it hardly a draw lies in the prior, lower it")
+
+
+def far_draws(
+    draws: Float[np.ndarray, "draw free"], before: Float[np.ndarray, "draw2 free"] | None, prior: Prior
+) -> list[str]:
+    """In words, how many draws of the last round, and of the one before, are far off, and where. In x of the prior."""
+    far = far_off(draws, draws)
+    if far.mean() < FEW:
+        return []
+    low, high = prior.values(np.quantile(draws[far], [0.05, 0.95], axis=0)).tolist()
+    where = ", ".join(f"{one} {a:.3g} to {b:.3g}" for one, a, b in zip(prior.free, low, high, strict=True))
+    then = "" if before is None else f", {100 * far_off(before, draws).mean():.1f} % did in the round before"
+    return [
+        f"{100 * far.mean():.1f} % of the draws lie far from the others ({where}){then}: how many do is the least "
+        "certain of a posterior, and so are quantiles that reach there"
+    ]
 
 
 @dataclass(frozen=True)
@@ -222,7 +239,9 @@ class _Run:
                 "chains": diagnose(last.chains.x, free=self.prior.free, acceptance=last.chains.acceptance).asdict(),
             },
         )
-        return found.warned(*self._warnings(last))
+        before = rounds[-2].chains.flat if len(rounds) > 1 else None
+        far = far_draws(last.chains.flat, before, self.prior)
+        return found.warned(*self._warnings(last), *far)
 
     def _said(self, one: Round) -> dict[str, Any]:
         """What is kept of a round."""

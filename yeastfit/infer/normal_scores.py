@@ -5,10 +5,11 @@ quantiles follow it wherever it goes; shares of draws hardly do, nor what is mad
 """
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from scipy.stats import norm, rankdata
 
 CENTRAL = np.array([0.16, 0.5, 0.84])  # 68 % lie within a standard deviation of a normal law's mean
+FAR = 5.0  # standard deviations of a normal law, of which one draw in two million is farther off
 
 
 def apart(one: Float[np.ndarray, "draw free"], other: Float[np.ndarray, "draw2 free"]) -> Float[np.ndarray, " free"]:
@@ -35,3 +36,9 @@ def covariance_of_most(draws: Float[np.ndarray, "draw free"]) -> Float[np.ndarra
     low, _, high = np.quantile(draws, CENTRAL, axis=0)
     scores = norm.ppf((rankdata(draws, axis=0) - 0.5) / len(draws))
     return np.outer(high - low, high - low) / 4 * np.atleast_2d(np.corrcoef(scores, rowvar=False))
+
+
+def far_off(draws: Float[np.ndarray, "draw free"], of: Float[np.ndarray, "draw2 free"]) -> Bool[np.ndarray, " draw"]:
+    """Which draws are in any parameter more than `FAR` halves of the central 68 % of a sample away from its median."""
+    low, median, high = np.quantile(of, CENTRAL, axis=0)
+    return (np.abs(draws - median) > FAR * 0.5 * (high - low)).any(axis=1)
