@@ -17,7 +17,7 @@ the held-out residuals, less what it finds in as much noise. The likelihood of d
 probability of R successes. Networks as emulators of a likelihood: Lueckmann et al. 2019, arXiv:1805.09294.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import equinox as eqx
@@ -94,13 +94,24 @@ class Emulator:
 
         noise: N, in the statistics' units.
         """
-        x, u = self.coordinates.of_values(values), self.whiten(observed)
+        return self.likelihood(observed, replicates, noise)(values)
+
+    def likelihood(
+        self, observed: Float[np.ndarray, " statistic"], replicates: int = 1, noise: Square | None = None
+    ) -> Callable[[Values], Float[np.ndarray, " row"]]:
+        """`log_likelihood` of these data, for many calls: what does not depend on λ is computed once."""
+        u = self.whiten(observed)
         white = np.zeros((len(u), len(u)))
         if noise is not None:
             white = np.linalg.solve(self.root, np.linalg.solve(self.root, noise).T)
-        rest = u, np.asarray(float(replicates)), 0.5 * (white + white.T)
-        found = np.asarray(log_likelihood_of_rows(self.members, x, *rest), dtype=float)
-        return found - np.log(np.diag(self.root)).sum()
+        rest = [jnp.asarray(one) for one in (u, float(replicates), 0.5 * (white + white.T))]
+        volume = np.log(np.diag(self.root)).sum()
+
+        def of_rows(values: Values) -> Float[np.ndarray, " row"]:
+            x = self.coordinates.of_values(values)
+            return np.asarray(log_likelihood_of_rows(self.members, x, *rest), dtype=float) - volume
+
+        return of_rows
 
     def moments(
         self, values: Float[np.ndarray, "row free"]

@@ -12,6 +12,7 @@ result, `ROUGHLY` to see where the next simulations belong, for which `BRIEFLY` 
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 import emcee
@@ -52,8 +53,11 @@ class Posterior:
         before = self.prior.log_density_of_coordinates(x)
         inside = np.isfinite(before)
         values = np.where(inside[:, None], self.prior.values(x), self.prior.values(self._somewhere))
-        likelihood = self.emulator.log_likelihood(values, self.observed, self.replicates, self.noise)
-        return np.where(inside, before + likelihood, -np.inf)
+        return np.where(inside, before + self._likelihood(values), -np.inf)
+
+    @cached_property
+    def _likelihood(self) -> LogDensity:
+        return self.emulator.likelihood(self.observed, self.replicates, self.noise)
 
     @property
     def _somewhere(self) -> Float[np.ndarray, "1 free"]:

@@ -9,11 +9,12 @@ import math
 import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from yeastfit.errors import InputError
 from yeastfit.infer.laws import LAWS, Law
@@ -41,7 +42,7 @@ class Prior:
         """Names, in the order of the columns."""
         return tuple(self.laws)
 
-    @property
+    @cached_property
     def support(self) -> Float[np.ndarray, "free 2"]:
         """Smallest and largest λ."""
         return np.array([law.support for law in self.laws.values()], dtype=float)
@@ -49,8 +50,7 @@ class Prior:
     def log_density(self, values: Values) -> Float[np.ndarray, " draw"]:
         """Of λ; −inf outside the support."""
         inside, x = self._inside(values)
-        logarithmic = [law.logarithmic for law in self.laws.values()]
-        found = self._log_density(x) - x[:, logarithmic].sum(axis=1)
+        found = self._log_density(x) - x[:, self._logarithmic].sum(axis=1)
         return np.where(inside, found, -np.inf)
 
     def log_density_of_coordinates(self, x: Values) -> Float[np.ndarray, " draw"]:
@@ -60,14 +60,16 @@ class Prior:
 
     def coordinates(self, values: Values) -> Values:
         """λ or log λ, whichever the law of the parameter is of."""
-        columns = zip(self.laws.values(), values.T, strict=True)
-        return np.stack([np.log(one) if law.logarithmic else one for law, one in columns], axis=1)
+        found = np.array(values, dtype=float)
+        found[:, self._logarithmic] = np.log(values[:, self._logarithmic])
+        return found
 
     def values(self, x: Values) -> Values:
         """λ of coordinates. The inverse of `coordinates`; what would overflow is inf, outside every support."""
-        columns = zip(self.laws.values(), x.T, strict=True)
+        found = np.array(x, dtype=float)
         with np.errstate(over="ignore"):
-            return np.stack([np.exp(one) if law.logarithmic else one for law, one in columns], axis=1)
+            found[:, self._logarithmic] = np.exp(x[:, self._logarithmic])
+        return found
 
     def quantile(self, unit: Values) -> Values:
         """Points of the unit cube → λ, for draws of low discrepancy."""
@@ -132,11 +134,17 @@ class Prior:
     def _inside(self, values: Values) -> tuple[np.ndarray, Values]:
         """Which draws lie in the support, and coordinates in which those that do not are replaced by medians."""
         low, high = self.support.T
-        each = (values >= low) & (values <= high)
-        each &= (values > 0) | ~np.array([law.logarithmic for law in self.laws.values()])
-        medians = self.values(np.array([[law.middle for law in self.laws.values()]]))
+        each = (values >= low) & (values <= high) & ((values > 0) | ~self._logarithmic)
         inside = each.all(axis=1)
-        return inside, self.coordinates(np.where(inside[:, None], values, medians))
+        return inside, self.coordinates(np.where(inside[:, None], values, self._medians))
+
+    @cached_property
+    def _logarithmic(self) -> Bool[np.ndarray, " free"]:
+        return np.array([law.logarithmic for law in self.laws.values()])
+
+    @cached_property
+    def _medians(self) -> Float[np.ndarray, "1 free"]:
+        return self.values(np.array([[law.middle for law in self.laws.values()]]))
 
     def _log_density(self, x: Values) -> Float[np.ndarray, " draw"]:
         return np.sum([law.density.logpdf(one) for law, one in zip(self.laws.values(), x.T, strict=True)], axis=0)
