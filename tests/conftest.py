@@ -14,10 +14,10 @@ from jaxtyping import install_import_hook
 ALONE_OR_FIRST = "PYTEST_XDIST_WORKER" not in os.environ
 if ALONE_OR_FIRST:
     os.environ["JAX_COMPILATION_CACHE_DIR"] = tempfile.mkdtemp(prefix="yeastfit-tests-")
-    os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0.1"
+    os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0"
 PROGRAMS = os.environ["JAX_COMPILATION_CACHE_DIR"]
 jax.config.update("jax_compilation_cache_dir", PROGRAMS)
-jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.1)
+jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
 jax.config.update("jax_num_cpu_devices", 2)
 jax.config.update("jax_debug_nans", False)
 install_import_hook("yeastfit", "typechecking.check")
