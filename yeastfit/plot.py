@@ -12,8 +12,8 @@ from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
+from yeastfit.measure.hard import mask_of
 from yeastfit.measure.segmentation import outline
-from yeastfit.model.cells import cells_of, level_set
 from yeastfit.storage import written_whole
 
 if TYPE_CHECKING:
@@ -50,14 +50,12 @@ def colony(simulation: "Simulation", member: int = 0, width: float | None = None
     alive = np.asarray(state.alive)
     reach = float(np.abs(np.asarray(state.positions)[alive]).max()) + 2.0
     width = min(numerics.domain, width or 2 * reach)
-    points = 801
-    cells, relaxation = cells_of(state, parameters.aspect_ratio), simulation.relaxation
-    g = level_set(cells, relaxation.union, relaxation.union_reach, -width / 2, width / (points - 1), points)
+    mask = mask_of(state, parameters.aspect_ratio, simulation.relaxation, width, points=801)
     half = 0.5 * width * length
     figure = Figure(figsize=(9.5, 4.4), layout="constrained")
     left, right = figure.subplots(1, 2, sharex=True, sharey=True)
     left.imshow(
-        np.asarray(g <= 0).T,
+        mask.T,
         origin="lower",
         extent=(-half, half, -half, half),
         cmap=ListedColormap(["#f3efe6", COLONY]),

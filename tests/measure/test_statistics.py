@@ -2,8 +2,10 @@
 
 from math import pi
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
+from helpers import colony_of, pair
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial import ConvexHull
@@ -13,8 +15,10 @@ from skimage.measure import perimeter as chain_perimeter
 
 from yeastfit.errors import InputError
 from yeastfit.measure.filaments import SKELETON
-from yeastfit.measure.hard import SHAPE_STATISTICS, HardStatistics
+from yeastfit.measure.hard import SHAPE_STATISTICS, HardStatistics, mask_of
 from yeastfit.measure.statistics import MEANINGS, UNITS, mask_statistics, measure_mask
+from yeastfit.model.numerics import Numerics
+from yeastfit.model.relaxation import HARD
 
 CENTROID = ("centroid_x", "centroid_y")
 NOT_NEGATIVE = ("csr_radius", "branch_count", "branch_length", "radial_index", "angular_index", "wave_number")
@@ -256,6 +260,14 @@ def test_only_what_is_asked_for_is_computed(monkeypatch):
         mask_statistics(mask, 2.0, ("branch_count",))
     with pytest.raises(InputError, match=r"statistics: got 'size', need some of area, perimeter"):
         mask_statistics(mask, 2.0, ("size",))
+
+
+@pytest.mark.parametrize("angle", [0.3, 1.9])
+def test_the_mask_of_one_cell_is_its_ellipse(angle):
+    """Two nodes 1.6 apart, in a square of 4, on both sides of the lattice's middle."""
+    colony = colony_of(pair(1.6, angle, (0.2, -0.1)), [-1, 0], numerics=Numerics(4.0, 0.2, capacity=4))
+    found = mask_of(colony, jnp.asarray(0.6), HARD, 4.0, 201)
+    np.testing.assert_array_equal(found.T, ellipse(40, 0.6, angle, (10, -5), 201))
 
 
 def test_a_simulated_colony_has_the_same_statistics():

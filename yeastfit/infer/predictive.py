@@ -28,8 +28,8 @@ from yeastfit.infer.samples import Samples
 from yeastfit.infer.simulator import Mismeasured, Simulator, Wrapper, root_of, seed_of, stream_of
 from yeastfit.infer.space import ALONE
 from yeastfit.infer.targets import Targets
+from yeastfit.measure.hard import mask_of
 from yeastfit.measure.smooth import SmoothStatistics
-from yeastfit.model.cells import cells_of, level_set
 from yeastfit.model.parameters import NAMES, Parameters
 from yeastfit.model.relaxation import HARD
 from yeastfit.simulation import member_keys, simulate
@@ -202,6 +202,5 @@ def silhouettes(
     farthest = places.max(where=np.isfinite(places), initial=0.0)  # what is not finite is not in the picture
     reach = float(farthest) + 1.5
     points = 2 * int(np.ceil(reach / FINE)) + 1
-    grid = (HARD.union, HARD.union_reach, -FINE * (points - 1) / 2, FINE, points)
     each = (jax.tree.map(itemgetter(k), (grown, parameters.aspect_ratio)) for k in range(len(values)))
-    return [np.asarray(level_set(cells_of(colony, ratio), *grid) <= 0) for colony, ratio in each]
+    return [mask_of(colony, ratio, HARD, FINE * (points - 1), points) for colony, ratio in each]

@@ -1,15 +1,32 @@
 """Statistics of the black-and-white image of a simulated colony, as a micrograph's are taken: not differentiable."""
 
 import equinox as eqx
+import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Shaped
+from jaxtyping import Array, Bool, Float, Shaped
 
 from yeastfit.measure.smooth import node_statistics
 from yeastfit.measure.statistics import check_names, mask_statistics
-from yeastfit.model.cells import level_set
+from yeastfit.model.cells import cells_of, level_set
+from yeastfit.model.colony import Colony
+from yeastfit.model.relaxation import Relaxation
 from yeastfit.model.simulate import Snapshot
 
 SHAPE_STATISTICS = ("compactness", "radius", "area", "perimeter", "outer_perimeter", "outer_compactness")
+
+
+def mask_of(
+    colony: Colony, aspect_ratio: Float[Array, ""], relaxation: Relaxation, width: float, points: int
+) -> Bool[np.ndarray, "x y"]:
+    """Where the cells of one colony are, {g ≤ 0} on so many points along each side of a square around the origin."""
+    side = jnp.asarray(width, aspect_ratio.dtype)  # an array: for another width nothing is compiled
+    return np.asarray(_mask_of(colony, aspect_ratio, relaxation, side, points))
+
+
+@eqx.filter_jit
+def _mask_of(colony: Colony, ratio: Array, relaxation: Relaxation, width: Array, points: int) -> Bool[Array, "x y"]:
+    grid = -0.5 * width, width / (points - 1), points
+    return level_set(cells_of(colony, ratio), relaxation.union, relaxation.union_reach, *grid) <= 0
 
 
 class HardStatistics(eqx.Module):

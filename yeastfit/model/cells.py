@@ -59,8 +59,8 @@ def level_set(
     cells: Cells,
     union: Float[Array, ""] | None,
     reach: Float[Array, ""] | float,
-    origin: float,
-    spacing: float,
+    origin: Float[Array, ""] | float,
+    spacing: Float[Array, ""] | float,
     points: int,
 ) -> Float[Array, "x y"]:
     """g on the square grid x_i = origin + i·spacing, i < points; negative inside the colony.
@@ -113,7 +113,11 @@ _DROP = jax.lax.GatherScatterMode.FILL_OR_DROP
 
 
 def _patches(
-    cells: Cells, reach: Float[Array, ""] | float, origin: float, spacing: float, points: int
+    cells: Cells,
+    reach: Float[Array, ""] | float,
+    origin: Float[Array, ""] | float,
+    spacing: Float[Array, ""] | float,
+    points: int,
 ) -> tuple[Int[Array, "cell 2"], Int[Array, "cell 2"]]:
     """First grid index and number of patches, per axis, that cover {r² ≤ reach} of each cell.
 
@@ -133,7 +137,10 @@ def _patches(
 
 
 def _squared_radius(
-    cells: Cells, corner: Int[Array, "patch 2"], origin: float, spacing: float
+    cells: Cells,
+    corner: Int[Array, "patch 2"],
+    origin: Float[Array, ""] | float,
+    spacing: Float[Array, ""] | float,
 ) -> Float[Array, "patch a b"]:
     """r² = (u/p)² + (v/q)² on the grid points of one patch per cell."""
     # r² = ((cos θ dx + sin θ dy) / p)² + ((cos θ dy − sin θ dx) / q)², multiplied out: rows, columns, one product
