@@ -83,8 +83,9 @@ def simulate(
     more = {"configuration": configuration, "seconds": result.seconds}
     write_manifest(folder, command="simulate", seed=seed, inputs=[], **more)
     count = result.statistics["cell_count"][:, -1]
+    grown = "1 colony" if members == 1 else f"{members} colonies"
     out.print(
-        f"{members} colonies to t = {result.times[-1]:g} ({result.scales.hours(float(result.times[-1])):.1f} h): "
+        f"{grown} to t = {result.times[-1]:g} ({result.scales.hours(float(result.times[-1])):.1f} h): "
         f"{count.mean():.1f} cells on average, in {result.seconds:.1f} s. Results in {folder}"
     )
 
