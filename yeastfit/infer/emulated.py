@@ -125,7 +125,7 @@ def far_draws(
     then = "" if before is None else f", {100 * far_off(before, draws).mean():.1f} % did in the round before"
     return [
         f"{100 * far.mean():.1f} % of the draws lie far from the others ({where}){then}: how many do is the least "
-        "certain of a posterior, and so are quantiles that reach there"
+        "certain part of a posterior, and so are quantiles that reach there"
     ]
 
 
