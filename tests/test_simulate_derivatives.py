@@ -208,7 +208,7 @@ ENDS = {
 }
 
 
-@pytest.mark.parametrize("double", [True, pytest.param(False, marks=pytest.mark.slow)], ids=["double", "single"])
+@pytest.mark.parametrize("double", [True, False], ids=["double", "single"])
 def test_value_and_gradient_are_finite_at_corners_of_the_box(double: bool) -> None:
     """Each λ at 0 or its lowest, tiny, or the largest plausible; 24 corners, three at a time."""
     picked = np.random.default_rng(1).integers(3, size=(8, MEMBERS, len(NAMES)))

@@ -60,25 +60,18 @@ def test_extent_of_change_sees_every_point_that_is_not_one(value: float) -> None
         assert found == pytest.approx(0.1 * max(abs(i - 20), abs(j - 20)) + margin, rel=1e-5)
 
 
-SLOW = pytest.mark.slow
-WHOLE = Relaxation(None, None, None, "whole")
+@pytest.fixture(params=[False, True], ids=["single", "double"])
+def precision(request: pytest.FixtureRequest) -> bool:
+    if request.param:
+        request.getfixturevalue("double")
+    return bool(request.param)
 
 
-@pytest.mark.parametrize(
-    ("relaxation", "precise"),
-    [
-        pytest.param(Relaxation(), True, id="relaxed-double"),
-        pytest.param(WHOLE, False, id="hard-single"),
-        pytest.param(Relaxation(), False, id="relaxed-single", marks=SLOW),
-        pytest.param(WHOLE, True, id="hard-double", marks=SLOW),
-    ],
-)
+@pytest.mark.parametrize("relaxation", [Relaxation(), Relaxation(None, None, None, "whole")], ids=["relaxed", "hard"])
 def test_what_is_left_out_would_not_have_changed(
-    relaxation: Relaxation, precise: bool, monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest
+    precision: bool, relaxation: Relaxation, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Over two events, against steps on the whole grid: the nutrient to the rounding of 110 steps."""
-    if precise:
-        request.getfixturevalue("double")
 
     def grown(most: int) -> tuple[Colony, list[float]]:
         monkeypatch.setattr(window, "MOST", most)
@@ -94,7 +87,7 @@ def test_what_is_left_out_would_not_have_changed(
     assert extents[0] < 1.0
     assert 2.9 < extents[-1] < 6.0  # the smallest square was left, and the whole grid never taken
     # a difference in the last bit may grow tenfold over a hundred steps
-    bound = 1e-13 if precise else 1e-6
+    bound = 1e-13 if precision else 1e-6
     np.testing.assert_allclose(ours.nutrient, whole.nutrient, rtol=0.0, atol=bound)
     # by lineage: the last bit decides who of two nodes that are fed alike buds first, and so gets the lower slot
     slots, others = (np.lexsort(np.asarray(c.lineages).T)[-int(c.count) :] for c in (ours, whole))

@@ -23,6 +23,8 @@ PATCH = 8  # grid points along a patch: one cell is 2 to 3 patches wide at the s
 FAR = 1e3  # g where no cell reaches: outside for every width
 LARGEST = 80.0  # |f|/s that enters: beyond, exp leaves single precision. s of at least 1/LARGEST keeps f = −1 exact
 
+Scalar = Float[Array, ""] | float
+
 
 class Cells(eqx.Module):
     """Ellipses of all slots but the first; slots without a cell have weight 0."""
@@ -58,9 +60,9 @@ def cells_of(colony: Colony, aspect_ratio: Float[Array, ""], shortest: float = 1
 def level_set(
     cells: Cells,
     union: Float[Array, ""] | None,
-    reach: Float[Array, ""] | float,
-    origin: Float[Array, ""] | float,
-    spacing: Float[Array, ""] | float,
+    reach: Scalar,
+    origin: Scalar,
+    spacing: Scalar,
     points: int,
 ) -> Float[Array, "x y"]:
     """g on the square grid x_i = origin + i·spacing, i < points; negative inside the colony.
@@ -113,11 +115,7 @@ _DROP = jax.lax.GatherScatterMode.FILL_OR_DROP
 
 
 def _patches(
-    cells: Cells,
-    reach: Float[Array, ""] | float,
-    origin: Float[Array, ""] | float,
-    spacing: Float[Array, ""] | float,
-    points: int,
+    cells: Cells, reach: Scalar, origin: Scalar, spacing: Scalar, points: int
 ) -> tuple[Int[Array, "cell 2"], Int[Array, "cell 2"]]:
     """First grid index and number of patches, per axis, that cover {r² ≤ reach} of each cell.
 
@@ -137,10 +135,7 @@ def _patches(
 
 
 def _squared_radius(
-    cells: Cells,
-    corner: Int[Array, "patch 2"],
-    origin: Float[Array, ""] | float,
-    spacing: Float[Array, ""] | float,
+    cells: Cells, corner: Int[Array, "patch 2"], origin: Scalar, spacing: Scalar
 ) -> Float[Array, "patch a b"]:
     """r² = (u/p)² + (v/q)² on the grid points of one patch per cell."""
     # r² = ((cos θ dx + sin θ dy) / p)² + ((cos θ dy − sin θ dx) / q)², multiplied out: rows, columns, one product
