@@ -197,17 +197,16 @@ def command(
     """
 
     def main(
-        given: Annotated[
-            list[Path] | None,
-            typer.Argument(metavar=" ".join(folders), hidden=not folders, exists=True, file_okay=False),
-        ] = None,
+        context: typer.Context,
         quick: Annotated[bool, typer.Option("--quick", help="A rougher measurement within about a minute.")] = False,
         json: Annotated[Path | None, typer.Option("--json", help="File for the figures.", show_default=False)] = None,
         docs: Annotated[Path | None, typer.Option("--docs", help="Folder for a page, where there is one.")] = None,
     ) -> None:
-        if len(given or ()) != len(folders):
-            raise typer.BadParameter(f"got {len(given or ())} folders, need {len(folders)} {' '.join(folders)}".strip())
-        report = Report(name, quick, docs, json and json.with_suffix(".partial"), tuple(given or ()))
+        given = tuple(Path(one) for one in context.args)
+        if len(given) != len(folders) or not all(one.is_dir() for one in given):
+            got = " ".join(map(str, given)) or "nothing"
+            raise typer.BadParameter(f"got {got}, need {len(folders)} folders: {' '.join(folders)}")
+        report = Report(name, quick, docs, json and json.with_suffix(".partial"), given)
         try:
             run(report, quick)
         finally:  # what was measured before a failure is still shown
@@ -219,8 +218,12 @@ def command(
 
     with suppress(RuntimeError):  # JAX has its devices already
         jax.config.update("jax_num_cpu_devices", os.cpu_count() or 1)  # as the command line of yeastfit does
-    app = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
-    app.command(help=sys.modules[run.__module__].__doc__)(main)
+    app = typer.Typer(add_completion=False, pretty_exceptions_enable=False, rich_markup_mode="markdown")
+    app.command(
+        help=sys.modules[run.__module__].__doc__,
+        options_metavar=" ".join(["[OPTIONS]", *folders]),
+        context_settings={"allow_extra_args": bool(folders)},
+    )(main)
     app(arguments, prog_name=f"python -m benchmarks.{name}")
 
 

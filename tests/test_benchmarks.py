@@ -87,16 +87,42 @@ def test_what_was_measured_before_a_failure_is_shown(tmp_path: Path, capsys: pyt
     assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.parametrize("name", ["model", "convergence", "recovery", "optimisers"])
+@pytest.mark.parametrize(
+    ("name", "word"),
+    [
+        ("model", "Targets"),
+        ("convergence", "Targets"),
+        ("recovery", "Targets"),
+        ("optimisers", "Targets"),
+        ("samplers", "'yeastfit[benchmarks]'"),
+        ("segmentation", "RAW_DIR MASK_DIR"),
+    ],
+)
 def test_help_says_what_is_measured(
-    name: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    name: str, word: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(sys, "argv", [f"{name}.py", "--help"])
     with pytest.raises(SystemExit) as left:
         runpy.run_path(str(ROOT / "benchmarks" / f"{name}.py"), run_name="__main__")
     assert left.value.code == 0
-    said = capsys.readouterr().out
-    assert all(word in said for word in ("--quick", "--json", f"python -m benchmarks.{name}", "Targets"))
+    said = " ".join(capsys.readouterr().out.split())
+    assert all(one in said for one in ("--quick", "--json", f"python -m benchmarks.{name} [", word))
+    assert "[]" not in said
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [([], "got nothing, need 2 folders: RAW MASKS"), (["here", "nowhere"], "got here nowhere, need 2 folders")],
+)
+def test_folders_that_are_missing_are_named(
+    given: list[str], words: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "here").mkdir()
+    with pytest.raises(SystemExit) as left:
+        command("example", lambda report, quick: pytest.fail("it ran"), given, ("RAW", "MASKS"))
+    assert left.value.code == 2
+    assert words in " ".join(capsys.readouterr().err.replace("│", " ").split())
 
 
 def test_a_placed_colony_is_a_tree_as_dense_and_as_spread_out_as_asked_for() -> None:
