@@ -1,14 +1,21 @@
-"""Shapes are checked at run time, compiled programs are kept, and the real micrographs are found, for all tests."""
+"""For all tests: shapes are checked at run time, programs are compiled fast and kept, real micrographs are found."""
 
 import os
 import shutil
 import tempfile
 from collections.abc import Iterator
+from importlib.metadata import version
 from pathlib import Path
 
 import jax
 import pytest
 from jaxtyping import install_import_hook
+from PIL import Image
+
+# Half of what the tests take is compiling, and most programs run once: XLA's older code generator and its first level
+# of optimisation take half as long, and their programs run as fast. `XLA_FLAGS= pytest` tests what users run.
+if version("jaxlib").startswith("0.10."):  # with a flag that it does not know, jaxlib ends the process
+    os.environ.setdefault("XLA_FLAGS", "--xla_cpu_use_fusion_emitters=false --xla_backend_optimization_level=1")
 
 # What one process of a run has compiled, tests or programs that they start, the others need not.
 ALONE_OR_FIRST = "PYTEST_XDIST_WORKER" not in os.environ
@@ -48,6 +55,14 @@ def unchecked() -> Iterator[None]:
 
     with wrong_types():
         yield
+
+
+@pytest.fixture
+def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Pictures of one point, where they are not the matter: to draw them takes most of a small run."""
+    from yeastfit import plot  # not before the hook that checks what it imports
+
+    monkeypatch.setattr(plot, "save", lambda figure, path: Image.new("L", (1, 1)).save(path, "PNG"))
 
 
 @pytest.fixture(scope="session")

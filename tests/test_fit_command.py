@@ -106,6 +106,7 @@ def test_a_table_becomes_a_fit_with_tables_pictures_and_a_manifest(
         assert part in said
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_conditions_are_fitted_together_and_options_arrive(
     quick: list[dict[str, Any]], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -128,6 +129,7 @@ def test_conditions_are_fitted_together_and_options_arrive(
     assert "condition" in capsys.readouterr().out
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_fit_that_did_not_converge_is_exit_code_1(
     quick: list[dict[str, Any]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -44,9 +44,16 @@ FILES = (
 
 
 @pytest.fixture
-def data(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def drawn_data(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Of known colonies, which also stand in the place of those that are grown."""
     stand_in(monkeypatch)
     return write_measurements(tmp_path / "data" / "measurements.csv")
+
+
+@pytest.fixture
+def data(drawn_data: Path, undrawn: None) -> Path:
+    """For runs whose pictures are not looked at."""
+    return drawn_data
 
 
 def arguments(data: Path, out: Path, method: str, *more: str) -> list[str]:
@@ -66,9 +73,9 @@ def assert_same(found: Path, expected: Path) -> None:
 
 @pytest.mark.parametrize("method", [pytest.param("emulator", marks=pytest.mark.slow), "abc-mcmc", "abc-smc"])
 def test_a_table_becomes_a_posterior(
-    data: Path, tmp_path: Path, method: str, capsys: pytest.CaptureFixture[str]
+    drawn_data: Path, tmp_path: Path, method: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    out = tmp_path / "out"
+    data, out = drawn_data, tmp_path / "out"
     (data.parent / "truth").mkdir()
     (data.parent / "truth" / "parameters.json").write_text(json.dumps({**ColonyDefaults, **TRUTH}))
     assert cli.run(arguments(data, out, method, "--truth")) == 0
@@ -204,15 +211,18 @@ def test_killed_at_twenty_random_moments_it_comes_to_the_same_bits(data: Path, t
 
 
 @pytest.mark.slow
-def test_a_full_disk_is_one_line_and_loses_nothing(data: Path, tmp_path: Path) -> None:
-    assert cli.run(arguments(data, tmp_path / "whole", "abc-mcmc")) == 0
-    largest = (tmp_path / "whole" / "chains.h5").stat().st_size
-    done = run_apart("kill_after(-1)", arguments(data, tmp_path / "parts", "abc-mcmc"), limit=largest // 2)
+@pytest.mark.parametrize(
+    ("method", "file"), [("emulator", "simulations.h5"), ("abc-mcmc", "chains.h5"), ("abc-smc", "simulations.h5")]
+)
+def test_a_full_disk_is_one_line_and_loses_nothing(data: Path, tmp_path: Path, method: str, file: str) -> None:
+    assert cli.run(arguments(data, tmp_path / "whole", method)) == 0
+    largest = (tmp_path / "whole" / file).stat().st_size
+    done = run_apart("kill_after(-1)", arguments(data, tmp_path / "parts", method), limit=largest // 2)
     assert done.returncode == 2
     errors = [line for line in done.stderr.splitlines() if not line.startswith("warning: ")]
     assert len(errors) == 1, done.stderr
     assert "--resume" in errors[0]
-    assert cli.run(arguments(data, tmp_path / "parts", "abc-mcmc", "--resume")) == 0
+    assert cli.run(arguments(data, tmp_path / "parts", method, "--resume")) == 0
     assert_same(tmp_path / "parts", tmp_path / "whole")
 
 

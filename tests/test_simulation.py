@@ -106,12 +106,9 @@ def test_values_never_recompile(five: Simulation) -> None:
     grow(member_keys(3, 5), relaxation=Relaxation(union=0.1, contact=0.05, boundary=0.3))
     grow(member_keys(3, 5), times=(0.02, 0.5, 1.7))
     assert len(TRACES) == before
-    grow(member_keys(3, 5), times=(0.5, 1.7))
-    assert len(TRACES) > before  # the number of sample times is a shape, and the count does count
-
-
-def test_more_sample_times_do_not_change_the_colony(five: Simulation) -> None:
     two = grow(member_keys(3, 5), times=(0.7, TIMES[-1]))
+    assert len(TRACES) > before  # the number of sample times is a shape, and the count does count
+    # and it does not change the colony
     np.testing.assert_array_equal(two.colony.weights, five.colony.weights)
     # the step that is observed is compiled apart from the others, so that last bits may differ
     np.testing.assert_allclose(two.colony.positions, five.colony.positions, atol=1e-5)
@@ -157,7 +154,7 @@ def troubled() -> dict[float, Simulation]:
     parameters = Parameters(elasticity=np.array([5.0, 20.0, 5.0, 1e30]), mobility=np.array([1.0, 1.0, 60.0, 1.0]))
     return {
         t: simulate(parameters, member_keys(0, 4), times=np.array([t]), numerics=numerics, throw=False)
-        for t in (0.05, 2.5, 3.5)
+        for t in (1.65, 2.5, 3.1)  # 33 to 62 steps, one program
     }
 
 
@@ -170,10 +167,10 @@ def test_a_sound_run_has_nothing_to_report(five: Simulation) -> None:
 @pytest.mark.parametrize(
     ("problem", "time", "member", "words"),
     [
-        ("unstable", 0.05, 1, "forward Euler oscillates: lower dt"),
+        ("unstable", 1.65, 1, "forward Euler oscillates: lower dt"),
         ("left_domain", 2.5, 2, "within one cell of the domain's edge: raise domain"),
         ("not_finite", 2.5, 3, "positions or nutrient are not finite"),
-        ("capacity_reached", 3.5, 0, "every node slot was taken: raise capacity"),
+        ("capacity_reached", 3.1, 0, "every node slot was taken: raise capacity"),
     ],
 )
 def test_problems_are_reported(
@@ -212,7 +209,7 @@ def test_a_state_that_is_not_finite_is_an_error() -> None:
     with pytest.raises(InputError, match=r"dt is 0.05 and positions or nutrient became not finite"):
         simulate(
             Parameters(repulsivity=1e38, mobility=1e38, elasticity=1e-3),
-            member_keys(0, 1),
+            member_keys(0, 4),
             times=[3.0],
             numerics=Numerics(domain=8.0, spacing=0.4, dt=0.05, capacity=10),
         )
@@ -226,8 +223,8 @@ def test_a_diffusivity_beyond_what_single_precision_solves_is_named() -> None:
 
 def test_capacity_is_reported_per_member(troubled: dict[float, Simulation]) -> None:
     assert not troubled[2.5].capacity_reached.any()
-    assert troubled[3.5].capacity_reached[0]
-    assert troubled[3.5].statistics["cell_count"][0, 0] == 9
+    assert troubled[3.1].capacity_reached[0]
+    assert troubled[3.1].statistics["cell_count"][0, 0] == 9
 
 
 def test_statistics_of_a_colony_that_is_not_finite_are_not_numbers(troubled: dict[float, Simulation]) -> None:
