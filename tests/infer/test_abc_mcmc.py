@@ -43,23 +43,27 @@ def assert_same(found: Samples, expected: Samples) -> None:
 # --- known answers ----------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.usefixtures("unchecked")
 @pytest.mark.parametrize("move", ["gaussian", "stretch", "de"])
 def test_gaussian_mean(move: Move) -> None:
     settings = McmcSettings(steps=600, walkers=8, epsilon=0.3, kernel="gaussian", move=move, pilot=200)
     assert_agrees(run(GAUSSIAN, settings, seed=1), GAUSSIAN, 0.3)
 
 
+@pytest.mark.usefixtures("unchecked")
 def test_beta_binomial_is_exact_below_one() -> None:
     known = known_posteriors.beta_binomial()
     assert_agrees(run(known, McmcSettings(steps=1000, walkers=8, epsilon=0.5), seed=2), known, 0.5)
 
 
+@pytest.mark.usefixtures("unchecked")
 def test_banana() -> None:
     known = known_posteriors.banana()
     settings = McmcSettings(steps=1000, walkers=8, epsilon=0.4, kernel="gaussian", discard=50)
     assert_agrees(run(known, settings, seed=3), known, 0.4)
 
 
+@pytest.mark.usefixtures("unchecked")
 def test_bias_falls_with_epsilon() -> None:
     points, weights = GAUSSIAN.exact(0.0)
     exact = np.sqrt(weights @ points**2 - (weights @ points) ** 2)

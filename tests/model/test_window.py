@@ -111,13 +111,14 @@ def test_nutrient_of_any_kind_is_stepped_wherever_it_is() -> None:
 
 def test_no_derivative_is_lost_at_the_squares_edge(double: None, monkeypatch: pytest.MonkeyPatch) -> None:
     """Of the nutrient by diffusivity and by metabolic rate, against steps on the whole grid."""
-    colony = start(jax.random.key(2), NUMERICS)
+    numerics = Numerics(domain=12.0, spacing=0.1, capacity=60)  # half sides 2.9, 4.2 and 6, of which the last is idle
+    colony = start(jax.random.key(2), numerics)
 
     def grown(log_rates: Array) -> Array:
         parameters = Parameters(diffusivity=jnp.exp(log_rates[0]), metabolic_rate=jnp.exp(log_rates[1]))
 
         def once(colony: Colony, _: None) -> tuple[Colony, None]:
-            return step(colony, parameters, Relaxation(), NUMERICS)[0], None
+            return step(colony, parameters, Relaxation(), numerics)[0], None
 
         return jax.lax.scan(once, colony, None, length=30)[0].nutrient
 
