@@ -1,11 +1,13 @@
 """What is left on disk: tables, JSON and the manifest of a run, each written whole or not at all."""
 
 import csv
+import errno
 import hashlib
 import json
 import os
 import platform
 import re
+import shutil
 import sys
 import tempfile
 from collections.abc import Iterator, Sequence
@@ -18,6 +20,7 @@ import jax
 import numpy as np
 
 PACKAGES = ("yeastfit", "jax", "equinox", "optimistix", "numpy", "scipy", "scikit-image", "matplotlib", "tifffile")
+BOOKKEEPING = 1 << 21  # bytes: a chunk of every dataset fits in
 
 
 def versions() -> dict[str, str]:
@@ -31,11 +34,20 @@ def full_disks_told() -> Iterator[None]:
     try:
         yield
     except RuntimeError as error:
-        found = re.search(r"filename = '(.*?)'.*errno = (\d+)", str(error), re.DOTALL)
-        if not found:
+        number, name = (re.search(part, str(error), re.DOTALL) for part in (r"errno = (\d+)", r"filename = '(.*?)'"))
+        if not number:
             raise
-        number = int(found[2])
-        raise OSError(number, os.strerror(number), found[1]) from error
+        where = [name[1]] if name else []  # not where HDF5 could only not make the file as long as it should be
+        raise OSError(int(number[1]), os.strerror(int(number[1])), *where) from error
+
+
+def check_room(path: Path, size: int = 0) -> None:
+    """Raises `OSError` where a disk has no room for so many bytes more in a file of HDF5's, and for its bookkeeping.
+
+    HDF5 may crash the process once a write has failed: on a full disk it is not to begin.
+    """
+    if shutil.disk_usage(path.parent).free < size + BOOKKEEPING:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(path))
 
 
 @contextmanager

@@ -1,5 +1,7 @@
 """The store of simulations: what goes in comes out, whatever is done to the file; and batches of one size."""
 
+import errno
+import os
 import shutil
 import subprocess
 import sys
@@ -95,6 +97,30 @@ def test_duplicates_are_kept_once(tmp_path: Path) -> None:
         store.append(*rows(10, first=5))
         store.append(*(np.concatenate([one, one]) for one in rows(3, first=15)))
         assert_same(store.all(), rows(18))
+
+
+def test_a_disk_too_full_to_grow_on_costs_nothing_that_was_there(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """And leaves no other file behind."""
+
+    def full(path: Path, image: bytes) -> None:
+        with path.open("wb") as file:
+            file.write(image[: len(image) // 2])
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    path = tmp_path / "simulations.h5"
+    with Store(path, FREE, LABELS) as store:
+        store.append(*rows(ROOM))
+        with monkeypatch.context() as patch:
+            patch.setattr(Path, "write_bytes", full)
+            with pytest.raises(OSError, match="No space left on device"):
+                store.append(*rows(8, ROOM))
+    assert list(tmp_path.iterdir()) == [path]
+    with Store(path, FREE, LABELS) as store:
+        assert_same(store.all(), rows(ROOM))
+        store.append(*rows(8, ROOM))
+        assert_same(store.all(), rows(ROOM + 8))
 
 
 def test_a_kill_between_any_two_writes_loses_nothing(tmp_path: Path) -> None:

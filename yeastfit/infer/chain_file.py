@@ -17,7 +17,7 @@ from emcee import State
 from emcee.backends import HDFBackend
 
 from yeastfit.errors import InputError
-from yeastfit.storage import as_json, full_disks_told
+from yeastfit.storage import as_json, check_room, full_disks_told
 
 GROUP = "mcmc"
 STEP = np.dtype([("simulations", "<i8"), ("check", "<u4")])
@@ -48,6 +48,7 @@ class ChainFile(HDFBackend):
     @full_disks_told()
     def grow(self, ngrow: int, blobs: np.ndarray | None) -> None:
         """Makes room for further steps."""
+        check_room(self.path)
         super().grow(ngrow, blobs)
         with self.open("a") as file:
             file[GROUP]["steps"].resize(len(file[GROUP]["chain"]), axis=0)
@@ -55,6 +56,7 @@ class ChainFile(HDFBackend):
     @full_disks_told()
     def save_step(self, state: State, accepted: np.ndarray) -> None:
         """Adds a step, as emcee's backend does, but opens the file only once."""
+        check_room(self.path)
         rows = {"chain": state.coords, "log_prob": state.log_prob, "blobs": state.blobs}
         with self.open("a") as file:
             group = file[GROUP]

@@ -19,7 +19,7 @@ import numpy as np
 from yeastfit.errors import InputError
 from yeastfit.infer.predictive import Predictive
 from yeastfit.infer.samples import Samples
-from yeastfit.storage import as_json, written_whole
+from yeastfit.storage import as_json, check_room, written_whole
 
 STATISTICS, SIMULATED = "statistics", "simulated"
 Groups = dict[str, dict[str, np.ndarray]]
@@ -53,7 +53,9 @@ def to_arviz(samples: Samples, found: Predictive | None = None) -> Any:
 def to_netcdf(samples: Samples, path: str | Path, found: Predictive | None = None) -> None:
     """`to_arviz` as a NetCDF file, written whole or not at all; `arviz.from_netcdf` reads it."""
     data = to_arviz(samples, found)
+    size = sum(values.nbytes for group in groups_of(samples, found).values() for values in group.values())
     with written_whole(path) as temporary:
+        check_room(temporary, 2 * size)
         data.to_netcdf(str(temporary), engine="h5netcdf")
 
 

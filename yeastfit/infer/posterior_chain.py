@@ -13,6 +13,7 @@ result, `ROUGHLY` to see where the next simulations belong, for which `BRIEFLY` 
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
+from io import BytesIO
 from pathlib import Path
 
 import emcee
@@ -24,7 +25,7 @@ from threadpoolctl import threadpool_limits
 from yeastfit.infer.diagnostics import LONG, autocorrelation_time
 from yeastfit.infer.emulator import Emulator, Square, in_pieces
 from yeastfit.infer.priors import Prior
-from yeastfit.storage import full_disks_told, written_whole
+from yeastfit.storage import written_whole
 
 ENOUGH = 1.2 * LONG  # autocorrelation times; `diagnose` has its own estimate of them, and asks for LONG
 ROUGHLY = 20.0  # with 128 chains, quantiles are within some 0.03 standard deviations
@@ -125,19 +126,19 @@ class Walk:
 
     def save(self, path: str | Path) -> None:
         """All steps so far, burn-in included, into a file of emcee's `HDFBackend`."""
-        backend = self.sampler.backend
-        with full_disks_told(), written_whole(path) as temporary:
-            temporary.unlink()  # emcee makes its own
-            kept = HDFBackend(str(temporary))
-            kept.reset(*backend.shape)
-            kept.grow(backend.iteration, None)
-            with kept.open("a") as file:
-                group = file[kept.name]
-                group["chain"][...], group["log_prob"][...] = backend.get_chain(), backend.get_log_prob()
-                group["accepted"][...] = backend.accepted
-                group.attrs["iteration"] = backend.iteration
-                for k, part in enumerate(self.state.random_state):
-                    group.attrs[f"random_state_{k}"] = part
+        backend, image = self.sampler.backend, BytesIO()  # in memory: HDF5 does not survive a full disk
+        kept = HDFBackend(image)
+        kept.reset(*backend.shape)
+        kept.grow(backend.iteration, None)
+        with kept.open("a") as file:
+            group = file[kept.name]
+            group["chain"][...], group["log_prob"][...] = backend.get_chain(), backend.get_log_prob()
+            group["accepted"][...] = backend.accepted
+            group.attrs["iteration"] = backend.iteration
+            for k, part in enumerate(self.state.random_state):
+                group.attrs[f"random_state_{k}"] = part
+        with written_whole(path) as temporary:
+            temporary.write_bytes(image.getvalue())
 
     def _times(self) -> tuple[Float[np.ndarray, " free"], int]:
         """Autocorrelation times, and steps of burn-in."""

@@ -16,6 +16,7 @@ nothing twice: whatever a sampler was doing when it was killed, doing it again c
 import json
 import zlib
 from collections.abc import Sequence
+from io import BytesIO
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -118,13 +119,15 @@ class Store:
     def _head(self) -> dict[str, Any]:
         return {"free": list(self.free), "labels": list(self.labels), "about": self.about}
 
-    @full_disks_told()
     def _write_whole(self) -> None:
-        """All rows into a new file, which replaces the old one."""
+        """All rows into a new file, which replaces the old one; made in memory: HDF5 does not survive a full disk."""
         self.close()
-        with written_whole(self.path) as temporary, h5py.File(temporary, "w", libver=("earliest", "v108")) as file:
+        image = BytesIO()
+        with h5py.File(image, "w", libver=("earliest", "v108")) as file:
             file.attrs["head"] = json.dumps(self._head)
             file.create_dataset(DATASET, data=self._rows)
+        with written_whole(self.path) as temporary:
+            temporary.write_bytes(image.getvalue())
         self._file = _opened(self.path)
         self._index()
 
