@@ -242,7 +242,7 @@ Usage = namedtuple("Usage", "free")
 def test_a_disk_that_fills_up_is_told_of_and_chains_go_on_once_there_is_room(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    room = iter([1 << 30] * 15)  # looked for when the file grows, and before each step
+    room = iter([1 << 30] * 16)  # looked for when the file is made, when it grows, and before each step
     with monkeypatch.context() as patch:
         patch.setattr(shutil, "disk_usage", lambda path: Usage(next(room, 1000)))
         with pytest.raises(OSError, match=r"No space left on device: .*chain\.h5"):

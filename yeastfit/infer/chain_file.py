@@ -40,6 +40,7 @@ class ChainFile(HDFBackend):
     def reset(self, nwalkers: int, ndim: int) -> None:
         """Empties it, or makes it, with the folders above it."""
         self.path.parent.mkdir(parents=True, exist_ok=True)
+        check_room(self.path)
         super().reset(nwalkers, ndim)
         with self.open("a") as file:
             file[GROUP].create_dataset("steps", (0,), maxshape=(None,), dtype=STEP)
