@@ -4,9 +4,9 @@ import os
 import shutil
 import subprocess
 import sys
-from collections import namedtuple
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import h5py
@@ -236,15 +236,12 @@ def test_killed_for_real(tmp_path: Path) -> None:
     assert_same(found, run(GAUSSIAN, settings, seed=19))
 
 
-Usage = namedtuple("Usage", "free")
-
-
 def test_a_disk_that_fills_up_is_told_of_and_chains_go_on_once_there_is_room(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     room = iter([1 << 30] * 16)  # looked for when the file is made, when it grows, and before each step
     with monkeypatch.context() as patch:
-        patch.setattr(shutil, "disk_usage", lambda path: Usage(next(room, 1000)))
+        patch.setattr(shutil, "disk_usage", lambda path: SimpleNamespace(free=next(room, 1000)))
         with pytest.raises(OSError, match=r"No space left on device: .*chain\.h5"):
             run(GAUSSIAN, SHORT, seed=21, path=tmp_path / "chain.h5")
     assert HDFBackend(str(tmp_path / "chain.h5"), read_only=True).iteration == 14

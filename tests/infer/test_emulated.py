@@ -23,13 +23,13 @@ from yeastfit.infer.simulator import seed_of
 NETWORKS = EmulatorSettings(members=4)
 FEW = EmulatorSettings(members=2, width=16, steps=200)
 SETTINGS = EmulatedSettings(first=1024, each=1024, most=3072, batch=1024, emulator=NETWORKS)
-SMALL = EmulatedSettings(first=64, each=64, most=128, settle=1e-6, walkers=32, most_steps=500, batch=32, emulator=FEW)
+SMALL = EmulatedSettings(first=64, each=64, most=192, settle=1e-6, walkers=32, most_steps=500, batch=32, emulator=FEW)
 TRUTH = (1.3, 0.8)
 
 
 @pytest.fixture(scope="module")
 def undisturbed() -> Samples:
-    """Two small rounds of `linear`, of data with seed 4, by seed 7."""
+    """Three small rounds of `linear`, of data with seed 4, by seed 7."""
     known = linear()
     with wrong_types():
         return emulated(known, known.prior, known.observed(TRUTH, 1, seed=4), SMALL, seed=7)
@@ -147,17 +147,17 @@ class Stops:
 def test_a_run_that_was_stopped_goes_on_to_the_same_bits(tmp_path: Path, undisturbed: Samples) -> None:
     known = linear()
     observed = known.observed(TRUTH, 1, seed=4)
-    assert len(undisturbed.diagnostics["rounds"]) == 2
-    for rows in (40, 100):
+    assert len(undisturbed.diagnostics["rounds"]) == 3
+    for rows in (40, 130):
         with (
             Store(tmp_path / f"{rows}.h5", known.free, known.labels) as store,
             pytest.raises(KeyboardInterrupt),
         ):
             emulated(Stops(known, rows), known.prior, observed, SMALL, seed=7, store=store)
-    with Store(tmp_path / "100.h5", known.free, known.labels) as store:
+    with Store(tmp_path / "130.h5", known.free, known.labels) as store:
         kept = len(store)
-        again = emulated(Stops(known, 128 - kept), known.prior, observed, SMALL, seed=7, store=store)
-    assert kept == 96
+        again = emulated(Stops(known, 192 - kept), known.prior, observed, SMALL, seed=7, store=store)
+    assert kept == 128
     np.testing.assert_array_equal(again.values, undisturbed.values)
     np.testing.assert_array_equal(again.statistics, undisturbed.statistics)
     other = emulated(known, known.prior, observed, SMALL, seed=8)
@@ -173,7 +173,7 @@ def test_a_longer_run_has_use_for_all_of_a_shorter_one(tmp_path: Path) -> None:
         short = emulated(known, known.prior, observed, replace(SMALL, most=100), seed=7, store=store)
         assert short.simulations == len(store) == 100
         emulated(known, known.prior, observed, SMALL, seed=7, store=store)
-        assert len(store) == 128
+        assert len(store) == 192
         once = emulated(known, known.prior, observed, replace(SMALL, most=64), seed=7, store=store)
     assert "not settled: whether one round more would move it is not known" in "\n".join(once.warnings)
 
@@ -188,8 +188,8 @@ def test_simulations_of_other_runs_are_learnt_from(undisturbed: Samples) -> None
     values = np.concatenate([own, outside])
     statistics = known(values, np.arange(len(values)))
     found = emulated(known, known.prior, observed, SMALL, seed=7, given=(values, statistics))
-    assert [one["simulations"] for one in found.diagnostics["rounds"]] == [364, 428]
-    assert (found.simulations, found.settings["given"]) == (128, 300)
+    assert [one["simulations"] for one in found.diagnostics["rounds"]] == [364, 428, 492]
+    assert (found.simulations, found.settings["given"]) == (192, 300)
     first = first_values(known.prior, 64, 7)
     same = (first, known(first, seed_of(7, range(64))))
     np.testing.assert_array_equal(
@@ -217,7 +217,7 @@ def test_samples_save_what_the_emulator_said(tmp_path: Path) -> None:
     assert found.values.shape[1] >= 50  # however long the chains hang together
     assert "the posterior has not settled: it moved by" in "\n".join(found.warnings)
     assert "of the variance of the data and widens the posterior" in "\n".join(found.warnings)
-    assert [what for what, _ in heard] == ["round 1", "done"]
+    assert [what for what, _ in heard] == ["round 1", "round 2", "done"]
     found.save(tmp_path / "samples.npz")
     back = Samples.load(tmp_path / "samples.npz")
     assert back.diagnostics["rounds"][-1]["held_out"]["labels"] == ["s0", "s1", "s2", "s3"]
