@@ -94,10 +94,10 @@ def verdicts(report: Report, part: "Part", records: Sequence[Record]) -> None:
     if not whole:
         return
     for level, (low, high) in LEVELS.items():
-        _judged(report, part, coverage(whole, level), f"{part.method}: inside {100 * level:g} % intervals", low, high)
+        _judged(report, coverage(whole, level), f"{part.method}: inside {100 * level:g} % intervals", low, high)
     uniform = Uniform.of(len(whole), part.draws)
     p = {name: uniform.p_value(column(whole, "rank", name)) for name in QUANTITIES}
-    target = LEAST_P if part.emulator and not report.quick else None
+    target = None if report.quick else LEAST_P
     note = f"of {len(p)} quantities, times their number"
     report.add(f"{part.method}: least p of uniform ranks", min(1.0, len(p) * min(p.values())), "", target, note=note)
     rows = [_row(name, column(whole, "share", name), p[name]) for name in QUANTITIES]
@@ -120,21 +120,15 @@ MEDIANS = {
 }
 
 
-def _judged(
-    report: Report, part: "Part", found: tuple[float, float, float], what: str, low: float, high: float
-) -> None:
-    """Against its targets: what was found with the emulator, the ends of its interval with ABC."""
+def _judged(report: Report, found: tuple[float, float, float], what: str, low: float, high: float) -> None:
+    """Against its targets."""
     middle, least, most = found
     note = f"95 % interval {least:.0f} to {most:.0f} %, over all parameters"
     if report.quick:
         report.add(what, middle, "%", note=note)
-    elif part.emulator:
+    else:
         report.add(what, middle, "%", low, note=note)
         report.add(f"{what}, at most", middle, "%", high, at_least=False)
-    else:
-        report.add(what, middle, "%", note=note)
-        report.add(f"{what}, upper end", most, "%", low)
-        report.add(f"{what}, lower end", least, "%", high, at_least=False)
 
 
 def _row(name: str, shares: np.ndarray, p: float) -> dict[str, Any]:

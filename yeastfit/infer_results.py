@@ -58,7 +58,7 @@ class Results:
 
     @property
     def effective_size(self) -> Float[np.ndarray, " free"]:
-        """Of chains as `diagnose` has it, of weighted draws Kish's."""
+        """Of chains as `diagnose` has it, of weighted draws as `Samples` has it."""
         return self.chains.effective_size if self.chains else self.samples.effective_size
 
     def rows(self) -> list[dict[str, Any]]:

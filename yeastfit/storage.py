@@ -13,6 +13,7 @@ import tempfile
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from importlib.metadata import version
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -64,6 +65,15 @@ def written_whole(path: str | Path) -> Iterator[Path]:
         temporary.replace(path)
     finally:
         temporary.unlink(missing_ok=True)
+
+
+@contextmanager
+def hdf5_written_whole(path: str | Path) -> Iterator[BytesIO]:
+    """A file in memory, for HDF5 does not survive a full disk; `written_whole` once all went well."""
+    image = BytesIO()
+    yield image
+    with written_whole(path) as temporary:
+        temporary.write_bytes(image.getvalue())
 
 
 def write_table(path: str | Path, rows: Sequence[dict[str, Any]]) -> None:

@@ -29,7 +29,7 @@ from jaxtyping import Float
 from scipy.special import logsumexp
 
 from yeastfit.errors import InputError
-from yeastfit.infer.adjustment import adjusted
+from yeastfit.infer.adjustment import adjusted, worth
 from yeastfit.infer.distances import Distance
 from yeastfit.infer.pilot import check_problem, first_values, unreached
 from yeastfit.infer.populations import Mixture, Population, PopulationFile
@@ -42,6 +42,9 @@ from yeastfit.progress import Progress, silent
 PROMISE = (
     10  # accepted proposals that the lowest acceptable share promises: with fewer by then, a population is given up
 )
+
+
+FEWEST = 25.0  # independent draws, that adjusted ones are to be worth: an error of the mean of a fifth of its sd
 
 
 @dataclass(frozen=True)
@@ -119,6 +122,13 @@ def abc_smc(
         if file is not None:
             file.write(populations)
     return problem.samples(populations, end, clock.perf_counter() - began)
+
+
+def _vague(name: str, size: float) -> str:
+    return (
+        f"{name}: once adjusted, all draws are worth {size:.0f} independent ones, its mean is known to "
+        f"{size**-0.5:.2f} of its standard deviation: allow more simulations, or take a larger population"
+    )
 
 
 def _next(populations: list[Population], settings: SmcSettings) -> tuple[str, float]:
@@ -200,11 +210,13 @@ class _Problem:
             said.append(f"epsilon {settings.epsilon:g} was not reached, it ended at {last.epsilon:.4g}: {end}")
         elif not np.isfinite(last.epsilon):
             said.append(f"the sample is one of the prior, nearer ones did not come: {end}")
+        diagnostics: dict[str, Any] = {"epsilon": [one.epsilon for one in populations], "end": end}
         values, weights = self.prior.values(last.x), last.weights
         if settings.adjust:
-            observed = self.distance.observed
-            values, weights, why = adjusted(values, weights, last.statistics, last.distances, observed, self.prior)
-            said += why
+            accepted = values, weights, last.statistics, last.distances, self.distance.observed, self.prior
+            values, weights, why = adjusted(*accepted)
+            diagnostics["effective_size"] = sizes = worth(*accepted).tolist()
+            said += why or [_vague(*one) for one in zip(self.prior.free, sizes, strict=True) if one[1] < FEWEST]
         return Samples(
             free=self.prior.free,
             values=values[None],
@@ -219,7 +231,7 @@ class _Problem:
             method="ABC-SMC",
             settings={**asdict(settings), "prior": self.prior.asdict(), **self.distance.asdict()},
             warnings=[*self.recorded.notes, *said],
-            diagnostics={"epsilon": [one.epsilon for one in populations], "end": end},
+            diagnostics=diagnostics,
         )
 
     def _proposals(self, mixture: Mixture | None, rng: np.random.Generator) -> Float[np.ndarray, "proposal free"]:

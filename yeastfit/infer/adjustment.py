@@ -3,13 +3,18 @@
 Beaumont, Zhang & Balding 2002, doi:10.1093/genetics/162.4.2025. Of draws with weights w_i and distances d_i, by least
 squares with weights W_i = w_i (1 − d_i²/δ²), δ the largest distance (Epanechnikov's kernel),
 
-    u_i = α + (s_i − o)ᵀ β + error,    u_i* = u_i − (s_i − o)ᵀ β̂,
+    u_i = α + (s_i − o)ᵀ β + error,    u_i* = α̂ + (u_i − α̂ − (s_i − o)ᵀ β̂) / √(1 − h_i),
 
-o observed, s_i simulated; the u_i* have weights W_i. u is a map of λ on the whole line, parameter by parameter, so that
+o observed, s_i simulated; the u_i* have weights W_i. Residuals are shorter than errors, by √(1 − h_i) where errors are
+alike, h_i the leverage (MacKinnon & White 1985, doi:10.1016/0304-4076(85)90158-7): divided by it, the u_i* scatter as
+widely as they should, however few they are. u is a map of λ on the whole line, parameter by parameter, so that
 λ* stays in the prior's support a..b (Hamilton, Stoneking & Excoffier 2005, doi:10.1073/pnas.0409071102):
 
     a > 0, b < ∞:  u = logit((log λ − log a) / (log b − log a))         a = 0, b = ∞:  u = log λ
     else finite:   u = logit((λ − a) / (b − a))                          one end:       u = ±log |λ − end|
+
+α̂ and β̂ have errors, which move all u_i* at once, the farther the more o lies at the edge of the s_i: means over u* are
+less well known than those over as many independent draws (`worth`).
 """
 
 import numpy as np
@@ -19,6 +24,8 @@ from scipy.special import expit, logit
 from yeastfit.infer.priors import Prior
 
 ENOUGH = 4.0  # independent draws per coefficient: with fewer, the fit is noise
+PARTS = 100  # of the draws, left out one after the other
+LEAST = 0.01  # of 1 − h: what has more leverage has no residual to speak of
 
 Draws = Float[np.ndarray, "draw free"]
 Weights = Float[np.ndarray, " draw"]
@@ -46,10 +53,39 @@ def adjusted(
     scale = np.where(np.ptp(apart, axis=0) > 0, apart.std(axis=0), np.inf)
     design = np.column_stack([np.ones(len(apart)), apart / scale])
     root = np.sqrt(near)[:, None]
-    slopes = np.linalg.lstsq(root * design, root * u, rcond=None)[0][1:]
-    moved = u - design[:, 1:] @ slopes
+    inverse = np.linalg.pinv(root * design, rcond=len(design) * np.finfo(float).eps)
+    fit, leverage = inverse @ (root * u), np.sum(root * design * inverse.T, axis=1)
+    moved = fit[0] + (u - design @ fit) / np.sqrt(np.maximum(1 - leverage, LEAST))[:, None]
     found = np.stack([from_line(one, *ends) for one, ends in zip(moved.T, prior.support, strict=True)], axis=1)
     return found, near / near.sum(), []
+
+
+def worth(
+    values: Draws,
+    weights: Weights,
+    statistics: Float[np.ndarray, "draw statistic"],
+    distances: Float[np.ndarray, " draw"],
+    observed: Float[np.ndarray, " statistic"],
+    prior: Prior,
+    parts: int = PARTS,
+) -> Float[np.ndarray, " free"]:
+    """Independent draws that would tell as much of the mean of λ as these do once they are `adjusted`.
+
+    (sd / error)², the error by jackknife: of so many parts of consecutive draws, one after the other is left out, and
+    the others adjusted. At most what weights alone allow for, 1 / Σ W². parts: that are independent of each other, such
+    as chains; of independent draws, any.
+    """
+    found, near, _ = adjusted(values, weights, statistics, distances, observed, prior)
+    sd = np.sqrt(near @ (found - near @ found) ** 2)
+    parts = max(2, min(parts, len(weights)))
+    part, means = np.arange(len(weights)) * parts // len(weights), np.empty((parts, len(sd)))
+    for k in range(parts):
+        others = np.where(part == k, 0.0, weights)
+        left, share, _ = adjusted(values, others / others.sum(), statistics, distances, observed, prior)
+        means[k] = share @ left
+    error = np.sqrt((parts - 1) * means.var(axis=0))
+    most = 1 / np.sum(near**2)
+    return np.clip(np.divide(sd, error, out=np.full_like(sd, np.inf), where=error > 0) ** 2, 1.0, most)
 
 
 def to_line(values: Float[np.ndarray, " draw"], low: float, high: float) -> Float[np.ndarray, " draw"]:

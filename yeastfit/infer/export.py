@@ -31,7 +31,11 @@ def to_arviz(samples: Samples, found: Predictive | None = None) -> Any:
     found: of `predict`, what was observed and what was predicted; without it there are no groups of these. Raises
     `InputError` where ArviZ is missing, or `found` is of other statistics.
     """
-    groups, arviz = groups_of(samples, found), _arviz()
+    return _arviz_of(groups_of(samples, found), samples)
+
+
+def _arviz_of(groups: Groups, samples: Samples) -> Any:
+    arviz = _arviz()
     about = {
         "inference_library": "yeastfit",
         "method": samples.method,
@@ -52,8 +56,9 @@ def to_arviz(samples: Samples, found: Predictive | None = None) -> Any:
 
 def to_netcdf(samples: Samples, path: str | Path, found: Predictive | None = None) -> None:
     """`to_arviz` as a NetCDF file, written whole or not at all; `arviz.from_netcdf` reads it."""
-    data = to_arviz(samples, found)
-    size = sum(values.nbytes for group in groups_of(samples, found).values() for values in group.values())
+    groups = groups_of(samples, found)
+    data = _arviz_of(groups, samples)
+    size = sum(values.nbytes for group in groups.values() for values in group.values())
     with written_whole(path) as temporary:
         check_room(temporary, 2 * size)
         data.to_netcdf(str(temporary), engine="h5netcdf")

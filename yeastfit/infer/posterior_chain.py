@@ -13,7 +13,6 @@ result, `ROUGHLY` to see where the next simulations belong, for which `BRIEFLY` 
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from io import BytesIO
 from pathlib import Path
 
 import emcee
@@ -25,7 +24,7 @@ from threadpoolctl import threadpool_limits
 from yeastfit.infer.diagnostics import LONG, autocorrelation_time
 from yeastfit.infer.emulator import Emulator, Square, in_pieces
 from yeastfit.infer.priors import Prior
-from yeastfit.storage import written_whole
+from yeastfit.storage import hdf5_written_whole
 
 ENOUGH = 1.2 * LONG  # autocorrelation times; `diagnose` has its own estimate of them, and asks for LONG
 ROUGHLY = 20.0  # with 128 chains, quantiles are within some 0.03 standard deviations
@@ -126,19 +125,18 @@ class Walk:
 
     def save(self, path: str | Path) -> None:
         """All steps so far, burn-in included, into a file of emcee's `HDFBackend`."""
-        backend, image = self.sampler.backend, BytesIO()  # in memory: HDF5 does not survive a full disk
-        kept = HDFBackend(image)
-        kept.reset(*backend.shape)
-        kept.grow(backend.iteration, None)
-        with kept.open("a") as file:
-            group = file[kept.name]
-            group["chain"][...], group["log_prob"][...] = backend.get_chain(), backend.get_log_prob()
-            group["accepted"][...] = backend.accepted
-            group.attrs["iteration"] = backend.iteration
-            for k, part in enumerate(self.state.random_state):
-                group.attrs[f"random_state_{k}"] = part
-        with written_whole(path) as temporary:
-            temporary.write_bytes(image.getvalue())
+        backend = self.sampler.backend
+        with hdf5_written_whole(path) as image:
+            kept = HDFBackend(image)
+            kept.reset(*backend.shape)
+            kept.grow(backend.iteration, None)
+            with kept.open("a") as file:
+                group = file[kept.name]
+                group["chain"][...], group["log_prob"][...] = backend.get_chain(), backend.get_log_prob()
+                group["accepted"][...] = backend.accepted
+                group.attrs["iteration"] = backend.iteration
+                for k, part in enumerate(self.state.random_state):
+                    group.attrs[f"random_state_{k}"] = part
 
     def _times(self) -> tuple[Float[np.ndarray, " free"], int]:
         """Autocorrelation times, and steps of burn-in."""

@@ -84,8 +84,11 @@ class Samples:
     def effective_size(self) -> Float[np.ndarray, " free"]:
         """Independent draws that would tell as much of the mean.
 
-        Of weighted draws 1 / Σw² (Kish), of chains their number over `autocorrelation_time`.
+        Of weighted draws 1 / Σw² (Kish), of chains their number over `autocorrelation_time`; where draws were adjusted,
+        less than that, as `adjustment.worth` found it.
         """
+        if "effective_size" in self.diagnostics:
+            return np.array(self.diagnostics["effective_size"])
         if self.weighted:
             return np.full(len(self.free), 1.0 / np.sum(self.weights**2))
         return np.clip(self.weights.size / autocorrelation_time(self.values), 1.0, self.weights.size)

@@ -16,7 +16,6 @@ nothing twice: whatever a sampler was doing when it was killed, doing it again c
 import json
 import zlib
 from collections.abc import Sequence
-from io import BytesIO
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -27,7 +26,7 @@ from jaxtyping import Bool, Float, Int
 
 from yeastfit.errors import InputError
 from yeastfit.infer.simulator import Simulator
-from yeastfit.storage import full_disks_told, written_whole
+from yeastfit.storage import full_disks_told, hdf5_written_whole
 
 DATASET = "simulations"
 ROOM = 1024  # rows of a new file
@@ -120,14 +119,11 @@ class Store:
         return {"free": list(self.free), "labels": list(self.labels), "about": self.about}
 
     def _write_whole(self) -> None:
-        """All rows into a new file, which replaces the old one; made in memory: HDF5 does not survive a full disk."""
+        """All rows into a new file, which replaces the old one."""
         self.close()
-        image = BytesIO()
-        with h5py.File(image, "w", libver=("earliest", "v108")) as file:
+        with hdf5_written_whole(self.path) as image, h5py.File(image, "w", libver=("earliest", "v108")) as file:
             file.attrs["head"] = json.dumps(self._head)
             file.create_dataset(DATASET, data=self._rows)
-        with written_whole(self.path) as temporary:
-            temporary.write_bytes(image.getvalue())
         self._file = _opened(self.path)
         self._index()
 

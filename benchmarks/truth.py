@@ -1,0 +1,66 @@
+"""Posteriors beside the truth: on the synthetic micrographs, by `yeastfit infer` as it is by default.
+
+Of each data set a posterior is made by the emulator, of compactness and radius of ten colonies at eleven times, with
+the plausible ranges as prior. Is each λ that went in inside its central 90 % interval, and are all three together in
+the region that holds 90 % of the draws, those nearest to the mean in units of their covariance, in log λ?
+
+Targets: all nine λ, and all three joint ones, are inside.
+
+    python -m benchmarks.truth [--quick] [--json FILE] [--docs DIR] [--work DIR]
+
+All runs are kept in DIR of --work, out/truth by default, and taken up there by the same code. With --quick: one data
+set, few simulations of a coarse model, no targets. With --docs, DIR/truth.md is written.
+"""
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks.agreement import DATA, LEVEL, SETS, posterior, truth_of, yes
+from benchmarks.report import Report, code, command
+from yeastfit.infer_request import Request
+
+QUICK: dict[str, Any] = {"simulations": 256, "dt": 0.05, "spacing": 0.4}
+
+
+def judge(report: Report, sets: tuple[str, ...], work: Path, **settings: Any) -> None:
+    """Posteriors of all data of each set, with the truth."""
+    rows, inside, together = [], 0, 0
+    for name in sets:
+        report.stage(name)
+        one = posterior(DATA / name, work / name, Request(seed=0, **settings))
+        truth = truth_of(name, one.samples.free)
+        each, joint = one.inside(truth)
+        inside, together = inside + sum(each), together + joint
+        for k, (parameter, (low, high)) in enumerate(zip(one.samples.free, one.samples.interval(LEVEL), strict=True)):
+            ends = f"{low:.3g} to {high:.3g}"
+            row = {"set": name, "λ": parameter, "true": float(np.exp(truth[k])), "90 %": ends}
+            rows.append({**row, "inside": yes(each[k])})
+        note = f"all three {'inside' if joint else 'outside'} together; {one.samples.simulations} colonies"
+        report.add(name, one.samples.seconds, "s", note=note)
+    each_target, joint_target = (None, None) if report.quick else (len(rows), len(sets))
+    report.add("λ inside their 90 % intervals", inside, "", each_target, note=f"of {len(rows)}")
+    report.add("sets inside their joint 90 % region", together, "", joint_target, note=f"of {len(sets)}")
+    report.table("truth and posterior", rows)
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """The command: options of its own, then those of every benchmark."""
+    parser = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
+    parser.add_argument("--work", type=Path, default=Path("out/truth"))
+    own, others = parser.parse_known_args(arguments)
+
+    def run(report: Report, quick: bool) -> None:
+        work = own.work / f"{'quick' if quick else 'full'}-{code()}"
+        judge(report, SETS[:1] if quick else SETS, work, **(QUICK if quick else {}))
+        if report.docs is not None:
+            report.docs.mkdir(parents=True, exist_ok=True)
+            (report.docs / "truth.md").write_text("\n".join([report.head(__doc__), *report.sections()]))
+
+    command("truth", run, others)
+
+
+if __name__ == "__main__":
+    main()
