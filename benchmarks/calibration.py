@@ -151,11 +151,16 @@ QUICK = (
 
 @dataclass(frozen=True)
 class Study:
-    """What is calibrated. work: where all of it is kept. name: of its page."""
+    """What is calibrated. work: where all of it is kept. method: the only one, by its name on the command line."""
 
     parts: tuple[Part, ...]
     work: Path
-    name: str = "calibration"
+    method: str | None = None
+
+    @property
+    def name(self) -> str:
+        """Of the page."""
+        return f"calibration-{self.method}" if self.method else "calibration"
 
     @property
     def groups(self) -> list[tuple[int, int]]:
@@ -248,8 +253,11 @@ def placed(
 
 def markdown(report: Report, study: Study) -> str:
     """The page."""
+    head = report.head(__doc__)
+    if study.method:
+        head = head.replace("calibration --docs", f"calibration --method {study.method} --docs")
     parts = [
-        f"""{report.head(__doc__)}
+        f"""{head}
 
 ![Ranks of the truth]({study.name}.png)
 
@@ -331,8 +339,7 @@ def main(arguments: list[str] | None = None) -> None:
     def run(report: Report, quick: bool) -> None:
         parts, folder = (QUICK, "quick") if quick else (FULL, "full")
         asked = tuple(part for part in parts if own.method in (None, part.method.lower()))
-        name = f"calibration-{own.method}" if own.method else "calibration"
-        calibrate(report, Study(asked, own.work / folder, name), max(1, own.jobs))
+        calibrate(report, Study(asked, own.work / folder, own.method), max(1, own.jobs))
 
     command("calibration", run, others)
 

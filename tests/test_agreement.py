@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks import agreement
+from benchmarks import agreement, truth
 from benchmarks.agreement import Found, Size, agree
 from benchmarks.recovery import BOX
 from benchmarks.report import Report
@@ -97,3 +97,21 @@ def test_few_data_are_the_first_colonies_at_two_times(tmp_path: Path, monkeypatc
         (str(colony), hours) for colony in range(1, 5) for hours in agreement.HOURS
     ]
     assert (table.parent / rows[0]["mask"]).resolve() == (masks / "masks" / "1-7.png").resolve()
+
+
+def test_truths_inside_and_outside_are_counted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of two data sets one truth is three standard deviations off, in one λ."""
+    off = {"demo": 0.0, "slender": 3.0}
+    monkeypatch.setattr(truth, "posterior", lambda source, folder, request: Found.of(samples(1, draws=4000)))
+    monkeypatch.setattr(truth, "truth_of", lambda name, free: CENTRE + off[name] * np.array([0.0, 0.0, 0.1]))
+    report = Report("truth", docs=tmp_path)
+    truth.judge(report, ("demo", "slender"), tmp_path)
+    figures = {figure.name: (figure.value, figure.target, figure.met) for figure in report.figures}
+    assert figures["λ inside their 90 % intervals"] == (5, 6, False)
+    assert figures["sets inside their joint 90 % region"] == (1, 2, False)
+    ((_, rows),) = report.tables.items()
+    assert [row["inside"] for row in rows] == ["yes"] * 5 + ["no"]
+    assert rows[5]["true"] == pytest.approx(np.exp(CENTRE[2] + 0.3))
+    quick = Report("truth", quick=True)
+    truth.judge(quick, ("demo",), tmp_path)
+    assert not any(figure.target for figure in quick.figures)

@@ -242,6 +242,31 @@ def test_page_and_picture_are_of_what_was_kept(tmp_path: Path, echoed: None) -> 
     assert len(json.loads(json.dumps(report.asdict()))["data sets"][1]) == 4
 
 
+def test_one_method_has_a_page_of_its_own(
+    tmp_path: Path, echoed: None, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def calibrated(part: Part, number: int, *rest: object) -> Record:
+        return {**records(part)[number - 1], "number": number}
+
+    monkeypatch.setattr(calibration, "calibrated", calibrated)
+    where = ["--work", str(tmp_path), "--docs", str(tmp_path / "docs"), "--jobs", "1"]
+    with pytest.raises(SystemExit) as left:
+        calibration.main(["--quick", "--method", "abc-smc", *where])
+    assert left.value.code == 0
+    assert sorted(one.name for one in (tmp_path / "docs").iterdir()) == [
+        "calibration-abc-smc.md",
+        "calibration-abc-smc.png",
+    ]
+    page = (tmp_path / "docs" / "calibration-abc-smc.md").read_text()
+    assert "![Ranks of the truth](calibration-abc-smc.png)" in page
+    assert "Written by `python -m benchmarks.calibration --method abc-smc --docs docs` on" in page
+    assert "ABC-SMC: inside 90 % intervals" in page
+    assert "emulator: inside" not in page
+    with pytest.raises(SystemExit):
+        calibration.main(["--quick", "--method", "abc"])
+    assert "invalid choice: 'abc' (choose from" in capsys.readouterr().err
+
+
 def test_help_says_what_is_measured(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit):
         calibration.main(["--help"])

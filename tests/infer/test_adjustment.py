@@ -3,10 +3,28 @@
 import numpy as np
 import pytest
 
-from yeastfit.infer.adjustment import adjusted, from_line, to_line
+from yeastfit.infer.adjustment import adjusted, from_line, to_line, worth
 from yeastfit.infer.priors import Prior
 
 INF = np.inf
+Accepted = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, Prior]
+PRIOR = Prior.of({"a": {"law": "normal", "mean": 0.0, "sd": 10.0}})
+
+
+def accepted(seed: int, *, off: float = 0.0, draws: int = 40, chains: int = 0) -> Accepted:
+    """λ = s₁ − s₂ / 2 + N(0, 1), for s normal, observed `off` their middle; of an AR(1) with 0.9 where of chains."""
+    rng, observed = np.random.default_rng(seed), np.array([off, 0.0])
+    if chains:
+        noise = rng.standard_normal((chains, draws, 3))
+        for k in range(1, draws):
+            noise[:, k] = 0.9 * noise[:, k - 1] + np.sqrt(1 - 0.9**2) * noise[:, k]
+        noise = noise.reshape(-1, 3)
+    else:
+        noise = rng.standard_normal((draws, 3))
+    statistics, weights = noise[:, :2], np.full(len(noise), 1 / len(noise))
+    values = statistics @ np.array([[1.0], [-0.5]]) + noise[:, 2:]
+    distances = np.sqrt(np.sum((statistics - observed) ** 2, axis=1))
+    return values, weights, statistics, distances, observed, PRIOR
 
 
 @pytest.mark.parametrize(
@@ -66,3 +84,41 @@ def test_too_few_draws_are_left_as_they_were() -> None:
     assert said[0].startswith("not adjusted: 5 independent draws, a regression needs 16")
     nothing = adjusted(values, weights, statistics, np.full(6, 2.0), np.zeros(3), prior)
     assert nothing[2] == ["not adjusted: 0 independent draws, a regression needs 16"]
+
+
+def test_few_draws_scatter_as_widely_as_many() -> None:
+    """Residuals of 20 draws about a fit of three coefficients lack a tenth of the variance, which is put back."""
+    found = []
+    for seed in range(1000):
+        values, weights, _ = adjusted(*accepted(seed, draws=20))
+        found.append(weights @ (values - weights @ values) ** 2)
+    assert np.mean(found) == pytest.approx(1.0, abs=0.03)
+
+
+@pytest.mark.parametrize(
+    ("off", "chains", "least"), [(0.0, 0, 0.8), (2.0, 0, 2.0), (0.0, 16, 2.5)], ids=["middle", "edge", "chains"]
+)
+def test_means_of_adjusted_draws_scatter_as_they_are_worth(off: float, chains: int, least: float) -> None:
+    """λ observed is off ± 1. By weights alone errors are too small at the edge, and of chains."""
+    scores, plain = [], []
+    for seed in range(150):
+        draws = accepted(seed, off=off, draws=60, chains=chains)
+        values, weights, said = adjusted(*draws)
+        assert said == []
+        mean = weights @ values
+        shift = (mean - off) / np.sqrt(weights @ (values - mean) ** 2)
+        scores.append(shift * np.sqrt(worth(*draws, parts=chains or 60)))
+        plain.append(shift / np.sqrt(np.sum(weights**2)))
+    assert np.sqrt(np.mean(np.square(scores))) == pytest.approx(1.0, abs=0.15)
+    assert np.sqrt(np.mean(np.square(plain))) > least
+
+
+def test_draws_are_worth_no_more_than_their_weights_allow() -> None:
+    values, weights, statistics, distances, observed, prior = draws = accepted(3)
+    _, near, _ = adjusted(*draws)
+    straight = statistics @ np.array([[1.0], [-0.5]])  # known exactly, however few the draws
+    size = worth(straight, weights, statistics, distances, observed, prior)
+    np.testing.assert_allclose(size, 1 / np.sum(near**2))
+    assert (worth(*draws, parts=1) >= 1).all()
+    same = np.broadcast_to(observed, statistics.shape)  # all at the observation: nothing is adjusted
+    assert worth(values, weights, same, np.zeros(40), observed, prior) == pytest.approx(40, rel=0.05)

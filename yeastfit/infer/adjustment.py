@@ -5,9 +5,9 @@ squares with weights W_i = w_i (1 − d_i²/δ²), δ the largest distance (Epan
 
     u_i = α + (s_i − o)ᵀ β + error,    u_i* = α̂ + (u_i − α̂ − (s_i − o)ᵀ β̂) / √(1 − h_i),
 
-o observed, s_i simulated; the u_i* have weights W_i. Residuals are shorter than errors, by √(1 − h_i) where errors are
-alike, h_i the leverage (MacKinnon & White 1985, doi:10.1016/0304-4076(85)90158-7): divided by it, the u_i* scatter as
-widely as they should, however few they are. u is a map of λ on the whole line, parameter by parameter, so that
+o observed, s_i simulated; the u_i* have weights W_i. Residuals are shorter than errors, by about √(1 − h_i), h_i the
+leverage (MacKinnon & White 1985, doi:10.1016/0304-4076(85)90158-7): divided by it, the u_i* scatter as widely as they
+should, however few they are. u is a map of λ on the whole line, parameter by parameter, so that
 λ* stays in the prior's support a..b (Hamilton, Stoneking & Excoffier 2005, doi:10.1073/pnas.0409071102):
 
     a > 0, b < ∞:  u = logit((log λ − log a) / (log b − log a))         a = 0, b = ∞:  u = log λ
@@ -25,6 +25,7 @@ from yeastfit.infer.priors import Prior
 
 ENOUGH = 4.0  # independent draws per coefficient: with fewer, the fit is noise
 PARTS = 100  # of the draws, left out one after the other
+ROUNDING = 1e-12  # of λ: errors that are nothing else
 LEAST = 0.01  # of 1 − h: what has more leverage has no residual to speak of
 
 Draws = Float[np.ndarray, "draw free"]
@@ -83,9 +84,9 @@ def worth(
         others = np.where(part == k, 0.0, weights)
         left, share, _ = adjusted(values, others / others.sum(), statistics, distances, observed, prior)
         means[k] = share @ left
-    error = np.sqrt((parts - 1) * means.var(axis=0))
-    most = 1 / np.sum(near**2)
-    return np.clip(np.divide(sd, error, out=np.full_like(sd, np.inf), where=error > 0) ** 2, 1.0, most)
+    error, most = np.sqrt((parts - 1) * means.var(axis=0)), 1 / np.sum(near**2)
+    some = error > ROUNDING * np.abs(values).max(axis=0)
+    return np.clip(np.divide(sd, error, out=np.full_like(sd, np.inf), where=some) ** 2, 1.0, most)
 
 
 def to_line(values: Float[np.ndarray, " draw"], low: float, high: float) -> Float[np.ndarray, " draw"]:
