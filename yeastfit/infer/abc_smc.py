@@ -39,11 +39,7 @@ from yeastfit.infer.simulations import Recorded, Store
 from yeastfit.infer.simulator import Simulator, seed_of, stream_of
 from yeastfit.progress import Progress, silent
 
-PROMISE = (
-    10  # accepted proposals that the lowest acceptable share promises: with fewer by then, a population is given up
-)
-
-
+PROMISE = 10  # accepted proposals, that the lowest acceptable share promises: with fewer, a population is given up
 FEWEST = 25.0  # independent draws, that adjusted ones are to be worth: an error of the mean of a fifth of its sd
 
 

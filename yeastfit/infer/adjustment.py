@@ -82,7 +82,7 @@ def worth(
     part, means = np.arange(len(weights)) * parts // len(weights), np.empty((parts, len(sd)))
     for k in range(parts):
         others = np.where(part == k, 0.0, weights)
-        left, share, _ = adjusted(values, others / others.sum(), statistics, distances, observed, prior)
+        left, share, _ = adjusted(values, others / (others.sum() or 1.0), statistics, distances, observed, prior)
         means[k] = share @ left
     error, most = np.sqrt((parts - 1) * means.var(axis=0)), 1 / np.sum(near**2)
     some = error > ROUNDING * np.abs(values).max(axis=0)
