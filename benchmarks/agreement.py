@@ -43,7 +43,7 @@ from benchmarks.calibration import MODEL, PRIOR
 from benchmarks.recovery import BOX
 from benchmarks.report import Report, code, command
 from yeastfit.fit_command import measurements, read_truth
-from yeastfit.infer.adjustment import adjusted, worth
+from yeastfit.infer.adjustment import Accepted
 from yeastfit.infer.distances import Mahalanobis
 from yeastfit.infer.priors import Prior
 from yeastfit.infer.samples import Samples, weighted_quantile
@@ -131,9 +131,9 @@ def moved(samples: Samples, prior: Prior) -> Samples:
     observed, covariance = (np.array(samples.settings[name]) for name in ("observed", "covariance"))
     statistics = samples.statistics.reshape(-1, len(observed))
     distances = Mahalanobis(observed, covariance)(statistics)
-    draws = samples.flat, samples.weights.ravel(), statistics, distances, observed, prior
-    values, weights, why = adjusted(*draws)
-    size = worth(*draws, parts=len(samples.values)).tolist()
+    accepted = Accepted(samples.flat, samples.weights.ravel(), statistics, distances, observed, prior)
+    values, weights, why = accepted.adjusted()
+    size = accepted.worth(parts=len(samples.values)).tolist()
     shape, diagnostics = samples.weights.shape, {**samples.diagnostics, "effective_size": size}
     found = replace(samples, values=values.reshape(samples.values.shape), weights=weights.reshape(shape))
     return replace(found, diagnostics=diagnostics).warned(*why)

@@ -20,7 +20,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from yeastfit.errors import InputError
-from yeastfit.infer.adjustment import adjusted
+from yeastfit.infer.adjustment import Accepted
 from yeastfit.infer.distances import Mahalanobis
 from yeastfit.infer.predictive import Replicates
 from yeastfit.infer.priors import Prior
@@ -196,15 +196,10 @@ class Reference:
         scatter = self.surfaces.at(self.moments.mean[None])[1][0] / problem.replicates
         distances = Mahalanobis(observed, 0.5 * (scatter + scatter.T))(statistics)
         near = np.argsort(distances, kind="stable")[:nearest]
-        found = adjusted(
-            prior.values(x[near]),
-            np.full(nearest, 1.0 / nearest),
-            statistics[near],
-            distances[near],
-            observed,
-            box.prior(prior),
-        )
-        return Moments.of(prior.coordinates(found[0]), found[1]), found[2]
+        even = np.full(nearest, 1.0 / nearest)
+        accepted = Accepted(prior.values(x[near]), even, statistics[near], distances[near], observed, box.prior(prior))
+        values, weights, why = accepted.adjusted()
+        return Moments.of(prior.coordinates(values), weights), why
 
 
 def grown(problem: Problem, box: Box, count: int, seed: int) -> tuple[Box, Coordinates, Statistics]:

@@ -49,7 +49,7 @@ from benchmarks.report import Report, command
 from yeastfit import FitSettings, InputError, Parameters, Targets
 from yeastfit.infer.abc_mcmc import abc_mcmc
 from yeastfit.infer.abc_smc import SmcSettings, abc_smc
-from yeastfit.infer.adjustment import adjusted
+from yeastfit.infer.adjustment import Accepted
 from yeastfit.infer.colony_simulator import ColonySimulator
 from yeastfit.infer.distances import Distance
 from yeastfit.infer.emulated import emulated
@@ -223,14 +223,14 @@ class Race:
         for one, so_far in zip(populations, seconds, strict=True):
             spent = one.simulated * problem.replicates
             plain.append(self.point(one.x, one.weights, spent, so_far) | {"epsilon": one.epsilon})
-            values, weights, _ = adjusted(
+            values, weights, _ = Accepted(
                 problem.prior.values(one.x),
                 one.weights,
                 one.statistics,
                 one.distances,
                 problem.observed,
                 problem.prior,
-            )
+            ).adjusted()
             x = problem.prior.coordinates(values)
             better.append(self.point(x, weights, spent, so_far) | {"epsilon": one.epsilon})
         return {RIVAL: plain, RIVAL_ADJUSTED: better}

@@ -29,7 +29,7 @@ from jaxtyping import Float
 from scipy.special import logsumexp
 
 from yeastfit.errors import InputError
-from yeastfit.infer.adjustment import adjusted, worth
+from yeastfit.infer.adjustment import Accepted
 from yeastfit.infer.distances import Distance
 from yeastfit.infer.pilot import check_problem, first_values, unreached
 from yeastfit.infer.populations import Mixture, Population, PopulationFile
@@ -209,9 +209,9 @@ class _Problem:
         diagnostics: dict[str, Any] = {"epsilon": [one.epsilon for one in populations], "end": end}
         values, weights = self.prior.values(last.x), last.weights
         if settings.adjust:
-            accepted = values, weights, last.statistics, last.distances, self.distance.observed, self.prior
-            values, weights, why = adjusted(*accepted)
-            diagnostics["effective_size"] = sizes = worth(*accepted).tolist()
+            accepted = Accepted(values, weights, last.statistics, last.distances, self.distance.observed, self.prior)
+            values, weights, why = accepted.adjusted()
+            diagnostics["effective_size"] = sizes = accepted.worth().tolist()
             said += why or [_vague(*one) for one in zip(self.prior.free, sizes, strict=True) if one[1] < FEWEST]
         return Samples(
             free=self.prior.free,

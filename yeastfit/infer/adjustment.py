@@ -14,8 +14,10 @@ should, however few they are. u is a map of λ on the whole line, parameter by p
     else finite:   u = logit((λ − a) / (b − a))                          one end:       u = ±log |λ − end|
 
 α̂ and β̂ have errors, which move all u_i* at once, the farther the more o lies at the edge of the s_i: means over u* are
-less well known than those over as many independent draws (`worth`).
+less well known than those over as many independent draws (`Accepted.worth`).
 """
+
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
@@ -32,61 +34,58 @@ Draws = Float[np.ndarray, "draw free"]
 Weights = Float[np.ndarray, " draw"]
 
 
-def adjusted(
-    values: Draws,
-    weights: Weights,
-    statistics: Float[np.ndarray, "draw statistic"],
-    distances: Float[np.ndarray, " draw"],
-    observed: Float[np.ndarray, " statistic"],
-    prior: Prior,
-) -> tuple[Draws, Weights, list[str]]:
-    """λ* and their weights; as they were, and why in words, where there are too few draws near the data."""
-    apart = statistics - observed
-    if not apart.any():
-        return values, weights, []
-    largest = distances.max()
-    near = weights * (1 - (distances / largest) ** 2) if largest > 0 else weights
-    size = near.sum() ** 2 / np.sum(near**2) if near.any() else 0.0
-    needed = ENOUGH * (1 + statistics.shape[1])
-    if size < needed:
-        return values, weights, [f"not adjusted: {size:.0f} independent draws, a regression needs {needed:.0f}"]
-    u = np.stack([to_line(one, *ends) for one, ends in zip(values.T, prior.support, strict=True)], axis=1)
-    scale = np.where(np.ptp(apart, axis=0) > 0, apart.std(axis=0), np.inf)
-    design = np.column_stack([np.ones(len(apart)), apart / scale])
-    root = np.sqrt(near)[:, None]
-    inverse = np.linalg.pinv(root * design, rcond=len(design) * np.finfo(float).eps)
-    fit, leverage = inverse @ (root * u), np.sum(root * design * inverse.T, axis=1)
-    moved = fit[0] + (u - design @ fit) / np.sqrt(np.maximum(1 - leverage, LEAST))[:, None]
-    found = np.stack([from_line(one, *ends) for one, ends in zip(moved.T, prior.support, strict=True)], axis=1)
-    return found, near / near.sum(), []
+@dataclass(frozen=True)
+class Accepted:
+    """Draws from a prior that ABC accepted, their weights, their simulations and how far these are from the data."""
 
+    values: Draws
+    weights: Weights
+    statistics: Float[np.ndarray, "draw statistic"]
+    distances: Float[np.ndarray, " draw"]
+    observed: Float[np.ndarray, " statistic"]
+    prior: Prior
 
-def worth(
-    values: Draws,
-    weights: Weights,
-    statistics: Float[np.ndarray, "draw statistic"],
-    distances: Float[np.ndarray, " draw"],
-    observed: Float[np.ndarray, " statistic"],
-    prior: Prior,
-    parts: int = PARTS,
-) -> Float[np.ndarray, " free"]:
-    """Independent draws that would tell as much of the mean of λ as these do once they are `adjusted`.
+    def adjusted(self) -> tuple[Draws, Weights, list[str]]:
+        """λ* and their weights; as they were, and why in words, where there are too few draws near the data."""
+        apart, weights = self.statistics - self.observed, self.weights
+        if not apart.any():
+            return self.values, weights, []
+        largest = self.distances.max()
+        near = weights * (1 - (self.distances / largest) ** 2) if largest > 0 else weights
+        size = near.sum() ** 2 / np.sum(near**2) if near.any() else 0.0
+        needed = ENOUGH * (1 + len(self.observed))
+        if size < needed:
+            why = f"not adjusted: {size:.0f} independent draws, a regression needs {needed:.0f}"
+            return self.values, weights, [why]
+        columns = list(zip(self.values.T, self.prior.support, strict=True))
+        u = np.stack([to_line(one, *ends) for one, ends in columns], axis=1)
+        scale = np.where(np.ptp(apart, axis=0) > 0, apart.std(axis=0), np.inf)
+        design = np.column_stack([np.ones(len(apart)), apart / scale])
+        root = np.sqrt(near)[:, None]
+        inverse = np.linalg.pinv(root * design, rcond=len(design) * np.finfo(float).eps)
+        fit, leverage = inverse @ (root * u), np.sum(root * design * inverse.T, axis=1)
+        moved = fit[0] + (u - design @ fit) / np.sqrt(np.maximum(1 - leverage, LEAST))[:, None]
+        found = [from_line(one, *ends) for one, ends in zip(moved.T, self.prior.support, strict=True)]
+        return np.stack(found, axis=1), near / near.sum(), []
 
-    (sd / error)², the error by jackknife: of so many parts of consecutive draws, one after the other is left out, and
-    the others adjusted. At most what weights alone allow for, 1 / Σ W². parts: that are independent of each other, such
-    as chains; of independent draws, any.
-    """
-    found, near, _ = adjusted(values, weights, statistics, distances, observed, prior)
-    sd = np.sqrt(near @ (found - near @ found) ** 2)
-    parts = max(2, min(parts, len(weights)))
-    part, means = np.arange(len(weights)) * parts // len(weights), np.empty((parts, len(sd)))
-    for k in range(parts):
-        others = np.where(part == k, 0.0, weights)
-        left, share, _ = adjusted(values, others / (others.sum() or 1.0), statistics, distances, observed, prior)
-        means[k] = share @ left
-    error, most = np.sqrt((parts - 1) * means.var(axis=0)), 1 / np.sum(near**2)
-    some = error > ROUNDING * np.abs(values).max(axis=0)
-    return np.clip(np.divide(sd, error, out=np.full_like(sd, np.inf), where=some) ** 2, 1.0, most)
+    def worth(self, parts: int = PARTS) -> Float[np.ndarray, " free"]:
+        """Independent draws that would tell as much of the mean of λ as these do once they are adjusted.
+
+        (sd / error)², the error by jackknife: of so many parts of consecutive draws, one after the other is left out,
+        and the others adjusted. At most what weights alone allow for, 1 / Σ W². parts: that are independent of each
+        other, such as chains; of independent draws, any.
+        """
+        found, near, _ = self.adjusted()
+        sd = np.sqrt(near @ (found - near @ found) ** 2)
+        parts = max(2, min(parts, len(near)))
+        part, means = np.arange(len(near)) * parts // len(near), np.empty((parts, len(sd)))
+        for k in range(parts):
+            others = np.where(part == k, 0.0, self.weights)
+            left, share, _ = replace(self, weights=others / (others.sum() or 1.0)).adjusted()
+            means[k] = share @ left
+        error, most = np.sqrt((parts - 1) * means.var(axis=0)), 1 / np.sum(near**2)
+        some = error > ROUNDING * np.abs(self.values).max(axis=0)
+        return np.clip(np.divide(sd, error, out=np.full_like(sd, np.inf), where=some) ** 2, 1.0, most)
 
 
 def to_line(values: Float[np.ndarray, " draw"], low: float, high: float) -> Float[np.ndarray, " draw"]:

@@ -85,7 +85,7 @@ class Samples:
         """Independent draws that would tell as much of the mean.
 
         Of weighted draws 1 / Σw² (Kish), of chains their number over `autocorrelation_time`; where draws were adjusted,
-        less than that, as `adjustment.worth` found it.
+        less than that, as `adjustment.Accepted` has it.
         """
         if "effective_size" in self.diagnostics:
             return np.array(self.diagnostics["effective_size"])
