@@ -224,6 +224,7 @@ def calibrated(part: Part, number: int, simulator: Simulator, seed: int, store: 
         "status": "done",
         **placed(found, truth[0], part.draws, rng, lambda values: judge.log_likelihood(values, observed, count)),
         "effective": float(found.effective_size.min()),
+        "weighed": float(1 / np.sum(found.weights**2)),
         "simulations": found.simulations,
         "fresh": len(store) - kept,
         "seconds": time.perf_counter() - began,

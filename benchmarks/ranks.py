@@ -112,6 +112,7 @@ def verdicts(report: Report, part: "Part", records: Sequence[Record]) -> None:
 
 MEDIANS = {
     "effective": ("independent draws", ""),
+    "weighed": ("draws by their weights alone", ""),
     "rounds": ("rounds or populations", ""),
     "simulations": ("simulated data sets", ""),
     "fresh": ("simulated data sets not shared", ""),
