@@ -107,8 +107,11 @@ class Found:
     def of(samples: Samples) -> "Found":
         """The emulator's own error is added where there is one; draws of chains of ABC are adjusted."""
         if samples.method == "ABC-MCMC":
+            size = accepted(samples, PRIOR).worth(parts=len(samples.values))
             samples = moved(samples, PRIOR)
-        share = 1 / samples.effective_size
+        else:
+            size = samples.effective_size
+        share = 1 / size
         if "rounds" in samples.diagnostics:
             share = share + samples.diagnostics["rounds"][-1]["error_share"]
         x, weights = np.log(samples.flat), samples.weights.ravel()
@@ -126,17 +129,21 @@ class Found:
         return each, bool(apart[0] <= weighted_quantile(apart[1:], self.weights, level))
 
 
-def moved(samples: Samples, prior: Prior) -> Samples:
-    """Draws of chains of ABC, adjusted as if their simulations had been the observation."""
+def accepted(samples: Samples, prior: Prior) -> Accepted:
+    """Draws of chains of ABC, chain by chain."""
     observed, covariance = (np.array(samples.settings[name]) for name in ("observed", "covariance"))
     statistics = samples.statistics.reshape(-1, len(observed))
     distances = Mahalanobis(observed, covariance)(statistics)
-    accepted = Accepted(samples.flat, samples.weights.ravel(), statistics, distances, observed, prior)
-    values, weights, why = accepted.adjusted()
-    size = accepted.worth(parts=len(samples.values)).tolist()
-    shape, diagnostics = samples.weights.shape, {**samples.diagnostics, "effective_size": size}
-    found = replace(samples, values=values.reshape(samples.values.shape), weights=weights.reshape(shape))
-    return replace(found, diagnostics=diagnostics).warned(*why)
+    return Accepted(samples.flat, samples.weights.ravel(), statistics, distances, observed, prior)
+
+
+def moved(samples: Samples, prior: Prior) -> Samples:
+    """Draws of chains of ABC, adjusted as if their simulations had been the observation."""
+    values, weights, why = accepted(samples, prior).adjusted()
+    found = replace(
+        samples, values=values.reshape(samples.values.shape), weights=weights.reshape(samples.weights.shape)
+    )
+    return found.warned(*why)
 
 
 def posterior(source: Path, folder: Path, request: Request) -> Found:
