@@ -57,7 +57,7 @@ def main(arguments: list[str] | None = None) -> None:
         judge(report, SETS[:1] if quick else SETS, work, **(QUICK if quick else {}))
         if report.docs is not None:
             report.docs.mkdir(parents=True, exist_ok=True)
-            (report.docs / "truth.md").write_text("\n".join([report.head(__doc__), *report.sections()]))
+            (report.docs / "truth.md").write_text("\n".join([report.head(__doc__), "", *report.sections()]))
 
     command("truth", run, others)
 
