@@ -11,10 +11,16 @@ a draw of N(0, 1).
 
     ū | x ~ N(m̄(x), C̄(x) / R + W(x) + G Δ Gᵀ + N),    C̄ = G Gᵀ = mean of the members' C,
 
-N is the covariance of errors that the data have of their own, from being measured, where there are such. m̄ and W are
-the mean and the covariance of m over members. Δ is diagonal: the mean square of what a quadratic in x still finds in
-the held-out residuals, less what it finds in as much noise. The likelihood of data is that density times the
-probability of R successes. Networks as emulators of a likelihood: Lueckmann et al. 2019, arXiv:1805.09294.
+N is the covariance of errors that the data have of their own, from being measured, where there are such. m̄ is the mean
+of m = Bφ + f_m over the M members, W its error by their covariances:
+
+    W = (M − 1)² / M · cov(Bφ) + 1 / M · cov(f_m).
+
+Quadratics Bφ depend on the simulations alone, of which members share most: their error is the jackknife's (Efron &
+Stein 1981, doi:10.1214/aos/1176345462). Corrections f_m differ by their starts and batches above all, each by its own,
+and average out. Δ is diagonal: the mean square of what a quadratic in x still finds in the held-out residuals, less
+what it finds in as much noise. The likelihood of data is that density times the probability of R successes. Networks
+as emulators of a likelihood: Lueckmann et al. 2019, arXiv:1805.09294.
 """
 
 from collections.abc import Callable, Sequence

@@ -25,17 +25,17 @@ class Members(eqx.Module):
         """m̄, C̄, the emulator's error W + GΔGᵀ, and the logarithm of the probability of success."""
         features = monomials(x)
 
-        def one(network: Network, baseline: Array) -> tuple[Array, Array, Array]:
-            mean, root, logit = network.moments(x, self.shape)
-            return features @ baseline + mean, root, logit
+        def one(network: Network, baseline: Array) -> tuple[Array, Array, Array, Array]:
+            return features @ baseline, *network.moments(x, self.shape)
 
-        means, roots, logits = eqx.filter_vmap(one)(self.networks, self.baselines)
-        scatter = jnp.einsum("mij,mkj->ik", roots, roots) / len(roots)
-        off = means - means.mean(axis=0)
+        quadratics, corrections, roots, logits = eqx.filter_vmap(one)(self.networks, self.baselines)
+        count = len(roots)
+        scatter = jnp.einsum("mij,mkj->ik", roots, roots) / count
         root = jnp.linalg.cholesky(scatter)
-        error = off.T @ off / (len(means) - 1) + (root * self.misfit) @ root.T
+        learnt = (count - 1) ** 2 * _covariance(quadratics) + _covariance(corrections)
+        error = learnt / count + (root * self.misfit) @ root.T
         success = jnp.mean(jax.nn.log_sigmoid(logits)) if self.fails else jnp.zeros(())
-        return means.mean(axis=0), scatter, error, success
+        return (quadratics + corrections).mean(axis=0), scatter, error, success
 
     def log_likelihood(
         self,
@@ -50,6 +50,11 @@ class Members(eqx.Module):
         deviation = jax.scipy.linalg.solve_triangular(root, u - mean, lower=True)
         normal = -0.5 * jnp.sum(deviation**2 + jnp.log(2 * jnp.pi)) - jnp.sum(jnp.log(jnp.diag(root)))
         return normal + replicates * success
+
+
+def _covariance(rows: Float[Array, "member statistic"]) -> Float[Array, "statistic statistic"]:
+    off = rows - rows.mean(axis=0)
+    return off.T @ off / (len(rows) - 1)
 
 
 @eqx.filter_jit
