@@ -9,7 +9,7 @@ colonies and works out the scatter of means by itself. What is counted is coloni
 states its own error: the largest of |μ − μ_ref| / σ_ref and |log(σ / σ_ref)| over both parameters. It is read off after
 each round, population or further steps of the chains; a method is there when it is below 0.25 and stays so to the end.
 
-**Methods**, each with three seeds:
+**Methods**, each with three seeds, the emulator, which costs little, with ten:
 
 - emulator: `emulated` by default, rounds of 512 colonies until it has settled, 4 at most. Each point is a run of its
   own that was allowed so many; seconds include training, and where networks of a size are met first, compiling them;
@@ -84,7 +84,7 @@ class Size:
     """pool: colonies of the reference; witnesses, nearest: data sets of its check. budget: colonies of a run, at most.
 
     epsilon: the last, of all ABC. population: of SMC. pilot, walkers, steps, looks: of MCMC, whose error is read off
-    so many times. scatter: data sets that the distance is made from.
+    so many times. scatter: data sets that the distance is made from. seeds: of ABC; tries: seeds of the emulator.
     """
 
     replicates: int = 4
@@ -101,7 +101,12 @@ class Size:
     scatter: int = 500
     block: int = 32
     seeds: tuple[int, ...] = (1, 2, 3)
+    tries: tuple[int, ...] = tuple(range(1, 11))
     emulator: EmulatedSettings = field(default_factory=lambda: EmulatedSettings(most=2048))
+
+    def seeds_of(self, method: str) -> tuple[int, ...]:
+        """Of a method, by its name."""
+        return self.tries if method == EMULATOR else self.seeds
 
 
 QUICK = Size(
@@ -118,6 +123,7 @@ QUICK = Size(
     looks=2,
     scatter=128,
     seeds=(1,),
+    tries=(1,),
     emulator=EmulatedSettings(
         first=256, each=256, most=512, most_steps=1000, emulator=EmulatorSettings(members=3, width=32, steps=500)
     ),
@@ -285,8 +291,8 @@ def all_runs(report: Report, race: Race) -> dict[str, list[Trace]]:
         RIVAL: race.rival,
         MCMC: race.mcmc,
     }
-    for seed in race.size.seeds:
-        for name, method in methods.items():
+    for name, method in methods.items():
+        for seed in race.size.seeds_of(name):
             what = f"{name}, seed {seed}"
             report.stage(what)
             for each, trace in report.part(f"{what}, {report.quick}", partial(method, seed)).items():
@@ -330,7 +336,7 @@ def verdicts(report: Report, runs: Mapping[str, list[Trace]], size: Size) -> Non
             "ε at the end": trace[-1].get("epsilon", ""),
         }
         for name, traces in runs.items()
-        for seed, trace in zip(size.seeds, traces, strict=True)
+        for seed, trace in zip(size.seeds_of(name), traces, strict=True)
     ]
     report.table(f"until the error stays below {THRESHOLD:g}", rows)
 

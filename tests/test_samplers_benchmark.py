@@ -210,14 +210,14 @@ def test_verdicts_count_failures_and_compare_abc_at_one_tolerance(tmp_path: Path
     late = [{**point, "epsilon": 2.0} for point in trace_of((3000, 0.6))]
     gone: samplers.Trace = [{"colonies": 800, "seconds": math.nan, "error": math.inf, "said": "none came that close"}]
     runs = {
-        samplers.EMULATOR: [trace_of((512, 0.2))] * 2,
+        samplers.EMULATOR: [trace_of((512, 0.2))] * 3,
         samplers.SMC: [trace_of((8000, 0.2)), trace_of((6000, 0.2))],
         samplers.RIVAL: [trace_of((9000, 0.6)), late],
         samplers.RIVAL_ADJUSTED: [trace_of((9000, 0.2)), late],
         samplers.MCMC: [gone, gone],
         samplers.MCMC_ADJUSTED: [gone, gone],
     }
-    report, size = Report("samplers", quick=True), samplers.Size(seeds=(1, 2), epsilon=1.1)
+    report, size = Report("samplers", quick=True), samplers.Size(seeds=(1, 2), tries=(1, 2, 3), epsilon=1.1)
     samplers.verdicts(report, runs, size)
     found = {figure.name: figure for figure in report.figures}
     assert found["emulator: colonies until there"].value == 512
