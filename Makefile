@@ -14,7 +14,7 @@ test: $(VENV)/.installed-test lint types
 # the export with ArviZ 1.x, which Python 3.11 has not: make test-arviz PYTHON=python3.12 VENV=.venv-arviz
 test-arviz: $(VENV)/.made
 	$(BIN)/pip install --quiet --disable-pip-version-check --editable . 'arviz>=1' h5netcdf pytest beartype hypothesis
-	$(BIN)/python -m pytest -p no:cacheprovider tests/infer/test_export.py
+	$(BIN)/python -m pytest -p no:cacheprovider tests/inference/posterior/test_arviz.py
 
 lint: $(VENV)/.installed-test
 	$(BIN)/ruff check .

@@ -42,13 +42,13 @@ from matplotlib.figure import Figure
 from benchmarks.calibration import MODEL, PRIOR
 from benchmarks.recovery import BOX
 from benchmarks.report import Report, code, command
-from yeastfit.fit_command import measurements, read_truth
-from yeastfit.infer.adjustment import Accepted
-from yeastfit.infer.distances import Mahalanobis
-from yeastfit.infer.priors import Prior
-from yeastfit.infer.samples import Samples, weighted_quantile
-from yeastfit.infer_command import Run
-from yeastfit.infer_request import Method, Request
+from yeastfit.commands.fit_run import measurements, read_truth
+from yeastfit.commands.infer_config import Method, Request
+from yeastfit.commands.infer_run import Run
+from yeastfit.inference.abc.distances import Mahalanobis
+from yeastfit.inference.abc.regression_adjustment import Accepted
+from yeastfit.inference.posterior.prior import Prior
+from yeastfit.inference.posterior.samples import Samples, weighted_quantile
 from yeastfit.storage import write_table
 
 DATA = Path(__file__).parent.parent / "data" / "synthetic"

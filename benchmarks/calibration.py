@@ -52,20 +52,20 @@ from benchmarks.ranks import QUANTITIES, Record, picture, verdicts
 from benchmarks.recovery import BOX, SEED, STATISTICS
 from benchmarks.report import Report, code, command
 from yeastfit.errors import InputError
-from yeastfit.infer.abc_smc import SmcSettings, abc_smc
-from yeastfit.infer.colony_simulator import ColonySimulator
-from yeastfit.infer.emulated import emulated
-from yeastfit.infer.emulated_settings import EmulatedSettings
-from yeastfit.infer.emulator import Emulator, train
-from yeastfit.infer.networks import EmulatorSettings
-from yeastfit.infer.pilot import distance_of
-from yeastfit.infer.predictive import Replicates
-from yeastfit.infer.priors import Prior
-from yeastfit.infer.samples import Samples
-from yeastfit.infer.settings import FitSettings
-from yeastfit.infer.simulations import Recorded, Store
-from yeastfit.infer.simulator import Simulator, seed_of, stream_of
-from yeastfit.infer.targets import Targets
+from yeastfit.inference.abc.pilot import distance_of
+from yeastfit.inference.abc.smc import SmcSettings, abc_smc
+from yeastfit.inference.colony_simulator import ColonySimulator
+from yeastfit.inference.fit.settings import FitSettings
+from yeastfit.inference.neural_likelihood.emulator import Emulator, train
+from yeastfit.inference.neural_likelihood.network import EmulatorSettings
+from yeastfit.inference.neural_likelihood.sequential import emulated
+from yeastfit.inference.neural_likelihood.settings import EmulatedSettings
+from yeastfit.inference.posterior.predictive_check import Replicates
+from yeastfit.inference.posterior.prior import Prior
+from yeastfit.inference.posterior.samples import Samples
+from yeastfit.inference.posterior.simulation_store import Recorded, Store
+from yeastfit.inference.simulator import Simulator, seed_of, stream_of
+from yeastfit.inference.targets import Targets
 
 PRIOR = Prior.of({name: {"law": "log-uniform", "low": low, "high": high} for name, (low, high) in BOX.items()})
 MODEL = FitSettings(dt=0.025, spacing=0.4)

@@ -11,10 +11,10 @@ from scipy.linalg import solve_triangular
 from scipy.optimize import least_squares, minimize
 
 from yeastfit import FitSettings, InputError, Parameters, Targets, member_keys
-from yeastfit.infer.colonies import Colonies
-from yeastfit.infer.ensembles import Ensembles
-from yeastfit.infer.space import ALONE, Space, Vector
-from yeastfit.infer.surface import Surface, study
+from yeastfit.inference.colonies import Colonies
+from yeastfit.inference.fit.ensemble import Ensembles
+from yeastfit.inference.fit.response_surface import Surface, study
+from yeastfit.inference.parameter_space import ALONE, Space, Vector
 
 MARGIN = 2.0  # of χ², above its least: the same residual
 REACH = 0.2  # of log λ: the surface around the truth

@@ -24,7 +24,7 @@ from matplotlib.figure import Figure
 from benchmarks.programs import LAMBDA
 from benchmarks.report import Report, command
 from yeastfit import HARD, Numerics, Parameters, Relaxation, member_keys, simulate
-from yeastfit.measure.smooth import SmoothStatistics
+from yeastfit.measure.statistics.smooth_statistics import SmoothStatistics
 from yeastfit.model.simulate import Snapshot
 
 NAMES = ("compactness", "growth_rate", "mean_radius", "radius", "area", "perimeter", "cell_count")

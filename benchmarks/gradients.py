@@ -30,14 +30,14 @@ from matplotlib.figure import Figure
 from benchmarks.programs import LAMBDA, SOURCE, STEPS, Program, samples
 from benchmarks.report import Report, command
 from yeastfit import Numerics, Parameters, Relaxation, Sensitivity, member_keys, sensitivity, simulate
-from yeastfit.infer.curves import Curves, without_problems
-from yeastfit.infer.sensitivity import PATH_NODES, STATISTICS, hard_but_smoothly_measured, tame
-from yeastfit.infer.sensitivity_result import Estimate
-from yeastfit.measure.smooth import SmoothStatistics
+from yeastfit.inference.curves import Curves, without_problems
+from yeastfit.inference.sensitivity.estimate import PATH_NODES, STATISTICS, hard_but_smoothly_measured, tame
+from yeastfit.inference.sensitivity.result import Estimate
+from yeastfit.measure.statistics.smooth_statistics import SmoothStatistics
 from yeastfit.model.colony import Colony, start
 from yeastfit.model.parameters import NAMES
 from yeastfit.model.simulate import trajectory
-from yeastfit.simulation import schedule_of
+from yeastfit.simulation.simulate import schedule_of
 
 SPREAD, PATHS, NODES = 0.1, 8, (20, 50, 110, 250)
 SIZES = (0, 35, 80, 160, 400)  # nodes, between the times

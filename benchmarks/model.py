@@ -42,7 +42,7 @@ from benchmarks.programs import (
     whole_runs,
 )
 from benchmarks.report import Report, command
-from yeastfit.measure.smooth import SmoothStatistics
+from yeastfit.measure.statistics.smooth_statistics import SmoothStatistics
 from yeastfit.model.colony import Colony, start
 from yeastfit.model.nutrient import sweeps
 from yeastfit.model.parameters import Parameters

@@ -7,8 +7,8 @@ has found so far, by its own reckoning, is within 2 of the least χ² on that su
 ensembles at the points that were found.
 
 The alternatives minimise that χ² with m the mean of 64 colonies, whose keys stay the same, over the same bounds in the
-same unbounded coordinates z (`infer.space`), with the same model, time step and estimator, from the three starts that
-`yeastfit.fit` chose from the box, one run from each:
+same unbounded coordinates z (`parameter_space`), with the same model, time step and estimator, from the three starts
+that `yeastfit.fit` chose from the box, one run from each:
 
 - Nelder and Mead's simplex (SciPy), edges of 0.5 in z;
 - `scipy.optimize.least_squares` with forward differences of 0.1 in log λ. Its own step, 1e-8, makes no sense here: a
@@ -46,9 +46,9 @@ from matplotlib.figure import Figure
 from benchmarks.contest import ALTERNATIVES, MARGIN, Contest, Objective, Stopped
 from benchmarks.report import Report, command
 from yeastfit import Fit, FitSettings, InputError, Targets, fit, measure_dataset, read_dataset
-from yeastfit.fit_command import read_truth
-from yeastfit.infer.fit import DEFAULT_FREE
-from yeastfit.infer.space import ALONE, Vector
+from yeastfit.commands.fit_run import read_truth
+from yeastfit.inference.fit.least_squares import DEFAULT_FREE
+from yeastfit.inference.parameter_space import ALONE, Vector
 
 DEMO = Path(__file__).parents[1] / "data" / "synthetic" / "demo"
 HOPELESS = 1.5  # times the best median so far

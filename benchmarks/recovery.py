@@ -37,14 +37,14 @@ from scipy.stats import binomtest
 
 from benchmarks.lines import append_line, read_lines
 from benchmarks.report import Report, command
+from yeastfit.commands.fit_run import measurements
 from yeastfit.errors import InputError
-from yeastfit.fit_command import measurements
-from yeastfit.infer.fit import DEFAULT_FREE, fit
-from yeastfit.infer.settings import FitSettings
-from yeastfit.infer.space import Space
+from yeastfit.inference.fit.least_squares import DEFAULT_FREE, fit
+from yeastfit.inference.fit.settings import FitSettings
+from yeastfit.inference.parameter_space import Space
 from yeastfit.model.numerics import Numerics
 from yeastfit.model.parameters import Parameters
-from yeastfit.synthesis import Recipe, synthesize
+from yeastfit.simulation.synthetic_data import Recipe, synthesize
 
 BOX = {"mobility": (0.5, 3.0), "metabolic_rate": (0.4, 2.5), "aspect_ratio": (0.45, 0.9)}
 COUNT, SEED = 20, 2031

@@ -21,11 +21,11 @@ from jaxtyping import Float
 from pyabc.inference_util import evaluate_proposal, generate_valid_proposal
 
 from yeastfit.errors import InputError
-from yeastfit.infer.distances import Distance
-from yeastfit.infer.pilot import check_problem
-from yeastfit.infer.populations import Population
-from yeastfit.infer.priors import Prior
-from yeastfit.infer.simulator import Simulator, seed_of
+from yeastfit.inference.abc.distances import Distance
+from yeastfit.inference.abc.pilot import check_problem
+from yeastfit.inference.abc.population import Population
+from yeastfit.inference.posterior.prior import Prior
+from yeastfit.inference.simulator import Simulator, seed_of
 
 logging.getLogger("ABC").setLevel(logging.WARNING)  # its report of every population would run into ours
 EVERYTHING = float(np.finfo(float).max)  # an ε above all distances but infinite ones

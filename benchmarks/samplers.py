@@ -47,19 +47,19 @@ from benchmarks.agreement import moved
 from benchmarks.reference import Moments, Problem, Reference
 from benchmarks.report import Report, command
 from yeastfit import FitSettings, InputError, Parameters, Targets
-from yeastfit.infer.abc_mcmc import abc_mcmc
-from yeastfit.infer.abc_smc import SmcSettings, abc_smc
-from yeastfit.infer.adjustment import Accepted
-from yeastfit.infer.colony_simulator import ColonySimulator
-from yeastfit.infer.distances import Distance
-from yeastfit.infer.emulated import emulated
-from yeastfit.infer.emulated_settings import EmulatedSettings
-from yeastfit.infer.mcmc_settings import McmcSettings
-from yeastfit.infer.networks import EmulatorSettings
-from yeastfit.infer.pilot import distance_of
-from yeastfit.infer.priors import default_prior
-from yeastfit.infer.samples import Samples
-from yeastfit.infer.simulations import Recorded, Store
+from yeastfit.inference.abc.distances import Distance
+from yeastfit.inference.abc.mcmc import abc_mcmc
+from yeastfit.inference.abc.mcmc_settings import McmcSettings
+from yeastfit.inference.abc.pilot import distance_of
+from yeastfit.inference.abc.regression_adjustment import Accepted
+from yeastfit.inference.abc.smc import SmcSettings, abc_smc
+from yeastfit.inference.colony_simulator import ColonySimulator
+from yeastfit.inference.neural_likelihood.network import EmulatorSettings
+from yeastfit.inference.neural_likelihood.sequential import emulated
+from yeastfit.inference.neural_likelihood.settings import EmulatedSettings
+from yeastfit.inference.posterior.prior import default_prior
+from yeastfit.inference.posterior.samples import Samples
+from yeastfit.inference.posterior.simulation_store import Recorded, Store
 
 TRUTH = {"mobility": 1.3, "aspect_ratio": 0.65}
 REACH = (0.8, 0.3)  # of log λ: where the posterior is looked for, around the truth

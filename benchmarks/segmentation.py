@@ -25,10 +25,10 @@ from skimage.filters import threshold_otsu
 from benchmarks.hard_cases import CASES, photograph
 from benchmarks.report import Report, command
 from yeastfit.errors import InputError
-from yeastfit.measure.dataset import read_dataset
-from yeastfit.measure.images import read_image
-from yeastfit.measure.segmentation import Segmentation, segment
-from yeastfit.measure.statistics import measure_mask
+from yeastfit.measure.outlining.segmentation import Segmentation, segment
+from yeastfit.measure.reading.dataset import read_dataset
+from yeastfit.measure.reading.images import read_image
+from yeastfit.measure.statistics.shape import measure_mask
 
 Mask = Bool[np.ndarray, "row column"]
 

@@ -20,7 +20,7 @@ import numpy as np
 
 from benchmarks.agreement import DATA, LEVEL, SETS, posterior, truth_of, yes
 from benchmarks.report import Report, code, command
-from yeastfit.infer_request import Request
+from yeastfit.commands.infer_config import Request
 
 QUICK: dict[str, Any] = {"simulations": 256, "dt": 0.05, "spacing": 0.4}
 

@@ -13,8 +13,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from yeastfit import cli, infer_command
-from yeastfit.infer.colony_simulator import ColonySimulator
+from yeastfit.commands import app as cli
+from yeastfit.commands import infer_run as infer_command
+from yeastfit.inference.colony_simulator import ColonySimulator
 from yeastfit.model.parameters import NAMES, Parameters, Scales
 
 TRUTH = {"mobility": 1.5, "aspect_ratio": 0.5}

@@ -8,8 +8,8 @@ from jaxtyping import Float, Int
 from scipy.special import expit
 from scipy.stats import qmc
 
-from yeastfit.infer.priors import Prior
-from yeastfit.infer.simulator import seed_of
+from yeastfit.inference.posterior.prior import Prior
+from yeastfit.inference.simulator import seed_of
 
 Moments = tuple[np.ndarray, np.ndarray]
 

@@ -7,9 +7,9 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy import stats
 
-from yeastfit.infer.distances import Distance, WeightedCurves
-from yeastfit.infer.priors import Prior
-from yeastfit.infer.samples import Samples, weighted_quantile
+from yeastfit.inference.abc.distances import Distance, WeightedCurves
+from yeastfit.inference.posterior.prior import Prior
+from yeastfit.inference.posterior.samples import Samples, weighted_quantile
 
 
 @dataclass(frozen=True)

@@ -9,12 +9,12 @@ import numpy as np
 from jaxtyping import Array
 
 from yeastfit import FitSettings, Parameters
-from yeastfit.infer.colonies import Colonies
-from yeastfit.infer.ensembles import Ensembles
-from yeastfit.infer.fitted import Fit
-from yeastfit.infer.fitter import Fitter
-from yeastfit.infer.space import ALONE, Bounds, Space
-from yeastfit.infer.targets import Targets
+from yeastfit.inference.colonies import Colonies
+from yeastfit.inference.fit.ensemble import Ensembles
+from yeastfit.inference.fit.result import Fit
+from yeastfit.inference.fit.stages import Fitter
+from yeastfit.inference.parameter_space import ALONE, Bounds, Space
+from yeastfit.inference.targets import Targets
 from yeastfit.model.parameters import NAMES
 
 STATISTICS = ("compactness", "radius", "area")

@@ -10,7 +10,7 @@ from benchmarks import agreement, truth
 from benchmarks.agreement import Found, Size, agree
 from benchmarks.recovery import BOX
 from benchmarks.report import Report
-from yeastfit.infer.samples import Samples
+from yeastfit.inference.posterior.samples import Samples
 
 FREE = tuple(BOX)
 CENTRE, COVARIANCE = np.array([0.2, -0.1, -0.5]), np.array([[0.04, -0.03, 0.0], [-0.03, 0.05, 0.0], [0.0, 0.0, 0.01]])

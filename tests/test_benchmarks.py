@@ -13,8 +13,8 @@ from benchmarks import contest, optimisers, recovery
 from benchmarks.programs import placed, samples
 from benchmarks.report import Figure, Report, command
 from yeastfit import FitSettings, InputError, Parameters, Targets
-from yeastfit.infer.space import Space
-from yeastfit.infer.surface import study
+from yeastfit.inference.fit.response_surface import study
+from yeastfit.inference.parameter_space import Space
 from yeastfit.model.parameters import NAMES
 
 ROOT = Path(__file__).parents[1]

@@ -16,11 +16,11 @@ from benchmarks.calibration import BOX, FULL, QUICK, Part, Study
 from benchmarks.ranks import QUANTITIES, Record, Uniform
 from benchmarks.report import Report
 from yeastfit import InputError
-from yeastfit.infer.abc_smc import SmcSettings
-from yeastfit.infer.emulated_settings import EmulatedSettings
-from yeastfit.infer.networks import EmulatorSettings
-from yeastfit.infer.samples import Samples
-from yeastfit.infer.simulations import Store
+from yeastfit.inference.abc.smc import SmcSettings
+from yeastfit.inference.neural_likelihood.network import EmulatorSettings
+from yeastfit.inference.neural_likelihood.settings import EmulatedSettings
+from yeastfit.inference.posterior.samples import Samples
+from yeastfit.inference.posterior.simulation_store import Store
 
 EMULATED, ABC = FULL
 

@@ -14,10 +14,10 @@ from benchmarks import samplers
 from benchmarks.reference import Box, Moments, Problem, Reference
 from benchmarks.report import Report
 from yeastfit.errors import InputError
-from yeastfit.infer.distances import WeightedCurves
-from yeastfit.infer.populations import Population
-from yeastfit.infer.priors import Prior
-from yeastfit.infer.surface import monomials
+from yeastfit.inference.abc.distances import WeightedCurves
+from yeastfit.inference.abc.population import Population
+from yeastfit.inference.fit.response_surface import monomials
+from yeastfit.inference.posterior.prior import Prior
 
 TRUTH = np.array([1.3, 0.8])
 

@@ -1,28 +1,28 @@
 """yeastfit: yeast colonies in JAX - simulated, measured in micrographs, and fitted."""
 
-from yeastfit.derivatives import check_derivatives
+from yeastfit.derivatives.check import check_derivatives
+from yeastfit.derivatives.check_colony import check_gradients
+from yeastfit.derivatives.result import GradientCheck
 from yeastfit.errors import InputError
-from yeastfit.gradient_check import GradientCheck
-from yeastfit.gradients import check_gradients
-from yeastfit.infer.choices import Design
-from yeastfit.infer.design import design
-from yeastfit.infer.experiment import information_of
-from yeastfit.infer.fit import fit
-from yeastfit.infer.fitted import Fit
-from yeastfit.infer.information import information
-from yeastfit.infer.information_result import Information
-from yeastfit.infer.sensitivity import sensitivity
-from yeastfit.infer.sensitivity_result import Sensitivity
-from yeastfit.infer.settings import FitSettings
-from yeastfit.infer.targets import Targets
-from yeastfit.infer.uncertainty import explore
-from yeastfit.measure.dataset import Dataset, read_dataset
+from yeastfit.inference.fit.bootstrap_profile import explore
+from yeastfit.inference.fit.least_squares import fit
+from yeastfit.inference.fit.result import Fit
+from yeastfit.inference.fit.settings import FitSettings
+from yeastfit.inference.information.design import design
+from yeastfit.inference.information.design_result import Design
+from yeastfit.inference.information.experiment import information_of
+from yeastfit.inference.information.fisher import information
+from yeastfit.inference.information.result import Information
+from yeastfit.inference.sensitivity.estimate import sensitivity
+from yeastfit.inference.sensitivity.result import Sensitivity
+from yeastfit.inference.targets import Targets
+from yeastfit.measure.reading.dataset import Dataset, read_dataset
 from yeastfit.measure.series import measure_dataset, measure_file
 from yeastfit.model.numerics import Numerics
 from yeastfit.model.parameters import PARAMETERS, Parameters, Scales
 from yeastfit.model.relaxation import HARD, Relaxation
-from yeastfit.simulation import member_keys, simulate
-from yeastfit.simulation_result import Simulation
+from yeastfit.simulation.result import Simulation
+from yeastfit.simulation.simulate import member_keys, simulate
 
 __version__ = "0.1.0"
 __all__ = [

@@ -1,5 +1,5 @@
 """`python -m yeastfit` is the command `yeastfit`."""
 
-from yeastfit.cli import main
+from yeastfit.commands.app import main
 
 main()

@@ -9,9 +9,9 @@ import pytest
 import tifffile
 from PIL import Image
 
-from yeastfit import cli
-from yeastfit.measure.dataset import read_dataset
-from yeastfit.simulation_result import Simulation
+from yeastfit.commands import app as cli
+from yeastfit.measure.reading.dataset import read_dataset
+from yeastfit.simulation.result import Simulation
 
 RECIPE = """
 [small]

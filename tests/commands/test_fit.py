@@ -14,12 +14,14 @@ from known_colonies import photographed, write_measurements
 from PIL import Image
 from stand_in import ROOT, SETTINGS, STATISTICS, TIMES, StandIn, bent, fitted, logs
 
-from yeastfit import Fit, FitSettings, Parameters, Scales, Targets, cli, cli_fit
-from yeastfit.fit_command import RESULTS, named_numbers, read_truth
-from yeastfit.infer.measurements import NEEDED, TABLE
-from yeastfit.infer.surface import study
-from yeastfit.infer.uncertainty import Explored, _box
-from yeastfit.measure.statistics import STATISTICS as KINDS
+from yeastfit import Fit, FitSettings, Parameters, Scales, Targets
+from yeastfit.commands import app as cli
+from yeastfit.commands import fit as cli_fit
+from yeastfit.commands.fit_run import RESULTS, named_numbers, read_truth
+from yeastfit.inference.fit.bootstrap_profile import Explored, _box
+from yeastfit.inference.fit.response_surface import study
+from yeastfit.inference.targets_from_table import NEEDED, TABLE
+from yeastfit.measure.statistics.shape import STATISTICS as KINDS
 from yeastfit.model.parameters import NAMES
 from yeastfit.storage import write_json, write_table
 

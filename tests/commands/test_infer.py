@@ -20,16 +20,17 @@ from known_colonies import TRUTH, photographed, stand_in, write_measurements
 from known_posteriors import Drawing
 from PIL import Image
 
-from yeastfit import cli, infer_command
+from yeastfit.commands import app as cli
+from yeastfit.commands import infer_run as infer_command
+from yeastfit.commands.infer_config import Request
+from yeastfit.commands.infer_run import Run
 from yeastfit.errors import InputError
-from yeastfit.infer.colony_simulator import ColonySimulator
-from yeastfit.infer.distances import LiDistance
-from yeastfit.infer.pilot import DistanceName, distance_of, pilot_of
-from yeastfit.infer.priors import default_prior
-from yeastfit.infer.samples import Samples
-from yeastfit.infer.simulations import DATASET, Recorded
-from yeastfit.infer_command import Run
-from yeastfit.infer_request import Request
+from yeastfit.inference.abc.distances import LiDistance
+from yeastfit.inference.abc.pilot import DistanceName, distance_of, pilot_of
+from yeastfit.inference.colony_simulator import ColonySimulator
+from yeastfit.inference.posterior.prior import default_prior
+from yeastfit.inference.posterior.samples import Samples
+from yeastfit.inference.posterior.simulation_store import DATASET, Recorded
 
 TINY = {
     "emulator": ["--simulations", "96", "--walkers", "8"],
@@ -138,7 +139,8 @@ def test_a_run_that_stopped_anywhere_comes_to_the_same_bits(
 KILLED = """
 import resource, sys
 import known_colonies
-from yeastfit import cli, infer_command
+from yeastfit.commands import app as cli
+from yeastfit.commands import infer_run as infer_command
 known_colonies.{dying}
 resource.setrlimit(resource.RLIMIT_FSIZE, ({limit}, {limit}))
 sys.exit(cli.run(sys.argv[1:]))
@@ -149,7 +151,7 @@ def run_apart(
     dying: str, arguments: list[str], limit: int = resource.RLIM_INFINITY
 ) -> subprocess.CompletedProcess[str]:
     """In a process of its own, killed as a function of known_colonies says; limit: bytes of the largest file."""
-    tests = Path(__file__).parent
+    tests = Path(__file__).parents[1]
     where = {**os.environ, "PYTHONPATH": os.pathsep.join(map(str, (tests, tests.parent)))}
     command = [sys.executable, "-c", KILLED.format(dying=dying, limit=limit), *arguments]
     return subprocess.run(command, env=where, capture_output=True, text=True, check=False)

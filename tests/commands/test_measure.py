@@ -14,12 +14,12 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from yeastfit import cli
+from yeastfit.commands import app as cli
+from yeastfit.commands.measure_batch import survey
 from yeastfit.errors import InputError
-from yeastfit.measure.overrule import Overrule
+from yeastfit.measure.outlining.segmentation_options import Overrule
+from yeastfit.measure.reading.batch_inputs import find_tasks
 from yeastfit.measure.series import condition_curves
-from yeastfit.measure.tasks import find_tasks
-from yeastfit.survey import survey
 
 
 def write_disc(path: Path, radius: float = 30.0, side: int = 120) -> Path:
@@ -130,7 +130,7 @@ class _Deadly(type(Path())):  # type: ignore[misc]
 
 ON_A_TERMINAL = """import signal
 signal.signal(signal.SIGINT, signal.default_int_handler)  # what a shell starts in the background ignores Ctrl-C
-from yeastfit.cli import main
+from yeastfit.commands.app import main
 main()"""
 
 

@@ -2,8 +2,8 @@
 
 import pytest
 
-from yeastfit import terminal
-from yeastfit.terminal import Pace
+from yeastfit.commands import terminal
+from yeastfit.commands.terminal import Pace
 
 
 def test_the_time_that_is_left_follows_from_all_the_time_that_went_by(monkeypatch: pytest.MonkeyPatch) -> None:

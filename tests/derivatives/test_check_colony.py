@@ -22,9 +22,9 @@ from yeastfit import (
     Relaxation,
     Simulation,
     check_gradients,
-    cli,
-    gradients,
 )
+from yeastfit.commands import app as cli
+from yeastfit.derivatives import check_colony as gradients
 from yeastfit.model.colony import Colony
 from yeastfit.model.parameters import NAMES
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from yeastfit import InputError, Parameters, Targets, member_keys
-from yeastfit.infer.colonies import MARGIN, Colonies
-from yeastfit.measure.hard import HardStatistics
-from yeastfit.measure.smooth import SmoothStatistics
+from yeastfit.inference.colonies import MARGIN, Colonies
+from yeastfit.measure.statistics.model_as_mask import HardStatistics
+from yeastfit.measure.statistics.smooth_statistics import SmoothStatistics
 from yeastfit.model.parameters import NAMES
 
 LOGS = np.log([[float(getattr(Parameters(), name)) for name in NAMES]])

@@ -3,7 +3,7 @@
 import jax.numpy as jnp
 import numpy as np
 
-from yeastfit.infer.curves import robust_mean, without_problems
+from yeastfit.inference.curves import robust_mean, without_problems
 from yeastfit.model.colony import PROBLEMS
 
 

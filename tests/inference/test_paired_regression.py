@@ -8,8 +8,8 @@ import pytest
 from jaxtyping import Array
 
 from yeastfit import InputError
-from yeastfit.infer.regression import Local, Scatter, design, of_members, order, paired, pooled, regress
-from yeastfit.simulation import member_keys
+from yeastfit.inference.paired_regression import Local, Scatter, design, of_members, order, paired, pooled, regress
+from yeastfit.simulation.simulate import member_keys
 
 
 @pytest.mark.parametrize("free", [1, 2, 3, 4, 7])

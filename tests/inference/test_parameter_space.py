@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from yeastfit import InputError, Parameters
-from yeastfit.infer.space import Space, check_free
+from yeastfit.inference.parameter_space import Space, check_free
 from yeastfit.model.parameters import NAMES, PARAMETERS
 
 FREE = ("mobility", "metabolic_rate", "aspect_ratio")

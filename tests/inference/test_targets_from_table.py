@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from yeastfit import InputError, Targets, measure_dataset, read_dataset
-from yeastfit.fit_command import measurements
-from yeastfit.infer.measurements import TABLE, conditions_of, read_measurements, targets_of
-from yeastfit.infer.targets import SMOOTHING, SPACING
+from yeastfit.commands.fit_run import measurements
+from yeastfit.inference.targets import SMOOTHING, SPACING
+from yeastfit.inference.targets_from_table import TABLE, conditions_of, read_measurements, targets_of
 
 DEMO = Path(__file__).parents[2] / "data" / "synthetic" / "demo"
 FILES = [(f"colony{colony:02}_{hours:04.1f}h.tif", colony, hours) for colony in (1, 2) for hours in (6, 8)]

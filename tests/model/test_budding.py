@@ -9,8 +9,8 @@ from helpers import colony_of, random_tree
 from jaxtyping import Array
 from scipy import stats
 
+from yeastfit.model.budding import births, bud, budding_angles, growth_rate
 from yeastfit.model.colony import Colony
-from yeastfit.model.mitosis import births, bud, budding_angles, growth_rate
 from yeastfit.model.numerics import Numerics
 from yeastfit.model.relaxation import HARD, Relaxation
 

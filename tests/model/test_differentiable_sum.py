@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from jaxtyping import Array, PyTree
 
-from yeastfit.model.sums import linear_map, sum_of_terms
+from yeastfit.model.differentiable_sum import linear_map, sum_of_terms
 
 N = 4
 Args = dict[str, Array]

@@ -12,11 +12,11 @@ from jaxtyping import Array
 from scipy import stats
 
 from reference import colony as plain
-from yeastfit.measure.smooth import SmoothStatistics
+from yeastfit.measure.statistics.smooth_statistics import SmoothStatistics
 from yeastfit.model import nutrient as nutrient_module
+from yeastfit.model.budding import _child_lineage, budding_angles
 from yeastfit.model.cells import level_set
 from yeastfit.model.colony import Colony, start
-from yeastfit.model.mitosis import _child_lineage, budding_angles
 from yeastfit.model.numerics import Numerics, map_members
 from yeastfit.model.parameters import NAMES, PARAMETERS, Parameters
 from yeastfit.model.relaxation import HARD, Relaxation

@@ -6,10 +6,12 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from yeastfit import plot, plot_corner, plot_posterior
-from yeastfit.infer.diagnostics import diagnose
-from yeastfit.infer.priors import Prior
-from yeastfit.infer.samples import Samples
+from yeastfit.inference.posterior.diagnostics import diagnose
+from yeastfit.inference.posterior.prior import Prior
+from yeastfit.inference.posterior.samples import Samples
+from yeastfit.plot import colony as plot
+from yeastfit.plot import corner as plot_corner
+from yeastfit.plot import posterior as plot_posterior
 
 PRIOR = Prior.of(
     {

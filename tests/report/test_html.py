@@ -1,43 +1,16 @@
 """The page of a survey: whole, readable, safe, and opened in a real browser where there is one."""
 
-import json
 import re
-import shutil
-import subprocess
-from html.parser import HTMLParser
 from pathlib import Path
 
 import numpy as np
 import pytest
+from browser import REPORT, Reader, open_in_browser
 from PIL import Image
 
-from yeastfit import cli, page
+from yeastfit.commands import app as cli
+from yeastfit.report import html as page
 
-BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome", "microsoft-edge")
-FLAGS = (
-    "--headless=new",
-    "--no-sandbox",
-    "--disable-gpu",
-    "--disable-dev-shm-usage",
-    "--disable-background-networking",
-    "--no-first-run",
-    "--enable-logging=stderr",
-    "--virtual-time-budget=10000",
-    "--dump-dom",
-)
-EARLY = (
-    "<script>window.faults = []; addEventListener('error', event => faults.push(event.message || 'resource'), true);"
-)
-EARLY += "addEventListener('securitypolicyviolation', event => faults.push(event.blockedURI));</script>"
-REPORT = """
-  seen.requests = performance.getEntriesByType("resource").map(each => each.name).filter(name => !/^data:/.test(name));
-  seen.wide = document.documentElement.scrollWidth - document.documentElement.clientWidth;
-  seen.faults = faults;
-  const report = document.createElement("pre");
-  report.id = "report";
-  report.textContent = JSON.stringify(seen);
-  document.body.append(report);
-});</script>"""
 LATE = (
     """<script>addEventListener("load", () => {
   const seen = { pictures: [...document.images].map(image => [image.alt, image.naturalWidth, image.complete]) };
@@ -80,35 +53,6 @@ def write_star(path: Path, radius: float, twins: bool) -> None:
         image[np.hypot(x, y) <= radius * (1 + 0.2 * np.cos(5 * np.arctan2(y, x)))] = 55
     noise = np.random.default_rng(round(radius)).normal(0, 2, image.shape)
     Image.fromarray((image + noise).astype(np.uint8)).save(path)
-
-
-class Reader(HTMLParser):
-    """Tags that are opened and closed, their attributes, and the text between."""
-
-    VOID = ("meta", "link", "img", "br")
-
-    def __init__(self, text: str) -> None:
-        super().__init__()
-        self.open: list[str] = []
-        self.tags: list[tuple[str, dict[str, str | None]]] = []
-        self.words = ""
-        self.feed(text)
-        self.close()
-
-    def handle_starttag(self, tag: str, attributes: list[tuple[str, str | None]]) -> None:
-        self.tags.append((tag, dict(attributes)))
-        if tag not in self.VOID:
-            self.open.append(tag)
-
-    def handle_endtag(self, tag: str) -> None:
-        assert self.open.pop() == tag
-
-    def handle_data(self, text: str) -> None:
-        if not self.open or self.open[-1] not in ("style", "script"):
-            self.words += text
-
-    def of(self, tag: str) -> list[dict[str, str | None]]:
-        return [attributes for name, attributes in self.tags if name == tag]
 
 
 def test_the_page_is_whole_and_says_what_a_reader_needs(surveyed: Path) -> None:
@@ -159,30 +103,11 @@ def test_numbers_have_four_digits(value: float, shown: str) -> None:
 # -------------------------------------------------------------------------------------------------------------- browser
 
 
-def open_in_browser(text: str, folder: Path, width: int = 1280) -> tuple[dict, list[str]]:
-    """What a page finds out about itself once it is loaded, and what the browser's console says."""
-    browser = next(filter(None, map(shutil.which, BROWSERS)), None)
-    if browser is None:
-        pytest.skip(f"no browser to open the page with: none of {', '.join(BROWSERS)} is installed")
-    path = folder / f"opened_{width}.html"
-    policy = re.compile(r"<head>\n")
-    path.write_text(
-        policy.sub(f"<head>\n{EARLY}", text, count=1).replace("</body>", f"{LATE}</body>"), encoding="utf-8"
-    )
-    command = [browser, *FLAGS, f"--user-data-dir={folder / 'profile'}", f"--window-size={width},900", path.as_uri()]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=180, check=True)
-    report = re.search(r'<pre id="report">(.*?)</pre>', done.stdout, re.S)
-    assert report, f"the page did not report: {done.stderr[-2000:]}"
-    return json.loads(report[1].replace("&amp;", "&").replace("&lt;", "<").replace("&gt;", ">")), [
-        line for line in done.stderr.splitlines() if "CONSOLE" in line
-    ]
-
-
 @pytest.mark.parametrize("width", [1280, 500])
 def test_a_browser_shows_every_picture_and_has_nothing_to_complain_of(
     surveyed: Path, tmp_path: Path, width: int
 ) -> None:
-    seen, console = open_in_browser((surveyed / "index.html").read_text(encoding="utf-8"), tmp_path, width)
+    seen, console = open_in_browser((surveyed / "index.html").read_text(encoding="utf-8"), LATE, tmp_path, width)
     assert console == []
     assert seen["faults"] == []
     assert seen["requests"] == []
@@ -204,7 +129,7 @@ def test_the_browser_would_notice_faults(surveyed: Path, tmp_path: Path) -> None
     broken = broken.replace("<main>", '<main><img src="https://example.org/a.png" alt="outside">', 1)
     broken = broken.replace("</main>", "</main><script>nothing.here()</script>", 1)
     assert broken != text
-    seen, console = open_in_browser(broken, tmp_path)
+    seen, console = open_in_browser(broken, LATE, tmp_path)
     assert any("nothing is not defined" in line for line in console)
     assert {"resource", "https://example.org/a.png"} <= set(seen["faults"])
     assert sum(width == 0 for _, width, _ in seen["pictures"]) == 2

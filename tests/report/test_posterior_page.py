@@ -4,11 +4,10 @@ import re
 from pathlib import Path
 
 import pytest
-import test_page
+from browser import REPORT, Reader, open_in_browser
 from known_colonies import stand_in, write_measurements
-from test_page import REPORT, Reader, open_in_browser
 
-from yeastfit import cli
+from yeastfit.commands import app as cli
 
 LATE = (
     """<script>addEventListener("load", () => {
@@ -78,11 +77,8 @@ def test_the_page_is_whole(page: str, method: str) -> None:
 
 
 @pytest.mark.parametrize("width", [1280, 500])
-def test_a_browser_shows_it(
-    page: str, method: str, tmp_path: Path, width: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(test_page, "LATE", LATE)
-    seen, console = open_in_browser(page, tmp_path, width)
+def test_a_browser_shows_it(page: str, method: str, tmp_path: Path, width: int) -> None:
+    seen, console = open_in_browser(page, LATE, tmp_path, width)
     assert console == []
     assert seen["faults"] == []
     assert seen["requests"] == []

@@ -13,9 +13,9 @@ import tifffile
 from scipy.ndimage import distance_transform_edt
 
 from yeastfit.errors import InputError
-from yeastfit.measure.coverage import coverage, true_mask
-from yeastfit.measure.images import read_micrograph
-from yeastfit.measure.photograph import KINDS, Optics, photograph, write_micrograph
+from yeastfit.measure.reading.images import read_micrograph
+from yeastfit.simulation.cell_coverage import coverage, true_mask
+from yeastfit.simulation.photograph import KINDS, Optics, photograph, write_micrograph
 
 PIXEL = 0.75  # µm
 P, Q = 3.75, 2.7  # µm, half axes of a cell

@@ -14,13 +14,13 @@ from jaxtyping import Array, PyTree
 
 from reference import colony as plain
 from yeastfit import HARD, InputError, Numerics, Parameters, Relaxation, Scales, Simulation, member_keys, simulate
-from yeastfit.measure.hard import HardStatistics
-from yeastfit.measure.smooth import SmoothStatistics
-from yeastfit.measure.statistics import measure_mask
+from yeastfit.measure.statistics.model_as_mask import HardStatistics
+from yeastfit.measure.statistics.shape import measure_mask
+from yeastfit.measure.statistics.smooth_statistics import SmoothStatistics
 from yeastfit.model.colony import start
 from yeastfit.model.parameters import NAMES, PARAMETERS
 from yeastfit.model.simulate import Schedule, Snapshot, trajectory
-from yeastfit.simulation import schedule_of
+from yeastfit.simulation.simulate import schedule_of
 
 SMALL = Numerics(domain=8.0, spacing=0.2, dt=0.02, capacity=32)
 TIMES = (1.2, 2.2, 3.2)

@@ -13,11 +13,11 @@ from helpers import grid, wrong_types
 from jaxtyping import Array
 
 from yeastfit import HARD, InputError, Numerics, Parameters, Relaxation, Simulation, member_keys, simulate
-from yeastfit.measure.hard import HardStatistics
-from yeastfit.measure.smooth import SmoothStatistics
+from yeastfit.measure.statistics.model_as_mask import HardStatistics
+from yeastfit.measure.statistics.smooth_statistics import SmoothStatistics
 from yeastfit.model import nutrient as nutrient_module
+from yeastfit.model.budding import Budding
 from yeastfit.model.colony import Colony, start
-from yeastfit.model.mitosis import Budding
 from yeastfit.model.parameters import NAMES, PARAMETERS
 from yeastfit.model.simulate import Snapshot
 

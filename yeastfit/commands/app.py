@@ -10,26 +10,26 @@ import numpy as np
 import typer
 from rich.table import Table
 
-from yeastfit import plot
-from yeastfit.cli_design import design
-from yeastfit.cli_fit import fit
-from yeastfit.cli_infer import infer
+from yeastfit.commands.design import design
+from yeastfit.commands.fit import fit
+from yeastfit.commands.infer import infer
+from yeastfit.commands.measure_batch import survey
+from yeastfit.commands.options import Length, Out, Rate, Seed, with_parameters
+from yeastfit.commands.terminal import err, fail, out, progress, warn
+from yeastfit.derivatives.check_colony import check_gradients
 from yeastfit.errors import InputError
-from yeastfit.gradients import check_gradients
-from yeastfit.measure.dataset import given, read_overrule
-from yeastfit.measure.tasks import find_tasks
+from yeastfit.measure.reading.batch_inputs import find_tasks
+from yeastfit.measure.reading.dataset import given, read_overrule
 from yeastfit.model.numerics import Numerics
 from yeastfit.model.parameters import Parameters, Scales
 from yeastfit.model.relaxation import HARD, Relaxation
-from yeastfit.options import Length, Out, Rate, Seed, with_parameters
-from yeastfit.simulation import member_keys
-from yeastfit.simulation import simulate as run_simulation
+from yeastfit.plot import colony as plot
+from yeastfit.report.measurement_files import clear_results, refuse_mixed_folder, write_results
+from yeastfit.simulation.simulate import member_keys
+from yeastfit.simulation.simulate import simulate as run_simulation
+from yeastfit.simulation.synthetic_data import read_recipes
+from yeastfit.simulation.synthetic_data import synthesize as make_dataset
 from yeastfit.storage import write_manifest, write_table
-from yeastfit.survey import survey
-from yeastfit.survey_results import clear_results, refuse_mixed_folder, write_results
-from yeastfit.synthesis import read_recipes
-from yeastfit.synthesis import synthesize as make_dataset
-from yeastfit.terminal import err, fail, out, progress, warn
 
 HELP = """Parameters of yeast colonies from micrographs: simulate, measure, fit, infer.
 

@@ -5,14 +5,14 @@ from typing import Annotated, Any
 
 import typer
 
-from yeastfit import design_command
-from yeastfit.design_command import Run
-from yeastfit.infer.design import design as make_design
-from yeastfit.infer.directions import percent
-from yeastfit.infer.fit import DEFAULT_FREE
-from yeastfit.options import DEFAULT, Out, Seed, with_parameters
+from yeastfit.commands import design_run as design_command
+from yeastfit.commands.design_run import Run
+from yeastfit.commands.options import DEFAULT, Out, Seed, with_parameters
+from yeastfit.commands.terminal import out, stages, warn
+from yeastfit.inference.fit.least_squares import DEFAULT_FREE
+from yeastfit.inference.information.design import design as make_design
+from yeastfit.inference.information.identifiability import percent
 from yeastfit.storage import write_manifest
-from yeastfit.terminal import out, stages, warn
 
 
 @with_parameters

@@ -5,13 +5,13 @@ from pathlib import Path
 
 import numpy as np
 
-from yeastfit import plot
 from yeastfit.errors import InputError
-from yeastfit.infer.choices import Design
-from yeastfit.infer.sensitivity import sensitivity
-from yeastfit.infer.sensitivity_result import Sensitivity
+from yeastfit.inference.information.design_result import Design
+from yeastfit.inference.sensitivity.estimate import sensitivity
+from yeastfit.inference.sensitivity.result import Sensitivity
 from yeastfit.model.numerics import Numerics
 from yeastfit.model.parameters import Parameters
+from yeastfit.plot import colony as plot
 from yeastfit.progress import Progress
 from yeastfit.storage import write_table
 

@@ -6,16 +6,17 @@ from typing import Annotated, Any
 
 import typer
 
-from yeastfit import design_command, fit_command
-from yeastfit.infer.fit import DEFAULT_FREE
-from yeastfit.infer.fit import fit as run_fit
-from yeastfit.infer.fitted import Fit
-from yeastfit.infer.settings import MEASUREMENT_ERROR, FitSettings
-from yeastfit.infer.uncertainty import explore, profiles
+from yeastfit.commands import design_run as design_command
+from yeastfit.commands import fit_run as fit_command
+from yeastfit.commands.options import Jobs, Length, MeasurementError, Out, Rate, Seed, Truth, with_parameters
+from yeastfit.commands.terminal import out, progress, stages, warn
+from yeastfit.inference.fit.bootstrap_profile import explore, profiles
+from yeastfit.inference.fit.least_squares import DEFAULT_FREE
+from yeastfit.inference.fit.least_squares import fit as run_fit
+from yeastfit.inference.fit.result import Fit
+from yeastfit.inference.fit.settings import MEASUREMENT_ERROR, FitSettings
 from yeastfit.model.parameters import Parameters, Scales
-from yeastfit.options import Jobs, Length, MeasurementError, Out, Rate, Seed, Truth, with_parameters
 from yeastfit.storage import write_manifest
-from yeastfit.terminal import out, progress, stages, warn
 
 
 @with_parameters

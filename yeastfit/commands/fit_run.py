@@ -10,18 +10,26 @@ from typing import Any
 import numpy as np
 from rich.table import Table
 
-from yeastfit import plot, plot_fit
+from yeastfit.commands.measure_batch import survey
 from yeastfit.errors import InputError
-from yeastfit.infer.fitted import Fit
-from yeastfit.infer.measurements import TABLE, conditions_of, files_of, read_measurements, table_in, targets_of
-from yeastfit.infer.targets import Targets
-from yeastfit.infer.uncertainty import Bootstrap, Profile
-from yeastfit.measure.dataset import MANIFESTS, dataset_folder, read_dataset
-from yeastfit.measure.tasks import dataset_tasks
+from yeastfit.inference.fit.bootstrap_profile import Bootstrap, Profile
+from yeastfit.inference.fit.result import Fit
+from yeastfit.inference.targets import Targets
+from yeastfit.inference.targets_from_table import (
+    TABLE,
+    conditions_of,
+    files_of,
+    read_measurements,
+    table_in,
+    targets_of,
+)
+from yeastfit.measure.reading.batch_inputs import dataset_tasks
+from yeastfit.measure.reading.dataset import MANIFESTS, dataset_folder, read_dataset
 from yeastfit.model.parameters import NAMES, Scales
+from yeastfit.plot import colony as plot
+from yeastfit.plot import fit as plot_fit
+from yeastfit.report.measurement_files import clear_results, refuse_mixed_folder, write_results
 from yeastfit.storage import write_table
-from yeastfit.survey import survey
-from yeastfit.survey_results import clear_results, refuse_mixed_folder, write_results
 
 RESULTS = (
     "fit.json",

@@ -7,17 +7,19 @@ from typing import Annotated
 
 import typer
 
-from yeastfit import design_command, fit_command, infer_command
+from yeastfit.commands import design_run as design_command
+from yeastfit.commands import fit_run as fit_command
+from yeastfit.commands import infer_run as infer_command
+from yeastfit.commands.infer_config import Request
+from yeastfit.commands.options import Jobs, Length, MeasurementError, Rate, Seed, Truth, with_parameters
+from yeastfit.commands.terminal import err, growing, out, progress, warn
 from yeastfit.errors import InputError
-from yeastfit.infer.fit import DEFAULT_FREE
-from yeastfit.infer.priors import template
-from yeastfit.infer.settings import FitSettings
-from yeastfit.infer.space import check_free
-from yeastfit.infer_request import Request
+from yeastfit.inference.fit.least_squares import DEFAULT_FREE
+from yeastfit.inference.fit.settings import FitSettings
+from yeastfit.inference.parameter_space import check_free
+from yeastfit.inference.posterior.prior import template
 from yeastfit.model.parameters import Scales
-from yeastfit.options import Jobs, Length, MeasurementError, Rate, Seed, Truth, with_parameters
 from yeastfit.storage import write_manifest
-from yeastfit.terminal import err, growing, out, progress, warn
 
 
 @with_parameters

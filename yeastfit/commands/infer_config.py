@@ -8,17 +8,17 @@ import jax.numpy as jnp
 import numpy as np
 
 from yeastfit.errors import InputError
-from yeastfit.infer.abc_smc import SmcSettings
-from yeastfit.infer.distances import KernelName
-from yeastfit.infer.emulated_settings import EmulatedSettings
-from yeastfit.infer.emulator import fewest
-from yeastfit.infer.fit import DEFAULT_FREE
-from yeastfit.infer.mcmc_settings import McmcSettings, Move
-from yeastfit.infer.pilot import DistanceName
-from yeastfit.infer.priors import Prior, default_prior
-from yeastfit.infer.settings import MEASUREMENT_ERROR, FitSettings
-from yeastfit.infer.space import check_free
-from yeastfit.infer.targets import known_statistics
+from yeastfit.inference.abc.distances import KernelName
+from yeastfit.inference.abc.mcmc_settings import McmcSettings, Move
+from yeastfit.inference.abc.pilot import DistanceName
+from yeastfit.inference.abc.smc import SmcSettings
+from yeastfit.inference.fit.least_squares import DEFAULT_FREE
+from yeastfit.inference.fit.settings import MEASUREMENT_ERROR, FitSettings
+from yeastfit.inference.neural_likelihood.emulator import fewest
+from yeastfit.inference.neural_likelihood.settings import EmulatedSettings
+from yeastfit.inference.parameter_space import check_free
+from yeastfit.inference.posterior.prior import Prior, default_prior
+from yeastfit.inference.targets import known_statistics
 from yeastfit.model.numerics import Numerics
 from yeastfit.model.nutrient import check_alpha
 from yeastfit.model.parameters import PARAMETERS, Scales

@@ -16,31 +16,31 @@ from typing import Any
 
 import numpy as np
 
-from yeastfit import fit_command
+from yeastfit.commands import fit_run as fit_command
+from yeastfit.commands.infer_config import BATCH, Request
+from yeastfit.commands.run_folder import RUN, RunFolder, inputs_of, read_run, run_versions
 from yeastfit.errors import InputError
-from yeastfit.infer.abc_mcmc import abc_mcmc
-from yeastfit.infer.abc_smc import abc_smc
-from yeastfit.infer.colonies import Colonies
-from yeastfit.infer.colony_simulator import ColonySimulator
-from yeastfit.infer.distances import Distance, restored
-from yeastfit.infer.emulated import emulated
-from yeastfit.infer.emulated_settings import EmulatedSettings, Given
-from yeastfit.infer.ensembles import measurement_covariance
-from yeastfit.infer.mcmc_settings import McmcSettings
-from yeastfit.infer.measurements import TABLE, read_measurements
-from yeastfit.infer.pilot import distance_of
-from yeastfit.infer.predictive import Predictive, Replicates, predict, silhouettes
-from yeastfit.infer.regression import CurveSquare
-from yeastfit.infer.samples import Samples
-from yeastfit.infer.simulations import Recorded, Store
-from yeastfit.infer.simulator import Mismeasured, Simulator, Wrapper, root_of
-from yeastfit.infer.targets import Targets
-from yeastfit.infer_folder import RUN, RunFolder, inputs_of, read_run, run_versions
-from yeastfit.infer_request import BATCH, Request
-from yeastfit.infer_results import Results, photographs, write_results
+from yeastfit.inference.abc.distances import Distance, restored
+from yeastfit.inference.abc.mcmc import abc_mcmc
+from yeastfit.inference.abc.mcmc_settings import McmcSettings
+from yeastfit.inference.abc.pilot import distance_of
+from yeastfit.inference.abc.smc import abc_smc
+from yeastfit.inference.colonies import Colonies
+from yeastfit.inference.colony_simulator import ColonySimulator
+from yeastfit.inference.fit.ensemble import measurement_covariance
+from yeastfit.inference.neural_likelihood.sequential import emulated
+from yeastfit.inference.neural_likelihood.settings import EmulatedSettings, Given
+from yeastfit.inference.paired_regression import CurveSquare
+from yeastfit.inference.posterior.predictive_check import Predictive, Replicates, predict, silhouettes
+from yeastfit.inference.posterior.samples import Samples
+from yeastfit.inference.posterior.simulation_store import Recorded, Store
+from yeastfit.inference.simulator import Mismeasured, Simulator, Wrapper, root_of
+from yeastfit.inference.targets import Targets
+from yeastfit.inference.targets_from_table import TABLE, read_measurements
 from yeastfit.model.colony import PROBLEMS
 from yeastfit.model.parameters import Parameters, Scales
 from yeastfit.progress import Progress
+from yeastfit.report.posterior_files import Results, photographs, write_results
 from yeastfit.storage import write_json, written_whole
 
 SIMULATIONS, REUSED, DISTANCE, PROBLEMS_MET = "simulations.h5", "reused.h5", "distance.json", "problems.json"

@@ -20,15 +20,15 @@ from typing import Any
 
 import numpy as np
 
-from yeastfit import plot
 from yeastfit.errors import InputError, PixelSizeError
-from yeastfit.measure.dataset import given
-from yeastfit.measure.images import read_image
-from yeastfit.measure.segmentation import DOUBTS, segment
+from yeastfit.measure.outlining.segmentation import DOUBTS, segment
+from yeastfit.measure.reading.batch_inputs import Task
+from yeastfit.measure.reading.dataset import given
+from yeastfit.measure.reading.images import read_image
 from yeastfit.measure.series import measure_file
-from yeastfit.measure.tasks import Task
+from yeastfit.plot import colony as plot
+from yeastfit.simulation.synthetic_data import write_mask
 from yeastfit.storage import sha256_of, written_whole
-from yeastfit.synthesis import write_mask
 
 TASKS_A_PROCESS = 4  # fewer are measured sooner than another process has started
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")

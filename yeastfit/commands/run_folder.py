@@ -17,8 +17,8 @@ from typing import Any
 import jax
 
 from yeastfit.errors import InputError
-from yeastfit.infer.measurements import files_of, read_measurements, table_in
-from yeastfit.measure.dataset import dataset_folder, read_dataset
+from yeastfit.inference.targets_from_table import files_of, read_measurements, table_in
+from yeastfit.measure.reading.dataset import dataset_folder, read_dataset
 from yeastfit.storage import sha256_of, versions, write_json
 
 RUN, MANIFEST = "run.json", "manifest.json"

@@ -24,8 +24,8 @@ import numpy as np
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, PyTree
 
+from yeastfit.derivatives.result import Comparison, GradientCheck
 from yeastfit.errors import InputError
-from yeastfit.gradient_check import Comparison, GradientCheck
 
 STEPS = (1e-4, 1e-5, 1e-6, 1e-7, 1e-8)
 TRANSPOSE = 1e-9  # what rounding may leave between forward and reverse mode

@@ -9,18 +9,18 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int, PyTree
 
-from yeastfit.derivatives import STEPS, compare, double
+from yeastfit.derivatives.check import STEPS, compare, double
+from yeastfit.derivatives.result import GradientCheck
 from yeastfit.errors import InputError
-from yeastfit.gradient_check import GradientCheck
-from yeastfit.measure.smooth import SmoothStatistics
+from yeastfit.measure.statistics.smooth_statistics import SmoothStatistics
+from yeastfit.model.budding import Budding
 from yeastfit.model.colony import start
-from yeastfit.model.mitosis import Budding
 from yeastfit.model.numerics import Numerics
 from yeastfit.model.parameters import NAMES, PARAMETERS, Parameters
 from yeastfit.model.relaxation import Relaxation
 from yeastfit.model.simulate import Snapshot
-from yeastfit.simulation import Observer, schedule_of, simulate
-from yeastfit.simulation_result import Simulation
+from yeastfit.simulation.result import Simulation
+from yeastfit.simulation.simulate import Observer, schedule_of, simulate
 
 LARGEST = 100.0  # L0 per unit of log λ: one hundredth more λ would move a node by a whole cell
 WIDTHS = ("union", "contact", "boundary")

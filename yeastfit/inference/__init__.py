@@ -1,1 +1,1 @@
-"""From numbers to parameters: targets, fits and their errors."""
+"""From numbers to parameters: targets, fits, designs and posteriors."""

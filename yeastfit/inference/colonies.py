@@ -9,13 +9,13 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from yeastfit.errors import InputError
-from yeastfit.infer.curves import Curves, without_problems
-from yeastfit.infer.targets import NODES, Targets
-from yeastfit.measure.hard import HardStatistics
-from yeastfit.measure.smooth import SmoothStatistics
+from yeastfit.inference.curves import Curves, without_problems
+from yeastfit.inference.targets import NODES, Targets
+from yeastfit.measure.statistics.model_as_mask import HardStatistics
+from yeastfit.measure.statistics.smooth_statistics import SmoothStatistics
 from yeastfit.model.numerics import Numerics
 from yeastfit.model.relaxation import HARD
-from yeastfit.simulation import schedule_of
+from yeastfit.simulation.simulate import schedule_of
 
 MOST_NODES = 4096  # capacity, where colonies could in theory grow to more
 MARGIN = 3.0  # L0 between a colony and the edge of the dish: several diffusion lengths, nutrient is untouched there

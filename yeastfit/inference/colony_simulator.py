@@ -7,10 +7,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, Int
 
-from yeastfit.infer.colonies import Colonies
-from yeastfit.infer.settings import FitSettings
-from yeastfit.infer.space import ALONE, Space
-from yeastfit.infer.targets import Targets
+from yeastfit.inference.colonies import Colonies
+from yeastfit.inference.fit.settings import FitSettings
+from yeastfit.inference.parameter_space import ALONE, Space
+from yeastfit.inference.targets import Targets
 from yeastfit.model.parameters import Parameters
 
 

@@ -8,9 +8,9 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from yeastfit.errors import InputError
-from yeastfit.measure.dataset import Dataset
+from yeastfit.measure.reading.dataset import Dataset
 from yeastfit.measure.series import SMOOTH, Measured, replicate_curves, smooth_statistics
-from yeastfit.measure.statistics import STATISTICS
+from yeastfit.measure.statistics.shape import STATISTICS
 from yeastfit.model.parameters import Scales
 
 SPACING = 0.1  # L0, the grid on which shapes are compared: 0.75 µm for yeast

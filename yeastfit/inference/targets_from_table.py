@@ -14,10 +14,10 @@ from typing import Any
 import numpy as np
 
 from yeastfit.errors import InputError
-from yeastfit.infer.targets import SMOOTHING, SPACING, Estimator, Targets
-from yeastfit.measure.images import read_image
+from yeastfit.inference.targets import SMOOTHING, SPACING, Estimator, Targets
+from yeastfit.measure.reading.images import read_image
 from yeastfit.measure.series import SMOOTH, smooth_statistics
-from yeastfit.measure.statistics import STATISTICS
+from yeastfit.measure.statistics.shape import STATISTICS
 from yeastfit.model.parameters import Scales
 
 TABLE = "measurements.csv"

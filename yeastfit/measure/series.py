@@ -13,12 +13,12 @@ from jaxtyping import Bool, Float
 from skimage.transform import rescale
 
 from yeastfit.errors import InputError
-from yeastfit.measure.dataset import NOTHING, Dataset, given
-from yeastfit.measure.images import Micrograph, read_micrograph
-from yeastfit.measure.overrule import Overrule
-from yeastfit.measure.segmentation import Segmentation, segment
-from yeastfit.measure.smooth import smooth_shape
-from yeastfit.measure.statistics import Shape, measure_mask
+from yeastfit.measure.outlining.segmentation import Segmentation, segment
+from yeastfit.measure.outlining.segmentation_options import Overrule
+from yeastfit.measure.reading.dataset import NOTHING, Dataset, given
+from yeastfit.measure.reading.images import Micrograph, read_micrograph
+from yeastfit.measure.statistics.shape import Shape, measure_mask
+from yeastfit.measure.statistics.smooth_statistics import smooth_shape
 
 SMOOTH = ("compactness", "radius", "area", "perimeter")  # what an image and a model can be compared in
 

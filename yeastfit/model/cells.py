@@ -16,8 +16,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
 from yeastfit.model.colony import Colony
+from yeastfit.model.differentiable_sum import sum_of_terms
 from yeastfit.model.numerics import largest_in_ensemble
-from yeastfit.model.sums import sum_of_terms
 
 PATCH = 8  # grid points along a patch: one cell is 2 to 3 patches wide at the source's spacing
 FAR = 1e3  # g where no cell reaches: outside for every width

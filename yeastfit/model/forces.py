@@ -12,10 +12,10 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from yeastfit.model.colony import Colony
+from yeastfit.model.differentiable_sum import sum_of_terms
 from yeastfit.model.numerics import Numerics, largest_in_ensemble
 from yeastfit.model.parameters import Parameters
 from yeastfit.model.relaxation import Relaxation
-from yeastfit.model.sums import sum_of_terms
 
 SMALLEST = 0.1  # side of the bins contacts are searched in, at least: only a smaller radius would do with less
 LANES = 4  # candidates of one row of bins looked at together

@@ -9,14 +9,14 @@ import numpy as np
 from jaxtyping import Array, Float, Int, PyTree
 
 from yeastfit.model import cells as cells_
+from yeastfit.model.active_window import extent_of_cells, extent_of_change, on_window
+from yeastfit.model.budding import RANDOM, Budding, bud, growth_rate
 from yeastfit.model.colony import Colony, Problems
 from yeastfit.model.forces import nutrient_at, stiffness, velocity
-from yeastfit.model.mitosis import RANDOM, Budding, bud, growth_rate
 from yeastfit.model.numerics import Numerics
 from yeastfit.model.nutrient import nutrient_step
 from yeastfit.model.parameters import Parameters
 from yeastfit.model.relaxation import Relaxation
-from yeastfit.model.window import extent_of_cells, extent_of_change, on_window
 
 
 class Snapshot(eqx.Module):

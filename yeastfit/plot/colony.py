@@ -12,12 +12,12 @@ from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from yeastfit.measure.hard import mask_of
-from yeastfit.measure.segmentation import outline
+from yeastfit.measure.outlining.segmentation import outline
+from yeastfit.measure.statistics.model_as_mask import mask_of
 from yeastfit.storage import written_whole
 
 if TYPE_CHECKING:
-    from yeastfit.simulation_result import Simulation
+    from yeastfit.simulation.result import Simulation
 
 COLONY, TRUTH, OUTLINE = "#7a5230", "#1b7837", "#ff4d00"
 CONDITIONS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#000000")  # Okabe and Ito

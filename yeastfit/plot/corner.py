@@ -9,12 +9,12 @@ from jaxtyping import Float
 from matplotlib.figure import Figure
 from scipy import stats
 
-from yeastfit.infer.laws import Law
-from yeastfit.infer.samples import Samples, weighted_quantile
-from yeastfit.plot import COLONY, TRUTH
+from yeastfit.inference.posterior.distributions import Law
+from yeastfit.inference.posterior.samples import Samples, weighted_quantile
+from yeastfit.plot.colony import COLONY, TRUTH
 
 if TYPE_CHECKING:
-    from yeastfit.infer.priors import Prior
+    from yeastfit.inference.posterior.prior import Prior
 
 SHOWN = 2000  # dots, at most
 BINS = 30

@@ -6,13 +6,13 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
 
-from yeastfit.plot import COLONY, CONDITIONS, LABELS
+from yeastfit.plot.colony import COLONY, CONDITIONS, LABELS
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from yeastfit.infer.fitted import Condition, Fit
-    from yeastfit.infer.uncertainty import Bootstrap, Profile
+    from yeastfit.inference.fit.bootstrap_profile import Bootstrap, Profile
+    from yeastfit.inference.fit.result import Condition, Fit
 
 
 def curves(result: "Fit", truth: "Mapping[str, float] | None" = None) -> Figure:
@@ -91,7 +91,7 @@ def profiles(found: "Mapping[str, Profile]") -> Figure:
 
 def bootstrap(found: "Bootstrap", result: "Fit") -> Figure:
     """Estimates from resampled replicates, pair by pair, with the ellipse of the covariance."""
-    from yeastfit.plot_information import ellipse
+    from yeastfit.plot.information import ellipse
 
     count = max(1, len(result.free) - 1)
     figure = Figure(figsize=(1.6 + 2.2 * count, 1.0 + 2.1 * count), layout="constrained")

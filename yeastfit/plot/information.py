@@ -6,11 +6,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from yeastfit.infer.directions import percent
+from yeastfit.inference.information.identifiability import percent
 
 if TYPE_CHECKING:
-    from yeastfit.infer.choices import Design
-    from yeastfit.infer.information_result import Information
+    from yeastfit.inference.information.design_result import Design
+    from yeastfit.inference.information.result import Information
 
 SEEN, BLIND = "#7a5230", "#b00020"
 CIRCLE = np.linspace(0.0, 2 * np.pi, 181)

@@ -7,14 +7,14 @@ import numpy as np
 from jaxtyping import Bool
 from matplotlib.figure import Figure
 
-from yeastfit.infer.samples import Samples
-from yeastfit.measure.segmentation import outline
-from yeastfit.plot import COLONY, CONDITIONS, LABELS, OUTLINE
+from yeastfit.inference.posterior.samples import Samples
+from yeastfit.measure.outlining.segmentation import outline
+from yeastfit.plot.colony import COLONY, CONDITIONS, LABELS, OUTLINE
 
 if TYPE_CHECKING:
-    from yeastfit.infer.diagnostics import Diagnostics
-    from yeastfit.infer.predictive import Predictive
-    from yeastfit.infer.targets import Targets
+    from yeastfit.inference.posterior.diagnostics import Diagnostics
+    from yeastfit.inference.posterior.predictive_check import Predictive
+    from yeastfit.inference.targets import Targets
 
 LINES = 12  # chains of a trace plot, at most
 

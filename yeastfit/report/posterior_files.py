@@ -16,15 +16,17 @@ from jaxtyping import Bool, Float
 from rich.box import SIMPLE
 from rich.table import Table
 
-from yeastfit import plot, plot_corner, plot_posterior
-from yeastfit.infer.diagnostics import Diagnostics, diagnose
-from yeastfit.infer.export import to_netcdf
-from yeastfit.infer.measurements import rows_of
-from yeastfit.infer.predictive import FINE, Predictive
-from yeastfit.infer.priors import Prior
-from yeastfit.infer.samples import Samples
-from yeastfit.infer_page import infer_page
-from yeastfit.measure.images import read_image
+from yeastfit.inference.posterior.arviz import to_netcdf
+from yeastfit.inference.posterior.diagnostics import Diagnostics, diagnose
+from yeastfit.inference.posterior.predictive_check import FINE, Predictive
+from yeastfit.inference.posterior.prior import Prior
+from yeastfit.inference.posterior.samples import Samples
+from yeastfit.inference.targets_from_table import rows_of
+from yeastfit.measure.reading.images import read_image
+from yeastfit.plot import colony as plot
+from yeastfit.plot import corner as plot_corner
+from yeastfit.plot import posterior as plot_posterior
+from yeastfit.report.posterior_page import infer_page
 from yeastfit.storage import write_json, write_table, written_whole
 
 SHARES = {"q05": 0.05, "median": 0.5, "q95": 0.95}

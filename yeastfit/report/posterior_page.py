@@ -3,10 +3,10 @@
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
-from yeastfit import page
+from yeastfit.report import html as page
 
 if TYPE_CHECKING:
-    from yeastfit.infer_results import Results
+    from yeastfit.report.posterior_files import Results
 
 ALT = {
     "corner": "Posterior of every parameter and pair of parameters, with the prior",

@@ -36,7 +36,7 @@ import numpy.typing as npt
 from scipy import ndimage
 
 from yeastfit.errors import InputError
-from yeastfit.measure.coverage import Array, Floats, finite, require_positive
+from yeastfit.simulation.cell_coverage import Array, Floats, finite, require_positive
 from yeastfit.storage import written_whole
 
 Pixels = npt.NDArray[np.uint8]

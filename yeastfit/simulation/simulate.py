@@ -12,18 +12,18 @@ import numpy as np
 from jaxtyping import Array, PyTree
 
 from yeastfit.errors import InputError
-from yeastfit.measure.hard import HardStatistics
-from yeastfit.measure.smooth import SmoothStatistics
+from yeastfit.measure.statistics.model_as_mask import HardStatistics
+from yeastfit.measure.statistics.smooth_statistics import SmoothStatistics
+from yeastfit.model.budding import RANDOM, Budding
 from yeastfit.model.colony import Colony
 from yeastfit.model.colony import start as new_colony
 from yeastfit.model.forces import stiffness
-from yeastfit.model.mitosis import RANDOM, Budding
 from yeastfit.model.numerics import Numerics, map_members, on_one_device
 from yeastfit.model.nutrient import check_alpha
 from yeastfit.model.parameters import NAMES, Parameters, Scales
 from yeastfit.model.relaxation import Relaxation
 from yeastfit.model.simulate import Schedule, Snapshot, trajectory
-from yeastfit.simulation_result import Simulation
+from yeastfit.simulation.result import Simulation
 
 
 @runtime_checkable

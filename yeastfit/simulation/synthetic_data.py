@@ -21,16 +21,16 @@ import numpy as np
 from jaxtyping import Array
 
 from yeastfit.errors import InputError
-from yeastfit.measure.coverage import coverage, true_mask
-from yeastfit.measure.photograph import Optics, photograph, write_micrograph
-from yeastfit.measure.smooth import node_statistics
-from yeastfit.measure.statistics import measure_mask
+from yeastfit.measure.statistics.shape import measure_mask
+from yeastfit.measure.statistics.smooth_statistics import node_statistics
 from yeastfit.model.cells import Cells
 from yeastfit.model.numerics import Numerics
 from yeastfit.model.parameters import Parameters, Scales
 from yeastfit.model.relaxation import HARD
 from yeastfit.model.simulate import Snapshot
-from yeastfit.simulation import member_keys, simulate
+from yeastfit.simulation.cell_coverage import coverage, true_mask
+from yeastfit.simulation.photograph import Optics, photograph, write_micrograph
+from yeastfit.simulation.simulate import member_keys, simulate
 from yeastfit.storage import versions, write_json, write_table
 
 MASK_COLUMNS = ("area", "perimeter", "outer_perimeter", "compactness", "outer_compactness", "radius", "max_radius")

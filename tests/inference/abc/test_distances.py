@@ -7,7 +7,7 @@ import pytest
 from helpers import wrong_types
 
 from yeastfit import InputError
-from yeastfit.infer.distances import LiDistance, Mahalanobis, WeightedCurves, log_kernel
+from yeastfit.inference.abc.distances import LiDistance, Mahalanobis, WeightedCurves, log_kernel
 
 OBSERVED = np.array([0.2, 0.5, 1.0])
 SIMULATED = np.array([[0.2, 0.5, 1.0], [0.44, 0.5, 1.0], [0.2, 0.8, 2.0], [np.nan, 0.5, 1.0], [np.inf, 0.5, 1.0]])

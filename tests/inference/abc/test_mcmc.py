@@ -19,12 +19,12 @@ from known_posteriors import Drawing, Interrupted, Killed, Known, assert_agrees
 from numpy.random import Generator, RandomState
 
 from yeastfit import InputError
-from yeastfit.infer.abc_mcmc import abc_mcmc
-from yeastfit.infer.distances import WeightedCurves
-from yeastfit.infer.mcmc_settings import McmcSettings, Move, move_of
-from yeastfit.infer.priors import Prior
-from yeastfit.infer.samples import Samples
-from yeastfit.infer.simulations import Store
+from yeastfit.inference.abc.distances import WeightedCurves
+from yeastfit.inference.abc.mcmc import abc_mcmc
+from yeastfit.inference.abc.mcmc_settings import McmcSettings, Move, move_of
+from yeastfit.inference.posterior.prior import Prior
+from yeastfit.inference.posterior.samples import Samples
+from yeastfit.inference.posterior.simulation_store import Store
 
 GAUSSIAN = known_posteriors.gaussian()
 SHORT = McmcSettings(steps=30, walkers=4, pilot=60, share=0.2)
@@ -206,9 +206,9 @@ def test_a_step_that_was_half_written_is_taken_again(tmp_path: Path, dataset: st
 KILLS_ITSELF = """
 import os, signal, sys, threading
 from known_posteriors import gaussian
-from yeastfit.infer.abc_mcmc import abc_mcmc
-from yeastfit.infer.mcmc_settings import McmcSettings
-from yeastfit.infer.simulations import Store
+from yeastfit.inference.abc.mcmc import abc_mcmc
+from yeastfit.inference.abc.mcmc_settings import McmcSettings
+from yeastfit.inference.posterior.simulation_store import Store
 folder, seconds = sys.argv[1], float(sys.argv[2])
 known, settings = gaussian(), McmcSettings(steps=300, walkers=4, pilot=60, share=0.2)
 threading.Timer(seconds, lambda: os.kill(os.getpid(), signal.SIGKILL)).start()
@@ -226,7 +226,7 @@ def test_killed_for_real(tmp_path: Path) -> None:
     settings, rng = replace(SHORT, steps=300), np.random.default_rng(20)
     where = {
         **os.environ,
-        "PYTHONPATH": os.pathsep.join(map(str, (Path(__file__).parents[1], Path(__file__).parents[2]))),
+        "PYTHONPATH": os.pathsep.join(map(str, (Path(__file__).parents[2], Path(__file__).parents[3]))),
     }
     for seconds in rng.uniform(0.05, 0.5, size=8):
         subprocess.run([sys.executable, "-c", KILLS_ITSELF, str(tmp_path), str(seconds)], env=where, check=False)

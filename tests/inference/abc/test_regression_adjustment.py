@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from yeastfit.infer.adjustment import Accepted, from_line, to_line
-from yeastfit.infer.priors import Prior
+from yeastfit.inference.abc.regression_adjustment import Accepted, from_line, to_line
+from yeastfit.inference.posterior.prior import Prior
 
 INF = np.inf
 PRIOR = Prior.of({"a": {"law": "normal", "mean": 0.0, "sd": 10.0}})

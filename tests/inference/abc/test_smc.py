@@ -11,12 +11,12 @@ from known_posteriors import Interrupted, Killed, Known, assert_agrees
 from numpy.random import Generator
 
 from yeastfit import InputError
-from yeastfit.infer.abc_mcmc import abc_mcmc
-from yeastfit.infer.abc_smc import SmcSettings, abc_smc
-from yeastfit.infer.mcmc_settings import McmcSettings
-from yeastfit.infer.populations import Mixture, Population
-from yeastfit.infer.samples import Samples
-from yeastfit.infer.simulations import Store
+from yeastfit.inference.abc.mcmc import abc_mcmc
+from yeastfit.inference.abc.mcmc_settings import McmcSettings
+from yeastfit.inference.abc.population import Mixture, Population
+from yeastfit.inference.abc.smc import SmcSettings, abc_smc
+from yeastfit.inference.posterior.samples import Samples
+from yeastfit.inference.posterior.simulation_store import Store
 
 GAUSSIAN = known_posteriors.gaussian()
 SHORT = SmcSettings(population=60, batch=16, populations=4, acceptance=0.0)

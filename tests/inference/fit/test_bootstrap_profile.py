@@ -7,8 +7,8 @@ import pytest
 from stand_in import FREE, QUIET, StandIn, drawn, fitted, straight
 
 from yeastfit import Fit, InputError, Parameters
-from yeastfit.infer.surface import study
-from yeastfit.infer.uncertainty import Bootstrap, Explored, Profile, _box, profiles
+from yeastfit.inference.fit.bootstrap_profile import Bootstrap, Explored, Profile, _box, profiles
+from yeastfit.inference.fit.response_surface import study
 
 TRUTH = Parameters(mobility=2.0, metabolic_rate=0.7, aspect_ratio=0.6)
 

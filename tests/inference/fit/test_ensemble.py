@@ -7,9 +7,9 @@ import pytest
 from stand_in import CENTRE, CURVES, FREE, QUIET, ROOT, SETTINGS, SLOPES, STATISTICS, StandIn, drawn, exact, straight
 
 from yeastfit import InputError, Parameters, Targets
-from yeastfit.infer.ensembles import Ensembles, Joint
-from yeastfit.infer.fitter import Fitter, Run
-from yeastfit.infer.space import Space
+from yeastfit.inference.fit.ensemble import Ensembles, Joint
+from yeastfit.inference.fit.stages import Fitter, Run
+from yeastfit.inference.parameter_space import Space
 from yeastfit.model.parameters import NAMES
 
 TRUTH = Parameters(mobility=2.0, metabolic_rate=0.7, aspect_ratio=0.6)

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from yeastfit import FitSettings, Numerics, Parameters, Targets, fit, member_keys, simulate
-from yeastfit.infer.targets import Estimator
-from yeastfit.measure.hard import HardStatistics
-from yeastfit.measure.smooth import SmoothStatistics
+from yeastfit.inference.targets import Estimator
+from yeastfit.measure.statistics.model_as_mask import HardStatistics
+from yeastfit.measure.statistics.smooth_statistics import SmoothStatistics
 from yeastfit.model.relaxation import HARD
 
 TRUTH = Parameters(mobility=1.5, aspect_ratio=0.6)

@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from yeastfit.infer.search import Search
+from yeastfit.inference.fit.optimiser import Search
 
 METHODS = ("levenberg-marquardt", "dogleg", "bfgs")
 A = np.random.default_rng(0).normal(size=(6, 3))

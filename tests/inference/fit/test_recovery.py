@@ -8,7 +8,7 @@ import pytest
 from stand_in import CENTRE, CURVES, FREE, QUIET, SETTINGS, SLOPES, StandIn, bent, drawn, exact, fitted, logs, straight
 
 from yeastfit import Fit, Parameters, Targets
-from yeastfit.infer.settings import Method
+from yeastfit.inference.fit.settings import Method
 from yeastfit.model.parameters import NAMES
 
 TRUTH = Parameters(mobility=2.0, metabolic_rate=0.7, aspect_ratio=0.6)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from yeastfit import InputError
-from yeastfit.infer.surface import study
+from yeastfit.inference.fit.response_surface import study
 
 CENTRE, REACH = np.array([0.1, -0.4]), np.array([0.5, 0.3])
 SLOPES = np.array([[1.0, 0.2], [0.5, -1.0], [0.3, 0.8], [-0.2, 0.4]])

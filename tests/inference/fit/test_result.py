@@ -8,9 +8,10 @@ import pytest
 from matplotlib.figure import Figure
 from stand_in import FREE, SETTINGS, StandIn, drawn, fitted
 
-from yeastfit import Fit, InputError, Parameters, plot_fit
-from yeastfit.infer.uncertainty import Bootstrap, Profile
+from yeastfit import Fit, InputError, Parameters
+from yeastfit.inference.fit.bootstrap_profile import Bootstrap, Profile
 from yeastfit.model.parameters import NAMES
+from yeastfit.plot import fit as plot_fit
 
 TRUTH = Parameters(mobility=2.0, metabolic_rate=0.7, aspect_ratio=0.6)
 SHORT = replace(SETTINGS, members=(64,), spreads=(0.1,), measurement_error={"radius": 0.02})

@@ -165,9 +165,9 @@ def test_a_parameter_that_runs_to_its_bound_is_said(targets: Targets) -> None:
 
 
 def test_progress_goes_from_nothing_to_all(targets: Targets) -> None:
-    from yeastfit.infer.ensembles import Ensembles
-    from yeastfit.infer.fitter import Fitter
-    from yeastfit.infer.space import ALONE, Space
+    from yeastfit.inference.fit.ensemble import Ensembles
+    from yeastfit.inference.fit.stages import Fitter
+    from yeastfit.inference.parameter_space import ALONE, Space
 
     told: list[tuple[str, float]] = []
     space = Space.of(FREE, {ALONE: Parameters(aspect_ratio=0.5)})

@@ -11,11 +11,13 @@ import pytest
 from helpers import wrong_types
 from sensitivities import made_up
 
-from yeastfit import InputError, Sensitivity, cli, plot
-from yeastfit.infer.choices import Choice, Criterion, Design
-from yeastfit.infer.design import By, design
-from yeastfit.infer.information_result import Information
+from yeastfit import InputError, Sensitivity
+from yeastfit.commands import app as cli
+from yeastfit.inference.information.design import By, design
+from yeastfit.inference.information.design_result import Choice, Criterion, Design
+from yeastfit.inference.information.result import Information
 from yeastfit.model.parameters import NAMES, PARAMETERS
+from yeastfit.plot import colony as plot
 
 FREE = ("mobility", "metabolic_rate", "aspect_ratio")
 STATISTICS, TIMES = ("compactness", "area"), [1.0, 2.0, 3.0]

@@ -7,11 +7,12 @@ import pytest
 from helpers import wrong_types
 from sensitivities import made_up
 
-from yeastfit import InputError, plot
-from yeastfit.infer.directions import blind_sentence, combination, percent, power_law, sparse_basis
-from yeastfit.infer.experiment import curve_covariance, information_of, systematic
-from yeastfit.infer.information import information
-from yeastfit.infer.information_result import Information
+from yeastfit import InputError
+from yeastfit.inference.information.experiment import curve_covariance, information_of, systematic
+from yeastfit.inference.information.fisher import information
+from yeastfit.inference.information.identifiability import blind_sentence, combination, percent, power_law, sparse_basis
+from yeastfit.inference.information.result import Information
+from yeastfit.plot import colony as plot
 
 RNG = np.random.default_rng(0)
 HALF = RNG.normal(size=(6, 12))

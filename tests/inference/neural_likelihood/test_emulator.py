@@ -6,10 +6,10 @@ import pytest
 from known_likelihoods import Known, curved, fragile, linear, simulations
 
 from yeastfit import InputError
-from yeastfit.infer import emulator as emulator_module
-from yeastfit.infer.emulator import Emulator, train
-from yeastfit.infer.heldout import HeldOut
-from yeastfit.infer.networks import EmulatorSettings
+from yeastfit.inference.neural_likelihood import emulator as emulator_module
+from yeastfit.inference.neural_likelihood.cross_validation import HeldOut
+from yeastfit.inference.neural_likelihood.emulator import Emulator, train
+from yeastfit.inference.neural_likelihood.network import EmulatorSettings
 
 QUICK = EmulatorSettings(members=3)
 

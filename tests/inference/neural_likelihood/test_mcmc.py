@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
-from yeastfit.infer.posterior_chain import Walk
+from yeastfit.inference.neural_likelihood.mcmc import Walk
 
 
 @pytest.mark.parametrize(("free", "walkers"), [(1, 256), (2, 256), (5, 256), (5, 40)])

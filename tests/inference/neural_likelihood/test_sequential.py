@@ -11,14 +11,14 @@ from known_likelihoods import Known, curved, fragile, linear
 from scipy.stats import chi2
 
 from yeastfit import InputError
-from yeastfit.infer.emulated import emulated, far_draws, proposed
-from yeastfit.infer.emulated_settings import EmulatedSettings
-from yeastfit.infer.networks import EmulatorSettings
-from yeastfit.infer.pilot import first_values
-from yeastfit.infer.priors import Prior
-from yeastfit.infer.samples import Samples
-from yeastfit.infer.simulations import Store
-from yeastfit.infer.simulator import seed_of
+from yeastfit.inference.abc.pilot import first_values
+from yeastfit.inference.neural_likelihood.network import EmulatorSettings
+from yeastfit.inference.neural_likelihood.sequential import emulated, far_draws, proposed
+from yeastfit.inference.neural_likelihood.settings import EmulatedSettings
+from yeastfit.inference.posterior.prior import Prior
+from yeastfit.inference.posterior.samples import Samples
+from yeastfit.inference.posterior.simulation_store import Store
+from yeastfit.inference.simulator import seed_of
 
 NETWORKS = EmulatorSettings(members=4)
 FEW = EmulatorSettings(members=2, width=16, steps=200)

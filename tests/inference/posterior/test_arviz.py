@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 
 from yeastfit import InputError
-from yeastfit.infer.diagnostics import autocorrelation_time
-from yeastfit.infer.export import groups_of, to_arviz, to_netcdf
-from yeastfit.infer.predictive import Predictive
-from yeastfit.infer.samples import Samples
+from yeastfit.inference.posterior.arviz import groups_of, to_arviz, to_netcdf
+from yeastfit.inference.posterior.diagnostics import autocorrelation_time
+from yeastfit.inference.posterior.predictive_check import Predictive
+from yeastfit.inference.posterior.samples import Samples
 
 PREDICTED = Predictive(
     free=("mobility", "aspect_ratio"),
@@ -75,7 +75,7 @@ def test_a_file_comes_back_with_all_groups(arviz: Any, tmp_path: Path) -> None:
 
 def test_arviz_finds_what_diagnostics_find(arviz: Any) -> None:
     """A random walk that returns slowly: ArviZ's effective sizes and split R̂ beside one's own."""
-    from yeastfit.infer.diagnostics import split_r_hat
+    from yeastfit.inference.posterior.diagnostics import split_r_hat
 
     rng = np.random.default_rng(1)
     chains = np.zeros((4, 4000, 2))

@@ -5,7 +5,13 @@ import pytest
 from emcee.autocorr import integrated_time
 
 from yeastfit import InputError
-from yeastfit.infer.diagnostics import Diagnostics, autocorrelation_time, diagnose, rank_statistics, split_r_hat
+from yeastfit.inference.posterior.diagnostics import (
+    Diagnostics,
+    autocorrelation_time,
+    diagnose,
+    rank_statistics,
+    split_r_hat,
+)
 
 
 def autoregressive(coefficient: float, chains: int = 8, draws: int = 20000, seed: int = 0) -> np.ndarray:

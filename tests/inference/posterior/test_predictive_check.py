@@ -8,9 +8,9 @@ import pytest
 from known_posteriors import Drawing
 
 from yeastfit.errors import InputError
-from yeastfit.infer.predictive import Predictive, Replicates, predict
-from yeastfit.infer.samples import Samples
-from yeastfit.infer.simulator import Mismeasured, root_of
+from yeastfit.inference.posterior.predictive_check import Predictive, Replicates, predict
+from yeastfit.inference.posterior.samples import Samples
+from yeastfit.inference.simulator import Mismeasured, root_of
 
 NORMAL = Drawing(("mean",), ("a", "b"), lambda value, rng: value + rng.standard_normal(2))
 

@@ -8,8 +8,8 @@ from helpers import wrong_types
 from scipy import stats
 
 from yeastfit import PARAMETERS, InputError
-from yeastfit.infer.laws import LAWS, Law
-from yeastfit.infer.priors import Prior, default_prior, template
+from yeastfit.inference.posterior.distributions import LAWS, Law
+from yeastfit.inference.posterior.prior import Prior, default_prior, template
 from yeastfit.model.parameters import NAMES
 
 TABLES = {

@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.stats import norm
 
-from yeastfit.infer.normal_scores import apart, covariance_of_most, far_off
+from yeastfit.inference.posterior.robust_summary import apart, covariance_of_most, far_off
 
 
 def test_how_far_laws_are_apart() -> None:

@@ -8,7 +8,7 @@ import pytest
 from scipy import stats
 
 from yeastfit import InputError
-from yeastfit.infer.samples import Samples
+from yeastfit.inference.posterior.samples import Samples
 
 
 def made_up(values: np.ndarray, weights: np.ndarray | None = None) -> Samples:

@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 
 from yeastfit import InputError
-from yeastfit.infer.simulations import ROOM, Recorded, Store
-from yeastfit.infer.simulator import Simulator, seed_of, stream_of
+from yeastfit.inference.posterior.simulation_store import ROOM, Recorded, Store
+from yeastfit.inference.simulator import Simulator, seed_of, stream_of
 
 FREE, LABELS = ("mobility", "aspect_ratio"), ("area", "compactness", "radius")
 
@@ -172,7 +172,7 @@ def test_killed_while_it_writes(tmp_path: Path) -> None:
     code = """
         import sys
         import numpy as np
-        from yeastfit.infer.simulations import Store
+        from yeastfit.inference.posterior.simulation_store import Store
         with Store(sys.argv[1], ("a",), ("b",)) as store:
             for n in range(len(store), 100000):
                 store.append(np.array([[float(n)]]), np.array([n]), np.array([[n / 7]]))

@@ -10,10 +10,10 @@ from helpers import wrong_types
 
 from benchmarks.gradients import compare, differences, estimates
 from yeastfit import InputError, Numerics, Parameters, Relaxation, Sensitivity, sensitivity
-from yeastfit.infer import sensitivity as module
-from yeastfit.infer.blend import combine
-from yeastfit.infer.sensitivity import STATISTICS
-from yeastfit.infer.sensitivity_result import Estimate
+from yeastfit.inference.sensitivity import estimate as module
+from yeastfit.inference.sensitivity.estimate import STATISTICS
+from yeastfit.inference.sensitivity.result import Estimate
+from yeastfit.inference.sensitivity.shrinkage import combine
 
 SMALL = Numerics(domain=12.0, spacing=0.25, dt=0.02, capacity=64)
 

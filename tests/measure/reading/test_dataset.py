@@ -7,11 +7,11 @@ import pytest
 from PIL import Image
 
 from yeastfit.errors import InputError
-from yeastfit.measure.dataset import Frame, read_dataset
-from yeastfit.measure.overrule import Overrule
+from yeastfit.measure.outlining.segmentation_options import Overrule
+from yeastfit.measure.reading.dataset import Frame, read_dataset
 from yeastfit.measure.series import measure_dataset, replicate_curves, smooth_statistics
 
-DEMO = Path(__file__).parents[2] / "data" / "synthetic" / "demo"
+DEMO = Path(__file__).parents[3] / "data" / "synthetic" / "demo"
 HEADER = "file,replicate,hours,um_per_pixel\n"
 
 

@@ -16,8 +16,8 @@ from scipy import ndimage
 from skimage.measure import perimeter as chain_perimeter
 
 from yeastfit.errors import InputError
-from yeastfit.measure.images import MAX_PIXELS, read_image, read_micrograph
-from yeastfit.measure.segmentation import outline, segment
+from yeastfit.measure.outlining.segmentation import outline, segment
+from yeastfit.measure.reading.images import MAX_PIXELS, read_image, read_micrograph
 
 GREY = (np.add.outer(np.arange(20), np.arange(30)) * 5).astype(np.uint8)
 

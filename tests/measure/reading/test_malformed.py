@@ -15,8 +15,8 @@ import tifffile
 from PIL import Image
 
 from yeastfit.errors import InputError
-from yeastfit.measure.images import read_image, read_micrograph
-from yeastfit.measure.segmentation import segment
+from yeastfit.measure.outlining.segmentation import segment
+from yeastfit.measure.reading.images import read_image, read_micrograph
 
 SIDE = 64
 Y, X = np.mgrid[:SIDE, :SIDE]

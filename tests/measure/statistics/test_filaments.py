@@ -7,11 +7,11 @@ import pytest
 from hypothesis import given, settings
 from shapes import disc, masks, star, wheel
 
-from yeastfit.measure.filaments import RING, Filaments, csr_radius
-from yeastfit.measure.images import read_image
-from yeastfit.measure.pixels import Pixels
-from yeastfit.measure.segmentation import segment
-from yeastfit.measure.statistics import mask_statistics, measure_mask
+from yeastfit.measure.outlining.segmentation import segment
+from yeastfit.measure.reading.images import read_image
+from yeastfit.measure.statistics.filaments import RING, Filaments, csr_radius
+from yeastfit.measure.statistics.pixels import Pixels
+from yeastfit.measure.statistics.shape import mask_statistics, measure_mask
 
 PUBLISHED = {  # I_F, I_R, area in pixels, number of colonies: Li et al. 2024
     "awri796_50um": (0.2126, 0.1642, 573_920, 14),

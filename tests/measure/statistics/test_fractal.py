@@ -5,8 +5,8 @@ import pytest
 from PIL import Image, ImageDraw
 from shapes import disc, star
 
-from yeastfit.measure.fractal import box_counts, fractal_dimension, outline
-from yeastfit.measure.pixels import Pixels
+from yeastfit.measure.statistics.fractal import box_counts, fractal_dimension, outline
+from yeastfit.measure.statistics.pixels import Pixels
 
 
 def koch(order: int, side: float) -> np.ndarray:

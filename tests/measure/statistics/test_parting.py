@@ -10,7 +10,7 @@ import pytest
 from jaxtyping import Array
 from scipy.optimize import brentq
 
-from yeastfit.measure.smooth import smooth_shape
+from yeastfit.measure.statistics.smooth_statistics import smooth_shape
 from yeastfit.model.cells import Cells, level_set
 
 P, Q = 1.0, 0.9

@@ -11,11 +11,17 @@ from jaxtyping import Array
 from shapes import disc, star, star_radius, wheel
 
 from yeastfit.errors import InputError
-from yeastfit.measure.pixels import Pixels
-from yeastfit.measure.polar import Polar, polar_statistics
-from yeastfit.measure.smooth import SmoothStatistics, gaussian_blur, indicator, smooth_polar, smooth_shape
-from yeastfit.measure.spatial import angular_spectrum, radial_profile
-from yeastfit.measure.statistics import measure_mask
+from yeastfit.measure.statistics.pixels import Pixels
+from yeastfit.measure.statistics.polar import Polar, polar_statistics
+from yeastfit.measure.statistics.shape import measure_mask
+from yeastfit.measure.statistics.smooth_statistics import (
+    SmoothStatistics,
+    gaussian_blur,
+    indicator,
+    smooth_polar,
+    smooth_shape,
+)
+from yeastfit.measure.statistics.spatial_indices import angular_spectrum, radial_profile
 from yeastfit.model.cells import cells_of
 from yeastfit.model.numerics import Numerics
 from yeastfit.model.parameters import Parameters

@@ -14,9 +14,9 @@ from shapes import disc, masks, star, star_radius
 from skimage.measure import perimeter as chain_perimeter
 
 from yeastfit.errors import InputError
-from yeastfit.measure.filaments import SKELETON
-from yeastfit.measure.hard import SHAPE_STATISTICS, HardStatistics, mask_of
-from yeastfit.measure.statistics import MEANINGS, UNITS, mask_statistics, measure_mask
+from yeastfit.measure.statistics.filaments import SKELETON
+from yeastfit.measure.statistics.model_as_mask import SHAPE_STATISTICS, HardStatistics, mask_of
+from yeastfit.measure.statistics.shape import MEANINGS, UNITS, mask_statistics, measure_mask
 from yeastfit.model.numerics import Numerics
 from yeastfit.model.relaxation import HARD
 
@@ -254,7 +254,7 @@ def test_rows_have_units_and_meanings():
 def test_only_what_is_asked_for_is_computed(monkeypatch):
     mask = star(60, 0.3, 6)
     whole = measure_mask(mask, 2.0).row()
-    monkeypatch.setattr("yeastfit.measure.filaments._branches", None)
+    monkeypatch.setattr("yeastfit.measure.statistics.filaments._branches", None)
     assert mask_statistics(mask, 2.0, ("radius", "csr_radius")) == {n: whole[n] for n in ("radius", "csr_radius")}
     with pytest.raises(TypeError):
         mask_statistics(mask, 2.0, ("branch_count",))

@@ -13,7 +13,13 @@ from scipy.integrate import quad
 from scipy.special import ellipe
 from scipy.stats import ncx2
 
-from yeastfit.measure.smooth import SmoothStatistics, gaussian_blur, indicator, node_statistics, smooth_shape
+from yeastfit.measure.statistics.smooth_statistics import (
+    SmoothStatistics,
+    gaussian_blur,
+    indicator,
+    node_statistics,
+    smooth_shape,
+)
 from yeastfit.model.cells import cells_of
 from yeastfit.model.numerics import Numerics
 from yeastfit.model.parameters import Parameters

@@ -6,9 +6,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from shapes import disc, star, star_radius, wheel
 
-from yeastfit.measure.filaments import Filaments
-from yeastfit.measure.pixels import Pixels
-from yeastfit.measure.spatial import (
+from yeastfit.measure.statistics.filaments import Filaments
+from yeastfit.measure.statistics.pixels import Pixels
+from yeastfit.measure.statistics.spatial_indices import (
     angular_index,
     angular_pair_correlation,
     angular_spectrum,

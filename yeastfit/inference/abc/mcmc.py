@@ -34,14 +34,14 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from yeastfit.errors import InputError
-from yeastfit.infer.chain_file import ChainFile
-from yeastfit.infer.distances import Distance, log_kernel
-from yeastfit.infer.mcmc_settings import McmcSettings, move_of
-from yeastfit.infer.pilot import Pilot, check_problem, pilot_of
-from yeastfit.infer.priors import Prior
-from yeastfit.infer.samples import Samples
-from yeastfit.infer.simulations import Recorded, Store
-from yeastfit.infer.simulator import Simulator, seed_of, stream_of
+from yeastfit.inference.abc.chain_file import ChainFile
+from yeastfit.inference.abc.distances import Distance, log_kernel
+from yeastfit.inference.abc.mcmc_settings import McmcSettings, move_of
+from yeastfit.inference.abc.pilot import Pilot, check_problem, pilot_of
+from yeastfit.inference.posterior.prior import Prior
+from yeastfit.inference.posterior.samples import Samples
+from yeastfit.inference.posterior.simulation_store import Recorded, Store
+from yeastfit.inference.simulator import Simulator, seed_of, stream_of
 from yeastfit.progress import Progress, silent
 
 STANDSTILL = 0.25  # of a run, and `STILL` steps: a chain that does not move for longer is warned of

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from yeastfit.errors import InputError
-from yeastfit.infer.distances import KERNELS, KernelName
+from yeastfit.inference.abc.distances import KERNELS, KernelName
 
 Move = Literal["gaussian", "stretch", "de"]
 MOVES: tuple[Move, ...] = ("gaussian", "stretch", "de")

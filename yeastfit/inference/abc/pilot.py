@@ -8,7 +8,7 @@ from jaxtyping import Float
 from scipy.stats import qmc
 
 from yeastfit.errors import InputError
-from yeastfit.infer.distances import (
+from yeastfit.inference.abc.distances import (
     NEAR_AREA,
     Distance,
     KernelName,
@@ -17,10 +17,10 @@ from yeastfit.infer.distances import (
     WeightedCurves,
     log_kernel,
 )
-from yeastfit.infer.priors import Prior
-from yeastfit.infer.simulations import Recorded
-from yeastfit.infer.simulator import Simulator, seed_of, stream_of
-from yeastfit.infer.surface import monomials
+from yeastfit.inference.fit.response_surface import monomials
+from yeastfit.inference.posterior.prior import Prior
+from yeastfit.inference.posterior.simulation_store import Recorded
+from yeastfit.inference.simulator import Simulator, seed_of, stream_of
 
 DistanceName = Literal["li", "mahalanobis", "curves"]
 

@@ -29,14 +29,14 @@ from jaxtyping import Float
 from scipy.special import logsumexp
 
 from yeastfit.errors import InputError
-from yeastfit.infer.adjustment import Accepted
-from yeastfit.infer.distances import Distance
-from yeastfit.infer.pilot import check_problem, first_values, unreached
-from yeastfit.infer.populations import Mixture, Population, PopulationFile
-from yeastfit.infer.priors import Prior
-from yeastfit.infer.samples import Samples, weighted_quantile
-from yeastfit.infer.simulations import Recorded, Store
-from yeastfit.infer.simulator import Simulator, seed_of, stream_of
+from yeastfit.inference.abc.distances import Distance
+from yeastfit.inference.abc.pilot import check_problem, first_values, unreached
+from yeastfit.inference.abc.population import Mixture, Population, PopulationFile
+from yeastfit.inference.abc.regression_adjustment import Accepted
+from yeastfit.inference.posterior.prior import Prior
+from yeastfit.inference.posterior.samples import Samples, weighted_quantile
+from yeastfit.inference.posterior.simulation_store import Recorded, Store
+from yeastfit.inference.simulator import Simulator, seed_of, stream_of
 from yeastfit.progress import Progress, silent
 
 PROMISE = 10  # accepted proposals, that the lowest acceptable share promises: with fewer, a population is given up

@@ -1,6 +1,6 @@
 """Errors of a fit beyond its covariance: a bootstrap over replicates, and profiles of the likelihood.
 
-Both take hundreds of fits. They are made on a response surface around the estimate (`infer.surface`), from fine
+Both take hundreds of fits. They are made on a response surface around the estimate (`response_surface`), from fine
 colonies of their own, with the fit's Σ. Its box reaches three and a half standard errors from the estimate, at least
 `NEAREST` and at most `FARTHEST` in log λ, and not beyond the bounds: what lies at its edge is told as such.
 """
@@ -14,10 +14,10 @@ from jaxtyping import Float
 from scipy.linalg import block_diag
 
 from yeastfit.errors import InputError
-from yeastfit.infer.ensembles import Ensembles
-from yeastfit.infer.fitted import Fit
-from yeastfit.infer.space import Vector
-from yeastfit.infer.surface import Surface, study
+from yeastfit.inference.fit.ensemble import Ensembles
+from yeastfit.inference.fit.response_surface import Surface, study
+from yeastfit.inference.fit.result import Fit
+from yeastfit.inference.parameter_space import Vector
 
 NEAREST, FARTHEST, ERRORS = 0.1, 0.7, 3.5
 AT_EDGE = 0.98  # of the box's half width

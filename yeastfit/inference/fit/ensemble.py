@@ -1,6 +1,6 @@
 """What all conditions' colonies say about a point θ: mean curves, derivatives, and the covariance of the comparison.
 
-For each condition an ensemble is grown in pairs around the point (`infer.regression`), with the same keys wherever it
+For each condition an ensemble is grown in pairs around the point (`paired_regression`), with the same keys wherever it
 is, so that two points are compared by the same chance. One colony's curves have the covariance S. The data, means over
 R replicates, scatter with S too, scaled statistic by statistic to the measured scatter, where that is known. So
 
@@ -25,13 +25,13 @@ from jaxtyping import Float
 from scipy.linalg import block_diag
 
 from yeastfit.errors import InputError
-from yeastfit.infer.colonies import Colonies
-from yeastfit.infer.experiment import curve_covariance, systematic
-from yeastfit.infer.regression import CurveSquare, Local, design, of_members, order, paired, regress_together
-from yeastfit.infer.settings import FitSettings
-from yeastfit.infer.space import Space, Vector
-from yeastfit.infer.targets import Targets
-from yeastfit.simulation import member_keys
+from yeastfit.inference.colonies import Colonies
+from yeastfit.inference.fit.settings import FitSettings
+from yeastfit.inference.information.experiment import curve_covariance, systematic
+from yeastfit.inference.paired_regression import CurveSquare, Local, design, of_members, order, paired, regress_together
+from yeastfit.inference.parameter_space import Space, Vector
+from yeastfit.inference.targets import Targets
+from yeastfit.simulation.simulate import member_keys
 
 SCATTER = 0.2  # of the mean: one colony's scatter where nobody knows it, to begin with
 ROUGH = 0.05  # of the mean: tolerance of a rough comparison

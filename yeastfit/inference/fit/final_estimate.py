@@ -5,11 +5,11 @@ from collections.abc import Mapping
 import numpy as np
 from jaxtyping import Float
 
-from yeastfit.infer.fitted import Condition
-from yeastfit.infer.information_result import Information
-from yeastfit.infer.regression import CurveSquare
-from yeastfit.infer.space import Space, Vector
-from yeastfit.infer.targets import Targets
+from yeastfit.inference.fit.result import Condition
+from yeastfit.inference.information.result import Information
+from yeastfit.inference.paired_regression import CurveSquare
+from yeastfit.inference.parameter_space import Space, Vector
+from yeastfit.inference.targets import Targets
 
 FARTHEST = 0.5  # of log λ: the longest last step
 

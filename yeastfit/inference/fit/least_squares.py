@@ -1,24 +1,24 @@
 """λ from target curves by weighted least squares, with errors.
 
 The mean curves m(θ) of hard colonies, with keys that stay the same, are fitted to target means y in θ, the entries of
-log λ that are free in one condition or several (`infer.space`):
+log λ that are free in one condition or several (`parameter_space`):
 
     minimise χ²(θ) = (m(θ) − y)ᵀ Σ⁻¹ (m(θ) − y) + Σ_k (θ_k − μ_k)² / τ_k²,
 
 the last term where there are Gaussian priors. m and its Jacobian J come from one ensemble, grown in pairs around θ
-(`infer.regression`); no colony is differentiated. Σ holds the data's scatter, the ensemble's own Monte-Carlo error and
-a measurement error (`infer.ensembles`). The stages:
+(`paired_regression`); no colony is differentiated. Σ holds the data's scatter, the ensemble's own Monte-Carlo error and
+a measurement error (`ensemble`). The stages:
 
 1. one colony at each of some low-discrepancy points of the box; the best of them are the starts;
 2. small ensembles, all starts in one batch, the comparison blunted (`Ensembles.rough`); the best start goes on, and
    another one if it is about as good and ended elsewhere;
 3. larger and larger ensembles, with Σ as it is at the stage's first point; in the last stage, what finer numerics and
-   the width of the pairs change is added to m. Each stage lets optimistix's solver step (`infer.search`) until another
+   the width of the pairs change is added to m. Each stage lets optimistix's solver step (`optimiser`) until another
    step promises to lower χ² by less than a tolerance.
 
 The estimate is the minimum of one more affine function, that of the last stage's ensembles near its best point taken
 together: θ̂ = θ + F⁻¹ g. cov θ̂ = F⁻¹, F the Fisher information, J's noise taken out; no error is given in a direction
-that the data do not see (`infer.information_result`).
+that the data do not see (`information.result`).
 """
 
 from collections.abc import Mapping, Sequence
@@ -26,12 +26,12 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from yeastfit.errors import InputError
-from yeastfit.infer.ensembles import Ensembles
-from yeastfit.infer.fitted import Fit
-from yeastfit.infer.fitter import Fitter
-from yeastfit.infer.settings import FitSettings
-from yeastfit.infer.space import ALONE, Bounds, Space
-from yeastfit.infer.targets import Targets
+from yeastfit.inference.fit.ensemble import Ensembles
+from yeastfit.inference.fit.result import Fit
+from yeastfit.inference.fit.settings import FitSettings
+from yeastfit.inference.fit.stages import Fitter
+from yeastfit.inference.parameter_space import ALONE, Bounds, Space
+from yeastfit.inference.targets import Targets
 from yeastfit.model.parameters import Parameters
 from yeastfit.progress import Progress, silent
 

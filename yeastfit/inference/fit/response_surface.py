@@ -2,7 +2,7 @@
 
 One ensemble, spread over a box, gives the mean everywhere in it, and its error (Box & Wilson 1951,
 doi:10.1111/j.2517-6161.1951.tb00067.x). On it a fit costs nothing, so thousands can be made: of resampled data, or with
-one parameter held (`infer.uncertainty`). Cubic terms would cost most of the precision of the slopes, with which they
+one parameter held (`bootstrap_profile`). Cubic terms would cost most of the precision of the slopes, with which they
 are correlated.
 """
 
@@ -19,8 +19,8 @@ import optimistix as optx
 from jaxtyping import Array, Float
 
 from yeastfit.errors import InputError
-from yeastfit.infer.regression import CurveSquare, Scatter
-from yeastfit.infer.space import Vector, scattered
+from yeastfit.inference.paired_regression import CurveSquare, Scatter
+from yeastfit.inference.parameter_space import Vector, scattered
 
 Grow = Callable[[Float[np.ndarray, "point entry"]], Float[np.ndarray, "point curve"]]
 """One colony's curves, or one of each condition, at each point."""

@@ -10,11 +10,11 @@ import numpy as np
 from jaxtyping import Float
 
 from yeastfit.errors import InputError
-from yeastfit.infer.information_result import Information
-from yeastfit.infer.regression import CurveSquare
-from yeastfit.infer.settings import FitSettings
-from yeastfit.infer.space import Entry, Space, Vector
-from yeastfit.infer.targets import Targets
+from yeastfit.inference.fit.settings import FitSettings
+from yeastfit.inference.information.result import Information
+from yeastfit.inference.paired_regression import CurveSquare
+from yeastfit.inference.parameter_space import Entry, Space, Vector
+from yeastfit.inference.targets import Targets
 from yeastfit.model.parameters import NAMES, Parameters
 from yeastfit.storage import versions, write_json
 
@@ -243,13 +243,13 @@ class Fit:
 
     def plot(self, truth: dict[str, float] | None = None) -> "Figure":
         """Data with fit and band, and the residuals."""
-        from yeastfit.plot_fit import curves
+        from yeastfit.plot.fit import curves
 
         return curves(self, truth)
 
     def plot_convergence(self) -> "Figure":
         """Parameters and χ² over the simulations."""
-        from yeastfit.plot_fit import convergence
+        from yeastfit.plot.fit import convergence
 
         return convergence(self)
 

@@ -7,13 +7,13 @@ import numpy as np
 from scipy.linalg import solve_triangular
 
 from yeastfit.errors import InputError
-from yeastfit.infer.ensembles import Defect, Ensembles, Joint
-from yeastfit.infer.estimate import conditions, last_step, verdict
-from yeastfit.infer.fitted import Fit, Start, Step
-from yeastfit.infer.information import information
-from yeastfit.infer.information_result import Information
-from yeastfit.infer.search import Search
-from yeastfit.infer.space import Vector
+from yeastfit.inference.fit.ensemble import Defect, Ensembles, Joint
+from yeastfit.inference.fit.final_estimate import conditions, last_step, verdict
+from yeastfit.inference.fit.optimiser import Search
+from yeastfit.inference.fit.result import Fit, Start, Step
+from yeastfit.inference.information.fisher import information
+from yeastfit.inference.information.result import Information
+from yeastfit.inference.parameter_space import Vector
 from yeastfit.model.colony import PROBLEMS
 from yeastfit.progress import Progress
 

@@ -3,7 +3,7 @@
 A design has groups of colonies, each seen in some curves: y_g = m_g(λ) + noise, covariance S_g / R_g between the curves
 of one group, none between groups but for the measurement error. All groups together have J and Σ, and the information
 
-    F = A + diag(1 / τ²),    A = JᵀΣ⁻¹J less what the noise of J adds (`infer.information`).
+    F = A + diag(1 / τ²),    A = JᵀΣ⁻¹J less what the noise of J adds (`fisher`).
 
 A candidate makes F + ΔF of it, ΔF = A(with) − A(without), from which directions of negative eigenvalue are taken out:
 more data never tell less, so those are noise of J. The criterion is the typical error of log λ over p parameters,
@@ -25,8 +25,8 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from yeastfit.errors import InputError
-from yeastfit.infer.choices import Choice, Criterion, Design
-from yeastfit.infer.experiment import (
+from yeastfit.inference.information.design_result import Choice, Criterion, Design
+from yeastfit.inference.information.experiment import (
     Curves,
     chosen_curves,
     chosen_free,
@@ -34,8 +34,8 @@ from yeastfit.infer.experiment import (
     scatter_freedom,
     systematic,
 )
-from yeastfit.infer.information_result import Information, precision
-from yeastfit.infer.sensitivity_result import Sensitivity
+from yeastfit.inference.information.result import Information, precision
+from yeastfit.inference.sensitivity.result import Sensitivity
 from yeastfit.model.parameters import PARAMETERS
 
 By = Literal["image", "statistic"]

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from jaxtyping import Float
 
-from yeastfit.infer.directions import percent
-from yeastfit.infer.information_result import Information
+from yeastfit.inference.information.identifiability import percent
+from yeastfit.inference.information.result import Information
 from yeastfit.storage import write_json
 
 if TYPE_CHECKING:
@@ -119,6 +119,6 @@ class Design:
 
     def plot(self) -> "Figure":
         """Reduction of the errors, statistic by time."""
-        from yeastfit.plot_information import design
+        from yeastfit.plot.information import design
 
         return design(self)

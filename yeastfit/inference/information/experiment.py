@@ -11,10 +11,10 @@ import numpy as np
 from jaxtyping import Float
 
 from yeastfit.errors import InputError
-from yeastfit.infer.information import information
-from yeastfit.infer.information_result import Information
-from yeastfit.infer.regression import CurveSquare
-from yeastfit.infer.sensitivity_result import Sensitivity
+from yeastfit.inference.information.fisher import information
+from yeastfit.inference.information.result import Information
+from yeastfit.inference.paired_regression import CurveSquare
+from yeastfit.inference.sensitivity.result import Sensitivity
 
 
 def information_of(

@@ -20,8 +20,8 @@ import numpy as np
 from jaxtyping import Float
 
 from yeastfit.errors import InputError
-from yeastfit.infer.information_result import ROUNDING, Information
-from yeastfit.infer.regression import CurveSquare
+from yeastfit.inference.information.result import ROUNDING, Information
+from yeastfit.inference.paired_regression import CurveSquare
 
 
 def information(
@@ -36,7 +36,7 @@ def information(
 ) -> Information:
     """Fisher information of log λ in mean curves with covariance Σ (see above).
 
-    jacobian: J. covariance: Σ, see `infer.experiment`. free: names of J's columns. error: standard errors of J's
+    jacobian: J. covariance: Σ, see `experiment`. free: names of J's columns. error: standard errors of J's
     entries, none by default; correlation: ρ, by default they are independent from curve to curve. prior: standard
     deviation in log λ by name. limit: error of log λ beyond which a direction is blind.
 

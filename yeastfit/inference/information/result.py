@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from jaxtyping import Float
 
-from yeastfit.infer.directions import LOADING, blind_sentence, combination, percent, sparse_basis
+from yeastfit.inference.information.identifiability import LOADING, blind_sentence, combination, percent, sparse_basis
 from yeastfit.storage import write_json
 
 if TYPE_CHECKING:
@@ -200,13 +200,13 @@ class Information:
 
     def plot(self) -> "Figure":
         """The sloppy spectrum: eigenvalues and what each direction is made of."""
-        from yeastfit.plot_information import spectrum
+        from yeastfit.plot.information import spectrum
 
         return spectrum(self)
 
     def plot_ellipses(self) -> "Figure":
         """Error ellipses of every pair of parameters."""
-        from yeastfit.plot_information import ellipses
+        from yeastfit.plot.information import ellipses
 
         return ellipses(self)
 

@@ -33,9 +33,10 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from yeastfit.errors import InputError
-from yeastfit.infer.heldout import HeldOut
-from yeastfit.infer.members import ROWS, Members, log_likelihood_of_rows, moments_of_rows
-from yeastfit.infer.networks import (
+from yeastfit.inference.fit.response_surface import monomials
+from yeastfit.inference.neural_likelihood.cross_validation import HeldOut
+from yeastfit.inference.neural_likelihood.ensemble import ROWS, Members, log_likelihood_of_rows, moments_of_rows
+from yeastfit.inference.neural_likelihood.network import (
     EmulatorSettings,
     Network,
     Shape,
@@ -43,8 +44,7 @@ from yeastfit.infer.networks import (
     deal,
     fitted,
 )
-from yeastfit.infer.priors import Prior
-from yeastfit.infer.surface import monomials
+from yeastfit.inference.posterior.prior import Prior
 
 ROUNDING = 1e-10  # of correlations' eigenvalues: where one is below, statistics repeat one another
 ROWS_PER_TERM = 4  # simulations for each term of the quadratic, at least

@@ -6,8 +6,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from yeastfit.infer.networks import Network, Shape
-from yeastfit.infer.surface import monomials
+from yeastfit.inference.fit.response_surface import monomials
+from yeastfit.inference.neural_likelihood.network import Network, Shape
 
 ROWS = 128  # of λ at a time: each takes several covariances
 

@@ -21,9 +21,9 @@ from emcee.backends import HDFBackend
 from jaxtyping import Float
 from threadpoolctl import threadpool_limits
 
-from yeastfit.infer.diagnostics import LONG, autocorrelation_time
-from yeastfit.infer.emulator import Emulator, Square, in_pieces
-from yeastfit.infer.priors import Prior
+from yeastfit.inference.neural_likelihood.emulator import Emulator, Square, in_pieces
+from yeastfit.inference.posterior.diagnostics import LONG, autocorrelation_time
+from yeastfit.inference.posterior.prior import Prior
 from yeastfit.storage import hdf5_written_whole
 
 ENOUGH = 1.2 * LONG  # autocorrelation times; `diagnose` has its own estimate of them, and asks for LONG

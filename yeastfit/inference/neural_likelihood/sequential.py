@@ -29,16 +29,16 @@ from jaxtyping import Bool, Float
 from scipy.stats import chi2
 
 from yeastfit.errors import InputError
-from yeastfit.infer.diagnostics import diagnose
-from yeastfit.infer.emulated_settings import EmulatedSettings, Given, all_once, usable
-from yeastfit.infer.emulator import Emulator, Square, train
-from yeastfit.infer.normal_scores import apart, covariance_of_most, far_off
-from yeastfit.infer.pilot import first_values, unreached
-from yeastfit.infer.posterior_chain import BRIEFLY, ROUGHLY, Chains, Posterior, Walk
-from yeastfit.infer.priors import Prior
-from yeastfit.infer.samples import Samples
-from yeastfit.infer.simulations import Recorded, Store
-from yeastfit.infer.simulator import Simulator, seed_of, stream_of
+from yeastfit.inference.abc.pilot import first_values, unreached
+from yeastfit.inference.neural_likelihood.emulator import Emulator, Square, train
+from yeastfit.inference.neural_likelihood.mcmc import BRIEFLY, ROUGHLY, Chains, Posterior, Walk
+from yeastfit.inference.neural_likelihood.settings import EmulatedSettings, Given, all_once, usable
+from yeastfit.inference.posterior.diagnostics import diagnose
+from yeastfit.inference.posterior.prior import Prior
+from yeastfit.inference.posterior.robust_summary import apart, covariance_of_most, far_off
+from yeastfit.inference.posterior.samples import Samples
+from yeastfit.inference.posterior.simulation_store import Recorded, Store
+from yeastfit.inference.simulator import Simulator, seed_of, stream_of
 from yeastfit.progress import Progress, silent
 
 NEAR = 0.99  # of draws w times as wide as the posterior with its trail: where simulations check the emulator

@@ -6,10 +6,10 @@ import numpy as np
 from jaxtyping import Float
 
 from yeastfit.errors import InputError
-from yeastfit.infer.emulator import Square, fewest
-from yeastfit.infer.networks import EmulatorSettings
-from yeastfit.infer.priors import Prior
-from yeastfit.infer.simulator import Simulator
+from yeastfit.inference.neural_likelihood.emulator import Square, fewest
+from yeastfit.inference.neural_likelihood.network import EmulatorSettings
+from yeastfit.inference.posterior.prior import Prior
+from yeastfit.inference.simulator import Simulator
 
 TINY = 1e-9  # of its largest entry: below 0, an eigenvalue of a covariance, by rounding
 

@@ -17,8 +17,8 @@ from typing import Any
 import numpy as np
 
 from yeastfit.errors import InputError
-from yeastfit.infer.predictive import Predictive
-from yeastfit.infer.samples import Samples
+from yeastfit.inference.posterior.predictive_check import Predictive
+from yeastfit.inference.posterior.samples import Samples
 from yeastfit.storage import as_json, check_room, written_whole
 
 STATISTICS, SIMULATED = "statistics", "simulated"

@@ -23,16 +23,16 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from yeastfit.errors import InputError
-from yeastfit.infer.colony_simulator import ColonySimulator
-from yeastfit.infer.samples import Samples
-from yeastfit.infer.simulator import Mismeasured, Simulator, Wrapper, root_of, seed_of, stream_of
-from yeastfit.infer.space import ALONE
-from yeastfit.infer.targets import Targets
-from yeastfit.measure.hard import mask_of
-from yeastfit.measure.smooth import SmoothStatistics
+from yeastfit.inference.colony_simulator import ColonySimulator
+from yeastfit.inference.parameter_space import ALONE
+from yeastfit.inference.posterior.samples import Samples
+from yeastfit.inference.simulator import Mismeasured, Simulator, Wrapper, root_of, seed_of, stream_of
+from yeastfit.inference.targets import Targets
+from yeastfit.measure.statistics.model_as_mask import mask_of
+from yeastfit.measure.statistics.smooth_statistics import SmoothStatistics
 from yeastfit.model.parameters import NAMES, Parameters
 from yeastfit.model.relaxation import HARD
-from yeastfit.simulation import member_keys, simulate
+from yeastfit.simulation.simulate import member_keys, simulate
 from yeastfit.storage import written_whole
 
 if TYPE_CHECKING:
@@ -139,7 +139,7 @@ class Predictive:
 
     def plot(self, targets: Targets) -> "Figure":
         """Bands over the data. targets: those whose values `observed` are."""
-        from yeastfit.plot_posterior import predictive
+        from yeastfit.plot.posterior import predictive
 
         return predictive(self, targets)
 

@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from yeastfit.errors import InputError
-from yeastfit.infer.laws import LAWS, Law
+from yeastfit.inference.posterior.distributions import LAWS, Law
 from yeastfit.model.parameters import NAMES, PARAMETERS
 
 UNINFORMED = {"a": 2.0, "b": 2.0}  # of beta

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from yeastfit.errors import InputError
-from yeastfit.infer.diagnostics import autocorrelation_time
+from yeastfit.inference.posterior.diagnostics import autocorrelation_time
 from yeastfit.storage import as_json, written_whole
 
 ARRAYS = ("values", "weights", "log_probability", "acceptance", "statistics")

@@ -25,7 +25,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from yeastfit.errors import InputError
-from yeastfit.infer.simulator import Simulator
+from yeastfit.inference.simulator import Simulator
 from yeastfit.storage import full_disks_told, hdf5_written_whole
 
 DATASET = "simulations"

@@ -3,10 +3,10 @@
 Colonies are chaotic and divide: what one colony does when λ changes a little says nothing about another, and after a
 while nothing about itself. What a fit needs is J = ∂E[y] / ∂log λ, the derivative of the mean. Two estimators:
 
-**Regression** (`infer.regression`) runs the model away from λ, in pairs at log λ ± spread · ε, and needs no derivative,
-so the model may be the hard one. Its bias, of order spread², is two or three standard errors of 256 runs at spread 0.2
-and a fraction of one at 0.1. Were all colonies independent, n runs would tell seven parameters apart with a seventh of
-the variance of n runs of central differences; common keys help those more.
+**Regression** (`paired_regression`) runs the model away from λ, in pairs at log λ ± spread · ε, and needs no
+derivative, so the model may be the hard one. Its bias, of order spread², is two or three standard errors of 256 runs at
+spread 0.2 and a fraction of one at 0.1. Were all colonies independent, n runs would tell seven parameters apart with a
+seventh of the variance of n runs of central differences; common keys help those more.
 
 **Pathwise** is forward mode through the relaxed model, a mean over members that outliers cannot carry away
 (`robust_mean`). Exact derivatives of single colonies explode with the number of contacts; taming them
@@ -15,7 +15,7 @@ members tells by how much. So they are taken of a model close to the hard one, h
 nodes, where they cost little and a few of them are as quiet as hundreds of runs.
 
 **Combined** shrinks the first towards the second, the more the quieter the second is and the better they agree
-(`infer.blend`).
+(`shrinkage`).
 
 **Scatter**, the covariance S of one colony's curves, comes of the same runs: of the pairs, and of the colonies at λ
 itself (`regression.pooled`).
@@ -33,17 +33,17 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from yeastfit.errors import InputError
-from yeastfit.infer.blend import combine
-from yeastfit.infer.curves import Curves, robust_mean, without_problems
-from yeastfit.infer.regression import design, of_members, paired, pooled, regress
-from yeastfit.infer.sensitivity_result import Estimate, Method, Sensitivity
-from yeastfit.measure.smooth import SmoothStatistics
+from yeastfit.inference.curves import Curves, robust_mean, without_problems
+from yeastfit.inference.paired_regression import design, of_members, paired, pooled, regress
+from yeastfit.inference.sensitivity.result import Estimate, Method, Sensitivity
+from yeastfit.inference.sensitivity.shrinkage import combine
+from yeastfit.measure.statistics.smooth_statistics import SmoothStatistics
 from yeastfit.model.colony import PROBLEMS
 from yeastfit.model.numerics import Numerics
 from yeastfit.model.parameters import NAMES, Parameters
 from yeastfit.model.relaxation import Relaxation
 from yeastfit.progress import Progress, silent
-from yeastfit.simulation import member_keys, schedule_of
+from yeastfit.simulation.simulate import member_keys, schedule_of
 
 STATISTICS = ("compactness", "mean_radius", "radius", "area", "cell_count")
 COUNT = "cell_count"

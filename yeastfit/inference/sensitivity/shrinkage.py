@@ -14,7 +14,7 @@ exists, and w is 0.
 import numpy as np
 from jaxtyping import Float
 
-from yeastfit.infer.sensitivity_result import Estimate, Table
+from yeastfit.inference.sensitivity.result import Estimate, Table
 
 
 def combine(unbiased: Estimate, quiet: Estimate) -> tuple[Table, Table, Float[np.ndarray, "statistic time"]]:

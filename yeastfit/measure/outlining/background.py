@@ -9,8 +9,19 @@ from scipy import ndimage
 from skimage import filters, measure
 
 from yeastfit.errors import InputError
-from yeastfit.measure.raster import EIGHT, SMOOTHING, Field, Mask, Small, areas_of, blurred, border, shrunk, spread
-from yeastfit.measure.seams import STEEP, bands, with_tiles
+from yeastfit.measure.outlining.mask_operations import (
+    EIGHT,
+    SMOOTHING,
+    Field,
+    Mask,
+    Small,
+    areas_of,
+    blurred,
+    border,
+    shrunk,
+    spread,
+)
+from yeastfit.measure.outlining.stitching import STEEP, bands, with_tiles
 
 Coarse = Bool[np.ndarray, "small_row small_column"]
 Samples = Float64[np.ndarray, " sample"]

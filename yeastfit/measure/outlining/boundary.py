@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy import ndimage
 
-from yeastfit.measure.raster import SMOOTHING, Field, Mask, blurred, shrunk, spread, without_specks
+from yeastfit.measure.outlining.mask_operations import SMOOTHING, Field, Mask, blurred, shrunk, spread, without_specks
 
 DETECTION = 4.0  # deviations of the smoothed background
 RIM_DEPTH, RIM_WIDTH = 2.5, 2.5  # px inside the boundary

@@ -9,7 +9,7 @@ from scipy import ndimage
 from skimage import measure, segmentation
 
 from yeastfit.errors import InputError
-from yeastfit.measure.raster import EIGHT, Mask, areas_of
+from yeastfit.measure.outlining.mask_operations import EIGHT, Mask, areas_of
 
 
 def colony(

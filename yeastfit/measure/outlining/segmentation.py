@@ -33,13 +33,13 @@ from scipy import ndimage
 from skimage import measure
 
 from yeastfit.errors import InputError
-from yeastfit.measure.images import MIN_SIDE
-from yeastfit.measure.light import background, frames
-from yeastfit.measure.masks import ReadyMade, ready_made
-from yeastfit.measure.objects import at_point, colony
-from yeastfit.measure.overrule import Overrule
-from yeastfit.measure.raster import EIGHT, SMOOTHING, Field, Mask, areas_of, blurred, without_specks
-from yeastfit.measure.rim import boundary, coarse_rim, detection_floor, edge_blur, fine_mask
+from yeastfit.measure.outlining.background import background, frames
+from yeastfit.measure.outlining.boundary import boundary, coarse_rim, detection_floor, edge_blur, fine_mask
+from yeastfit.measure.outlining.colony_selection import at_point, colony
+from yeastfit.measure.outlining.mask_operations import EIGHT, SMOOTHING, Field, Mask, areas_of, blurred, without_specks
+from yeastfit.measure.outlining.segmentation_options import Overrule
+from yeastfit.measure.reading.binary_images import ReadyMade, ready_made
+from yeastfit.measure.reading.images import MIN_SIDE
 
 DOUBTS: dict[str, str] = {
     "several objects": "There is another object of more than a tenth of the colony's size: in a photograph only the "

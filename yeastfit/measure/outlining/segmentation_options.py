@@ -7,7 +7,7 @@ from numbers import Real
 from typing import Any
 
 from yeastfit.errors import InputError
-from yeastfit.measure.images import MIN_SIDE
+from yeastfit.measure.reading.images import MIN_SIDE
 
 
 @dataclass(frozen=True)

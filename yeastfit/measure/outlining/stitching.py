@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy import ndimage
 
-from yeastfit.measure.raster import EIGHT, Field, Mask
+from yeastfit.measure.outlining.mask_operations import EIGHT, Field, Mask
 
 BAND_SCALE = 2.0  # px, of the derivative across a band
 STEEP_BAND = 0.0015  # of the background's brightness, per px, of a median

@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 from jaxtyping import Bool
 
-from yeastfit.measure.raster import Mask
+from yeastfit.measure.outlining.mask_operations import Mask
 
 UNSURE = (0.25, 0.75)  # share of the border's bright pixels between which polarity is unsure
 LEVELS = 3  # grey levels around black and white that lossy compression may leave, of 255

@@ -17,7 +17,7 @@ import numpy.typing as npt
 from jaxtyping import Float32, UInt8, UInt16
 
 from yeastfit.errors import InputError, PixelSizeError
-from yeastfit.measure.pixel_size import PixelSize, is_length, pillow_sizes, tiff_sizes
+from yeastfit.measure.reading.pixel_size import PixelSize, is_length, pillow_sizes, tiff_sizes
 
 Grey = UInt8[np.ndarray, "row column"] | UInt16[np.ndarray, "row column"] | Float32[np.ndarray, "row column"]
 

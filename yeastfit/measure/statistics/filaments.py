@@ -42,7 +42,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy import ndimage
 
-from yeastfit.measure.pixels import TIE, Mask, PerPixel, Pixels
+from yeastfit.measure.statistics.pixels import TIE, Mask, PerPixel, Pixels
 
 RING = 4
 """δ, pixels."""

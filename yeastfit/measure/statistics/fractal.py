@@ -20,7 +20,7 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy import ndimage
 
-from yeastfit.measure.pixels import Mask, Pixels
+from yeastfit.measure.statistics.pixels import Mask, Pixels
 
 MIN_SIZES = 3
 """Fewer sizes of box say nothing of a slope."""

@@ -5,8 +5,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Shaped
 
-from yeastfit.measure.smooth import node_statistics
-from yeastfit.measure.statistics import check_names, mask_statistics
+from yeastfit.measure.statistics.shape import check_names, mask_statistics
+from yeastfit.measure.statistics.smooth_statistics import node_statistics
 from yeastfit.model.cells import cells_of, level_set
 from yeastfit.model.colony import Colony
 from yeastfit.model.relaxation import Relaxation

@@ -23,8 +23,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
 from yeastfit.model.cells import Cells
+from yeastfit.model.differentiable_sum import sum_of_terms
 from yeastfit.model.numerics import largest_in_ensemble
-from yeastfit.model.sums import sum_of_terms
 
 POINTS = 24  # grid points along each side of the box of a pair
 SATURATED = 4.5  # f/K up to which a cell counts: tanh is saturated to e⁻⁹, as in `Relaxation.reach`

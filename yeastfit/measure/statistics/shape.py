@@ -36,10 +36,15 @@ import numpy.typing as npt
 from scipy import ndimage
 
 from yeastfit.errors import InputError
-from yeastfit.measure.filaments import SKELETON, Filaments
-from yeastfit.measure.fractal import fractal_dimension
-from yeastfit.measure.pixels import Pixels
-from yeastfit.measure.spatial import angular_index, angular_spectrum, dominant_wave_number, radial_index
+from yeastfit.measure.statistics.filaments import SKELETON, Filaments
+from yeastfit.measure.statistics.fractal import fractal_dimension
+from yeastfit.measure.statistics.pixels import Pixels
+from yeastfit.measure.statistics.spatial_indices import (
+    angular_index,
+    angular_spectrum,
+    dominant_wave_number,
+    radial_index,
+)
 
 
 @dataclass(frozen=True)

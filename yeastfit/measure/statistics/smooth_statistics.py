@@ -15,11 +15,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from yeastfit.measure.overlap import overlap_area, smooth_step
-from yeastfit.measure.polar import Polar, polar_statistics
+from yeastfit.measure.statistics.overlap import overlap_area, smooth_step
+from yeastfit.measure.statistics.polar import Polar, polar_statistics
+from yeastfit.model.active_window import extent_of_cells, on_window
 from yeastfit.model.cells import level_set
 from yeastfit.model.simulate import Snapshot
-from yeastfit.model.window import extent_of_cells, on_window
 
 
 class SmoothStatistics(eqx.Module):

@@ -40,7 +40,7 @@ lattice's. TAMMiCol transforms g over [0, π], so that its wave numbers count pe
 import numpy as np
 from jaxtyping import Float
 
-from yeastfit.measure.pixels import TIE, PerPixel
+from yeastfit.measure.statistics.pixels import TIE, PerPixel
 
 RINGS = 50
 SECTORS = 48

@@ -1,0 +1,1 @@
+"""Least squares: parameters with standard errors."""

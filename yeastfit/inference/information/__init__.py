@@ -1,0 +1,1 @@
+"""Fisher information: what data can tell, and what to measure next."""

@@ -1,0 +1,1 @@
+"""What all samplers share: priors, draws, diagnostics, stored simulations, the predictive check."""

@@ -1,0 +1,1 @@
+"""Derivatives of the mean of an ensemble."""

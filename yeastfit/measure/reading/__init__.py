@@ -1,0 +1,1 @@
+"""From files to grey values, pixel sizes and data sets."""

@@ -1,0 +1,1 @@
+"""From a mask, or a simulated colony, to numbers."""

@@ -1,0 +1,1 @@
+"""Pictures: functions take results and return figures."""

@@ -1,0 +1,1 @@
+"""Growing colonies, and photographs of them with known parameters."""
