@@ -17,11 +17,12 @@ from PIL import Image
 if version("jaxlib").startswith("0.10."):  # with a flag that it does not know, jaxlib ends the process
     os.environ.setdefault("XLA_FLAGS", "--xla_cpu_use_fusion_emitters=false --xla_backend_optimization_level=1")
 
-# What one process of a run has compiled, tests or programs that they start, the others need not.
-ALONE_OR_FIRST = "PYTEST_XDIST_WORKER" not in os.environ
-if ALONE_OR_FIRST:
+# What one process of a run has compiled, tests or programs that they start, the others need not. A folder given by
+# JAX_COMPILATION_CACHE_DIR is kept, so that a second run compiles only what has changed.
+OWN_FOLDER = "PYTEST_XDIST_WORKER" not in os.environ and "JAX_COMPILATION_CACHE_DIR" not in os.environ
+if OWN_FOLDER:
     os.environ["JAX_COMPILATION_CACHE_DIR"] = tempfile.mkdtemp(prefix="yeastfit-tests-")
-    os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0"
+os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0"
 PROGRAMS = os.environ["JAX_COMPILATION_CACHE_DIR"]
 jax.config.update("jax_compilation_cache_dir", PROGRAMS)
 jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
@@ -37,7 +38,7 @@ def pytest_configure(config: pytest.Config) -> None:
 
 def pytest_unconfigure() -> None:
     """Nothing is left behind."""
-    if ALONE_OR_FIRST:
+    if OWN_FOLDER:
         shutil.rmtree(PROGRAMS)
 
 

@@ -1,4 +1,4 @@
-"""What a user can cause."""
+"""What can go wrong: bad input, and computations that came to nothing."""
 
 
 class InputError(ValueError):
@@ -7,3 +7,7 @@ class InputError(ValueError):
 
 class PixelSizeError(InputError):
     """An image is fine but for the size of its pixels, which neither it nor the user states."""
+
+
+class SimulationError(RuntimeError):
+    """A computation that came to nothing with valid input: what failed, for which values, and what to try instead."""

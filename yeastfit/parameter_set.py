@@ -1,0 +1,129 @@
+"""Parameters of a simulator: their names, meaning, units and ranges, in a fixed order.
+
+Fits, priors, designs, tables, pages and the command line ask a `ParameterSet` for everything they say about a
+parameter. Every simulator brings one; nobody else lists parameters.
+"""
+
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from yeastfit.errors import InputError
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One parameter.
+
+    Attributes:
+        name: As in Python and in tables.
+        symbol: For plots and pages.
+        meaning: One line for a reader who does not know the model.
+        plausible: The range that a fit searches and a default prior covers; above 0, as fits work on a log scale.
+        default: The value it has where nobody gives one.
+        unit: Empty for a dimensionless one.
+        smallest: Admissible minimum; excluded where it is 0 and `positive` is True.
+        largest: Admissible maximum.
+        positive: Whether 0 itself is inadmissible.
+    """
+
+    name: str
+    symbol: str
+    meaning: str
+    plausible: tuple[float, float]
+    default: float
+    unit: str = ""
+    smallest: float = 0.0
+    largest: float = math.inf
+    positive: bool = False
+
+    def __post_init__(self) -> None:
+        low, high = self.plausible
+        if not 0 < low < high or low < self.smallest or high > self.largest:
+            raise InputError(
+                f"{self.name}: plausible is {self.plausible}, it must rise from above 0 within "
+                f"{self.smallest:g} to {self.largest:g}"
+            )
+
+    @property
+    def limits(self) -> str:
+        """The admissible range in words."""
+        if math.isfinite(self.largest):
+            return f"in {'(' if self.positive else '['}{self.smallest:g}, {self.largest:g}]"
+        return f"finite and {'above' if self.positive else 'at least'} {self.smallest:g}"
+
+    def admissible(self, values: np.ndarray) -> np.ndarray:
+        """Whether each value is; 1e-6 above the maximum is, as single precision may round it up by its last bit."""
+        least = values > self.smallest if self.positive else values >= self.smallest
+        return np.isfinite(values) & least & (values <= self.largest * (1 + 1e-6))
+
+    def check(self, value: float | np.ndarray) -> None:
+        """Raise `InputError` where a value is not admissible."""
+        values = np.asarray(value, dtype=float)
+        bad = ~self.admissible(values)
+        if bad.any():
+            raise InputError(f"{self.name} ({self.symbol}) is {values[bad].flat[0]:g}, it must be {self.limits}")
+
+
+@dataclass(frozen=True)
+class ParameterSet(Mapping[str, Parameter]):
+    """Parameters by name, in order. A mapping from names to `Parameter`.
+
+    Raises:
+        InputError: Two parameters have one name.
+    """
+
+    parameters: tuple[Parameter, ...]
+
+    def __post_init__(self) -> None:
+        twice = {name for name in self.names if self.names.count(name) > 1}
+        if twice:
+            raise InputError(f"parameters: the name {sorted(twice)[0]!r} stands twice")
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """All names, in order."""
+        return tuple(one.name for one in self.parameters)
+
+    @property
+    def defaults(self) -> dict[str, float]:
+        """Default values by name."""
+        return {one.name: one.default for one in self.parameters}
+
+    def __getitem__(self, name: str) -> Parameter:
+        for one in self.parameters:
+            if one.name == name:
+                return one
+        raise KeyError(name)
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.names)
+
+    def __len__(self) -> int:
+        return len(self.parameters)
+
+    def __add__(self, others: Iterable[Parameter]) -> "ParameterSet":
+        """These and further ones."""
+        return ParameterSet((*self.parameters, *others))
+
+    def subset(self, names: Sequence[str]) -> "ParameterSet":
+        """Some of them, in the order of this set.
+
+        Raises:
+            InputError: A name is unknown, none is given, or one is given twice.
+        """
+        for name in names:
+            if name not in self.names:
+                raise InputError(f"parameter {name!r} is unknown, expected some of {', '.join(self.names)}")
+        if not names or len(set(names)) != len(names):
+            raise InputError(f"parameters are {list(names)}, need at least one, each once")
+        return ParameterSet(tuple(one for one in self.parameters if one.name in names))
+
+    def check(self, values: Mapping[str, float]) -> None:
+        """Raise `InputError` for an unknown name or an inadmissible value."""
+        for name, value in values.items():
+            if name not in self.names:
+                raise InputError(f"unknown parameter {name!r}, expected one of {', '.join(self.names)}")
+            self[name].check(value)
