@@ -21,12 +21,12 @@ class Parameter:
         name: As in Python and in tables.
         symbol: For plots and pages.
         meaning: One line for a reader who does not know the model.
-        plausible: The range that a fit searches and a default prior covers; above 0, as fits work on a log scale.
+        plausible: The range that a fit searches and a default prior covers; above 0 for a fit, which works with log λ.
         default: The value it has where nobody gives one.
         unit: Empty for a dimensionless one.
-        smallest: Admissible minimum; excluded where it is 0 and `positive` is True.
+        smallest: Admissible minimum.
         largest: Admissible maximum.
-        positive: Whether 0 itself is inadmissible.
+        positive: Whether `smallest` itself is inadmissible.
     """
 
     name: str
@@ -41,20 +41,21 @@ class Parameter:
 
     def __post_init__(self) -> None:
         low, high = self.plausible
-        if not 0 < low < high or low < self.smallest or high > self.largest:
+        if not self.smallest <= low < high <= self.largest:
             raise InputError(
-                f"{self.name}: plausible is {self.plausible}, it must rise from above 0 within "
-                f"{self.smallest:g} to {self.largest:g}"
+                f"{self.name}: plausible is {self.plausible}, it must rise within {self.smallest:g} to {self.largest:g}"
             )
 
     @property
     def limits(self) -> str:
         """The admissible range in words."""
-        if math.isfinite(self.largest):
+        if math.isfinite(self.largest) and math.isfinite(self.smallest):
             return f"in {'(' if self.positive else '['}{self.smallest:g}, {self.largest:g}]"
-        return f"finite and {'above' if self.positive else 'at least'} {self.smallest:g}"
+        if math.isfinite(self.smallest):
+            return f"finite and {'above' if self.positive else 'at least'} {self.smallest:g}"
+        return f"finite and at most {self.largest:g}" if math.isfinite(self.largest) else "finite"
 
-    def admissible(self, values: np.ndarray) -> np.ndarray:
+    def admissible(self, values: np.ndarray) -> np.ndarray | np.bool:
         """Whether each value is; 1e-6 above the maximum is, as single precision may round it up by its last bit."""
         least = values > self.smallest if self.positive else values >= self.smallest
         return np.isfinite(values) & least & (values <= self.largest * (1 + 1e-6))

@@ -11,31 +11,25 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from yeastfit.errors import InputError
+from yeastfit.parameter_set import Parameter, ParameterSet
 
 Time = TypeVar("Time", float, np.ndarray)
 
 
-@dataclass(frozen=True)
-class ParameterInfo:
-    """What is known about one parameter: `plausible` is the range a fit searches, `largest` the admissible maximum."""
-
-    symbol: str
-    meaning: str
-    plausible: tuple[float, float]
-    default: float
-    largest: float = math.inf
-
-
-PARAMETERS: dict[str, ParameterInfo] = {
-    "diffusivity": ParameterInfo("λ1", "nutrient diffusion, D / (μ* L0²)", (0.01, 10.0), 0.1),
-    "elasticity": ParameterInfo("λ2", "spring stiffness of a cell, K / (η μ*)", (0.5, 50.0), 5.0),
-    "repulsivity": ParameterInfo("λ3", "contact force, F / (η μ* L0)", (0.02, 50.0), 5.0),
-    "repulsion_radius": ParameterInfo("λ4", "contact radius, R / L0", (0.1, 0.5), 0.5, 0.5),
-    "mobility": ParameterInfo("λ5", "drift along the nutrient gradient, γ c0 / (η μ* L0²)", (0.02, 20.0), 1.0),
-    "metabolic_rate": ParameterInfo("λ6", "nutrient uptake, r / μ*", (0.05, 20.0), 1.0),
-    "aspect_ratio": ParameterInfo("λ7", "minor over major axis of a cell", (0.2, 1.0), 0.73, 1.0),
-}
-NAMES: tuple[str, ...] = tuple(PARAMETERS)
+PARAMETERS = ParameterSet(
+    (
+        Parameter("diffusivity", "λ1", "nutrient diffusion, D / (μ* L0²)", (0.01, 10.0), 0.1),
+        Parameter("elasticity", "λ2", "spring stiffness of a cell, K / (η μ*)", (0.5, 50.0), 5.0),
+        Parameter("repulsivity", "λ3", "contact force, F / (η μ* L0)", (0.02, 50.0), 5.0),
+        Parameter("repulsion_radius", "λ4", "contact radius, R / L0", (0.1, 0.5), 0.5, largest=0.5, positive=True),
+        Parameter("mobility", "λ5", "drift along the nutrient gradient, γ c0 / (η μ* L0²)", (0.02, 20.0), 1.0),
+        Parameter("metabolic_rate", "λ6", "nutrient uptake, r / μ*", (0.05, 20.0), 1.0),
+        Parameter(
+            "aspect_ratio", "λ7", "minor over major axis of a cell", (0.2, 1.0), 0.73, largest=1.0, positive=True
+        ),
+    )
+)
+NAMES = PARAMETERS.names
 Value = float | Array | np.ndarray | np.generic
 
 
@@ -84,13 +78,7 @@ class Parameters(eqx.Module):
             value = getattr(self, name)
             if isinstance(value, jax.core.Tracer):
                 continue
-            concrete = np.asarray(value)
-            smallest_ok = concrete > 0 if name in ("repulsion_radius", "aspect_ratio") else concrete >= 0
-            # 1e-6: single precision may round an admissible maximum up by its last bit
-            bad = ~(np.isfinite(concrete) & smallest_ok & (concrete <= info.largest * (1 + 1e-6)))
-            if bad.any():
-                limit = f"in (0, {info.largest:g}]" if math.isfinite(info.largest) else "finite and at least 0"
-                raise InputError(f"{name} ({info.symbol}) is {concrete[bad].flat[0]:g}, it must be {limit}")
+            info.check(np.asarray(value))
 
     def asdict(self) -> dict[str, float | list[float]]:
         """Plain numbers by name, for tables and JSON."""
