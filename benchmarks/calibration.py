@@ -54,21 +54,19 @@ from benchmarks.report import Report, code, command
 from yeastfit.errors import InputError
 from yeastfit.inference.abc.pilot import distance_of
 from yeastfit.inference.abc.smc import SmcSettings, abc_smc
-from yeastfit.inference.colony_simulator import ColonySimulator
-from yeastfit.inference.fit.settings import FitSettings
+from yeastfit.inference.colony_simulator import ColonySimulator, Resolution
 from yeastfit.inference.neural_likelihood.emulator import Emulator, train
 from yeastfit.inference.neural_likelihood.network import EmulatorSettings
 from yeastfit.inference.neural_likelihood.sequential import emulated
 from yeastfit.inference.neural_likelihood.settings import EmulatedSettings
-from yeastfit.inference.posterior.predictive_check import Replicates
 from yeastfit.inference.posterior.prior import Prior
 from yeastfit.inference.posterior.samples import Samples
 from yeastfit.inference.posterior.simulation_store import Recorded, Store
-from yeastfit.inference.simulator import Simulator, seed_of, stream_of
+from yeastfit.inference.simulator import Replicates, Simulator, Stream, labels_of, seed_of, stream_of
 from yeastfit.inference.targets import Targets
 
 PRIOR = Prior.of({name: {"law": "log-uniform", "low": low, "high": high} for name, (low, high) in BOX.items()})
-MODEL = FitSettings(dt=0.025, spacing=0.4)
+MODEL = Resolution(dt=0.025, spacing=0.4)
 EXTENT, PIXEL = 5.0, 0.25  # L0
 
 
@@ -114,7 +112,7 @@ class Part:
         """Single colonies for the emulator, which knows of replicates; else means over them."""
         curves = {name: np.ones(len(self.times)) for name in STATISTICS}
         targets = Targets.from_means(curves, self.times, extent=EXTENT, spacing=PIXEL)
-        colonies = ColonySimulator.of(targets, PRIOR.free, settings=MODEL)
+        colonies = ColonySimulator.of(targets, PRIOR.free, resolution=MODEL)
         return colonies if self.emulator else Replicates(colonies, self.replicates)
 
     def posterior(self, simulator: Simulator, observed: np.ndarray, seed: int, store: Store) -> Samples:
@@ -128,10 +126,10 @@ class Part:
 
     def judging(self, simulator: Simulator, seed: int, store: Store) -> Emulator:
         """Of simulations from the prior alone, which no posterior is made of."""
-        values = PRIOR.sample(self.judged, np.random.default_rng(stream_of(seed, 0, 0)))
+        values = PRIOR.sample(self.judged, np.random.default_rng(stream_of(seed, Stream.TRUTH, 0)))
         statistics = Recorded(simulator, self.settings.batch, store)(values, seed_of(seed, range(self.judged)))
         room = self.settings.most if isinstance(self.settings, EmulatedSettings) else None
-        labels = simulator.labels
+        labels = labels_of(simulator)
         return train(values, statistics, prior=PRIOR, labels=labels, seed=seed, settings=self.judge, room=room)
 
 
@@ -198,7 +196,7 @@ def grow(study: Study, k: int, group: int) -> None:
         return
     simulator, seed = part.simulator(), 100 * part.seed + group
     file, about = study.file(k, group, "h5"), json.dumps(study.asked(k))
-    with Store(file, simulator.free, simulator.labels, about) as store:
+    with Store(file, simulator.parameters.names, labels_of(simulator), about) as store:
         judge = part.judging(simulator, seed, store)
         for number in numbers:
             record = calibrated(part, number, simulator, seed, store, judge)
@@ -209,7 +207,7 @@ def grow(study: Study, k: int, group: int) -> None:
 
 def calibrated(part: Part, number: int, simulator: Simulator, seed: int, store: Store, judge: Emulator) -> Record:
     """One data set: drawn, its posterior found, its truth placed in it."""
-    rng = np.random.default_rng(stream_of(part.seed, 0, number))
+    rng = np.random.default_rng(stream_of(part.seed, Stream.TRUTH, number))
     truth = PRIOR.sample(1, rng)
     whole = Replicates(simulator, part.replicates) if part.emulator else simulator
     observed = whole(truth, rng.integers(2**32, size=1))[0]

@@ -24,9 +24,8 @@ from yeastfit.inference.abc.distances import Mahalanobis
 from yeastfit.inference.abc.regression_adjustment import Accepted
 from yeastfit.inference.fit.response_surface import monomials
 from yeastfit.inference.parameter_space import scattered
-from yeastfit.inference.posterior.predictive_check import Replicates
 from yeastfit.inference.posterior.prior import Prior
-from yeastfit.inference.simulator import Simulator, seed_of
+from yeastfit.inference.simulator import Replicates, Simulator, seed_of
 
 WIDTH, NEAR = 4.5, 3.0  # standard deviations
 POINTS = 16_384  # that the posterior is summed over

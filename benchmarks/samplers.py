@@ -46,26 +46,27 @@ from matplotlib.figure import Figure
 from benchmarks.agreement import moved
 from benchmarks.reference import Moments, Problem, Reference
 from benchmarks.report import Report, command
-from yeastfit import FitSettings, InputError, Parameters, Targets
+from yeastfit import InputError, Targets
 from yeastfit.inference.abc.distances import Distance
 from yeastfit.inference.abc.mcmc import abc_mcmc
 from yeastfit.inference.abc.mcmc_settings import McmcSettings
 from yeastfit.inference.abc.pilot import distance_of
 from yeastfit.inference.abc.regression_adjustment import Accepted
 from yeastfit.inference.abc.smc import SmcSettings, abc_smc
-from yeastfit.inference.colony_simulator import ColonySimulator
+from yeastfit.inference.colony_simulator import ColonySimulator, Resolution
 from yeastfit.inference.neural_likelihood.network import EmulatorSettings
 from yeastfit.inference.neural_likelihood.sequential import emulated
 from yeastfit.inference.neural_likelihood.settings import EmulatedSettings
 from yeastfit.inference.posterior.prior import default_prior
 from yeastfit.inference.posterior.samples import Samples
 from yeastfit.inference.posterior.simulation_store import Recorded, Store
+from yeastfit.inference.simulator import labels_of
 
 TRUTH = {"mobility": 1.3, "aspect_ratio": 0.65}
 REACH = (0.8, 0.3)  # of log λ: where the posterior is looked for, around the truth
 STATISTICS, TIMES = ("compactness", "radius"), (3.0, 4.5)
 EXTENT, PIXEL = 4.0, 0.2  # L0
-COARSE = FitSettings(dt=0.05, spacing=0.4)
+COARSE = Resolution(dt=0.05, spacing=0.4)
 EMULATOR, SMC, RIVAL, RIVAL_ADJUSTED, MCMC, MCMC_ADJUSTED = (
     "emulator",
     "ABC-SMC, yeastfit",
@@ -135,9 +136,9 @@ def the_problem(replicates: int) -> Problem:
     shape = Targets.from_means(
         {name: np.ones(len(TIMES)) for name in STATISTICS}, TIMES, extent=EXTENT, spacing=PIXEL, smoothing=PIXEL
     )
-    simulator = ColonySimulator.of(shape, tuple(TRUTH), Parameters(), COARSE)
-    truth = np.array([TRUTH[name] for name in simulator.free])
-    return Problem.at(simulator, default_prior(simulator.free), truth, replicates)
+    simulator = ColonySimulator.of(shape, tuple(TRUTH), resolution=COARSE)
+    truth = np.array([TRUTH[name] for name in simulator.parameters.names])
+    return Problem.at(simulator, default_prior(simulator.parameters.names), truth, replicates)
 
 
 @dataclass(frozen=True)
@@ -249,7 +250,7 @@ class Race:
         simulator = problem.data_sets
         with (
             TemporaryDirectory() as folder,
-            Store(Path(folder) / "simulations.h5", simulator.free, simulator.labels) as store,
+            Store(Path(folder) / "simulations.h5", simulator.parameters.names, labels_of(simulator)) as store,
         ):
             for steps in np.linspace(0, size.steps, size.looks + 1, dtype=int)[1:].tolist():
                 plan = McmcSettings(steps=steps, walkers=size.walkers, epsilon=size.epsilon, pilot=size.pilot)

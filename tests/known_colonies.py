@@ -14,7 +14,6 @@ import numpy as np
 import pytest
 
 from yeastfit.commands import app as cli
-from yeastfit.commands import infer_run as infer_command
 from yeastfit.inference.colony_simulator import ColonySimulator
 from yeastfit.model.parameters import NAMES, Parameters, Scales
 
@@ -43,15 +42,15 @@ def simulated(self: ColonySimulator, values: np.ndarray, seeds: np.ndarray) -> n
     """In the place of `ColonySimulator.__call__`."""
     fixed = Parameters().asdict()
     each = {name: np.full(len(values), fixed[name]) for name in NAMES}
-    each |= {name: values[:, k] for k, name in enumerate(self.free)}
+    each |= {name: values[:, k] for k, name in enumerate(self.parameters.names)}
     times = np.array([Scales().time(hours) for hours in HOURS])
     mean = curves(each["mobility"], each["aspect_ratio"], times)
     noise = np.array([np.random.default_rng(int(seed)).normal(size=mean.shape[1]) for seed in seeds])
     return mean * (1 + SCATTER * noise)
 
 
-def discs(values: np.ndarray, simulator: ColonySimulator, time: float, seed: int = 0) -> list[np.ndarray]:
-    """In the place of `silhouettes`."""
+def discs(self: ColonySimulator, values: np.ndarray, time: float, seed: int = 0) -> list[np.ndarray]:
+    """In the place of `ColonySimulator.outlines`."""
     x = np.arange(-80, 81)
     return [np.hypot(x[:, None], x) <= 40 + 10 * k for k in range(len(values))]
 
@@ -59,7 +58,7 @@ def discs(values: np.ndarray, simulator: ColonySimulator, time: float, seed: int
 def stand_in(monkeypatch: pytest.MonkeyPatch) -> None:
     """Colonies as above, for one test."""
     monkeypatch.setattr(ColonySimulator, "__call__", simulated)
-    monkeypatch.setattr(infer_command, "silhouettes", discs)
+    monkeypatch.setattr(ColonySimulator, "outlines", discs)
 
 
 def write_measurements(path: Path, replicates: int = 6, seed: int = 3, conditions: tuple[str, ...] = ("",)) -> Path:
@@ -98,7 +97,7 @@ def kill_within(seconds: float, nap: float) -> None:
         return simulated(self, values, seeds)
 
     ColonySimulator.__call__ = slowly  # type: ignore[method-assign]
-    infer_command.silhouettes = discs
+    ColonySimulator.outlines = discs  # type: ignore[method-assign]
     killing = threading.Timer(seconds, os.kill, (os.getpid(), signal.SIGKILL))
     killing.daemon = True
     killing.start()
@@ -115,4 +114,4 @@ def kill_after(calls: int) -> None:
         return simulated(self, values, seeds)
 
     ColonySimulator.__call__ = dying  # type: ignore[method-assign]
-    infer_command.silhouettes = discs
+    ColonySimulator.outlines = discs  # type: ignore[method-assign]

@@ -7,9 +7,11 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.special import expit
 from scipy.stats import qmc
+from simulators import observables_named, parameters_named
 
 from yeastfit.inference.posterior.prior import Prior
-from yeastfit.inference.simulator import seed_of
+from yeastfit.inference.simulator import Observable, seed_of
+from yeastfit.parameter_set import ParameterSet
 
 Moments = tuple[np.ndarray, np.ndarray]
 
@@ -26,6 +28,14 @@ class Known:
     @property
     def free(self) -> tuple[str, ...]:
         return self.prior.free
+
+    @property
+    def parameters(self) -> ParameterSet:
+        return parameters_named(self.free)
+
+    @property
+    def observables(self) -> tuple[Observable, ...]:
+        return observables_named(self.labels)
 
     def __call__(
         self, values: Float[np.ndarray, "proposal free"], seeds: Int[np.ndarray, " proposal"]

@@ -6,10 +6,13 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 from scipy import stats
+from simulators import observables_named, parameters_named
 
 from yeastfit.inference.abc.distances import Distance, WeightedCurves
 from yeastfit.inference.posterior.prior import Prior
 from yeastfit.inference.posterior.samples import Samples, weighted_quantile
+from yeastfit.inference.simulator import Observable
+from yeastfit.parameter_set import ParameterSet
 
 
 @dataclass(frozen=True)
@@ -19,6 +22,14 @@ class Drawing:
     free: tuple[str, ...]
     labels: tuple[str, ...]
     draw: Callable[[np.ndarray, np.random.Generator], np.ndarray]
+
+    @property
+    def parameters(self) -> ParameterSet:
+        return parameters_named(self.free)
+
+    @property
+    def observables(self) -> tuple[Observable, ...]:
+        return observables_named(self.labels)
 
     def __call__(
         self, values: Float[np.ndarray, "proposal free"], seeds: Int[np.ndarray, " proposal"]
@@ -129,7 +140,7 @@ class Interrupted:
 
     def __init__(self, simulator: Drawing, calls: int) -> None:
         self.simulator, self.calls = simulator, calls
-        self.free, self.labels = simulator.free, simulator.labels
+        self.parameters, self.observables = simulator.parameters, simulator.observables
         self.sizes = set[int]()
 
     def __call__(self, values: np.ndarray, seeds: np.ndarray) -> np.ndarray:

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.stats import binomtest
+from simulators import observables_named, parameters_named
 
 from benchmarks import calibration, ranks
 from benchmarks.calibration import BOX, FULL, QUICK, Part, Study
@@ -143,8 +144,8 @@ def test_the_band_holds_all_of_the_ecdf_of_uniform_ranks_with_its_probability() 
 class Echo:
     """In the place of colonies: statistics are λ, with noise."""
 
-    free = tuple(BOX)
-    labels = ("a", "b", "c")
+    parameters = parameters_named(tuple(BOX))
+    observables = observables_named(("a", "b", "c"))
 
     def __call__(self, values: np.ndarray, seeds: np.ndarray) -> np.ndarray:
         return values + 0.1 * np.array([np.random.default_rng(seed).standard_normal(3) for seed in seeds])
@@ -227,7 +228,7 @@ def test_truths_are_draws_from_the_prior_and_data_differ_from_one_to_the_next(tm
             raise InputError("not wanted")
 
     kept = Kept(**{name: getattr(part, name) for name in part.__dataclass_fields__})
-    with Store(tmp_path / "store.h5", Echo.free, Echo.labels) as store:
+    with Store(tmp_path / "store.h5", tuple(BOX), ("a", "b", "c")) as store:
         judge: Any = None
         seen = [calibration.calibrated(kept, n, Echo(), 0, store, judge) for n in range(1, kept.count + 1)]
     for k, (name, (low, high)) in enumerate(BOX.items()):

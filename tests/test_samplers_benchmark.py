@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from jaxtyping import Float, Int
 from known_likelihoods import linear
+from simulators import observables_named, parameters_named
 
 from benchmarks import samplers
 from benchmarks.reference import Box, Moments, Problem, Reference
@@ -18,6 +19,8 @@ from yeastfit.inference.abc.distances import WeightedCurves
 from yeastfit.inference.abc.population import Population
 from yeastfit.inference.fit.response_surface import monomials
 from yeastfit.inference.posterior.prior import Prior
+from yeastfit.inference.simulator import Observable
+from yeastfit.parameter_set import ParameterSet
 
 TRUTH = np.array([1.3, 0.8])
 
@@ -28,6 +31,15 @@ class Noisy:
 
     free: tuple[str, ...] = ("shift",)
     labels: tuple[str, ...] = ("seen",)
+
+    @property
+    def parameters(self) -> ParameterSet:
+        return parameters_named(self.free)
+
+    @property
+    def observables(self) -> tuple[Observable, ...]:
+        return observables_named(self.labels)
+
     batches: list[int] = field(default_factory=list)
 
     def __call__(

@@ -346,13 +346,13 @@ def test_a_distance_is_made_once(data: Path, tmp_path: Path, monkeypatch: pytest
 def test_problems_of_colonies_are_told_of_however_often_a_run_was_stopped(
     data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    undisturbed = ColonySimulator.__call__
+    undisturbed, grown = ColonySimulator.__call__, [0]
 
     def truncated(self: ColonySimulator, values: np.ndarray, seeds: np.ndarray) -> np.ndarray:
-        if self.colonies.grown >= 64:
+        if grown[0] >= 64:
             raise KeyboardInterrupt
-        self.colonies.grown += len(values)
-        self.colonies.problems["capacity_reached"] += 3
+        grown[0] += len(values)
+        self.problems["births were cut because every node slot was taken: raise capacity or end earlier"] += 3
         return undisturbed(self, values, seeds)
 
     monkeypatch.setattr(ColonySimulator, "__call__", truncated)

@@ -136,7 +136,7 @@ def infer(
         out.print(f"this run is finished: results in {folder}, on one page: index.html")
         return
     try:
-        with growing(run.most, run.colonies.colonies.grown) as (tell, say):
+        with growing(run.most, run.tally.simulated) as (tell, say):
             samples = run.sample(tell, say)
             say("posterior predictive check", 1.0)
             results, remarks = run.results(samples, known, tell)

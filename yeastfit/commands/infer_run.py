@@ -8,9 +8,8 @@ then what `infer_results` makes of them.
 import json
 import os
 import shutil
-from collections import Counter
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -25,20 +24,18 @@ from yeastfit.inference.abc.mcmc import abc_mcmc
 from yeastfit.inference.abc.mcmc_settings import McmcSettings
 from yeastfit.inference.abc.pilot import distance_of
 from yeastfit.inference.abc.smc import abc_smc
-from yeastfit.inference.colonies import Colonies
-from yeastfit.inference.colony_simulator import ColonySimulator
+from yeastfit.inference.colony_simulator import ColonySimulator, Resolution
 from yeastfit.inference.fit.ensemble import measurement_covariance
 from yeastfit.inference.neural_likelihood.sequential import emulated
 from yeastfit.inference.neural_likelihood.settings import EmulatedSettings, Given
 from yeastfit.inference.paired_regression import CurveSquare
-from yeastfit.inference.posterior.predictive_check import Predictive, Replicates, predict, silhouettes
+from yeastfit.inference.posterior.predictive_check import Predictive, predict
 from yeastfit.inference.posterior.samples import Samples
 from yeastfit.inference.posterior.simulation_store import Recorded, Store
-from yeastfit.inference.simulator import Mismeasured, Simulator, Wrapper, root_of
+from yeastfit.inference.simulator import Mismeasured, Replicates, Simulator, Tally, Wrapper, labels_of, once, root_of
 from yeastfit.inference.targets import Targets
 from yeastfit.inference.targets_from_table import TABLE, read_measurements
-from yeastfit.model.colony import PROBLEMS
-from yeastfit.model.parameters import Parameters, Scales
+from yeastfit.model.parameters import Scales
 from yeastfit.progress import Progress
 from yeastfit.report.posterior_files import Results, photographs, write_results
 from yeastfit.storage import write_json, written_whole
@@ -54,16 +51,16 @@ class Watched(Wrapper):
     kept: file of what colonies have run into since the run began, written before their statistics are.
     """
 
-    colonies: Colonies
+    tally: Tally
     kept: Path
     tell: Callable[[int], None]
 
     def __call__(self, values: Any, seeds: Any) -> Any:
         """As the simulator's own."""
-        before = self.colonies.grown
-        found = self.simulator(values, seeds)
-        write_json(self.kept, {"grown": self.colonies.grown, "problems": dict(self.colonies.problems)})
-        self.tell(self.colonies.grown - before)
+        found, grown = self.simulator(values, seeds), len(once(values, seeds))
+        self.tally.simulated += grown
+        write_json(self.kept, {"grown": self.tally.simulated, "problems": dict(self.problems)})
+        self.tell(grown)
         return found
 
 
@@ -77,6 +74,7 @@ class Run:
     data: fit_command.Measurements
     targets: Targets
     colonies: ColonySimulator
+    tally: Tally = field(default_factory=Tally)
 
     @staticmethod
     def begin(
@@ -99,11 +97,13 @@ class Run:
         targets = data.targets(chosen, request.statistics, Scales(request.length, request.rate))
         fit_command.write_targets(path, targets)
         single = next(iter(targets.values()))
-        simulator = ColonySimulator.of(single, request.free, Parameters(**request.fixed), request.numerics())
+        resolution = Resolution(request.dt, request.spacing)
+        simulator = ColonySimulator.of(single, request.free, request.fixed, resolution)
         run = Run(request, source, folder, data, single, simulator)
         if (path / PROBLEMS_MET).is_file():
             met = json.loads((path / PROBLEMS_MET).read_text())
-            simulator.colonies.grown, simulator.colonies.problems = met["grown"], Counter(met["problems"])
+            run.tally.simulated = met["grown"]
+            simulator.problems.update(met["problems"])
         run.take_over()
         return run
 
@@ -203,11 +203,11 @@ class Run:
 
     def watched(self, tell: Callable[[int], None]) -> Simulator:
         """Of single colonies."""
-        return Watched(self.colonies, self.colonies.colonies, self.folder.path / PROBLEMS_MET, tell)
+        return Watched(self.colonies, self.tally, self.folder.path / PROBLEMS_MET, tell)
 
     def store(self, path: Path) -> Store:
         """Of colonies of this run's kind."""
-        return Store(path, self.colonies.free, self.colonies.labels, self.about)
+        return Store(path, self.colonies.parameters.names, labels_of(self.colonies), self.about)
 
     def reused(self, store: Store) -> Given | None:
         """Those of another run, put into the store; their λ and statistics."""
@@ -246,7 +246,7 @@ class Run:
         """All of the run's files but its manifest, and what is to be said of them."""
         found = self.predictive(samples, tell)
         shown = found.values[:COLONIES]
-        grown = silhouettes(shown, self.colonies, float(self.targets.times[-1]), self.request.seed)
+        grown = self.colonies.outlines(shown, float(self.targets.times[-1]), self.request.seed)
         images = self.source if self.source.is_dir() else self.source.parent
         seen = photographs(self.data.rows, self.data.folder, images, self.request.condition, COLONIES)
         results = Results.of(samples, self.request.the_prior(), found, truth, self.problems())
@@ -277,8 +277,8 @@ class Run:
 
     def problems(self) -> list[str]:
         """What micrographs and colonies ran into, since the run began."""
-        grown = self.colonies.colonies
-        met = [f"{count} of {grown.grown} colonies: {PROBLEMS[name]}" for name, count in grown.problems.items()]
+        grown = self.tally.simulated
+        met = [f"{count} of {grown} colonies: {what}" for what, count in self.colonies.problems.items()]
         return [*self.data.warnings, *met]
 
 

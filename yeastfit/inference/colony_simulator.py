@@ -1,52 +1,161 @@
-"""Colonies as a `Simulator`: one colony a proposal, its curves the statistics."""
+"""Colonies of the algebraic model as a `Simulator`: one colony a row, measured as the data were.
 
-from dataclasses import dataclass
+Colonies are hard ones. They grow on a dish wide enough for the largest colony that was seen, with room for every cell
+that could be born by the last time.
+"""
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from operator import itemgetter
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Array, Bool
 
-from yeastfit.inference.colonies import Colonies
-from yeastfit.inference.fit.settings import FitSettings
-from yeastfit.inference.parameter_space import ALONE, Space
-from yeastfit.inference.targets import Targets
-from yeastfit.model.parameters import Parameters
+from yeastfit.errors import InputError
+from yeastfit.inference.colony_curves import ColonyCurves
+from yeastfit.inference.simulator import Observable, Rows, Seeds, Values, once
+from yeastfit.inference.targets import NODES, Targets
+from yeastfit.measure.statistics.model_as_mask import HardStatistics, mask_of
+from yeastfit.measure.statistics.smooth_statistics import SmoothStatistics
+from yeastfit.model.colony import PROBLEMS
+from yeastfit.model.numerics import Numerics
+from yeastfit.model.parameters import PARAMETERS, Parameters
+from yeastfit.model.relaxation import HARD
+from yeastfit.parameter_set import ParameterSet
+from yeastfit.simulation.simulate import member_keys, schedule_of, simulate
+
+DEFAULT_FREE = ("mobility", "metabolic_rate", "aspect_ratio")
+MOST_NODES = 4096  # capacity, where colonies could in theory grow to more
+MARGIN = 3.0  # L0 between a colony and the edge of the dish: several diffusion lengths, nutrient is untouched there
+OUTLINE_PIXEL = 0.05  # L0, of `outlines`
+
+
+@dataclass(frozen=True)
+class Resolution:
+    """Time step in 1/μ*, spacing of the nutrient's grid in L0, and most nodes of a colony (None: as many as needed)."""
+
+    dt: float = 0.005
+    spacing: float = 0.1
+    capacity: int | None = None
+
+    def __post_init__(self) -> None:
+        for name in ("dt", "spacing"):
+            if not getattr(self, name) > 0:
+                raise InputError(f"{name} is {getattr(self, name)}, it must be above 0")
+
+
+COARSE = Resolution(dt=0.01, spacing=0.2)
 
 
 @dataclass(frozen=True)
 class ColonySimulator:
-    """Grows one colony for each row of λ and measures it as the targets were.
+    """Grows one colony for each row and measures it.
 
-    free: names of λ; the others are held at `fixed`. labels: the targets' points. A colony that runs into a problem of
-    the model (`Colonies.problems` counts them) is measured all the same; one that is not finite is a row of nan.
-    Rows of any number are grown in blocks of one size, so nothing is compiled twice.
+    Attributes:
+        parameters: The free ones.
+        fixed: Values of the others.
+        observables: The columns.
+        curves: What is grown and recorded.
+        measured: Which of the curves' points are columns.
+        problems: What colonies ran into, by what it means and what to do; they are measured all the same.
     """
 
-    free: tuple[str, ...]
-    labels: tuple[str, ...]
-    space: Space
-    colonies: Colonies
+    parameters: ParameterSet
+    fixed: dict[str, float]
+    observables: tuple[Observable, ...]
+    curves: ColonyCurves
+    measured: Bool[np.ndarray, " point"]
+    problems: Counter[str] = field(default_factory=Counter)
 
     @staticmethod
     def of(
         targets: Targets,
-        free: tuple[str, ...],
-        fixed: Parameters | None = None,
-        settings: FitSettings | None = None,
+        free: Sequence[str] = DEFAULT_FREE,
+        fixed: Mapping[str, float] | None = None,
+        resolution: Resolution | None = None,
     ) -> "ColonySimulator":
-        """Of the data of one condition, in the order of `Targets.values`. Raises `InputError`."""
-        settings = settings or FitSettings()
-        space = Space.of(free, {ALONE: fixed or Parameters()})
-        how = {"dt": settings.dt, "spacing": settings.spacing, "capacity": settings.capacity}
-        colonies = Colonies.of(targets, **how)  # type: ignore[arg-type]
-        labels = tuple(targets.label(k) for k in range(len(targets.values)))
-        return ColonySimulator(space.names, labels, space, colonies)
+        """Colonies that are seen as the data of one condition are.
 
-    def __call__(
-        self, values: Float[np.ndarray, "proposal free"], seeds: Int[np.ndarray, " proposal"]
-    ) -> Float[np.ndarray, "proposal statistic"]:
+        Arguments:
+            targets: The data; columns are in the order of `Targets.values`.
+            free: Names of the free parameters.
+            fixed: Values of others, by name; the default of those that are not named.
+            resolution: By default Δt = 0.005 and a grid of 0.1 L0.
+
+        Raises:
+            InputError: A name or value is not admissible, or two times lie closer than a time step.
+        """
+        resolution = resolution or Resolution()
+        dt, spacing, times = resolution.dt, resolution.spacing, targets.times
+        if times[0] < dt or (np.diff(times) < dt).any():
+            raise InputError(f"targets: times are {times}, they must be at least dt = {dt:g} apart: lower dt")
+        domain = 2 * spacing * np.ceil((1.3 * targets.extent + MARGIN) / spacing)
+        events = int(np.floor(times[-1] + 1e-6))  # a node buds once in a unit of time at most
+        room = resolution.capacity or min(2 ** (events + 1), MOST_NODES)
+        numerics = Numerics(domain=float(domain), spacing=spacing, dt=dt, capacity=room)
+        seen = 2.6 * targets.extent
+        if targets.estimator == "smooth":
+            observe: SmoothStatistics | HardStatistics = SmoothStatistics(seen, targets.spacing, targets.smoothing)
+        else:
+            shapes = tuple(name for name in targets.names if name not in NODES)
+            observe = HardStatistics(seen, targets.spacing, shapes)
+        curves = ColonyCurves(targets.names, numerics, observe, HARD, schedule_of(times, numerics))
+        values = parameter_values(fixed)
+        chosen = PARAMETERS.subset(free)
+        held = {name: value for name, value in values.items() if name not in chosen}
+        return ColonySimulator(chosen, held, targets.observables, curves, targets.measured.ravel())
+
+    def __call__(self, values: Values, seeds: Seeds) -> Rows:
         """Curves, one row a proposal; nan throughout where any value is not finite."""
-        keys = jax.vmap(jax.random.key)(jnp.asarray(seeds, jnp.uint32))
-        curves = self.colonies.grow(self.space.log_parameters(ALONE, np.log(values)), keys)
-        return np.where(np.isfinite(curves).all(axis=1, keepdims=True), curves, np.nan)
+        z = jnp.asarray(self.logarithms(values), jnp.result_type(float))
+        found = np.asarray(self.curves.members(z, keys_of(seeds)), dtype=float)
+        self._count(found[once(values, seeds)])
+        rows = found[:, : -len(PROBLEMS)][:, self.measured]
+        return np.where(np.isfinite(rows).all(axis=1, keepdims=True), rows, np.nan)
+
+    def logarithms(self, values: Values) -> np.ndarray:
+        """Log λ of all the model's parameters [row, parameter], the free ones from the rows."""
+        names = PARAMETERS.names
+        with np.errstate(divide="ignore"):
+            found = np.tile(np.log([self.fixed.get(name, 1.0) for name in names]), (len(values), 1))
+            for k, name in enumerate(self.parameters.names):
+                found[:, names.index(name)] = np.log(values[:, k])
+        return found
+
+    def outlines(self, values: Values, time: float, seed: int = 0) -> list[Bool[np.ndarray, "x y"]]:
+        """Where the cells of one colony are, grown to `time`, at each row; `OUTLINE_PIXEL` a pixel."""
+        numerics = self.curves.numerics
+        z = self.logarithms(values)
+        named = zip(PARAMETERS.names, z.T, strict=True)
+        parameters = Parameters(**{name: jnp.exp(jnp.asarray(column)) for name, column in named})
+        observe = SmoothStatistics(extent=numerics.domain, spacing=numerics.spacing)
+        keys = member_keys(seed, len(values))
+        grown = simulate(
+            parameters, keys, times=[time], numerics=numerics, relaxation=HARD, observe=observe, throw=False
+        ).colony
+        places = np.abs(np.asarray(grown.positions)[np.asarray(grown.alive)])
+        farthest = places.max(where=np.isfinite(places), initial=0.0)  # what is not finite is not in the picture
+        points = 2 * int(np.ceil((float(farthest) + 1.5) / OUTLINE_PIXEL)) + 1
+        each = (jax.tree.map(itemgetter(k), (grown, parameters.aspect_ratio)) for k in range(len(values)))
+        return [mask_of(colony, ratio, HARD, OUTLINE_PIXEL * (points - 1), points) for colony, ratio in each]
+
+    def _count(self, values: np.ndarray) -> None:
+        met = values[:, -len(PROBLEMS) :].sum(axis=0).astype(int).tolist()
+        self.problems.update({PROBLEMS[name]: count for name, count in zip(PROBLEMS, met, strict=True) if count})
+
+
+def parameter_values(given: Mapping[str, float] | None) -> dict[str, float]:
+    """All the model's parameters by name: those given, and the defaults of the others."""
+    values = dict(given or {})
+    PARAMETERS.check(values)
+    return {**PARAMETERS.defaults, **values}
+
+
+def keys_of(seeds: Seeds) -> Array:
+    """jax's random keys with these bits; of seeds below 2³² those of `jax.random.key`."""
+    words = np.asarray(seeds).astype(np.uint64)
+    halves = np.stack([words >> np.uint64(32), words & np.uint64(0xFFFFFFFF)], axis=1)
+    return jax.random.wrap_key_data(jnp.asarray(halves.astype(np.uint32)))

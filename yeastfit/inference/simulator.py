@@ -1,73 +1,174 @@
-"""What every sampler asks for: statistics of simulated data, one data set per row of parameters.
+"""What fits and samplers ask of a forward model: rows of parameters and seeds in, rows of statistics out.
 
-Anything with these two names and this call is one; nothing has to inherit from it. Chains, populations and emulators
-call it with batches of one size, so that a compiled simulator is compiled once.
+Anything with `parameters`, `observables` and this call is a `Simulator`; nothing has to inherit from it. Two further
+attributes are read where they exist:
+
+    fixed      values of parameters that are held, by name: for tables
+    problems   how often simulations ran into what, in words: for warnings (a `collections.Counter`)
+
+Wrappers count what is simulated, average replicates and add errors of measurement.
 """
 
-from collections.abc import Sequence
+import math
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Protocol, runtime_checkable
+from enum import IntEnum
+from typing import Any, Protocol, runtime_checkable
 
+import jax
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float, Shaped
 
 from yeastfit.errors import InputError
+from yeastfit.parameter_set import ParameterSet
+from yeastfit.simulation.simulate import member_keys
 
-BITS = 32  # of a run's seed and of every simulation's
+BITS = 32  # of a run's seed
+Values = Float[np.ndarray, "row parameter"]
+Seeds = Shaped[np.ndarray, " row"]  # whole numbers from 0 to 2⁶⁴ − 1
+Rows = Float[np.ndarray, "row statistic"]
+
+
+@dataclass(frozen=True)
+class Observable:
+    """One column of a simulator's rows: a statistic, and the time at which it is taken where there is one."""
+
+    statistic: str
+    time: float = math.nan
+
+    def __str__(self) -> str:
+        return self.statistic if math.isnan(self.time) else f"{self.statistic} at {self.time:.3g}"
 
 
 @runtime_checkable
 class Simulator(Protocol):
-    """λ of the free parameters, not their logarithms, and a seed each → statistics of one simulated data set each."""
+    """A forward model with some parameters free and the others held."""
 
     @property
-    def free(self) -> tuple[str, ...]:
-        """Names of the parameters, in the order of the columns."""
+    def parameters(self) -> ParameterSet:
+        """The free parameters, one per column of `values`."""
 
     @property
-    def labels(self) -> tuple[str, ...]:
-        """Names of the statistics, one per column of the result."""
+    def observables(self) -> tuple[Observable, ...]:
+        """What the columns of the result are."""
 
-    def __call__(
-        self, values: Float[np.ndarray, "proposal free"], seeds: Int[np.ndarray, " proposal"]
-    ) -> Float[np.ndarray, "proposal statistic"]:
-        """A row of nan where a simulation came to nothing. Same row and seed, same result, whatever the batch."""
+    def __call__(self, values: Values, seeds: Seeds) -> Rows:
+        """Simulate one data set per row.
+
+        Arguments:
+            values: Parameters themselves, not their logarithms.
+            seeds: One per row. The same row and seed give the same result, whatever the batch.
+
+        Returns:
+            One row of statistics per row; nan throughout where a simulation came to nothing.
+        """
 
 
 @dataclass(frozen=True)
 class Wrapper:
-    """A simulator around another one, of the same λ and statistics."""
+    """A simulator around another one, with the same parameters and observables."""
 
     simulator: Simulator
 
     @property
-    def free(self) -> tuple[str, ...]:
-        """Names of λ."""
-        return self.simulator.free
+    def parameters(self) -> ParameterSet:
+        """The free parameters."""
+        return self.simulator.parameters
 
     @property
-    def labels(self) -> tuple[str, ...]:
-        """Names of the statistics."""
-        return self.simulator.labels
+    def observables(self) -> tuple[Observable, ...]:
+        """What the columns of the result are."""
+        return self.simulator.observables
+
+    @property
+    def fixed(self) -> Mapping[str, float]:
+        """Parameters that are held."""
+        return fixed_of(self.simulator)
+
+    @property
+    def problems(self) -> Counter[str]:
+        """What simulations ran into."""
+        return problems_of(self.simulator)
+
+    def __call__(self, values: Values, seeds: Seeds) -> Rows:
+        """Rows of the simulator inside."""
+        return self.simulator(values, seeds)
+
+
+@dataclass
+class Tally:
+    """How many different simulations were asked for. A batch may be filled up with copies, which do not count."""
+
+    simulated: int = 0
+
+
+@dataclass(frozen=True)
+class Counted(Wrapper):
+    """A simulator that counts the different rows of every call in `tally`."""
+
+    tally: Tally
+
+    def __call__(self, values: Values, seeds: Seeds) -> Rows:
+        """Rows of the simulator inside."""
+        found = self.simulator(values, seeds)
+        self.tally.simulated += len(once(values, seeds))
+        return found
+
+
+@dataclass(frozen=True)
+class Replicates(Wrapper):
+    """A simulator whose data sets are means over `count` data sets of another; nan where one of them is."""
+
+    count: int
+
+    def __post_init__(self) -> None:
+        if self.count < 1:
+            raise InputError(f"count is {self.count}, a mean needs at least 1")
+
+    def __call__(self, values: Values, seeds: Seeds) -> Rows:
+        """Means. Replicate k of a data set has the k-th seed of the data set's own."""
+        each = np.array([seed_of(int(seed), range(self.count)) for seed in seeds], dtype=np.uint64).ravel()
+        found = self.simulator(np.repeat(values, self.count, axis=0), each)
+        return found.reshape(len(seeds), self.count, -1).mean(axis=1)
 
 
 @dataclass(frozen=True)
 class Mismeasured(Wrapper):
-    """A simulator whose statistics have errors of measurement, of the covariance root rootᵀ.
+    """A simulator whose statistics have Gaussian errors of measurement with covariance root rootᵀ.
 
-    ABC with ever smaller ε then comes to the posterior under these errors (Wilkinson 2013,
-    doi:10.1515/sagmb-2013-0010).
+    As ε falls, ABC with it comes to the posterior under these errors (Wilkinson 2013, doi:10.1515/sagmb-2013-0010).
     """
 
     root: Float[np.ndarray, "statistic statistic"]
 
-    def __call__(
-        self, values: Float[np.ndarray, "proposal free"], seeds: Int[np.ndarray, " proposal"]
-    ) -> Float[np.ndarray, "proposal statistic"]:
-        """Errors depend on a row's seed alone."""
-        streams = [np.random.default_rng(stream_of(int(seed), 5, 0)) for seed in seeds]
+    def __call__(self, values: Values, seeds: Seeds) -> Rows:
+        """Rows with errors, which depend on a row's seed alone."""
+        streams = [np.random.default_rng(stream_of(int(seed), Stream.ERRORS, 0)) for seed in seeds]
         normal = np.array([stream.standard_normal(len(self.root)) for stream in streams])
         return self.simulator(values, seeds) + normal.reshape(len(seeds), -1) @ self.root.T
+
+
+def labels_of(simulator: Simulator) -> tuple[str, ...]:
+    """Names of the columns of a simulator's rows."""
+    return tuple(map(str, simulator.observables))
+
+
+def fixed_of(simulator: Simulator) -> Mapping[str, float]:
+    """Parameters that a simulator holds, where it says so."""
+    return getattr(simulator, "fixed", {})
+
+
+def problems_of(simulator: Simulator) -> Counter[str]:
+    """What a simulator's runs came across, where it says so."""
+    found: Any = getattr(simulator, "problems", None)
+    return Counter() if found is None else found
+
+
+def once(values: Values, seeds: Seeds) -> np.ndarray:
+    """Numbers of the rows that differ from all before them."""
+    keys = [int(seed).to_bytes(8, "little") + row.tobytes() for row, seed in zip(values, seeds, strict=True)]
+    return np.array(sorted({key: k for k, key in reversed(list(enumerate(keys)))}.values()), dtype=int)
 
 
 def root_of(covariance: Float[np.ndarray, "statistic statistic"]) -> Float[np.ndarray, "statistic statistic"]:
@@ -76,24 +177,45 @@ def root_of(covariance: Float[np.ndarray, "statistic statistic"]) -> Float[np.nd
     return vectors * np.sqrt(np.maximum(values, 0.0))
 
 
-def seed_of(seed: int, numbers: Sequence[int] | np.ndarray) -> Int[np.ndarray, " number"]:
-    """Seeds, 0 ≤ seed < 2³², of the simulations of these numbers in a run.
+class Stream(IntEnum):
+    """What a run draws random numbers for, besides its simulations."""
 
-    Row by row the first word of `np.random.SeedSequence(seed, spawn_key=(number,))`: it depends on the run's seed and
-    on the number alone, so a run that is taken up again draws what it would have drawn. Two of n numbers share a seed
-    with probability n² / 2³³, which does no harm: their parameters differ.
+    TRUTH = 0
+    PRIOR = 1
+    PROPOSALS = 2
+    DRAWS = 3
+    PREDICTIVE = 4
+    ERRORS = 5
+    STARTS = 6
+
+
+def seed_of(seed: int, numbers: Sequence[int] | np.ndarray) -> Shaped[np.ndarray, " number"]:
+    """Seeds, 0 ≤ seed < 2³², of the simulations with these numbers in a run.
+
+    Each is the first word of `np.random.SeedSequence(seed, spawn_key=(number,))`: it depends on the run's seed and the
+    number alone, so a resumed run draws what it would have drawn. Two of n numbers share a seed with probability
+    n² / 2³³, which does no harm, as their parameters differ.
     """
     _check_seed(seed)
     words = [np.random.SeedSequence(seed, spawn_key=(int(n),)).generate_state(1)[0] for n in np.ravel(numbers)]
-    return np.array(words, dtype=np.int64)
+    return np.array(words, dtype=np.uint64)
 
 
-def stream_of(seed: int, *key: int) -> np.random.SeedSequence:
-    """Where a run's other random numbers come from, such as proposals; two or more numbers say which they are."""
-    if len(key) < 2:
-        raise InputError(f"key is {key}, it needs at least two numbers: those of one are simulations'")
+def member_seeds(seed: int, members: int) -> Shaped[np.ndarray, " member"]:
+    """Seeds of an ensemble, 64 bits each, whose member i is the same whatever the number of members.
+
+    They are the bits of `yeastfit.member_keys`: a colony grown from one is the colony of that key.
+    """
+    words = np.asarray(jax.random.key_data(member_keys(seed, members))).astype(np.uint64)
+    return (words[:, 0] << np.uint64(32)) | words[:, 1]
+
+
+def stream_of(seed: int, stream: Stream, *key: int) -> np.random.SeedSequence:
+    """Where the random numbers of a named stream come from; further numbers say which of it, such as a step."""
+    if not key:
+        raise InputError(f"key is empty, a stream needs at least one number: {stream!r} alone is a simulation's")
     _check_seed(seed)
-    return np.random.SeedSequence(seed, spawn_key=key)
+    return np.random.SeedSequence(seed, spawn_key=(int(stream), *key))
 
 
 def _check_seed(seed: int) -> None:

@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from yeastfit.errors import InputError
+from yeastfit.inference.simulator import Observable
 from yeastfit.measure.reading.dataset import Dataset
 from yeastfit.measure.series import SMOOTH, Measured, replicate_curves, smooth_statistics
 from yeastfit.measure.statistics.shape import STATISTICS
@@ -96,6 +97,11 @@ class Targets:
     def hours(self) -> Float[np.ndarray, " curve"]:
         """When each of `values` was seen."""
         return np.broadcast_to(self.scales.hours(self.times), self.measured.shape)[self.measured]
+
+    @property
+    def observables(self) -> tuple[Observable, ...]:
+        """What each of `values` is."""
+        return tuple(Observable(self.names[row], float(self.times[k])) for row, k in np.argwhere(self.measured))
 
     def label(self, number: int) -> str:
         """What the number-th of `values` is."""

@@ -16,9 +16,10 @@ from jaxtyping import Bool, Float
 from rich.box import SIMPLE
 from rich.table import Table
 
+from yeastfit.inference.colony_simulator import OUTLINE_PIXEL
 from yeastfit.inference.posterior.arviz import to_netcdf
 from yeastfit.inference.posterior.diagnostics import Diagnostics, diagnose
-from yeastfit.inference.posterior.predictive_check import FINE, Predictive
+from yeastfit.inference.posterior.predictive_check import Predictive
 from yeastfit.inference.posterior.prior import Prior
 from yeastfit.inference.posterior.samples import Samples
 from yeastfit.inference.targets_from_table import rows_of
@@ -179,7 +180,8 @@ def write_results(
     figures["predictive"] = found.plot(targets)
     hours = targets.scales.hours(float(targets.times[-1]))
     pairs = [
-        (f"{_described(found, k)}, {hours:.3g} h", one, FINE * targets.scales.length) for k, one in enumerate(grown)
+        (f"{_described(found, k)}, {hours:.3g} h", one, OUTLINE_PIXEL * targets.scales.length)
+        for k, one in enumerate(grown)
     ]
     observed = [(one.title, one.pixels, one.mask, one.pixel_size) for one in seen]
     figures["colonies"] = plot_posterior.colonies(observed, pairs)

@@ -134,7 +134,7 @@ class Stops:
 
     def __init__(self, known: Known, rows: int) -> None:
         self.known, self.rows = known, rows
-        self.free, self.labels = known.free, known.labels
+        self.parameters, self.observables = known.parameters, known.observables
 
     def __call__(self, values: np.ndarray, seeds: np.ndarray) -> np.ndarray:
         self.rows -= len(values)

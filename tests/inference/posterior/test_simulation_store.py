@@ -11,10 +11,11 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
+from simulators import observables_named, parameters_named
 
 from yeastfit import InputError
 from yeastfit.inference.posterior.simulation_store import ROOM, Recorded, Store
-from yeastfit.inference.simulator import Simulator, seed_of, stream_of
+from yeastfit.inference.simulator import Simulator, Stream, seed_of, stream_of
 
 FREE, LABELS = ("mobility", "aspect_ratio"), ("area", "compactness", "radius")
 
@@ -36,7 +37,7 @@ def assert_same(found: tuple[np.ndarray, ...], expected: tuple[np.ndarray, ...])
 class Doubling:
     """Twice the parameters, and the number of calls and the size of each."""
 
-    free, labels = FREE, LABELS
+    parameters, observables = parameters_named(FREE), observables_named(LABELS)
 
     def __init__(self) -> None:
         self.sizes: list[int] = []
@@ -59,7 +60,7 @@ def test_seeds_depend_on_run_and_number_alone() -> None:
         with pytest.raises(InputError, match=f"seed is {wrong}, it must be at least 0 and below 2"):
             seed_of(wrong, [0])
         with pytest.raises(InputError, match=r"seed is .*, it must be at least 0 and below 2\^32"):
-            stream_of(wrong, 1, 0)
+            stream_of(wrong, Stream.PRIOR, 0)
 
 
 # --- the store --------------------------------------------------------------------------------------------------------

@@ -41,7 +41,7 @@ from yeastfit.inference.abc.pilot import Pilot, check_problem, pilot_of
 from yeastfit.inference.posterior.prior import Prior
 from yeastfit.inference.posterior.samples import Samples
 from yeastfit.inference.posterior.simulation_store import Recorded, Store
-from yeastfit.inference.simulator import Simulator, seed_of, stream_of
+from yeastfit.inference.simulator import Simulator, Stream, labels_of, seed_of, stream_of
 from yeastfit.progress import Progress, silent
 
 STANDSTILL = 0.25  # of a run, and `STILL` steps: a chain that does not move for longer is warned of
@@ -75,7 +75,7 @@ def abc_mcmc(
     backend: emcee.backends.Backend | ChainFile = emcee.backends.Backend()
     done, notes = 0, list[str]()
     if path is not None:
-        head = {"prior": prior.asdict(), "labels": simulator.labels, "seed": seed, "about": recorded.about}
+        head = {"prior": prior.asdict(), "labels": labels_of(simulator), "seed": seed, "about": recorded.about}
         head |= {f"distance's {name}": one for name, one in distance.asdict().items()}
         backend = ChainFile(path, {**head, **settings.fixed}, lambda: recorded.asked)
         done, notes = backend.take_up(), backend.notes
@@ -103,7 +103,7 @@ def abc_mcmc(
     moved, drawn = _drawn(backend, first, prior, settings)
     return Samples(
         free=prior.free,
-        labels=simulator.labels,
+        labels=labels_of(simulator),
         **drawn,
         simulations=recorded.asked,
         seconds=clock.perf_counter() - began,
@@ -137,7 +137,7 @@ class _Target:
                 f"epsilon is {self.epsilon:g}, only {within} of {len(weights)} pilot simulations come that close; "
                 f"{settings.move} starts {settings.walkers} walkers at different ones: give a larger pilot or epsilon"
             )
-        rng = np.random.default_rng(stream_of(self.seed, 6, 0))
+        rng = np.random.default_rng(stream_of(self.seed, Stream.STARTS, 0))
         at = rng.choice(len(weights), size=settings.walkers, replace=within < settings.walkers, p=weights)
         columns = self._columns(pilot.log_prior[at], pilot.statistics[at])
         return emcee.State(pilot.x[at], log_prob=columns[:, 0], blobs=columns[:, 1:])
@@ -169,7 +169,7 @@ def _walk(sampler: emcee.EnsembleSampler, target: _Target, state: emcee.State, d
 
     def begin(step: int) -> Any:
         target.begin(step)
-        return np.random.MT19937(stream_of(target.seed, 2, step)).state
+        return np.random.MT19937(stream_of(target.seed, Stream.PROPOSALS, step)).state
 
     state.random_state = begin(done)
     states = sampler.sample(state, iterations=steps - done, skip_initial_state_check=True)

@@ -20,7 +20,7 @@ from yeastfit.inference.abc.distances import (
 from yeastfit.inference.fit.response_surface import monomials
 from yeastfit.inference.posterior.prior import Prior
 from yeastfit.inference.posterior.simulation_store import Recorded
-from yeastfit.inference.simulator import Simulator, seed_of, stream_of
+from yeastfit.inference.simulator import Simulator, Stream, labels_of, seed_of, stream_of
 
 DistanceName = Literal["li", "mahalanobis", "curves"]
 
@@ -75,7 +75,7 @@ class Pilot:
 
 def first_values(prior: Prior, count: int, seed: int) -> Float[np.ndarray, "draw free"]:
     """λ of simulations 0..count−1 of a run, the same for every method: scrambled Sobol' points of the prior."""
-    sequence = qmc.Sobol(len(prior.free), rng=np.random.default_rng(stream_of(seed, 1, 0)))
+    sequence = qmc.Sobol(len(prior.free), rng=np.random.default_rng(stream_of(seed, Stream.PRIOR, 0)))
     return prior.quantile(sequence.random_base2(max(count - 1, 0).bit_length())[:count])
 
 
@@ -135,11 +135,13 @@ def distance_of(
 
 def check_problem(simulator: Simulator, prior: Prior, distance: Distance) -> None:
     """Raises `InputError` where simulator, prior and data do not go together."""
-    if prior.free != simulator.free:
-        raise InputError(f"prior is of {', '.join(prior.free)}, the simulator takes {', '.join(simulator.free)}")
-    if len(distance.observed) != len(simulator.labels):
+    if prior.free != simulator.parameters.names:
         raise InputError(
-            f"observed has {len(distance.observed)} statistics, the simulator gives {', '.join(simulator.labels)}"
+            f"prior is of {', '.join(prior.free)}, the simulator takes {', '.join(simulator.parameters.names)}"
+        )
+    if len(distance.observed) != len(labels_of(simulator)):
+        raise InputError(
+            f"observed has {len(distance.observed)} statistics, the simulator gives {', '.join(labels_of(simulator))}"
         )
 
 

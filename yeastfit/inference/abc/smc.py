@@ -36,7 +36,7 @@ from yeastfit.inference.abc.regression_adjustment import Accepted
 from yeastfit.inference.posterior.prior import Prior
 from yeastfit.inference.posterior.samples import Samples, weighted_quantile
 from yeastfit.inference.posterior.simulation_store import Recorded, Store
-from yeastfit.inference.simulator import Simulator, seed_of, stream_of
+from yeastfit.inference.simulator import Simulator, Stream, seed_of, stream_of
 from yeastfit.progress import Progress, silent
 
 PROMISE = 10  # accepted proposals, that the lowest acceptable share promises: with fewer, a population is given up
@@ -169,7 +169,7 @@ class _Problem:
         """The next one, or why there is none."""
         settings, before = self.settings, self.recorded.asked
         mixture = Mixture.of(populations[-1], epsilon) if populations else None
-        rng = np.random.default_rng(stream_of(self.seed, 3, len(populations)))
+        rng = np.random.default_rng(stream_of(self.seed, Stream.DRAWS, len(populations)))
         parts: list[tuple[np.ndarray, ...]] = []
         accepted = 0
         while accepted < settings.population:

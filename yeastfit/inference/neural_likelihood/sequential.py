@@ -38,7 +38,7 @@ from yeastfit.inference.posterior.prior import Prior
 from yeastfit.inference.posterior.robust_summary import apart, covariance_of_most, far_off
 from yeastfit.inference.posterior.samples import Samples
 from yeastfit.inference.posterior.simulation_store import Recorded, Store
-from yeastfit.inference.simulator import Simulator, seed_of, stream_of
+from yeastfit.inference.simulator import Simulator, Stream, labels_of, seed_of, stream_of
 from yeastfit.progress import Progress, silent
 
 NEAR = 0.99  # of draws w times as wide as the posterior with its trail: where simulations check the emulator
@@ -72,7 +72,7 @@ def emulated(
     """
     began = clock.perf_counter()
     settings = settings or EmulatedSettings()
-    known = usable(given, prior, len(simulator.labels))
+    known = usable(given, prior, len(labels_of(simulator)))
     settings.check(simulator, prior, observed, replicates, noise, len(known[0]))
     run = _Run(Recorded(simulator, settings.batch, store), prior, observed, replicates, noise, settings, seed, known)
     found, said = run.rounds(progress or silent)
@@ -202,7 +202,7 @@ class _Run:
 
     def _proposals(self, last: Round, count: int, number: int) -> Float[np.ndarray, "row free"]:
         """As many of a whole round's, the same whatever the count is: a longer run has use for each of them."""
-        rng = np.random.default_rng(stream_of(self.seed, 2, number))
+        rng = np.random.default_rng(stream_of(self.seed, Stream.PROPOSALS, number))
         whole = proposed(last.chains.flat, max(count, self.settings.each), self.settings.widen, self.prior, rng)
         return self.prior.values(whole[:count])
 
@@ -211,7 +211,7 @@ class _Run:
         last = rounds[-1]
         chains, draws, free = last.chains.x.shape
         values = self.prior.values(last.chains.flat)
-        rng = np.random.default_rng(stream_of(self.seed, 3, 0))
+        rng = np.random.default_rng(stream_of(self.seed, Stream.DRAWS, 0))
         found = Samples(
             free=self.prior.free,
             values=values.reshape(chains, draws, free),

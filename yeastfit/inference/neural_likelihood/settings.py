@@ -9,7 +9,7 @@ from yeastfit.errors import InputError
 from yeastfit.inference.neural_likelihood.emulator import Square, fewest
 from yeastfit.inference.neural_likelihood.network import EmulatorSettings
 from yeastfit.inference.posterior.prior import Prior
-from yeastfit.inference.simulator import Simulator
+from yeastfit.inference.simulator import Simulator, labels_of
 
 TINY = 1e-9  # of its largest entry: below 0, an eigenvalue of a covariance, by rounding
 
@@ -56,10 +56,12 @@ class EmulatedSettings:
         given: int = 0,
     ) -> None:
         """Raises `InputError` where the arguments do not belong together. given: simulations there are already."""
-        if simulator.free != prior.free:
-            raise InputError(f"prior is of {', '.join(prior.free)}, the simulator's parameters are {simulator.free}")
-        if observed.shape != (len(simulator.labels),) or not np.isfinite(observed).all():
-            raise InputError(f"observed is {observed}, {len(simulator.labels)} finite statistics are expected")
+        if simulator.parameters.names != prior.free:
+            raise InputError(
+                f"prior is of {', '.join(prior.free)}, the simulator's parameters are {simulator.parameters.names}"
+            )
+        if observed.shape != (len(labels_of(simulator)),) or not np.isfinite(observed).all():
+            raise InputError(f"observed is {observed}, {len(labels_of(simulator))} finite statistics are expected")
         if replicates < 1:
             raise InputError(f"replicates is {replicates}, it must be at least 1")
         if noise is not None and (

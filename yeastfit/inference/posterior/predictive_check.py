@@ -13,26 +13,24 @@ are those between which one more draw would lie with that probability: of n draw
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from operator import itemgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import jax
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float
 
 from yeastfit.errors import InputError
-from yeastfit.inference.colony_simulator import ColonySimulator
-from yeastfit.inference.parameter_space import ALONE
 from yeastfit.inference.posterior.samples import Samples
-from yeastfit.inference.simulator import Mismeasured, Simulator, Wrapper, root_of, seed_of, stream_of
+from yeastfit.inference.simulator import (
+    Mismeasured,
+    Replicates,
+    Simulator,
+    Stream,
+    labels_of,
+    root_of,
+    stream_of,
+)
 from yeastfit.inference.targets import Targets
-from yeastfit.measure.statistics.model_as_mask import mask_of
-from yeastfit.measure.statistics.smooth_statistics import SmoothStatistics
-from yeastfit.model.parameters import NAMES, Parameters
-from yeastfit.model.relaxation import HARD
-from yeastfit.simulation.simulate import member_keys, simulate
 from yeastfit.storage import written_whole
 
 if TYPE_CHECKING:
@@ -40,26 +38,6 @@ if TYPE_CHECKING:
 
 LEAST_P = 0.025  # from where it is said that the model does not make such data; the least that 40 draws can tell
 FEWEST = 10  # draws, for a band to be one
-FINE = 0.05  # L0, pixels of silhouettes
-
-
-@dataclass(frozen=True)
-class Replicates(Wrapper):
-    """A simulator whose data sets are means over `count` data sets of another; nan where one of them is."""
-
-    count: int
-
-    def __post_init__(self) -> None:
-        if self.count < 1:
-            raise InputError(f"count is {self.count}, a mean needs at least 1")
-
-    def __call__(
-        self, values: Float[np.ndarray, "proposal free"], seeds: Int[np.ndarray, " proposal"]
-    ) -> Float[np.ndarray, "proposal statistic"]:
-        """Replicate k of a data set has the k-th seed of the data set's own."""
-        each = np.array([seed_of(int(seed), range(self.count)) for seed in seeds], dtype=np.int64).ravel()
-        found = self.simulator(np.repeat(values, self.count, axis=0), each)
-        return found.reshape(len(seeds), self.count, -1).mean(axis=1)
 
 
 @dataclass(frozen=True)
@@ -161,13 +139,16 @@ def predict(
     """
     if draws < FEWEST:
         raise InputError(f"draws is {draws}, a predictive check needs at least {FEWEST}")
-    if simulator.free != samples.free or len(simulator.labels) != len(observed):
+    names, labels = simulator.parameters.names, labels_of(simulator)
+    if names != samples.free or len(labels) != len(observed):
         raise InputError(
-            f"simulator is of {simulator.free} and {len(simulator.labels)} statistics, the samples of {samples.free} "
+            f"simulator is of {names} and {len(labels)} statistics, the samples of {samples.free} "
             f"and the data of {len(observed)}"
         )
-    values = samples.drawn(draws, np.random.default_rng(stream_of(seed, 4, 0)))
-    seeds = np.array([stream_of(seed, 4, 1, k).generate_state(1)[0] for k in range(draws)], dtype=np.int64)
+    values = samples.drawn(draws, np.random.default_rng(stream_of(seed, Stream.PREDICTIVE, 0)))
+    seeds = np.array(
+        [stream_of(seed, Stream.PREDICTIVE, 1, k).generate_state(1)[0] for k in range(draws)], dtype=np.uint64
+    )
     means: Simulator = Replicates(simulator, replicates)
     if noise is not None:
         means = Mismeasured(means, root_of(noise))
@@ -177,30 +158,10 @@ def predict(
         raise InputError(f"draws: {came.sum()} of {draws} came to something, a predictive check needs {FEWEST}")
     return Predictive(
         samples.free,
-        simulator.labels,
+        labels,
         values[came],
         statistics[came],
         observed,
         replicates,
         int(draws - came.sum()),
     )
-
-
-def silhouettes(
-    values: Float[np.ndarray, "draw free"], simulator: ColonySimulator, time: float, seed: int = 0
-) -> list[Bool[np.ndarray, "x y"]]:
-    """One colony at each row of λ, grown to `time`: where its cells are, on pixels of `FINE`, centred on its start."""
-    numerics = simulator.colonies.curves.numerics
-    logs = simulator.space.log_parameters(ALONE, np.log(values))
-    parameters = Parameters(**{name: jnp.exp(jnp.asarray(logs[:, k])) for k, name in enumerate(NAMES)})
-    observe = SmoothStatistics(extent=numerics.domain, spacing=numerics.spacing)
-    keys = member_keys(seed, len(values))
-    grown = simulate(
-        parameters, keys, times=[time], numerics=numerics, relaxation=HARD, observe=observe, throw=False
-    ).colony
-    places = np.abs(np.asarray(grown.positions)[np.asarray(grown.alive)])
-    farthest = places.max(where=np.isfinite(places), initial=0.0)  # what is not finite is not in the picture
-    reach = float(farthest) + 1.5
-    points = 2 * int(np.ceil(reach / FINE)) + 1
-    each = (jax.tree.map(itemgetter(k), (grown, parameters.aspect_ratio)) for k in range(len(values)))
-    return [mask_of(colony, ratio, HARD, FINE * (points - 1), points) for colony, ratio in each]

@@ -22,10 +22,10 @@ from typing import Any
 
 import h5py
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float, Shaped
 
 from yeastfit.errors import InputError
-from yeastfit.inference.simulator import Simulator
+from yeastfit.inference.simulator import Simulator, labels_of
 from yeastfit.storage import full_disks_told, hdf5_written_whole
 
 DATASET = "simulations"
@@ -33,7 +33,7 @@ ROOM = 1024  # rows of a new file
 SIGNATURE, SUPERBLOCK, END = b"\x89HDF\r\n\x1a\n", 0, slice(40, 48)  # HDF5 file format 3.0, section II.A, version 0
 
 Values = Float[np.ndarray, "draw free"]
-Seeds = Int[np.ndarray, " draw"]
+Seeds = Shaped[np.ndarray, " draw"]
 Statistics = Float[np.ndarray, "draw statistic"]
 
 
@@ -48,7 +48,7 @@ class Store:
     def __init__(self, path: str | Path, free: Sequence[str], labels: Sequence[str], about: str = "") -> None:
         self.path, self.free, self.labels, self.about = Path(path), tuple(free), tuple(labels), about
         self.notes = list[str]()
-        parts = [("seed", "<i8"), ("values", "<f8", (len(free),)), ("statistics", "<f8", (len(labels),))]
+        parts = [("seed", "<u8"), ("values", "<f8", (len(free),)), ("statistics", "<f8", (len(labels),))]
         self._type = np.dtype([*parts, ("check", "<u4")])
         self._count, self._rows = 0, np.zeros(ROOM, self._type)
         self._file: h5py.File | None = None
@@ -166,12 +166,11 @@ class Recorded:
     def __init__(self, simulator: Simulator, batch: int, store: Store | None = None) -> None:
         if batch < 1:
             raise InputError(f"batch is {batch}, it must be at least 1")
-        if store is not None and (store.free, store.labels) != (simulator.free, simulator.labels):
-            raise InputError(
-                f"store holds {store.free}, {store.labels}, the simulator {simulator.free}, {simulator.labels}"
-            )
+        names, labels = simulator.parameters.names, labels_of(simulator)
+        if store is not None and (store.free, store.labels) != (names, labels):
+            raise InputError(f"store holds {store.free}, {store.labels}, the simulator {names}, {labels}")
         self.simulator, self.batch, self.store = simulator, batch, store
-        self.free, self.labels = simulator.free, simulator.labels
+        self.parameters, self.observables, self.labels = simulator.parameters, simulator.observables, labels
         self.asked = self.fresh = 0
 
     def __call__(self, values: Values, seeds: Seeds) -> Statistics:
@@ -206,9 +205,7 @@ class Recorded:
 
 def _keys(values: Values, seeds: Seeds) -> list[bytes]:
     """What a simulation is found by: the bits of its parameters and its seed."""
-    return [
-        int(seed).to_bytes(8, "little", signed=True) + row.tobytes() for row, seed in zip(values, seeds, strict=True)
-    ]
+    return [int(seed).to_bytes(8, "little") + row.tobytes() for row, seed in zip(values, seeds, strict=True)]
 
 
 def _checks(rows: np.ndarray) -> np.ndarray:

@@ -1,0 +1,101 @@
+"""Curves of single colonies as a function of log λ, in blocks of one size that compile once."""
+
+from collections.abc import Iterator
+from functools import partial
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from yeastfit.measure.statistics.model_as_mask import HardStatistics
+from yeastfit.measure.statistics.smooth_statistics import SmoothStatistics
+from yeastfit.model.colony import PROBLEMS, Colony, start
+from yeastfit.model.numerics import Numerics, map_members, on_one_device
+from yeastfit.model.parameters import Parameters
+from yeastfit.model.relaxation import Relaxation
+from yeastfit.model.simulate import Schedule, trajectory
+
+BLOCK = 32  # members that run together
+TANGENTS = 8  # members that run together with their derivatives
+
+
+class ColonyCurves(eqx.Module):
+    """Curves of chosen statistics at chosen steps, of every member of an ensemble with given keys.
+
+    A member's values are its curves, statistic by statistic, and then which of `PROBLEMS` it ran into, 0 or 1 each.
+    """
+
+    names: tuple[str, ...] = eqx.field(static=True)
+    numerics: Numerics = eqx.field(static=True)
+    observe: SmoothStatistics | HardStatistics
+    relaxation: Relaxation
+    schedule: Schedule
+
+    def grown(self, z: Float[Array, " parameter"], key: Array) -> tuple[Colony, dict[str, Array]]:
+        """One colony at the end, and what was observed. z: log λ of all the model's parameters, in order."""
+        rules = self.schedule, self.relaxation, self.numerics, self.observe
+        return trajectory(Parameters(*jnp.unstack(jnp.exp(z))), start(key, self.numerics), *rules)
+
+    def member(self, z: Float[Array, " parameter"], key: Array) -> Float[Array, " value"]:
+        """One colony's values, of smooth statistics; differentiable where the relaxation is."""
+        colony, observed = self.grown(z, key)
+        curves = [observed[name] for name in self.names]
+        problems = jnp.stack([getattr(colony.problems, name) for name in PROBLEMS])
+        return jnp.concatenate([*curves, problems.astype(curves[0].dtype)])
+
+    def members(self, z: Float[Array, "*member parameter"], keys: Array) -> Float[Array, "member value"]:
+        """All members, with one z for all or one for each. Statistics of masks are taken on the host."""
+        run = _masked if isinstance(self.observe, HardStatistics) else _members
+        return jnp.concatenate([run(self, *block)[:size] for *block, size in _blocks(z, keys, BLOCK)])
+
+    def members_with_tangents(
+        self, z: Float[Array, " parameter"], keys: Array
+    ) -> tuple[Float[Array, "member value"], Float[Array, "member parameter value"]]:
+        """All members, and their derivatives in z."""
+        blocks = [(on_one_device(_with_tangents(self, *block)), size) for *block, size in _blocks(z, keys, TANGENTS)]
+        values, tangents = ([block[k][:size] for block, size in blocks] for k in (0, 1))
+        return jnp.concatenate(values), jnp.concatenate(tangents)
+
+
+def _blocks(z: Float[Array, "... parameter"], keys: Array, block: int) -> Iterator[tuple[Array, Array, int]]:
+    """Members in blocks of one size; the last is filled up with repetitions."""
+    # explicit type: a weakly typed z would compile everything a second time
+    z = jnp.broadcast_to(jnp.asarray(z, jnp.result_type(float)), (*keys.shape, z.shape[-1]))
+    for first in range(0, len(keys), block):
+        size = min(block, len(keys) - first)
+        pick = jnp.minimum(first + jnp.arange(block), len(keys) - 1)
+        yield z[pick], keys[pick], size
+
+
+def _members(curves: ColonyCurves, z: Float[Array, "member parameter"], keys: Array) -> Float[Array, "member value"]:
+    return on_one_device(_smooth_members(curves, z, keys))
+
+
+def _masked(curves: ColonyCurves, z: Float[Array, "member parameter"], keys: Array) -> Float[Array, "member value"]:
+    colony, observed = on_one_device(_grown(curves, z, keys))
+    found = curves.observe.finish(jax.tree.map(np.asarray, observed))
+    problems = np.stack([np.asarray(getattr(colony.problems, name)) for name in PROBLEMS], axis=1)
+    return jnp.asarray(np.concatenate([*(found[name] for name in curves.names), problems], axis=1, dtype=float))
+
+
+@eqx.filter_jit
+def _smooth_members(
+    curves: ColonyCurves, z: Float[Array, "member parameter"], keys: Array
+) -> Float[Array, "member value"]:
+    return map_members(curves.member, z, keys)
+
+
+@eqx.filter_jit
+def _grown(curves: ColonyCurves, z: Float[Array, "member parameter"], keys: Array) -> tuple[Colony, dict[str, Array]]:
+    return map_members(curves.grown, z, keys)
+
+
+@eqx.filter_jit
+def _with_tangents(curves: ColonyCurves, z: Float[Array, "member parameter"], keys: Array) -> tuple[Array, Array]:
+    def one(z: Array, key: Array) -> tuple[Array, Array]:
+        push = partial(jax.jvp, lambda z: curves.member(z, key), (z,))
+        return jax.vmap(lambda direction: push((direction,)), out_axes=(None, 0))(jnp.eye(z.size, dtype=z.dtype))
+
+    return map_members(one, z, keys)
