@@ -42,9 +42,9 @@ from matplotlib.figure import Figure
 from benchmarks.calibration import MODEL, PRIOR
 from benchmarks.recovery import BOX
 from benchmarks.report import Report, code, command
-from yeastfit.commands.fit_run import measurements, read_truth
 from yeastfit.commands.infer_config import Method, Request
 from yeastfit.commands.infer_run import Run
+from yeastfit.commands.measured_source import measurements, read_truth
 from yeastfit.inference.abc.distances import Mahalanobis
 from yeastfit.inference.abc.regression_adjustment import Accepted
 from yeastfit.inference.posterior.prior import Prior

@@ -46,7 +46,7 @@ from matplotlib.figure import Figure
 from benchmarks.contest import ALTERNATIVES, MARGIN, Contest, Objective, Stopped
 from benchmarks.report import Report, command
 from yeastfit import Fit, FitSettings, InputError, Targets, fit, measure_dataset, read_dataset
-from yeastfit.commands.fit_run import read_truth
+from yeastfit.commands.measured_source import read_truth
 from yeastfit.inference.fit.least_squares import DEFAULT_FREE
 from yeastfit.inference.parameter_space import ALONE, Vector
 

@@ -37,7 +37,7 @@ from scipy.stats import binomtest
 
 from benchmarks.lines import append_line, read_lines
 from benchmarks.report import Report, command
-from yeastfit.commands.fit_run import measurements
+from yeastfit.commands.measured_source import measurements
 from yeastfit.errors import InputError
 from yeastfit.inference.fit.least_squares import DEFAULT_FREE, fit
 from yeastfit.inference.fit.settings import FitSettings

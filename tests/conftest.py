@@ -61,7 +61,7 @@ def unchecked() -> Iterator[None]:
 @pytest.fixture
 def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
     """Pictures of one point, where they are not the matter: to draw them takes most of a small run."""
-    from yeastfit.plot import colony as plot  # not before the hook that checks what it imports
+    from yeastfit import plot  # not before the hook that checks what it imports
 
     monkeypatch.setattr(plot, "save", lambda figure, path: Image.new("L", (1, 1)).save(path, "PNG"))
 

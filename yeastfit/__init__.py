@@ -1,5 +1,9 @@
 """yeastfit: yeast colonies in JAX - simulated, measured in micrographs, and fitted."""
 
+import importlib
+from types import ModuleType
+from typing import TYPE_CHECKING
+
 from yeastfit.derivatives.check import check_derivatives
 from yeastfit.derivatives.check_colony import check_gradients
 from yeastfit.derivatives.result import GradientCheck
@@ -23,6 +27,9 @@ from yeastfit.model.parameters import PARAMETERS, Parameters, Scales
 from yeastfit.model.relaxation import HARD, Relaxation
 from yeastfit.simulation.result import Simulation
 from yeastfit.simulation.simulate import member_keys, simulate
+
+if TYPE_CHECKING:
+    from yeastfit import plot
 
 __version__ = "0.1.0"
 __all__ = [
@@ -52,7 +59,15 @@ __all__ = [
     "measure_dataset",
     "measure_file",
     "member_keys",
+    "plot",
     "read_dataset",
     "sensitivity",
     "simulate",
 ]
+
+
+def __getattr__(name: str) -> ModuleType:
+    """`yeastfit.plot`, imported when it is first asked for, as it brings matplotlib."""
+    if name == "plot":
+        return importlib.import_module("yeastfit.plot")
+    raise AttributeError(f"module 'yeastfit' has no attribute {name!r}")

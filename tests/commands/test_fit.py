@@ -17,7 +17,7 @@ from stand_in import ROOT, SETTINGS, STATISTICS, TIMES, StandIn, bent, fitted, l
 from yeastfit import Fit, FitSettings, Parameters, Scales, Targets
 from yeastfit.commands import app as cli
 from yeastfit.commands import fit as cli_fit
-from yeastfit.commands.fit_run import RESULTS, named_numbers, read_truth
+from yeastfit.commands.measured_source import RESULTS, named_numbers, read_truth
 from yeastfit.inference.fit.bootstrap_profile import Explored, _box
 from yeastfit.inference.fit.response_surface import study
 from yeastfit.inference.targets_from_table import NEEDED, TABLE

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from yeastfit import InputError, Targets, measure_dataset, read_dataset
-from yeastfit.commands.fit_run import measurements
+from yeastfit.commands.measured_source import measurements
 from yeastfit.inference.targets import SMOOTHING, SPACING
 from yeastfit.inference.targets_from_table import TABLE, conditions_of, read_measurements, targets_of
 

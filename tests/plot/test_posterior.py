@@ -4,14 +4,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from yeastfit import plot
 from yeastfit.inference.posterior.diagnostics import diagnose
 from yeastfit.inference.posterior.prior import Prior
 from yeastfit.inference.posterior.samples import Samples
-from yeastfit.plot import colony as plot
-from yeastfit.plot import corner as plot_corner
-from yeastfit.plot import posterior as plot_posterior
+from yeastfit.plot.style import TRUTH
 
 PRIOR = Prior.of(
     {
@@ -45,17 +45,17 @@ def samples(weighted: bool = False, still: bool = False) -> Samples:
 
 def drawn(figure: Figure) -> Figure:
     """As `plot.save` would draw it; warnings are errors."""
-    plot.FigureCanvasAgg(figure).draw()
+    FigureCanvasAgg(figure).draw()
     return figure
 
 
 @pytest.mark.parametrize(("weighted", "still"), [(False, False), (True, False), (False, True)])
 def test_corner(weighted: bool, still: bool) -> None:
     found = samples(weighted, still)
-    figure = drawn(plot_corner.corner(found, PRIOR, {"mobility": 1.1, "aspect_ratio": 0.9}))
+    figure = drawn(plot.corner(found, PRIOR, {"mobility": 1.1, "aspect_ratio": 0.9}))
     first, _, pair, second = figure.axes
     assert (pair.get_xlabel(), pair.get_ylabel()) == ("mobility", "aspect ratio")
-    truths = [line.get_xdata()[0] for line in first.lines if line.get_color() == plot.TRUTH]  # type: ignore[index]
+    truths = [line.get_xdata()[0] for line in first.lines if line.get_color() == TRUTH]  # type: ignore[index]
     assert truths == [1.1]
     (bars,) = first.patches
     heights, edges, _ = bars.get_data()  # type: ignore[attr-defined]
@@ -69,7 +69,7 @@ def test_the_prior_is_a_density_of_what_the_axis_shows() -> None:
     narrow = samples()
     wide = replace(narrow, values=narrow.values ** np.array([3.0, 1.0]))
     for found, scale in ((narrow, "linear"), (wide, "log")):
-        panel = plot_corner.corner(found, PRIOR).axes[0]
+        panel = plot.corner(found, PRIOR).axes[0]
         assert panel.get_xscale() == scale
         line = next(line for line in panel.lines if line.get_color() == "0.5")
         x, density = (np.asarray(one, dtype=float) for one in line.get_data())
@@ -78,11 +78,11 @@ def test_the_prior_is_a_density_of_what_the_axis_shows() -> None:
 
 def test_traces_and_ranks() -> None:
     found = samples()
-    figure = drawn(plot_posterior.traces(found))
+    figure = drawn(plot.traces(found))
     assert [len(panel.lines) for panel in figure.axes] == [3, 3]
-    drawn(plot_posterior.traces(samples(weighted=True)))
+    drawn(plot.traces(samples(weighted=True)))
     chains = diagnose(found.values, free=found.free, acceptance=found.acceptance)
-    ranks = drawn(plot_posterior.ranks(chains))
+    ranks = drawn(plot.ranks(chains))
     assert [len(panel.patches) for panel in ranks.axes] == [4, 4]  # three chains, and what chance allows
 
 
@@ -90,7 +90,7 @@ def test_colonies_have_one_scale() -> None:
     x = np.arange(-40, 41)
     small, large = (np.hypot(x[:, None], x) <= radius for radius in (10, 30))
     grey = np.where(small, 60.0, 180.0)
-    figure = drawn(plot_posterior.colonies([("a", grey, small, 2.0), ("b", None, large, 1.0)], [("c", large, 0.5)] * 3))
+    figure = drawn(plot.colonies([("a", grey, small, 2.0), ("b", None, large, 1.0)], [("c", large, 0.5)] * 3))
     assert len(figure.axes) == 6
     shown = [panel for panel in figure.axes if panel.images]
     assert len(shown) == 5
@@ -101,6 +101,6 @@ def test_colonies_have_one_scale() -> None:
 
 def test_held_out_residuals() -> None:
     rounds = [{"held_out": {"mean": [0.1, -0.2], "covariance": [[1.1, 0.0], [0.0, 0.8]], "rows": 400}}]
-    upper, lower = drawn(plot_posterior.held_out(rounds, ("a", "b"))).axes
+    upper, lower = drawn(plot.held_out(rounds, ("a", "b"))).axes
     np.testing.assert_allclose(upper.lines[-1].get_ydata(), [0.1, -0.2])  # type: ignore[arg-type]
     np.testing.assert_allclose(lower.lines[-1].get_ydata(), [1.1, 0.8])  # type: ignore[arg-type]

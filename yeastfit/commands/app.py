@@ -10,6 +10,7 @@ import numpy as np
 import typer
 from rich.table import Table
 
+from yeastfit import plot
 from yeastfit.commands.design import design
 from yeastfit.commands.fit import fit
 from yeastfit.commands.infer import infer
@@ -23,7 +24,6 @@ from yeastfit.measure.reading.dataset import given, read_overrule
 from yeastfit.model.numerics import Numerics
 from yeastfit.model.parameters import Parameters, Scales
 from yeastfit.model.relaxation import HARD, Relaxation
-from yeastfit.plot import colony as plot
 from yeastfit.report.measurement_files import clear_results, refuse_mixed_folder, write_results
 from yeastfit.simulation.simulate import member_keys
 from yeastfit.simulation.simulate import simulate as run_simulation

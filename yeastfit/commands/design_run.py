@@ -5,13 +5,13 @@ from pathlib import Path
 
 import numpy as np
 
+from yeastfit import plot
 from yeastfit.errors import InputError
 from yeastfit.inference.information.design_result import Design
 from yeastfit.inference.sensitivity.estimate import sensitivity
 from yeastfit.inference.sensitivity.result import Sensitivity
 from yeastfit.model.numerics import Numerics
 from yeastfit.model.parameters import Parameters
-from yeastfit.plot import colony as plot
 from yeastfit.progress import Progress
 from yeastfit.storage import write_table
 
@@ -84,6 +84,6 @@ def write_design(folder: Path, found: Design) -> None:
     write_table(folder / "design.csv", found.rows())
     found.save(folder / "design.json")
     found.before.save(folder / "information.json")
-    plot.save(found.plot(), folder / "design.png")
-    plot.save(found.before.plot(), folder / "spectrum.png")
-    plot.save(found.before.plot_ellipses(), folder / "ellipses.png")
+    plot.save(plot.design(found), folder / "design.png")
+    plot.save(plot.spectrum(found.before), folder / "spectrum.png")
+    plot.save(plot.ellipses(found.before), folder / "ellipses.png")

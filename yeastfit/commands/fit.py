@@ -7,7 +7,7 @@ from typing import Annotated, Any
 import typer
 
 from yeastfit.commands import design_run as design_command
-from yeastfit.commands import fit_run as fit_command
+from yeastfit.commands import measured_source as fit_command
 from yeastfit.commands.options import Jobs, Length, MeasurementError, Out, Rate, Seed, Truth, with_parameters
 from yeastfit.commands.terminal import out, progress, stages, warn
 from yeastfit.inference.fit.bootstrap_profile import explore, profiles

@@ -8,8 +8,8 @@ from typing import Annotated
 import typer
 
 from yeastfit.commands import design_run as design_command
-from yeastfit.commands import fit_run as fit_command
 from yeastfit.commands import infer_run as infer_command
+from yeastfit.commands import measured_source as fit_command
 from yeastfit.commands.infer_config import Request
 from yeastfit.commands.options import Jobs, Length, MeasurementError, Rate, Seed, Truth, with_parameters
 from yeastfit.commands.terminal import err, growing, out, progress, warn

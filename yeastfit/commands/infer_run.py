@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from yeastfit.commands import fit_run as fit_command
+from yeastfit.commands import measured_source as fit_command
 from yeastfit.commands.infer_config import BATCH, Request
 from yeastfit.commands.run_folder import RUN, RunFolder, inputs_of, read_run, run_versions
 from yeastfit.errors import InputError

@@ -20,13 +20,13 @@ from typing import Any
 
 import numpy as np
 
+from yeastfit import plot
 from yeastfit.errors import InputError, PixelSizeError
 from yeastfit.measure.outlining.segmentation import DOUBTS, segment
 from yeastfit.measure.reading.batch_inputs import Task
 from yeastfit.measure.reading.dataset import given
 from yeastfit.measure.reading.images import read_image
 from yeastfit.measure.series import measure_file
-from yeastfit.plot import colony as plot
 from yeastfit.simulation.synthetic_data import write_mask
 from yeastfit.storage import sha256_of, written_whole
 

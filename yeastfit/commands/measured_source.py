@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from rich.table import Table
 
+from yeastfit import plot
 from yeastfit.commands.measure_batch import survey
 from yeastfit.errors import InputError
 from yeastfit.inference.fit.bootstrap_profile import Bootstrap, Profile
@@ -26,8 +27,6 @@ from yeastfit.inference.targets_from_table import (
 from yeastfit.measure.reading.batch_inputs import dataset_tasks
 from yeastfit.measure.reading.dataset import MANIFESTS, dataset_folder, read_dataset
 from yeastfit.model.parameters import NAMES, Scales
-from yeastfit.plot import colony as plot
-from yeastfit.plot import fit as plot_fit
 from yeastfit.report.measurement_files import clear_results, refuse_mixed_folder, write_results
 from yeastfit.storage import write_table
 
@@ -171,16 +170,16 @@ def write_fit(folder: Path, result: Fit, known: dict[str, float] | None) -> None
     result.save(folder / "fit.json")
     write_table(folder / "parameters.csv", result.rows())
     by_entry = {entry.name: known[entry.parameter] for entry in result.space.entries} if known else None
-    plot.save(plot_fit.curves(result, by_entry), folder / "fit.png")
-    plot.save(plot_fit.convergence(result), folder / "convergence.png")
-    plot.save(result.information.plot(), folder / "spectrum.png")
-    plot.save(result.information.plot_ellipses(), folder / "ellipses.png")
+    plot.save(plot.fit(result, by_entry), folder / "fit.png")
+    plot.save(plot.convergence(result), folder / "convergence.png")
+    plot.save(plot.spectrum(result.information), folder / "spectrum.png")
+    plot.save(plot.ellipses(result.information), folder / "ellipses.png")
 
 
 def write_bootstrap(folder: Path, found: Bootstrap, result: Fit) -> list[str]:
     """bootstrap.csv and its picture; lines for the terminal."""
     write_table(folder / "bootstrap.csv", [dict(zip(found.free, row, strict=True)) for row in found.values.tolist()])
-    plot.save(plot_fit.bootstrap(found, result), folder / "bootstrap.png")
+    plot.save(plot.bootstrap(found, result), folder / "bootstrap.png")
     said = [
         f"bootstrap of replicates: {name} {found.intervals[name][0]:.4g} to {found.intervals[name][1]:.4g} (95 %)"
         for name in found.free
@@ -198,7 +197,7 @@ def write_profiles(folder: Path, found: Mapping[str, Profile]) -> list[str]:
         for value, rise in zip(each.values.tolist(), each.rise.tolist(), strict=True)
     ]
     write_table(folder / "profiles.csv", rows)
-    plot.save(plot_fit.profiles(found), folder / "profiles.png")
+    plot.save(plot.profiles(found), folder / "profiles.png")
     return [f"profile of {name}: {_interval(each.intervals['95%'])} (95 %)" for name, each in found.items()]
 
 

@@ -1,1 +1,39 @@
-"""Pictures: functions take results and return figures."""
+"""Figures: every function takes a result and returns a matplotlib figure, which `save` writes::
+
+from yeastfit import plot
+
+plot.save(plot.fit(result), "fit.png")
+"""
+
+from yeastfit.plot.corner_plot import corner
+from yeastfit.plot.fits import bootstrap, convergence, fit, profiles
+from yeastfit.plot.information import design, ellipses, spectrum
+from yeastfit.plot.measured_curves import condition_curves
+from yeastfit.plot.micrographs import overlay, thumbnail, thumbnail_sheet
+from yeastfit.plot.posterior import colonies, held_out, predictive, ranks, traces
+from yeastfit.plot.simulations import colony, curves
+from yeastfit.plot.style import LABELS, save
+
+__all__ = [
+    "LABELS",
+    "bootstrap",
+    "colonies",
+    "colony",
+    "condition_curves",
+    "convergence",
+    "corner",
+    "curves",
+    "design",
+    "ellipses",
+    "fit",
+    "held_out",
+    "overlay",
+    "predictive",
+    "profiles",
+    "ranks",
+    "save",
+    "spectrum",
+    "thumbnail",
+    "thumbnail_sheet",
+    "traces",
+]

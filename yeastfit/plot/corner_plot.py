@@ -11,7 +11,7 @@ from scipy import stats
 
 from yeastfit.inference.posterior.distributions import Law
 from yeastfit.inference.posterior.samples import Samples, weighted_quantile
-from yeastfit.plot.colony import COLONY, TRUTH
+from yeastfit.plot.style import COLONY, TRUTH
 
 if TYPE_CHECKING:
     from yeastfit.inference.posterior.prior import Prior

@@ -1,24 +1,27 @@
-"""Pictures of a fit: curves with their band and residuals, how it got there, and likelihood profiles."""
+"""Figures of a fit: data with the fitted curves, how the fit converged, likelihood profiles and bootstrap draws."""
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Mapping
+from typing import Any
 
 import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
 
-from yeastfit.plot.colony import COLONY, CONDITIONS, LABELS
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from yeastfit.inference.fit.bootstrap_profile import Bootstrap, Profile
-    from yeastfit.inference.fit.result import Condition, Fit
+from yeastfit.inference.fit.bootstrap_profile import Bootstrap, Profile
+from yeastfit.inference.fit.result import Condition, Fit
+from yeastfit.plot.information import draw_ellipse
+from yeastfit.plot.style import COLONY, CONDITIONS, LABELS
 
 
-def curves(result: "Fit", truth: "Mapping[str, float] | None" = None) -> Figure:
-    """Data with their standard errors, the fitted model with the error of the comparison, and residuals below.
+def fit(result: Fit, truth: Mapping[str, float] | None = None) -> Figure:
+    """Draw data with their standard errors, the fitted curves with theirs, and the residuals below.
 
-    A column for each statistic, a colour for each condition. truth: λ by entry, for the title.
+    Arguments:
+        result: What `yeastfit.fit` returned.
+        truth: True values of the fitted parameters, where they are known; they are written above.
+
+    Returns:
+        A figure with a column for each statistic and a colour for each condition.
     """
     names = list(dict.fromkeys(name for each in result.conditions for name in each.targets.names))
     figure = Figure(figsize=(max(5.2 * len(names), 6.5), 5.8), layout="constrained")
@@ -27,7 +30,7 @@ def curves(result: "Fit", truth: "Mapping[str, float] | None" = None) -> Figure:
         color = COLONY if len(result.conditions) == 1 else CONDITIONS[k % len(CONDITIONS)]
         for row, name in enumerate(each.targets.names):
             upper, lower = axes[:, names.index(name)]
-            _panel(upper, lower, each, row, color)
+            _draw_condition(upper, lower, each, row, color)
     for k, name in enumerate(names):
         axes[0, k].set_title(LABELS.get(name, name.replace("_", " ")), fontsize=10)
         axes[1, k].axhline(0, color="0.6", lw=1)
@@ -37,8 +40,17 @@ def curves(result: "Fit", truth: "Mapping[str, float] | None" = None) -> Figure:
     return figure
 
 
-def convergence(result: "Fit") -> Figure:
-    """The free parameters and χ² over the colonies grown, start by start; steps that were refused are crosses."""
+def convergence(result: Fit) -> Figure:
+    """Draw the free parameters and χ² over the number of simulated colonies, in a colour for each start.
+
+    Rejected steps are crosses. Vertical lines separate the stages of the fit.
+
+    Arguments:
+        result: What `yeastfit.fit` returned.
+
+    Returns:
+        A figure with one panel for each free parameter and one for χ².
+    """
     count = len(result.free)
     figure = Figure(figsize=(8, 2.2 + 1.3 * count), layout="constrained")
     *upper, lowest = figure.subplots(count + 1, 1, sharex=True, height_ratios=[1] * count + [1.4])
@@ -72,10 +84,17 @@ def convergence(result: "Fit") -> Figure:
     return figure
 
 
-def profiles(found: "Mapping[str, Profile]") -> Figure:
-    """Δχ² of each parameter with the others at their best, beside the parabola of its standard error."""
-    figure = Figure(figsize=(1.2 + 3.1 * len(found), 3.3), layout="constrained")
-    for panel, (name, each) in zip(figure.subplots(1, len(found), squeeze=False)[0], found.items(), strict=True):
+def profiles(results: Mapping[str, Profile]) -> Figure:
+    """Draw the rise of χ² along each parameter, the others refitted, beside the parabola of its standard error.
+
+    Arguments:
+        results: Profiles by parameter.
+
+    Returns:
+        A figure with one panel for each parameter.
+    """
+    figure = Figure(figsize=(1.2 + 3.1 * len(results), 3.3), layout="constrained")
+    for panel, (name, each) in zip(figure.subplots(1, len(results), squeeze=False)[0], results.items(), strict=True):
         panel.plot(each.values, each.rise, "o-", ms=3, color=COLONY, label="profile")
         if np.isfinite(each.standard_error):
             away = np.log(each.values / each.estimate) / each.standard_error
@@ -89,36 +108,42 @@ def profiles(found: "Mapping[str, Profile]") -> Figure:
     return figure
 
 
-def bootstrap(found: "Bootstrap", result: "Fit") -> Figure:
-    """Estimates from resampled replicates, pair by pair, with the ellipse of the covariance."""
-    from yeastfit.plot.information import ellipse
+def bootstrap(result: Bootstrap, fitted: Fit) -> Figure:
+    """Draw the estimates from resampled replicates for every pair of parameters, with the ellipse of the covariance.
 
-    count = max(1, len(result.free) - 1)
+    Arguments:
+        result: What `Explored.bootstrap` returned.
+        fitted: The fit whose replicates were resampled.
+
+    Returns:
+        A figure with one panel for each pair.
+    """
+    count = max(1, len(fitted.free) - 1)
     figure = Figure(figsize=(1.6 + 2.2 * count, 1.0 + 2.1 * count), layout="constrained")
     axes: Any = figure.subplots(count, count, squeeze=False)
-    away = 100 * (np.log(found.values) - result.theta)
+    away = 100 * (np.log(result.values) - fitted.theta)
     for (row, column), panel in np.ndenumerate(axes):
-        if column > row or len(result.free) < 2:
+        if column > row or len(fitted.free) < 2:
             panel.axis("off")
             continue
         x, y = column, row + 1
-        part = result.covariance[np.ix_([x, y], [x, y])]
+        part = fitted.covariance[np.ix_([x, y], [x, y])]
         if np.isfinite(part).all():
-            ellipse(panel, part)
+            draw_ellipse(panel, part)
         panel.plot(away[:, x], away[:, y], ".", ms=2.5, color="black", alpha=0.5)
         panel.tick_params(labelsize=7)
         if row == count - 1:
-            panel.set_xlabel(result.free[x].replace("_", " ") + " (%)", fontsize=8)
+            panel.set_xlabel(fitted.free[x].replace("_", " ") + " (%)", fontsize=8)
         if column == 0:
-            panel.set_ylabel(result.free[y].replace("_", " ") + " (%)", fontsize=8)
+            panel.set_ylabel(fitted.free[y].replace("_", " ") + " (%)", fontsize=8)
     figure.suptitle(
         "log λ of resampled replicates, less the estimate;\nellipses: one and two standard errors", fontsize=9
     )
     return figure
 
 
-def _panel(upper: Any, lower: Any, each: "Condition", row: int, color: str) -> None:
-    """One statistic of one condition."""
+def _draw_condition(upper: Any, lower: Any, each: Condition, row: int, color: str) -> None:
+    """Curve and residuals of one statistic of one condition."""
     targets = each.targets
     seen = targets.measured[row]
     hours = targets.scales.hours(targets.times)[seen]
@@ -138,7 +163,8 @@ def _panel(upper: Any, lower: Any, each: "Condition", row: int, color: str) -> N
     lower.plot(hours, (mean - fitted) / spread, "o", ms=4, color=dots)
 
 
-def _summary(result: "Fit", truth: "Mapping[str, float] | None") -> str:
+def _summary(result: Fit, truth: Mapping[str, float] | None) -> str:
+    """Estimates with their errors and the goodness of fit, in words."""
     parts = []
     for name, value in result.values.items():
         error = result.standard_errors[name]

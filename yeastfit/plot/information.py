@@ -1,42 +1,49 @@
-"""Pictures of what curves can tell about λ: sloppy spectrum, error ellipses, and what to measure next."""
+"""Figures of what data tell about parameters: sloppy spectrum, error ellipses, and what to measure next."""
 
 import textwrap
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 from matplotlib.figure import Figure
 
+from yeastfit.inference.information.design_result import Design
 from yeastfit.inference.information.identifiability import percent
-
-if TYPE_CHECKING:
-    from yeastfit.inference.information.design_result import Design
-    from yeastfit.inference.information.result import Information
+from yeastfit.inference.information.result import Information
 
 SEEN, BLIND = "#7a5230", "#b00020"
 CIRCLE = np.linspace(0.0, 2 * np.pi, 181)
 
 
-def spectrum(found: "Information") -> Figure:
-    """Eigenvalues of the Fisher information on a logarithmic axis, above what each direction is made of.
+def spectrum(result: Information) -> Figure:
+    """Draw the eigenvalues of the Fisher information, above the parameters that each eigenvector combines.
 
-    Blind directions are red; an open triangle stands at the noise of J where nothing is known below it.
+    Directions the data do not determine are red. An open triangle marks the noise of the derivatives for an eigenvalue
+    that is not significant.
+
+    Arguments:
+        result: What `yeastfit.information` returned, or the `information` of a fit.
+
+    Returns:
+        A figure with two panels.
     """
-    count = len(found.free)
+    count = len(result.free)
     figure = Figure(figsize=(2.6 + 0.85 * count, 3.9 + 0.33 * count), layout="constrained")
     upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(2.4, 0.3 + 0.3 * count))
     places = np.arange(count)
-    known = found.eigenvalues > 0
-    scale = found.eigenvalues[known].max() if known.any() else 1.0
-    floor = np.where(found.noise_floor > 0, found.noise_floor, 1e-6 * scale)
-    colors = np.where(found.blind, BLIND, SEEN)
-    upper.scatter(places[known], found.eigenvalues[known], c=colors[known], s=46, zorder=3)
+    known = result.eigenvalues > 0
+    scale = result.eigenvalues[known].max() if known.any() else 1.0
+    floor = np.where(result.noise_floor > 0, result.noise_floor, 1e-6 * scale)
+    colors = np.where(result.blind, BLIND, SEEN)
+    upper.scatter(places[known], result.eigenvalues[known], c=colors[known], s=46, zorder=3)
     upper.scatter(places[~known], floor[~known], marker="v", s=46, facecolors="none", edgecolors=BLIND, zorder=3)
     upper.plot(places, floor, "_", color="0.6", ms=22, label="noise of the derivatives")
-    upper.axhline(found.limit**-2, color=BLIND, lw=0.8, ls="--", label=f"error of log λ {found.limit:g}: blind below")
+    upper.axhline(result.limit**-2, color=BLIND, lw=0.8, ls="--", label=f"error of log λ {result.limit:g}: blind below")
     for k in places:
-        height = found.eigenvalues[k] if known[k] else floor[k]
+        height = result.eigenvalues[k] if known[k] else floor[k]
         upper.annotate(
-            percent(float(found.direction_errors[k])),
+            percent(float(result.direction_errors[k])),
             (k, height),
             xytext=(0, 7),
             textcoords="offset points",
@@ -48,18 +55,25 @@ def spectrum(found: "Information") -> Figure:
     upper.set_ylabel("eigenvalue, 1 / variance of log λ", fontsize=8)
     upper.set_title("How well each direction is known", fontsize=10)
     upper.legend(fontsize=7, loc="best")
-    image = lower.imshow(found.directions.T, cmap="RdBu", vmin=-1, vmax=1, aspect="auto")
-    _numbers(lower, found.directions.T, "{:.2f}", lambda value: abs(value) > 0.65)
-    lower.set(xticks=places, yticks=range(count), yticklabels=[name.replace("_", " ") for name in found.free])
+    image = lower.imshow(result.directions.T, cmap="RdBu", vmin=-1, vmax=1, aspect="auto")
+    _write_numbers(lower, result.directions.T, "{:.2f}", lambda value: abs(value) > 0.65)
+    lower.set(xticks=places, yticks=range(count), yticklabels=[name.replace("_", " ") for name in result.free])
     lower.set_xticklabels([str(k + 1) for k in places])
     lower.set_xlabel("direction in log λ", fontsize=8)
     figure.colorbar(image, ax=lower, label="component", shrink=0.9, pad=0.02)
     return figure
 
 
-def ellipses(found: "Information") -> Figure:
-    """One and two standard errors of every pair of log λ, in percent, of the parameters that have one."""
-    kept = [k for k, name in enumerate(found.free) if name not in found.undetermined]
+def ellipses(result: Information) -> Figure:
+    """Draw the error ellipses of every pair of parameters: one and two standard errors of log λ, in percent.
+
+    Arguments:
+        result: What `yeastfit.information` returned, or the `information` of a fit.
+
+    Returns:
+        A figure with one panel for each pair; parameters the data do not determine are named instead.
+    """
+    kept = [k for k, name in enumerate(result.free) if name not in result.undetermined]
     cells = max(1, len(kept) - 1)
     figure = Figure(figsize=(1.6 + 1.9 * cells, 1.0 + 1.75 * cells), layout="constrained")
     axes = figure.subplots(cells, cells, squeeze=False)
@@ -68,39 +82,46 @@ def ellipses(found: "Information") -> Figure:
             panel.axis("off")
             continue
         x, y = kept[column], kept[row + 1]
-        ellipse(panel, found.covariance[np.ix_([x, y], [x, y])])
+        draw_ellipse(panel, result.covariance[np.ix_([x, y], [x, y])])
         panel.tick_params(labelsize=7)
         if row == cells - 1:
-            panel.set_xlabel(found.free[x].replace("_", " ") + " (%)", fontsize=8)
+            panel.set_xlabel(result.free[x].replace("_", " ") + " (%)", fontsize=8)
         if column == 0:
-            panel.set_ylabel(found.free[y].replace("_", " ") + " (%)", fontsize=8)
+            panel.set_ylabel(result.free[y].replace("_", " ") + " (%)", fontsize=8)
     lines = ["Errors of log λ: one and two standard errors"]
-    if found.undetermined:
-        lines += textwrap.wrap("not determined: " + ", ".join(found.undetermined).replace("_", " "), 22 + 20 * cells)
+    if result.undetermined:
+        lines += textwrap.wrap("not determined: " + ", ".join(result.undetermined).replace("_", " "), 22 + 20 * cells)
     if len(kept) < 2:
         lines.append("no pair is left")
     figure.suptitle("\n".join(lines), fontsize=9)
     return figure
 
 
-def design(found: "Design") -> Figure:
-    """By what share each next measurement lowers the typical error: single statistics, and images with all of them."""
-    rows = [*(name.replace("_", " ") for name in found.statistics), "whole image"]
-    table = np.vstack([100 * found.table(), np.full((1, len(found.times)), np.nan)])
-    for choice in found.images:
-        table[-1, np.argmin(np.abs(found.times - choice.time))] = 100 * choice.reduction
-    figure = Figure(figsize=(2.4 + 0.62 * len(found.times), 1.5 + 0.5 * len(rows)), layout="constrained")
+def design(result: Design) -> Figure:
+    """Draw by how much each candidate measurement would reduce the typical error, in percent.
+
+    Arguments:
+        result: What `yeastfit.design` returned.
+
+    Returns:
+        A figure with a row for each statistic, one for whole images, and the chosen sequence as numbers.
+    """
+    rows = [*(name.replace("_", " ") for name in result.statistics), "whole image"]
+    table = np.vstack([100 * result.table(), np.full((1, len(result.times)), np.nan)])
+    for choice in result.images:
+        table[-1, np.argmin(np.abs(result.times - choice.time))] = 100 * choice.reduction
+    figure = Figure(figsize=(2.4 + 0.62 * len(result.times), 1.5 + 0.5 * len(rows)), layout="constrained")
     axes = figure.subplots()
     top = np.nanmax(table) if np.isfinite(table).any() else 1.0
     image = axes.imshow(np.ma.masked_invalid(table), cmap="YlGnBu", vmin=0, vmax=max(top, 1e-9), aspect="auto")
-    _numbers(axes, table, "{:.1f}", lambda value: value > 0.6 * top)
-    axes.axhline(len(found.statistics) - 0.5, color="white", lw=3)
-    axes.set(xticks=range(len(found.times)), yticks=range(len(rows)), yticklabels=rows, xlabel="time (1 / μ*)")
-    axes.set_xticklabels([f"{time:g}" for time in found.times])
-    for number, choice in enumerate(found.sequence, start=1):
-        single = len(choice.statistics) == 1 and len(found.statistics) > 1
-        row = found.statistics.index(choice.statistics[0]) if single else len(rows) - 1
-        column = int(np.argmin(np.abs(found.times - choice.time)))
+    _write_numbers(axes, table, "{:.1f}", lambda value: value > 0.6 * top)
+    axes.axhline(len(result.statistics) - 0.5, color="white", lw=3)
+    axes.set(xticks=range(len(result.times)), yticks=range(len(rows)), yticklabels=rows, xlabel="time (1 / μ*)")
+    axes.set_xticklabels([f"{time:g}" for time in result.times])
+    for number, choice in enumerate(result.sequence, start=1):
+        single = len(choice.statistics) == 1 and len(result.statistics) > 1
+        row = result.statistics.index(choice.statistics[0]) if single else len(rows) - 1
+        column = int(np.argmin(np.abs(result.times - choice.time)))
         axes.annotate(
             f"{number}",
             (column, row),
@@ -112,16 +133,21 @@ def design(found: "Design") -> Figure:
             bbox={"boxstyle": "circle,pad=0.15", "facecolor": "#ff4d00", "edgecolor": "none"},
             color="white",
         )
-    who = f"{found.added:g} further colonies" if found.new_colonies else "the same colonies"
+    who = f"{result.added:g} further colonies" if result.new_colonies else "the same colonies"
     axes.set_title(
-        f"Measured next, in {who}: fall of the typical error ({percent(found.typical)} now) in percent", fontsize=9
+        f"Measured next, in {who}: fall of the typical error ({percent(result.typical)} now) in percent", fontsize=9
     )
     figure.colorbar(image, ax=axes, label="%", shrink=0.9, pad=0.02)
     return figure
 
 
-def ellipse(panel: Any, covariance: np.ndarray) -> None:
-    """One and two standard errors of a pair, in percent."""
+def draw_ellipse(panel: Any, covariance: Float[np.ndarray, "2 2"]) -> None:
+    """Draw one and two standard errors of a pair, in percent, into a panel.
+
+    Arguments:
+        panel: Axes of matplotlib.
+        covariance: Covariance of the pair's log λ.
+    """
     values, vectors = np.linalg.eigh(covariance)
     circle = np.stack([np.cos(CIRCLE), np.sin(CIRCLE)])
     one = 100 * (vectors * np.sqrt(np.maximum(values, 0.0))) @ circle
@@ -131,7 +157,8 @@ def ellipse(panel: Any, covariance: np.ndarray) -> None:
     panel.axvline(0, color="0.7", lw=0.6)
 
 
-def _numbers(axes: Any, table: np.ndarray, form: str, bright: Any) -> None:
+def _write_numbers(axes: Any, table: np.ndarray, form: str, bright: Callable[[float], bool]) -> None:
+    """Every finite entry of an image as text, in white where `bright` says so."""
     for (row, column), value in np.ndenumerate(table):
         if np.isfinite(value):
             color = "white" if bright(value) else "black"

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 
 from yeastfit.inference.posterior.samples import Samples
 from yeastfit.measure.outlining.segmentation import outline
-from yeastfit.plot.colony import COLONY, CONDITIONS, LABELS, OUTLINE
+from yeastfit.plot.style import COLONY, CONDITIONS, LABELS, OUTLINE
 
 if TYPE_CHECKING:
     from yeastfit.inference.posterior.diagnostics import Diagnostics

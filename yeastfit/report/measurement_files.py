@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from yeastfit import plot
 from yeastfit.commands.measure_batch import Outcome
 from yeastfit.errors import InputError
 from yeastfit.measure.reading.batch_inputs import Task
@@ -12,7 +13,6 @@ from yeastfit.measure.reading.dataset import Dataset, find_manifest
 from yeastfit.measure.series import condition_curves
 from yeastfit.measure.statistics.filaments import SKELETON
 from yeastfit.measure.statistics.shape import MEANINGS, UNITS
-from yeastfit.plot import colony as plot
 from yeastfit.report.measurement_page import survey_page
 from yeastfit.storage import versions, write_json, write_table, written_whole
 

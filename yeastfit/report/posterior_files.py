@@ -16,6 +16,7 @@ from jaxtyping import Bool, Float
 from rich.box import SIMPLE
 from rich.table import Table
 
+from yeastfit import plot
 from yeastfit.inference.colony_simulator import OUTLINE_PIXEL
 from yeastfit.inference.posterior.arviz import to_netcdf
 from yeastfit.inference.posterior.diagnostics import Diagnostics, diagnose
@@ -24,9 +25,6 @@ from yeastfit.inference.posterior.prior import Prior
 from yeastfit.inference.posterior.samples import Samples
 from yeastfit.inference.targets_from_table import rows_of
 from yeastfit.measure.reading.images import read_image
-from yeastfit.plot import colony as plot
-from yeastfit.plot import corner as plot_corner
-from yeastfit.plot import posterior as plot_posterior
 from yeastfit.report.posterior_page import infer_page
 from yeastfit.storage import write_json, write_table, written_whole
 
@@ -173,20 +171,20 @@ def write_results(
     rows = zip(found.rows(), targets.hours.tolist(), strict=True)
     write_table(folder / "predictive.csv", [{"hours": round(hours, 6), **row} for row, hours in rows])
     found.save(folder / "predictive.npz")
-    figures = {"corner": plot_corner.corner(samples, results.prior, results.truth)}
-    figures["traces"] = plot_posterior.traces(samples)
+    figures = {"corner": plot.corner(samples, results.prior, results.truth)}
+    figures["traces"] = plot.traces(samples)
     if results.chains and results.chains.chains > 1:
-        figures["ranks"] = plot_posterior.ranks(results.chains)
-    figures["predictive"] = found.plot(targets)
+        figures["ranks"] = plot.ranks(results.chains)
+    figures["predictive"] = plot.predictive(found, targets)
     hours = targets.scales.hours(float(targets.times[-1]))
     pairs = [
         (f"{_described(found, k)}, {hours:.3g} h", one, OUTLINE_PIXEL * targets.scales.length)
         for k, one in enumerate(grown)
     ]
     observed = [(one.title, one.pixels, one.mask, one.pixel_size) for one in seen]
-    figures["colonies"] = plot_posterior.colonies(observed, pairs)
+    figures["colonies"] = plot.colonies(observed, pairs)
     if "rounds" in samples.diagnostics:
-        figures["emulator"] = plot_posterior.held_out(samples.diagnostics["rounds"], samples.labels)
+        figures["emulator"] = plot.held_out(samples.diagnostics["rounds"], samples.labels)
     for name, figure in figures.items():
         plot.save(figure, folder / f"{name}.png")
     pictures = {name: (folder / f"{name}.png").read_bytes() for name in figures}

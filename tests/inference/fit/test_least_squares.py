@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from yeastfit import FitSettings, Numerics, Parameters, Targets, fit, member_keys, simulate
+from yeastfit import FitSettings, Numerics, Parameters, Targets, fit, member_keys, plot, simulate
 from yeastfit.inference.targets import Estimator
 from yeastfit.measure.statistics.model_as_mask import HardStatistics
 from yeastfit.measure.statistics.smooth_statistics import SmoothStatistics
@@ -58,4 +58,4 @@ def test_a_single_image_of_one_colony_is_enough_for_a_fit() -> None:
     assert abs(np.log(ratio / 0.6)) < 3 * error / ratio
     assert abs(np.log(result.values["mobility"] / 1.5)) < 3 * 0.7
     assert result.degrees_of_freedom == 3 + 1 - 2
-    assert result.plot().axes
+    assert plot.fit(result).axes

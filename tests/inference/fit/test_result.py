@@ -8,10 +8,9 @@ import pytest
 from matplotlib.figure import Figure
 from stand_in import FREE, SETTINGS, StandIn, drawn, fitted
 
-from yeastfit import Fit, InputError, Parameters
+from yeastfit import Fit, InputError, Parameters, plot
 from yeastfit.inference.fit.bootstrap_profile import Bootstrap, Profile
 from yeastfit.model.parameters import NAMES
-from yeastfit.plot import fit as plot_fit
 
 TRUTH = Parameters(mobility=2.0, metabolic_rate=0.7, aspect_ratio=0.6)
 SHORT = replace(SETTINGS, members=(64,), spreads=(0.1,), measurement_error={"radius": 0.02})
@@ -95,17 +94,17 @@ def words(figure: Figure) -> str:
 
 
 def test_curves_are_drawn_with_the_fit_and_the_truth(alone: Fit, both: Fit) -> None:
-    said = words(alone.plot({"mobility": 2.0}))
+    said = words(plot.fit(alone, {"mobility": 2.0}))
     for part in ("mobility", "true 2", "±", "chi-square", alone.status, "hours", "residual / error", "data", "fitted"):
         assert part in said
-    assert "true" not in words(alone.plot())
-    said = words(both.plot())
+    assert "true" not in words(plot.fit(alone))
+    said = words(plot.fit(both))
     for part in ("of rich", "of poor", "mobility of rich"):
         assert part in said
 
 
 def test_convergence_is_drawn_over_colonies(alone: Fit) -> None:
-    said = words(alone.plot_convergence())
+    said = words(plot.convergence(alone))
     for part in ("mobility", "metabolic rate", "aspect ratio", "colonies grown", "start 1", alone.status):
         assert part in said
 
@@ -113,11 +112,11 @@ def test_convergence_is_drawn_over_colonies(alone: Fit) -> None:
 def test_profiles_and_bootstraps_are_drawn(alone: Fit) -> None:
     values = np.exp(np.linspace(0.5, 0.9, 9))
     profile = Profile("mobility", 2.0, 0.1, values, (np.log(values / 2.0) / 0.1) ** 2)
-    said = words(plot_fit.profiles({"mobility": profile}))
+    said = words(plot.profiles({"mobility": profile}))
     for part in ("mobility", "rise of χ²", "68 %", "95 %", "profile", "standard error"):
         assert part in said
     draws = np.exp(alone.theta + 0.05 * np.random.default_rng(0).normal(size=(20, 3)))
     found = Bootstrap(FREE, draws, dict.fromkeys(FREE, 0.05), dict.fromkeys(FREE, (0.9, 1.1)), 0.0, 512)
-    said = words(plot_fit.bootstrap(found, alone))
+    said = words(plot.bootstrap(found, alone))
     for part in ("mobility (%)", "aspect ratio (%)", "resampled replicates"):
         assert part in said

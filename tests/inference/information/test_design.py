@@ -11,13 +11,12 @@ import pytest
 from helpers import wrong_types
 from sensitivities import made_up
 
-from yeastfit import InputError, Sensitivity
+from yeastfit import InputError, Sensitivity, plot
 from yeastfit.commands import app as cli
 from yeastfit.inference.information.design import By, design
 from yeastfit.inference.information.design_result import Choice, Criterion, Design
 from yeastfit.inference.information.result import Information
 from yeastfit.model.parameters import NAMES, PARAMETERS
-from yeastfit.plot import colony as plot
 
 FREE = ("mobility", "metabolic_rate", "aspect_ratio")
 STATISTICS, TIMES = ("compactness", "area"), [1.0, 2.0, 3.0]
@@ -155,7 +154,7 @@ def test_results_are_kept_and_drawn(tmp_path: Path) -> None:
         assert isinstance(again.images[0], Choice)
         np.testing.assert_array_equal(again.table(), found.table())
         assert again.before.sentences() == found.before.sentences()
-        plot.save(found.plot(), tmp_path / f"{by}.png")
+        plot.save(plot.design(found), tmp_path / f"{by}.png")
         assert (tmp_path / f"{by}.png").stat().st_size > 5000
     reductions = [row["reduction_percent"] for row in found.rows()]
     assert reductions == sorted(reductions, reverse=True)

@@ -7,12 +7,11 @@ import pytest
 from helpers import wrong_types
 from sensitivities import made_up
 
-from yeastfit import InputError
+from yeastfit import InputError, plot
 from yeastfit.inference.information.experiment import curve_covariance, information_of, systematic
 from yeastfit.inference.information.fisher import information
 from yeastfit.inference.information.identifiability import blind_sentence, combination, percent, power_law, sparse_basis
 from yeastfit.inference.information.result import Information
-from yeastfit.plot import colony as plot
 
 RNG = np.random.default_rng(0)
 HALF = RNG.normal(size=(6, 12))
@@ -288,7 +287,7 @@ def test_results_are_kept_and_drawn(tmp_path: Path) -> None:
         assert again.prior == found.prior
         assert again.sentences() == found.sentences()
         assert again.rows() == found.rows()
-        for name, figure in (("spectrum", found.plot()), ("ellipses", found.plot_ellipses())):
+        for name, figure in (("spectrum", plot.spectrum(found)), ("ellipses", plot.ellipses(found))):
             plot.save(figure, tmp_path / f"{name}_{number}.png")
             assert (tmp_path / f"{name}_{number}.png").stat().st_size > 5000
 

@@ -4,7 +4,7 @@ import json
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -17,9 +17,6 @@ from yeastfit.inference.parameter_space import Entry, Space, Vector
 from yeastfit.inference.targets import Targets
 from yeastfit.model.parameters import NAMES, Parameters
 from yeastfit.storage import versions, write_json
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 WORST = 3  # curves that a misfit names
 
@@ -240,18 +237,6 @@ class Fit:
             warnings=tuple(data["warnings"]),
             **{name: data[name] for name in plain},
         )
-
-    def plot(self, truth: dict[str, float] | None = None) -> "Figure":
-        """Data with fit and band, and the residuals."""
-        from yeastfit.plot.fit import curves
-
-        return curves(self, truth)
-
-    def plot_convergence(self) -> "Figure":
-        """Parameters and χ² over the simulations."""
-        from yeastfit.plot.fit import convergence
-
-        return convergence(self)
 
     def _only(self) -> Condition:
         if len(self.conditions) != 1:

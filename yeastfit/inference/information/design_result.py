@@ -4,7 +4,7 @@ import json
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
 from jaxtyping import Float
@@ -12,9 +12,6 @@ from jaxtyping import Float
 from yeastfit.inference.information.identifiability import percent
 from yeastfit.inference.information.result import Information
 from yeastfit.storage import write_json
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 Criterion = Literal["mean", "volume"]
 
@@ -116,9 +113,3 @@ class Design:
             "before": Information.fromdict(data["before"]),
         }
         return Design(**{name: changed.get(name, data[name]) for name in Design.__dataclass_fields__})
-
-    def plot(self) -> "Figure":
-        """Reduction of the errors, statistic by time."""
-        from yeastfit.plot.information import design
-
-        return design(self)

@@ -15,16 +15,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
 from yeastfit.inference.information.identifiability import LOADING, blind_sentence, combination, percent, sparse_basis
 from yeastfit.storage import write_json
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 TOLD_APART = 2.0  # standard deviations of what the noise of J alone makes of an eigenvalue
 ROUNDING = 1e-10  # of the largest eigenvalue: smaller ones are rounding errors
@@ -197,18 +194,6 @@ class Information:
         """What `asdict` gave, as JSON keeps it."""
         square, noise = (np.array(data[name], dtype=float) for name in ("data", "noise"))
         return Information(tuple(data["free"]), square, noise, dict(data["prior"]), data["limit"])
-
-    def plot(self) -> "Figure":
-        """The sloppy spectrum: eigenvalues and what each direction is made of."""
-        from yeastfit.plot.information import spectrum
-
-        return spectrum(self)
-
-    def plot_ellipses(self) -> "Figure":
-        """Error ellipses of every pair of parameters."""
-        from yeastfit.plot.information import ellipses
-
-        return ellipses(self)
 
     def _floor(self, directions: Float[np.ndarray, "direction free"]) -> np.ndarray:
         squares = directions**2

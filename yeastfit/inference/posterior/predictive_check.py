@@ -14,7 +14,7 @@ are those between which one more draw would lie with that probability: of n draw
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -30,11 +30,7 @@ from yeastfit.inference.simulator import (
     root_of,
     stream_of,
 )
-from yeastfit.inference.targets import Targets
 from yeastfit.storage import written_whole
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 LEAST_P = 0.025  # from where it is said that the model does not make such data; the least that 40 draws can tell
 FEWEST = 10  # draws, for a band to be one
@@ -114,12 +110,6 @@ class Predictive:
         plain = {name: tuple(read[name].tolist()) for name in ("free", "labels")}
         plain |= {name: read[name].item() for name in ("replicates", "failed")}
         return Predictive(**{**read, **plain})
-
-    def plot(self, targets: Targets) -> "Figure":
-        """Bands over the data. targets: those whose values `observed` are."""
-        from yeastfit.plot.posterior import predictive
-
-        return predictive(self, targets)
 
 
 def predict(
