@@ -19,6 +19,7 @@ test-arviz: $(VENV)/.made
 lint: $(VENV)/.installed-test
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
+	$(BIN)/lint-imports
 
 types: $(VENV)/.installed-test
 	$(BIN)/mypy yeastfit tests benchmarks

@@ -7,7 +7,7 @@ doi:10.1007/s11222-022-10090-6), by simulation.
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -18,13 +18,26 @@ from scipy.stats import binom, binomtest
 from benchmarks.recovery import BOX, SEED
 from benchmarks.report import Report
 
-if TYPE_CHECKING:
-    from benchmarks.calibration import Part
-
 QUANTITIES = (*BOX, "log-likelihood")
 LEVELS = {0.5: (45.0, 55.0), 0.9: (86.0, 94.0)}  # of intervals: %, of truths inside
 LEAST_P, TRIALS = 0.01, 2000  # of uniform ranks, simulated to tell p
 Record = dict[str, Any]
+
+
+class Ranked(Protocol):
+    """What is read here of a method whose posteriors were calibrated."""
+
+    @property
+    def method(self) -> str:
+        """Its name."""
+
+    @property
+    def draws(self) -> int:
+        """L, the number of draws that a truth is ranked among."""
+
+    @property
+    def bins(self) -> int:
+        """Of the histograms."""
 
 
 @dataclass(frozen=True)
@@ -85,7 +98,7 @@ def _inside(shares: np.ndarray, level: float) -> np.ndarray:
     return np.abs(shares - 0.5) <= 0.5 * level
 
 
-def verdicts(report: Report, part: "Part", records: Sequence[Record]) -> None:
+def verdicts(report: Report, part: Ranked, records: Sequence[Record]) -> None:
     """Figures and tables of one method."""
     whole = [record for record in records if record["status"] == "done"]
     none = None if report.quick else 0.0
@@ -142,7 +155,7 @@ def _row(name: str, shares: np.ndarray, p: float) -> dict[str, Any]:
     return row | {"mean share below": float(shares.mean()), "p": p}
 
 
-def picture(parts: "Sequence[Part]", records: Sequence[Sequence[Record]], path: Path) -> None:
+def picture(parts: Sequence[Ranked], records: Sequence[Sequence[Record]], path: Path) -> None:
     """Histograms of ranks, and below them their ECDF less its diagonal, each with its band."""
     shown = [
         (part, [one for one in each if one["status"] == "done"]) for part, each in zip(parts, records, strict=True)
@@ -165,7 +178,7 @@ def picture(parts: "Sequence[Part]", records: Sequence[Sequence[Record]], path: 
     figure.savefig(path, dpi=70)
 
 
-def _histogram(panel: Axes, part: "Part", ranks: np.ndarray) -> None:
+def _histogram(panel: Axes, part: Ranked, ranks: np.ndarray) -> None:
     low, high = binom.ppf([0.025, 0.975], len(ranks), 1 / part.bins)
     panel.hist(ranks, bins=np.linspace(-0.5, part.draws + 0.5, part.bins + 1).tolist(), color="#c9a57b")
     panel.axhspan(low, high, color="black", alpha=0.12, lw=0)

@@ -17,8 +17,8 @@ from PIL import Image
 from yeastfit.commands import app as cli
 from yeastfit.commands.measure_batch import survey
 from yeastfit.errors import InputError
-from yeastfit.measure.outlining.segmentation_options import Overrule
 from yeastfit.measure.reading.batch_inputs import find_tasks
+from yeastfit.measure.reading.segmentation_options import Overrule
 from yeastfit.measure.series import condition_curves
 
 

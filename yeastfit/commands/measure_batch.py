@@ -14,9 +14,8 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -27,27 +26,12 @@ from yeastfit.measure.reading.batch_inputs import Task
 from yeastfit.measure.reading.dataset import given
 from yeastfit.measure.reading.images import read_image
 from yeastfit.measure.series import measure_file
+from yeastfit.report.outcome import Outcome
 from yeastfit.simulation.synthetic_data import write_mask
 from yeastfit.storage import sha256_of, written_whole
 
 TASKS_A_PROCESS = 4  # fewer are measured sooner than another process has started
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
-
-
-@dataclass(frozen=True)
-class Outcome:
-    """What became of a task: a row of numbers or an error, names of doubts, a thumbnail (JPEG) and the file's SHA-256.
-
-    row is None where the file was not measured, error empty where it was; the thumbnail is there whenever the image
-    could be outlined.
-    """
-
-    task: Task
-    row: dict[str, Any] | None = None
-    doubts: tuple[str, ...] = ()
-    error: str = ""
-    thumbnail: bytes = b""
-    sha256: str = ""
 
 
 def survey(

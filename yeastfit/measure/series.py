@@ -14,9 +14,9 @@ from skimage.transform import rescale
 
 from yeastfit.errors import InputError
 from yeastfit.measure.outlining.segmentation import Segmentation, segment
-from yeastfit.measure.outlining.segmentation_options import Overrule
 from yeastfit.measure.reading.dataset import NOTHING, Dataset, given
 from yeastfit.measure.reading.images import Micrograph, read_micrograph
+from yeastfit.measure.reading.segmentation_options import Overrule
 from yeastfit.measure.statistics.shape import Shape, measure_mask
 from yeastfit.measure.statistics.smooth_statistics import smooth_shape
 

@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Any
 
 from yeastfit import plot
-from yeastfit.commands.measure_batch import Outcome
 from yeastfit.errors import InputError
 from yeastfit.measure.reading.batch_inputs import Task
 from yeastfit.measure.reading.dataset import Dataset, find_manifest
@@ -14,6 +13,7 @@ from yeastfit.measure.series import condition_curves
 from yeastfit.measure.statistics.filaments import SKELETON
 from yeastfit.measure.statistics.shape import MEANINGS, UNITS
 from yeastfit.report.measurement_page import survey_page
+from yeastfit.report.outcome import Outcome
 from yeastfit.storage import versions, write_json, write_table, written_whole
 
 FILES = (

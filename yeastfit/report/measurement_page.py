@@ -4,11 +4,11 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from yeastfit.commands.measure_batch import Outcome
 from yeastfit.measure.outlining.segmentation import DOUBTS
 from yeastfit.measure.reading.dataset import given
 from yeastfit.measure.statistics.shape import MEANINGS, UNITS
 from yeastfit.report import html as page
+from yeastfit.report.outcome import Outcome
 
 LINKED = 12  # images that a doubt names one by one; the others are counted
 

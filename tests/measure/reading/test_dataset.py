@@ -7,8 +7,8 @@ import pytest
 from PIL import Image
 
 from yeastfit.errors import InputError
-from yeastfit.measure.outlining.segmentation_options import Overrule
 from yeastfit.measure.reading.dataset import Frame, read_dataset
+from yeastfit.measure.reading.segmentation_options import Overrule
 from yeastfit.measure.series import measure_dataset, replicate_curves, smooth_statistics
 
 DEMO = Path(__file__).parents[3] / "data" / "synthetic" / "demo"

@@ -137,7 +137,7 @@ def test_without_imagecodecs_pillow_decodes(tmp_path):
         Image.fromarray(white).save(tmp_path / f"{compression}.tif", compression=compression)
     program = (
         "import sys; sys.modules['imagecodecs'] = None\n"
-        "from yeastfit.measure.images import read_image\n"
+        "from yeastfit.measure.reading.images import read_image\n"
         "print([int(read_image(path).sum()) for path in sys.argv[1:]])"
     )
     paths = [str(path) for path in sorted(tmp_path.iterdir())]

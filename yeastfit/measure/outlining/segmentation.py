@@ -34,12 +34,12 @@ from skimage import measure
 
 from yeastfit.errors import InputError
 from yeastfit.measure.outlining.background import background, frames
+from yeastfit.measure.outlining.binary_images import ReadyMade, ready_made
 from yeastfit.measure.outlining.boundary import boundary, coarse_rim, detection_floor, edge_blur, fine_mask
 from yeastfit.measure.outlining.colony_selection import at_point, colony
 from yeastfit.measure.outlining.mask_operations import EIGHT, SMOOTHING, Field, Mask, areas_of, blurred, without_specks
-from yeastfit.measure.outlining.segmentation_options import Overrule
-from yeastfit.measure.reading.binary_images import ReadyMade, ready_made
 from yeastfit.measure.reading.images import MIN_SIDE
+from yeastfit.measure.reading.segmentation_options import Overrule
 
 DOUBTS: dict[str, str] = {
     "several objects": "There is another object of more than a tenth of the colony's size: in a photograph only the "

@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from yeastfit.errors import InputError
-from yeastfit.measure.outlining.segmentation_options import Overrule
 from yeastfit.measure.reading.dataset import NOTHING, Dataset, dataset_folder, given, read_dataset
+from yeastfit.measure.reading.segmentation_options import Overrule
 
 SUFFIXES = (".tif", ".tiff", ".png", ".jpg", ".jpeg")
 

@@ -26,7 +26,7 @@ from pathlib import Path
 from typing import Any
 
 from yeastfit.errors import InputError
-from yeastfit.measure.outlining.segmentation_options import Overrule
+from yeastfit.measure.reading.segmentation_options import Overrule
 
 MANIFESTS = ("manifest.csv", "manifest.toml")
 NEEDED = ("file", "replicate", "hours")
