@@ -22,8 +22,7 @@ from jaxtyping import Bool, Float
 from yeastfit.errors import InputError
 from yeastfit.inference.abc.distances import Mahalanobis
 from yeastfit.inference.abc.regression_adjustment import Accepted
-from yeastfit.inference.fit.response_surface import monomials
-from yeastfit.inference.parameter_space import scattered
+from yeastfit.inference.polynomial import monomials, sobol_points
 from yeastfit.inference.posterior.prior import Prior
 from yeastfit.inference.simulator import Replicates, Simulator, seed_of
 
@@ -95,7 +94,7 @@ class Box:
 
     def points(self, count: int, seed: int) -> Coordinates:
         """Of low discrepancy."""
-        return self.low + (self.high - self.low) * scattered(count, len(self.low), seed)
+        return self.low + (self.high - self.low) * sobol_points(count, len(self.low), seed)
 
     def at_edge(self, prior: Prior, x: Coordinates) -> Bool[np.ndarray, " draw"]:
         """Which points lie near an edge that is not the prior's own."""

@@ -17,7 +17,7 @@ from benchmarks.report import Report
 from yeastfit.errors import InputError
 from yeastfit.inference.abc.distances import WeightedCurves
 from yeastfit.inference.abc.population import Population
-from yeastfit.inference.fit.response_surface import monomials
+from yeastfit.inference.polynomial import monomials
 from yeastfit.inference.posterior.prior import Prior
 from yeastfit.inference.simulator import Observable
 from yeastfit.parameter_set import ParameterSet

@@ -14,9 +14,9 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 from scipy.special import expit
-from scipy.stats import qmc
 
 from yeastfit.errors import InputError
+from yeastfit.inference.polynomial import sobol_points
 from yeastfit.model.parameters import NAMES, PARAMETERS, Parameters
 
 ALONE = ""  # the name of the only condition
@@ -119,7 +119,7 @@ class Space:
 
     def scattered(self, count: int, seed: int) -> Float[np.ndarray, "point entry"]:
         """Low-discrepancy points in the box (scrambled Sobol')."""
-        return self.low + (self.high - self.low) * scattered(count, len(self.entries), seed)
+        return self.low + (self.high - self.low) * sobol_points(count, len(self.entries), seed)
 
     def columns(self, condition: str) -> list[int]:
         """Numbers of the entries that a condition depends on."""
@@ -147,12 +147,6 @@ class Space:
         """Entries within a share of their range of its end."""
         near = np.minimum(theta - self.low, self.high - theta) < share * (self.high - self.low)
         return [entry for entry, one in zip(self.entries, near, strict=True) if one]
-
-
-def scattered(count: int, size: int, seed: int) -> Float[np.ndarray, "point entry"]:
-    """Low-discrepancy points in the unit cube of so many dimensions (scrambled Sobol')."""
-    draws = qmc.Sobol(size, rng=np.random.default_rng(seed)).random_base2(int(np.ceil(np.log2(count))))
-    return draws[:count]
 
 
 def check_free(free: Sequence[str]) -> tuple[str, ...]:

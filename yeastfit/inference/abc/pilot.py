@@ -5,7 +5,6 @@ from typing import Literal
 
 import numpy as np
 from jaxtyping import Float
-from scipy.stats import qmc
 
 from yeastfit.errors import InputError
 from yeastfit.inference.abc.distances import (
@@ -17,7 +16,7 @@ from yeastfit.inference.abc.distances import (
     WeightedCurves,
     log_kernel,
 )
-from yeastfit.inference.fit.response_surface import monomials
+from yeastfit.inference.polynomial import PolynomialRegression, monomials, sobol_points
 from yeastfit.inference.posterior.prior import Prior
 from yeastfit.inference.posterior.simulation_store import Recorded
 from yeastfit.inference.simulator import Simulator, Stream, labels_of, seed_of, stream_of
@@ -75,8 +74,7 @@ class Pilot:
 
 def first_values(prior: Prior, count: int, seed: int) -> Float[np.ndarray, "draw free"]:
     """λ of simulations 0..count−1 of a run, the same for every method: scrambled Sobol' points of the prior."""
-    sequence = qmc.Sobol(len(prior.free), rng=np.random.default_rng(stream_of(seed, Stream.PRIOR, 0)))
-    return prior.quantile(sequence.random_base2(max(count - 1, 0).bit_length())[:count])
+    return prior.quantile(sobol_points(count, len(prior.free), stream_of(seed, Stream.PRIOR, 0)))
 
 
 def pilot_of(recorded: Recorded, prior: Prior, distance: Distance, count: int, seed: int) -> Pilot:
@@ -126,8 +124,7 @@ def distance_of(
             f"pilot: {len(x)} of {pilot} simulations came to something, the scatter of {len(observed)} statistics "
             f"needs at least {needed}"
         )
-    rest = statistics - terms @ np.linalg.lstsq(terms, statistics, rcond=None)[0]
-    covariance = rest.T @ rest / (len(x) - terms.shape[1])
+    covariance = PolynomialRegression.of(terms, statistics).covariance
     if name == "curves":
         return WeightedCurves(observed, np.sqrt(np.diag(covariance)))
     return Mahalanobis(observed, 0.5 * (covariance + covariance.T))

@@ -8,7 +8,6 @@ are correlated.
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from itertools import combinations_with_replacement
 from typing import Any
 
 import equinox as eqx
@@ -20,7 +19,8 @@ from jaxtyping import Array, Float
 
 from yeastfit.errors import InputError
 from yeastfit.inference.paired_regression import CurveSquare, Scatter
-from yeastfit.inference.parameter_space import Vector, scattered
+from yeastfit.inference.parameter_space import Vector
+from yeastfit.inference.polynomial import PolynomialRegression, monomials, sobol_points
 
 Grow = Callable[[Float[np.ndarray, "point entry"]], Float[np.ndarray, "point curve"]]
 """One colony's curves, or one of each condition, at each point."""
@@ -114,25 +114,12 @@ def study(grow: Grow, centre: Vector, reach: Vector, runs: int, seed: int) -> Su
     needed = 2 * (1 + size) * (2 + size) // 2
     if runs < needed:
         raise InputError(f"runs is {runs}: a quadratic surface in {size} parameters needs at least {needed} colonies")
-    units = 2.0 * scattered(runs, size, seed) - 1.0
+    units = 2.0 * sobol_points(runs, size, seed) - 1.0
     values = grow(centre + reach * units)
     good = np.isfinite(values).all(axis=1)
     if good.sum() < max(0.5 * runs, needed):
         raise InputError(f"{runs - good.sum()} of {runs} colonies around the estimate came to nothing: lower dt")
-    table = np.asarray(monomials(units[good]))
-    coefficients = np.linalg.lstsq(table, values[good], rcond=None)[0]
-    rest = values[good] - table @ coefficients
-    freedom = max(1, len(table) - table.shape[1])
-    return Surface(
-        centre, reach, coefficients, Scatter(rest.T @ rest / freedom, freedom), np.linalg.inv(table.T @ table)
-    )
-
-
-def monomials(x: Any, degree: int = 2) -> Any:
-    """Monomials [..., feature] up to a degree: 1, the variables [..., variable], their products. By NumPy or JAX."""
-    library, size = x.__array_namespace__(), x.shape[-1]
-    columns = [library.ones_like(x[..., :1])]
-    for power in range(1, degree + 1):
-        chosen = np.array(list(combinations_with_replacement(range(size), power)))
-        columns.append(library.prod(x[..., chosen], axis=-1))
-    return library.concat(columns, axis=-1)
+    terms = np.asarray(monomials(units[good]))
+    found = PolynomialRegression.of(terms, values[good])
+    scatter = Scatter(found.covariance, found.freedom)
+    return Surface(centre, reach, found.coefficients, scatter, np.linalg.inv(terms.T @ terms))

@@ -33,7 +33,6 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from yeastfit.errors import InputError
-from yeastfit.inference.fit.response_surface import monomials
 from yeastfit.inference.neural_likelihood.cross_validation import HeldOut
 from yeastfit.inference.neural_likelihood.ensemble import ROWS, Members, log_likelihood_of_rows, moments_of_rows
 from yeastfit.inference.neural_likelihood.network import (
@@ -44,6 +43,7 @@ from yeastfit.inference.neural_likelihood.network import (
     deal,
     fitted,
 )
+from yeastfit.inference.polynomial import monomials
 from yeastfit.inference.posterior.prior import Prior
 
 ROUNDING = 1e-10  # of correlations' eigenvalues: where one is below, statistics repeat one another

@@ -6,8 +6,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from yeastfit.inference.fit.response_surface import monomials
 from yeastfit.inference.neural_likelihood.network import Network, Shape
+from yeastfit.inference.polynomial import monomials
 
 ROWS = 128  # of λ at a time: each takes several covariances
 

@@ -25,7 +25,7 @@ import optax
 from jaxtyping import Array, Float, Int
 
 from yeastfit.errors import InputError
-from yeastfit.inference.fit.response_surface import monomials
+from yeastfit.inference.polynomial import monomials
 
 Table = TypeVar("Table", Array, np.ndarray)
 LARGEST_LOG_SCALE = 6.0  # of f_s either way: a scatter 400 times smaller than elsewhere is as good as none
