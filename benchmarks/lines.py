@@ -1,9 +1,10 @@
 """Records of a study that may be killed: a line of JSON for each piece of work that is done."""
 
-import json
 import os
 from pathlib import Path
 from typing import Any
+
+from yeastfit.storage import as_json, from_json
 
 
 def read_lines(path: Path) -> list[dict[str, Any]]:
@@ -14,13 +15,13 @@ def read_lines(path: Path) -> list[dict[str, Any]]:
     whole = text[: text.rfind("\n") + 1]
     if whole != text:
         path.write_text(whole)
-    return [json.loads(line) for line in whole.splitlines()]
+    return [from_json(line) for line in whole.splitlines()]
 
 
 def append_line(path: Path, record: dict[str, Any]) -> None:
     """One more, on disk before anything else is begun."""
     path.parent.mkdir(parents=True, exist_ok=True)
     with path.open("a") as file:
-        file.write(json.dumps(record) + "\n")
+        file.write(as_json(record) + "\n")
         file.flush()
         os.fsync(file.fileno())

@@ -4,6 +4,7 @@ import csv
 import errno
 import hashlib
 import json
+import math
 import os
 import platform
 import re
@@ -21,6 +22,7 @@ import jax
 import numpy as np
 
 PACKAGES = ("yeastfit", "jax", "equinox", "optimistix", "numpy", "scipy", "scikit-image", "matplotlib", "tifffile")
+NOT_FINITE = {"NaN": math.nan, "Infinity": math.inf, "-Infinity": -math.inf}
 BOOKKEEPING = 1 << 21  # bytes: a chunk of every dataset fits in
 
 
@@ -84,15 +86,36 @@ def write_table(path: str | Path, rows: Sequence[dict[str, Any]]) -> None:
         writer.writerows(rows)
 
 
+def as_json(data: Any, indent: int | None = None) -> str:
+    """Write data as JSON, with all digits.
+
+    JSON has no numbers that are not finite. They become the strings "NaN", "Infinity" and "-Infinity", as in the JSON
+    of protocol buffers, and `from_json` makes numbers of them again; None is null.
+
+    Arguments:
+        data: Dictionaries, sequences, arrays, numbers, strings and None, within each other.
+        indent: Spaces to indent by; by default all is in one line.
+
+    Returns:
+        Text that any reader of JSON takes.
+    """
+    return json.dumps(_plain(data), indent=indent, allow_nan=False)
+
+
+def from_json(text: str) -> Any:
+    """Read what `as_json` wrote, numbers that are not finite included; arrays are lists."""
+    return _restored(json.loads(text))
+
+
 def write_json(path: str | Path, data: Any) -> None:
-    """Plain data and arrays as JSON; what is not finite becomes null."""
+    """Write data as a JSON file, whole or not at all; see `as_json`."""
     with written_whole(path) as temporary:
-        temporary.write_text(json.dumps(_plain(data), indent=2, allow_nan=False) + "\n")
+        temporary.write_text(as_json(data, indent=2) + "\n")
 
 
-def as_json(data: Any) -> str:
-    """Plain data, arrays and NumPy's numbers, all digits kept, in one line."""
-    return json.dumps(data, default=lambda one: one.tolist())
+def read_json(path: str | Path) -> Any:
+    """Read what `write_json` wrote; see `from_json`."""
+    return from_json(Path(path).read_text())
 
 
 def sha256_of(path: str | Path) -> str:
@@ -118,12 +141,22 @@ def write_manifest(
 
 
 def _plain(data: Any) -> Any:
+    """What the `json` module can write."""
     if isinstance(data, dict):
         return {str(key): _plain(value) for key, value in data.items()}
     if isinstance(data, list | tuple):
         return [_plain(value) for value in data]
     if isinstance(data, np.ndarray | np.generic | jax.Array):
         return _plain(np.asarray(data).tolist())
-    if isinstance(data, float) and not np.isfinite(data):
-        return None
+    if isinstance(data, float) and not math.isfinite(data):
+        return "NaN" if math.isnan(data) else "Infinity" if data > 0 else "-Infinity"
     return data
+
+
+def _restored(data: Any) -> Any:
+    """Numbers in the place of the strings that `_plain` wrote for them."""
+    if isinstance(data, dict):
+        return {key: _restored(value) for key, value in data.items()}
+    if isinstance(data, list):
+        return [_restored(value) for value in data]
+    return NOT_FINITE.get(data, data) if isinstance(data, str) else data

@@ -1,6 +1,5 @@
 """Targets: from means, from replicates, resampled, and refused where they make no sense."""
 
-import json
 from dataclasses import replace
 from typing import Any
 
@@ -10,7 +9,7 @@ from helpers import wrong_types
 from stand_in import STATISTICS, TIMES, drawn
 
 from yeastfit import InputError, Parameters, Targets
-from yeastfit.storage import write_json
+from yeastfit.storage import read_json, write_json
 
 GOOD: dict[str, Any] = {"means": {"radius": [1.0, 2.0], "compactness": [0.5, 0.4]}, "times": [1.0, 2.0]}
 
@@ -54,7 +53,7 @@ def test_targets_are_again_what_was_written(missing: bool, tmp_path: Any) -> Non
         curves[1, 2] = np.nan
         targets = Targets.from_replicates({n: curves[:, k] for k, n in enumerate(STATISTICS)}, TIMES, extent=4.0)
     write_json(tmp_path / "targets.json", targets.asdict())
-    again = Targets.fromdict(json.loads((tmp_path / "targets.json").read_text()))
+    again = Targets.fromdict(read_json(tmp_path / "targets.json"))
     for name in ("times", "mean", "scatter", "replicates", "curves"):
         np.testing.assert_array_equal(getattr(again, name), getattr(targets, name))
     for name in ("names", "spacing", "smoothing", "extent", "estimator", "scales"):

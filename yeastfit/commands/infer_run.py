@@ -5,7 +5,6 @@ run in reused.h5, too), problems.json (what they ran into), distance.json, chain
 then what `infer_results` makes of them.
 """
 
-import json
 import os
 import shutil
 from collections.abc import Callable
@@ -38,7 +37,7 @@ from yeastfit.inference.targets_from_table import TABLE, read_measurements
 from yeastfit.model.parameters import Scales
 from yeastfit.progress import Progress
 from yeastfit.report.posterior_files import Results, photographs, write_results
-from yeastfit.storage import write_json, written_whole
+from yeastfit.storage import read_json, write_json, written_whole
 
 SIMULATIONS, REUSED, DISTANCE, PROBLEMS_MET = "simulations.h5", "reused.h5", "distance.json", "problems.json"
 COLONIES = 6  # of either kind, in the picture
@@ -101,7 +100,7 @@ class Run:
         simulator = ColonySimulator.of(single, request.free, request.fixed, resolution)
         run = Run(request, source, folder, data, single, simulator)
         if (path / PROBLEMS_MET).is_file():
-            met = json.loads((path / PROBLEMS_MET).read_text())
+            met = read_json(path / PROBLEMS_MET)
             run.tally.simulated = met["grown"]
             simulator.problems.update(met["problems"])
         run.take_over()
@@ -166,7 +165,7 @@ class Run:
         """As it was made when the run began: another processor would round its covariance in another way."""
         kept, request = self.folder.path / DISTANCE, self.request
         if kept.is_file():
-            return restored(json.loads(kept.read_text()))
+            return restored(read_json(kept))
         settings = request.settled()
         name, pilot = settings["distance"], settings["pilot"]
         found = distance_of(name, recorded, request.the_prior(), self.targets.values, pilot, request.seed)

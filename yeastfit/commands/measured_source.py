@@ -1,7 +1,6 @@
 """What `yeastfit fit` does: measurements, made or read, the fit to them, and the files of both."""
 
 import csv
-import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -28,7 +27,7 @@ from yeastfit.measure.reading.batch_inputs import dataset_tasks
 from yeastfit.measure.reading.dataset import MANIFESTS, dataset_folder, read_dataset
 from yeastfit.model.parameters import NAMES, Scales
 from yeastfit.report.measurement_files import clear_results, refuse_mixed_folder, write_results
-from yeastfit.storage import write_table
+from yeastfit.storage import read_json, write_table
 
 RESULTS = (
     "fit.json",
@@ -133,7 +132,7 @@ def named_numbers(option: str, texts: Sequence[str], what: str) -> dict[str, tup
 def read_truth(source: Path) -> dict[str, float] | None:
     """The parameters of a synthetic data set."""
     path = (source.parent if source.is_file() else source) / "truth" / "parameters.json"
-    return {name: json.loads(path.read_text())[name] for name in NAMES} if path.is_file() else None
+    return {name: read_json(path)[name] for name in NAMES} if path.is_file() else None
 
 
 def known_truth(source: Path) -> dict[str, float]:

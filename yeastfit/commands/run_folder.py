@@ -5,7 +5,6 @@ versions and device. It is taken up by the same configuration and the same input
 it goes on (`EXTENT`) may rise. manifest.json comes last: a folder that has one is finished.
 """
 
-import json
 import shlex
 import sys
 from collections.abc import Mapping, Sequence
@@ -19,7 +18,7 @@ import jax
 from yeastfit.errors import InputError
 from yeastfit.inference.targets_from_table import files_of, read_measurements, table_in
 from yeastfit.measure.reading.dataset import dataset_folder, read_dataset
-from yeastfit.storage import sha256_of, versions, write_json
+from yeastfit.storage import as_json, from_json, read_json, sha256_of, versions, write_json
 
 RUN, MANIFEST = "run.json", "manifest.json"
 SAMPLERS = ("emcee", "optax", "h5py")
@@ -50,7 +49,7 @@ class RunFolder:
         """
         if path.resolve() in {one.resolve().parent for one in inputs}:
             raise InputError(f"--out: {path} holds the data, need another folder for the results")
-        plain = json.loads(json.dumps(configuration))
+        plain = from_json(as_json(configuration))
         hashes = hashes_of(inputs)
         file, finished = path / RUN, (path / MANIFEST).is_file()
         if not file.is_file():
@@ -110,7 +109,7 @@ def run_versions() -> dict[str, str]:
 def read_run(file: Path) -> dict[str, Any]:
     """What `RunFolder.begin` wrote. Raises `InputError` for anything else."""
     try:
-        found = json.loads(file.read_text())
+        found = read_json(file)
         return {**found, **{name: found[name] for name in ("configuration", "inputs", "seed", "versions", "device")}}
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise InputError(f"{file}: this is no run that can be taken up: {error}") from error

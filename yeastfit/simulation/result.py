@@ -1,6 +1,5 @@
 """What `simulate` returns: everything about a run."""
 
-import json
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -13,7 +12,7 @@ from yeastfit.model.colony import PROBLEMS, Colony, Problems
 from yeastfit.model.numerics import Numerics
 from yeastfit.model.parameters import NAMES, Parameters, Scales
 from yeastfit.model.relaxation import Relaxation
-from yeastfit.storage import written_whole
+from yeastfit.storage import as_json, from_json, written_whole
 
 _COLONY_ARRAYS = ("positions", "parents", "weights", "lineages", "count", "nutrient", "step")
 
@@ -80,7 +79,7 @@ class Simulation:
             "seconds": self.seconds,
         }
         with written_whole(path) as temporary, temporary.open("wb") as file:  # a file keeps its name as given
-            np.savez_compressed(file, times=self.times, configuration=json.dumps(configuration), **arrays)
+            np.savez_compressed(file, times=self.times, configuration=as_json(configuration), **arrays)
 
     @staticmethod
     def load(path: str | Path) -> "Simulation":
@@ -90,7 +89,7 @@ class Simulation:
             for key in archive.files:
                 group, _, name = key.partition("/")
                 groups.setdefault(group, {})[name] = archive[key]
-        configuration = json.loads(str(groups["configuration"][""]))
+        configuration = from_json(str(groups["configuration"][""]))
         problems = Problems(**{name: jnp.asarray(values) for name, values in groups["problems"].items()})
         states = {name: jnp.asarray(values) for name, values in groups["colony"].items()}
         return Simulation(

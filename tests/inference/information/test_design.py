@@ -160,6 +160,14 @@ def test_results_are_kept_and_drawn(tmp_path: Path) -> None:
     assert reductions == sorted(reductions, reverse=True)
 
 
+def test_infinite_errors_are_kept(tmp_path: Path) -> None:
+    found = design(FOUND, measured_times=[], steps=1)
+    assert np.isinf(list(found.errors.values())).all()
+    found.save(tmp_path / "design.json")
+    again = Design.load(tmp_path / "design.json")
+    assert again.errors == found.errors
+
+
 @pytest.mark.parametrize(
     ("values", "message"),
     [

@@ -6,7 +6,6 @@ whatever else the file says. Random numbers are not taken from the file but from
 cannot be read at all is put aside, and the chains start anew: the stored simulations are found again one by one.
 """
 
-import json
 import zlib
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -17,7 +16,7 @@ from emcee import State
 from emcee.backends import HDFBackend
 
 from yeastfit.errors import InputError
-from yeastfit.storage import as_json, check_room, full_disks_told
+from yeastfit.storage import as_json, check_room, from_json, full_disks_told
 
 GROUP = "mcmc"
 STEP = np.dtype([("simulations", "<i8"), ("check", "<u4")])
@@ -33,7 +32,7 @@ class ChainFile(HDFBackend):
 
     def __init__(self, path: str | Path, head: Mapping[str, Any], count: Callable[[], int]) -> None:
         super().__init__(str(path), name=GROUP)
-        self.path, self.head, self.count = Path(path), json.loads(as_json(head)), count
+        self.path, self.head, self.count = Path(path), from_json(as_json(head)), count
         self.notes = list[str]()
 
     @full_disks_told()
@@ -44,7 +43,7 @@ class ChainFile(HDFBackend):
         super().reset(nwalkers, ndim)
         with self.open("a") as file:
             file[GROUP].create_dataset("steps", (0,), maxshape=(None,), dtype=STEP)
-            file[GROUP].attrs["head"] = json.dumps(self.head)
+            file[GROUP].attrs["head"] = as_json(self.head)
 
     @full_disks_told()
     def grow(self, ngrow: int, blobs: np.ndarray | None) -> None:
@@ -104,7 +103,7 @@ class ChainFile(HDFBackend):
         """Steps that the file says it has, and those that are whole, at which it is set."""
         with self.open("a") as file:
             group = file[GROUP]
-            self._compare(json.loads(group.attrs["head"]))
+            self._compare(from_json(group.attrs["head"]))
             said = int(group.attrs["iteration"])
             if not said:
                 return 0, 0

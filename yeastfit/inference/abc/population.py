@@ -1,6 +1,5 @@
 """Populations of ABC-SMC and the file that they are taken up from."""
 
-import json
 import zipfile
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -12,7 +11,7 @@ from jaxtyping import Float
 from scipy.special import logsumexp
 
 from yeastfit.errors import InputError
-from yeastfit.storage import as_json, written_whole
+from yeastfit.storage import as_json, from_json, written_whole
 
 NEAREST = 10  # draws for each parameter, at least, that proposals are made from
 
@@ -84,7 +83,7 @@ class PopulationFile:
     """
 
     def __init__(self, path: str | Path, head: Mapping[str, Any]) -> None:
-        self.path, self.head = Path(path), json.loads(as_json(head))
+        self.path, self.head = Path(path), from_json(as_json(head))
 
     def read(self) -> list[Population]:
         """None where there is no file."""
@@ -92,7 +91,7 @@ class PopulationFile:
             return []
         try:
             with self.path.open("rb") as opened, np.load(opened, allow_pickle=False) as file:
-                head, count = json.loads(str(file["head"])), int(file["count"])
+                head, count = from_json(str(file["head"])), int(file["count"])
                 found = [_population({name: file[f"{name}_{k}"] for name in FIELDS}) for k in range(count)]
         except (OSError, KeyError, ValueError, EOFError, zipfile.BadZipFile) as error:
             raise InputError(
@@ -111,7 +110,7 @@ class PopulationFile:
         """All of them."""
         arrays = {f"{name}_{k}": value for k, one in enumerate(populations) for name, value in asdict(one).items()}
         with written_whole(self.path) as temporary, temporary.open("wb") as file:
-            np.savez(file, allow_pickle=False, head=json.dumps(self.head), count=len(populations), **arrays)
+            np.savez(file, allow_pickle=False, head=as_json(self.head), count=len(populations), **arrays)
 
 
 FIELDS = tuple(Population.__dataclass_fields__)

@@ -1,6 +1,5 @@
 """Result of a fit: values, errors, status, and all it takes to repeat and to plot it."""
 
-import json
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -16,7 +15,7 @@ from yeastfit.inference.paired_regression import CurveSquare
 from yeastfit.inference.parameter_space import Entry, Space, Vector
 from yeastfit.inference.targets import Targets
 from yeastfit.model.parameters import NAMES, Parameters
-from yeastfit.storage import versions, write_json
+from yeastfit.storage import read_json, versions, write_json
 
 WORST = 3  # curves that a misfit names
 
@@ -205,7 +204,7 @@ class Fit:
     @staticmethod
     def load(path: str | Path) -> "Fit":
         """What `save` wrote."""
-        data = json.loads(Path(path).read_text())
+        data = read_json(path)
         space = Space(
             tuple(Entry(one["parameter"], one["condition"], tuple(one["bounds"])) for one in data["space"]["entries"]),
             {name: Parameters(**held) for name, held in data["space"]["fixed"].items()},

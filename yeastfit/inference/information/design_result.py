@@ -1,6 +1,5 @@
 """Results of `design`: candidates for the next measurement, by what they tell about λ, and the best sequence."""
 
-import json
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -11,7 +10,7 @@ from jaxtyping import Float
 
 from yeastfit.inference.information.identifiability import percent
 from yeastfit.inference.information.result import Information
-from yeastfit.storage import write_json
+from yeastfit.storage import read_json, write_json
 
 Criterion = Literal["mean", "volume"]
 
@@ -101,7 +100,7 @@ class Design:
     @staticmethod
     def load(path: str | Path) -> "Design":
         """What `save` wrote."""
-        data = json.loads(Path(path).read_text())
+        data = read_json(path)
 
         def choices(name: str) -> tuple[Choice, ...]:
             return tuple(Choice(**{**choice, "statistics": tuple(choice["statistics"])}) for choice in data[name])

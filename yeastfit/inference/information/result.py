@@ -10,7 +10,6 @@ component above `LOADING` in the blind directions, unit vectors, has no standard
 the blind directions add to them, but for those of eigenvalue 0, which are taken for fixed.
 """
 
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -21,7 +20,7 @@ import numpy as np
 from jaxtyping import Float
 
 from yeastfit.inference.information.identifiability import LOADING, blind_sentence, combination, percent, sparse_basis
-from yeastfit.storage import write_json
+from yeastfit.storage import read_json, write_json
 
 TOLD_APART = 2.0  # standard deviations of what the noise of J alone makes of an eigenvalue
 ROUNDING = 1e-10  # of the largest eigenvalue: smaller ones are rounding errors
@@ -187,7 +186,7 @@ class Information:
     @staticmethod
     def load(path: str | Path) -> "Information":
         """What `save` wrote."""
-        return Information.fromdict(json.loads(Path(path).read_text()))
+        return Information.fromdict(read_json(path))
 
     @staticmethod
     def fromdict(data: Mapping[str, Any]) -> "Information":

@@ -1,6 +1,5 @@
 """Draws from a posterior, whichever method they come from, with all it takes to judge and to repeat them."""
 
-import json
 import zipfile
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -11,7 +10,7 @@ from jaxtyping import Float
 
 from yeastfit.errors import InputError
 from yeastfit.inference.posterior.diagnostics import autocorrelation_time
-from yeastfit.storage import as_json, written_whole
+from yeastfit.storage import as_json, from_json, written_whole
 
 ARRAYS = ("values", "weights", "log_probability", "acceptance", "statistics")
 
@@ -110,7 +109,7 @@ class Samples:
         try:
             with Path(path).open("rb") as opened, np.load(opened, allow_pickle=False) as file:
                 arrays = {name: file[name] for name in ARRAYS}
-                rest = json.loads(str(file["rest"]))
+                rest = from_json(str(file["rest"]))
         except (OSError, KeyError, ValueError, EOFError, zipfile.BadZipFile) as error:
             raise InputError(f"{path}: these are no samples that were saved whole: {error}") from error
         tuples = {name: tuple(rest[name]) for name in ("free", "labels")}

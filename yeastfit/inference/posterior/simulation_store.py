@@ -13,7 +13,6 @@ Simulations are found again by parameters and seed, bit by bit, so a run that is
 nothing twice: whatever a sampler was doing when it was killed, doing it again costs next to nothing.
 """
 
-import json
 import zlib
 from collections.abc import Sequence
 from pathlib import Path
@@ -26,7 +25,7 @@ from jaxtyping import Bool, Float, Shaped
 
 from yeastfit.errors import InputError
 from yeastfit.inference.simulator import Simulator, labels_of
-from yeastfit.storage import full_disks_told, hdf5_written_whole
+from yeastfit.storage import as_json, from_json, full_disks_told, hdf5_written_whole
 
 DATASET = "simulations"
 ROOM = 1024  # rows of a new file
@@ -122,7 +121,7 @@ class Store:
         """All rows into a new file, which replaces the old one."""
         self.close()
         with hdf5_written_whole(self.path) as image, h5py.File(image, "w", libver=("earliest", "v108")) as file:
-            file.attrs["head"] = json.dumps(self._head)
+            file.attrs["head"] = as_json(self._head)
             file.create_dataset(DATASET, data=self._rows)
         self._file = _opened(self.path)
         self._index()
@@ -132,7 +131,7 @@ class Store:
         shorter = _fill_up(self.path)
         self._file = _opened(self.path)
         try:
-            head = json.loads(self._file.attrs["head"])
+            head = from_json(self._file.attrs["head"])
             different = [f"{key} is {head[key]}, not {one}" for key, one in self._head.items() if head[key] != one]
             if different:
                 raise InputError(f"{self.path} holds other simulations: {'; '.join(different)}")

@@ -1,6 +1,5 @@
 """What `sensitivity` returns."""
 
-import json
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -9,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from yeastfit.model.parameters import Parameters
-from yeastfit.storage import write_json
+from yeastfit.storage import read_json, write_json
 
 Method = Literal["combined", "regression", "pathwise"]
 Table = Float[np.ndarray, "statistic time free"]
@@ -90,7 +89,7 @@ class Sensitivity:
     @staticmethod
     def load(path: str | Path) -> "Sensitivity":
         """What `save` wrote."""
-        data = json.loads(Path(path).read_text())
+        data = read_json(path)
 
         def array(values: Any) -> np.ndarray:
             return np.array(values, dtype=float)
