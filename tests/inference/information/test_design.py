@@ -161,11 +161,11 @@ def test_results_are_kept_and_drawn(tmp_path: Path) -> None:
 
 
 def test_infinite_errors_are_kept(tmp_path: Path) -> None:
-    found = design(FOUND, measured_times=[], steps=1)
-    assert np.isinf(list(found.errors.values())).all()
+    found = design(FOUND, measured_times=[2], steps=1)
+    found = replace(found, typical=np.inf, errors=dict.fromkeys(found.errors, np.inf))
     found.save(tmp_path / "design.json")
     again = Design.load(tmp_path / "design.json")
-    assert again.errors == found.errors
+    assert (again.typical, again.errors) == (found.typical, found.errors)
 
 
 @pytest.mark.parametrize(
