@@ -49,6 +49,8 @@ from yeastfit.inference.abc.distances import Mahalanobis
 from yeastfit.inference.abc.regression_adjustment import Accepted
 from yeastfit.inference.posterior.prior import Prior
 from yeastfit.inference.posterior.samples import Samples, weighted_quantile
+from yeastfit.processors import available_processors
+from yeastfit.progress import silent
 from yeastfit.storage import write_table
 
 DATA = Path(__file__).parent.parent / "data" / "synthetic"
@@ -150,7 +152,7 @@ def posterior(source: Path, folder: Path, request: Request) -> Found:
     """A run of `yeastfit infer` up to its draws, taken up where it was left."""
     kept = folder / "samples.npz"
     if not kept.is_file():
-        run = Run.begin(request, source, folder, True, os.cpu_count() or 1, lambda done, total: None)
+        run = Run.begin(request, source, folder, True, available_processors(), silent)
         run.sample(lambda rows: None, lambda what, share: None)
         jax.clear_caches()
         gc.collect()
@@ -162,7 +164,7 @@ def few(name: str, work: Path) -> Path:
     measured, table = work / name / "measured", work / name / "few" / "measurements.csv"
     if table.is_file():
         return table
-    data = measurements(DATA / name, measured, os.cpu_count() or 1, lambda done, total: None)
+    data = measurements(DATA / name, measured, available_processors(), silent)
     colonies = list(dict.fromkeys(row["replicate"] for row in data.rows))[:COLONIES]
     rows = [dict(row) for row in data.rows if row["replicate"] in colonies and row["hours"] in HOURS]
     for row in rows:

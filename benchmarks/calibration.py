@@ -33,7 +33,6 @@ DIR/calibration.png are written, or DIR/calibration-NAME of one method.
 import argparse
 import gc
 import json
-import os
 import sys
 import time
 from collections.abc import Callable
@@ -64,6 +63,7 @@ from yeastfit.inference.posterior.samples import Samples
 from yeastfit.inference.posterior.simulation_store import Recorded, Store
 from yeastfit.inference.simulator import Replicates, Simulator, Stream, labels_of, seed_of, stream_of
 from yeastfit.inference.targets import Targets
+from yeastfit.processors import available_processors
 
 PRIOR = Prior.of({name: {"law": "log-uniform", "low": low, "high": high} for name, (low, high) in BOX.items()})
 MODEL = Resolution(dt=0.025, spacing=0.4)
@@ -331,7 +331,7 @@ def main(arguments: list[str] | None = None) -> None:
     """The command: options of its own, then those of every benchmark."""
     parser = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
     parser.add_argument("--work", type=Path, default=Path("out/calibration"))
-    parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1)
+    parser.add_argument("--jobs", type=int, default=available_processors())
     parser.add_argument("--method", choices=[part.method.lower() for part in FULL])
     own, others = parser.parse_known_args(arguments)
 

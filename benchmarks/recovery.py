@@ -22,7 +22,6 @@ six parameters cannot tell 90 % from 98 %. With --docs, DIR/recovery.md and DIR/
 import argparse
 import gc
 import json
-import os
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -44,6 +43,8 @@ from yeastfit.inference.fit.settings import FitSettings
 from yeastfit.inference.parameter_space import Space
 from yeastfit.model.numerics import Numerics
 from yeastfit.model.parameters import Parameters
+from yeastfit.processors import available_processors
+from yeastfit.progress import silent
 from yeastfit.simulation.synthetic_data import Recipe, synthesize
 
 BOX = {"mobility": (0.5, 3.0), "metabolic_rate": (0.4, 2.5), "aspect_ratio": (0.45, 0.9)}
@@ -113,7 +114,7 @@ def recovered(study: Study, number: int, report: Report) -> Record:
         report.stage(f"{what}, photographed")
         synthesize(recipe, folder)
     report.stage(f"{what}, measured")
-    data = measurements(folder, study.work / f"measured{number:02d}", os.cpu_count() or 1, lambda done, total: None)
+    data = measurements(folder, study.work / f"measured{number:02d}", available_processors(), silent)
     report.stage(f"{what}, fitted")
     began = time.perf_counter()
     record: Record = {"truth": number, "asked": study.asked(number), "left out": len(data.warnings)}

@@ -12,7 +12,6 @@ and written to FILE where asked; the exit status is 1 when a target is missed. A
 """
 
 import json as json_
-import os
 import platform
 import sys
 import time
@@ -32,6 +31,7 @@ from rich.console import Console
 from rich.table import Table
 
 import yeastfit
+from yeastfit.processors import available_processors
 from yeastfit.storage import write_json, written_whole
 
 
@@ -180,7 +180,7 @@ def machine() -> dict[str, Any]:
     devices = jax.devices()
     return {
         "cpu": models[0] if models else platform.processor() or platform.machine(),
-        "cores": os.cpu_count(),
+        "cores": available_processors(),
         "device": f"{len(devices)} × {devices[0].device_kind} ({devices[0].platform})",
         "precision": "double" if jax.config.read("jax_enable_x64") else "single",
         "python": platform.python_version(),
@@ -217,7 +217,7 @@ def command(
         raise typer.Exit(0 if report.met else 1)
 
     with suppress(RuntimeError):  # JAX has its devices already
-        jax.config.update("jax_num_cpu_devices", os.cpu_count() or 1)  # as the command line of yeastfit does
+        jax.config.update("jax_num_cpu_devices", available_processors())  # as the command line of yeastfit does
     app = typer.Typer(add_completion=False, pretty_exceptions_enable=False, rich_markup_mode="markdown")
     app.command(
         help=sys.modules[run.__module__].__doc__,

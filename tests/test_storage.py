@@ -1,4 +1,4 @@
-"""JSON that keeps every number, and the processors that a process may use."""
+"""JSON that keeps every number."""
 
 import json
 import math

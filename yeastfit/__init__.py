@@ -25,6 +25,7 @@ from yeastfit.measure.series import measure_dataset, measure_file
 from yeastfit.model.numerics import Numerics
 from yeastfit.model.parameters import PARAMETERS, Parameters, Scales
 from yeastfit.model.relaxation import HARD, Relaxation
+from yeastfit.processors import available_processors
 from yeastfit.simulation.result import Simulation
 from yeastfit.simulation.simulate import member_keys, simulate
 
@@ -49,6 +50,7 @@ __all__ = [
     "Sensitivity",
     "Simulation",
     "Targets",
+    "available_processors",
     "check_derivatives",
     "check_gradients",
     "design",

@@ -107,9 +107,9 @@ def test_two_processes_find_what_one_finds_and_a_dead_one_takes_only_its_own_ima
     environment = dict(os.environ)
     alone = survey(tasks, tmp_path / "alone")
     tasks[4] = replace(tasks[4], path=_Deadly(files[4]))
-    seen: list[tuple[int, int]] = []
+    seen: list[tuple[str, float]] = []
     together = survey(tasks, tmp_path / "together", jobs=2, progress=lambda *counts: seen.append(counts))
-    assert seen == [(k, 9) for k in range(1, 10)]
+    assert seen == [(f"measured {k} of 9", k / 9) for k in range(1, 10)]
     for k, (one, other) in enumerate(zip(alone, together, strict=True)):
         if k == 4:
             assert other.row is None

@@ -1,6 +1,5 @@
 """The command line: a thin file over the library. Every run leaves `manifest.json`; bad input ends with exit code 2."""
 
-import os
 import sys
 from pathlib import Path
 from typing import Annotated, Any
@@ -16,7 +15,7 @@ from yeastfit.commands.fit import fit
 from yeastfit.commands.infer import infer
 from yeastfit.commands.measure_batch import survey
 from yeastfit.commands.options import Length, Out, Rate, Seed, with_parameters
-from yeastfit.commands.terminal import err, fail, out, progress, warn
+from yeastfit.commands.terminal import err, fail, out, shown_progress, warn
 from yeastfit.derivatives.check_colony import check_gradients
 from yeastfit.errors import InputError
 from yeastfit.measure.reading.batch_inputs import find_tasks
@@ -24,6 +23,7 @@ from yeastfit.measure.reading.dataset import given, read_overrule
 from yeastfit.model.numerics import Numerics
 from yeastfit.model.parameters import Parameters, Scales
 from yeastfit.model.relaxation import HARD, Relaxation
+from yeastfit.processors import available_processors
 from yeastfit.report.measurement_files import clear_results, refuse_mixed_folder, write_results
 from yeastfit.simulation.simulate import member_keys
 from yeastfit.simulation.simulate import simulate as run_simulation
@@ -68,7 +68,7 @@ def simulate(
     times = np.append(regular[regular < time - 0.5 * dt], time)
     keys = member_keys(seed, members)
     relaxation = HARD if hard else Relaxation()
-    with progress("growing colonies") as advance:
+    with shown_progress("growing colonies") as advance:
         result = run_simulation(
             chosen, keys, times=times, numerics=numerics, relaxation=relaxation, scales=Scales(length, rate)
         )
@@ -76,7 +76,7 @@ def simulate(
         result.save(folder / "simulation.npz")
         plot.save(plot.curves(result), folder / "curves.png")
         for member in range(members):
-            advance(member + 1, members)
+            advance(f"drew {member + 1} of {members} colonies", (member + 1) / members)
             plot.save(plot.colony(result, member), folder / f"colony_{member}.png")
     warn(result.warnings())
     configuration = {"parameters": chosen.asdict(), "hard": hard, "numerics": vars(numerics), "members": members}
@@ -123,8 +123,8 @@ def measure(
     tasks, dataset, skipped = find_tasks(paths, pixel_size, read_overrule(options, "options"))
     refuse_mixed_folder(folder, tasks)
     clear_results(folder)
-    with progress("measuring") as advance:
-        outcomes = survey(tasks, folder, jobs=jobs or os.cpu_count() or 1, progress=advance)
+    with shown_progress("measuring") as advance:
+        outcomes = survey(tasks, folder, jobs=jobs or available_processors(), progress=advance)
     measured = [outcome for outcome in outcomes if outcome.row]
     options["pixel_size"] = pixel_size
     settings = {name: value for name, value in options.items() if value is not None}
@@ -162,7 +162,7 @@ def synthesize(
         raise InputError(f"{recipe}: no data set {unknown[0]!r}, there are {', '.join(recipes)}")
     for name in only or recipes:
         chosen = recipes[name] if seed is None else replace(recipes[name], seed=seed)
-        with progress(name) as advance:
+        with shown_progress(name) as advance:
             make_dataset(chosen, folder / name, advance)
         write_manifest(folder / name / "truth", command="synthesize", seed=chosen.seed, inputs=[recipe])
         out.print(f"{name}: {chosen.replicates} colonies at {len(chosen.hours)} times in {folder / name}")
@@ -196,7 +196,7 @@ def gradcheck(
     """
     chosen = Parameters(**parameters)
     numerics = Numerics(domain=domain, spacing=spacing, dt=dt, capacity=capacity)
-    with progress("comparing derivatives") as advance:
+    with shown_progress("comparing derivatives") as advance:
         result = check_gradients(
             chosen,
             times=[time / 2, time],
@@ -242,5 +242,5 @@ def run(arguments: list[str] | None = None) -> int:
 def main() -> None:
     """Entry point of `yeastfit`."""
     # one JAX device per core, over which ensembles are shared out
-    jax.config.update("jax_num_cpu_devices", os.cpu_count() or 1)
+    jax.config.update("jax_num_cpu_devices", available_processors())
     sys.exit(run())

@@ -8,7 +8,7 @@ import typer
 from yeastfit.commands import design_run as design_command
 from yeastfit.commands.design_run import Run
 from yeastfit.commands.options import DEFAULT, Out, Seed, with_parameters
-from yeastfit.commands.terminal import out, stages, warn
+from yeastfit.commands.terminal import out, shown_progress, warn
 from yeastfit.inference.fit.least_squares import DEFAULT_FREE
 from yeastfit.inference.information.design import design as make_design
 from yeastfit.inference.information.identifiability import percent
@@ -60,7 +60,7 @@ def design(
         colonies.refuse_beside(sensitivity)
         found = design_command.read_sensitivity(sensitivity)
     else:
-        with stages() as stage:
+        with shown_progress("growing colonies") as stage:
             found = colonies.sensitivity(stage)
         found.save(folder / "sensitivity.json")
     known: dict[str, Any] = {

@@ -1,6 +1,5 @@
 """`yeastfit fit`."""
 
-import os
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -9,13 +8,14 @@ import typer
 from yeastfit.commands import design_run as design_command
 from yeastfit.commands import measured_source as fit_command
 from yeastfit.commands.options import Jobs, Length, MeasurementError, Out, Rate, Seed, Truth, with_parameters
-from yeastfit.commands.terminal import out, progress, stages, warn
+from yeastfit.commands.terminal import out, shown_progress, warn
 from yeastfit.inference.fit.bootstrap_profile import explore, profiles
 from yeastfit.inference.fit.least_squares import DEFAULT_FREE
 from yeastfit.inference.fit.least_squares import fit as run_fit
 from yeastfit.inference.fit.result import Fit
 from yeastfit.inference.fit.settings import MEASUREMENT_ERROR, FitSettings
 from yeastfit.model.parameters import Parameters, Scales
+from yeastfit.processors import available_processors
 from yeastfit.storage import write_manifest
 
 
@@ -79,13 +79,13 @@ def fit(
     known = fit_command.known_truth(source) if truth else None
     for name in fit_command.RESULTS:
         (folder / name).unlink(missing_ok=True)
-    with progress("measuring micrographs") as advance:
-        data = fit_command.measurements(source, folder, jobs or os.cpu_count() or 1, advance)
+    with shown_progress("measuring micrographs") as advance:
+        data = fit_command.measurements(source, folder, jobs or available_processors(), advance)
     warn(data.warnings)
     targets = data.targets(condition or (), design_command.names(statistics), Scales(length, rate))
     fit_command.write_targets(folder, targets)
     single = next(iter(targets.values())) if len(targets) == 1 else targets
-    with stages() as stage:
+    with shown_progress("fitting") as stage:
         result = run_fit(
             single, fixed=Parameters(**parameters), seed=seed, settings=settings, progress=stage, **options
         )
@@ -109,7 +109,7 @@ def _explored(folder: Path, result: Fit, bootstrap: int, profile: bool) -> list[
     """Bootstrap and profiles, where they are asked for."""
     if not (bootstrap or profile):
         return []
-    with stages() as stage:
+    with shown_progress("fitting") as stage:
         stage("growing colonies around the estimate", 0.0)
         explored = explore(result)
     lines = fit_command.write_bootstrap(folder, explored.bootstrap(bootstrap), result) if bootstrap else []

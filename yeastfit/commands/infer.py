@@ -1,6 +1,5 @@
 """`yeastfit infer`."""
 
-import os
 import sys
 from pathlib import Path
 from typing import Annotated
@@ -12,13 +11,14 @@ from yeastfit.commands import infer_run as infer_command
 from yeastfit.commands import measured_source as fit_command
 from yeastfit.commands.infer_config import Request
 from yeastfit.commands.options import Jobs, Length, MeasurementError, Rate, Seed, Truth, with_parameters
-from yeastfit.commands.terminal import err, growing, out, progress, warn
+from yeastfit.commands.terminal import err, growing, out, shown_progress, warn
 from yeastfit.errors import InputError
 from yeastfit.inference.fit.least_squares import DEFAULT_FREE
 from yeastfit.inference.fit.settings import FitSettings
 from yeastfit.inference.parameter_space import check_free
 from yeastfit.inference.posterior.prior import template
 from yeastfit.model.parameters import Scales
+from yeastfit.processors import available_processors
 from yeastfit.storage import write_manifest
 
 
@@ -123,8 +123,8 @@ def infer(
     )
     known = fit_command.known_truth(source) if truth else None
     try:
-        with progress("measuring micrographs") as advance:
-            run = infer_command.Run.begin(request, source, folder, resume, jobs or os.cpu_count() or 1, advance)
+        with shown_progress("measuring micrographs") as advance:
+            run = infer_command.Run.begin(request, source, folder, resume, jobs or available_processors(), advance)
     except KeyboardInterrupt:
         err.print("stopped; repeat the command with --resume to go on", markup=False, highlight=False)
         raise

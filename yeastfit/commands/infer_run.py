@@ -76,9 +76,7 @@ class Run:
     tally: Tally = field(default_factory=Tally)
 
     @staticmethod
-    def begin(
-        request: Request, source: Path, path: Path, resume: bool, jobs: int, progress: Callable[[int, int], None]
-    ) -> "Run":
+    def begin(request: Request, source: Path, path: Path, resume: bool, jobs: int, progress: Progress) -> "Run":
         """Opens the folder, measures or reads the data. Raises `InputError`, before anything is simulated."""
         configuration = request.configuration()
         chosen = [] if request.condition is None else [request.condition]

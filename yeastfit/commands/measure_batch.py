@@ -10,7 +10,7 @@ import os
 import signal
 import threading
 import traceback
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
@@ -26,6 +26,7 @@ from yeastfit.measure.reading.batch_inputs import Task
 from yeastfit.measure.reading.dataset import given
 from yeastfit.measure.reading.images import read_image
 from yeastfit.measure.series import measure_file
+from yeastfit.progress import Progress, silent
 from yeastfit.report.outcome import Outcome
 from yeastfit.simulation.synthetic_data import write_mask
 from yeastfit.storage import sha256_of, written_whole
@@ -34,9 +35,7 @@ TASKS_A_PROCESS = 4  # fewer are measured sooner than another process has starte
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
 
-def survey(
-    tasks: Sequence[Task], folder: Path, *, jobs: int = 1, progress: Callable[[int, int], None] | None = None
-) -> list[Outcome]:
+def survey(tasks: Sequence[Task], folder: Path, *, jobs: int = 1, progress: Progress = silent) -> list[Outcome]:
     """An `Outcome` for each task; masks/NAME.png and overlays/NAME.png in `folder` for each that was outlined.
 
     jobs: the most processes to use. Each holds one image at a time and runs on one core; one that dies, of lack of
@@ -49,8 +48,7 @@ def survey(
     finished = _in_processes(tasks, folder, processes) if processes > 1 else _one_by_one(tasks, folder)
     for number, outcome in finished:
         outcomes[number] = outcome
-        if progress:
-            progress(len(outcomes), len(tasks))
+        progress(f"measured {len(outcomes)} of {len(tasks)}", len(outcomes) / len(tasks))
     return [outcomes[number] for number in range(len(tasks))]
 
 

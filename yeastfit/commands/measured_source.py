@@ -1,7 +1,7 @@
 """What `yeastfit fit` does: measurements, made or read, the fit to them, and the files of both."""
 
 import csv
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -26,6 +26,7 @@ from yeastfit.inference.targets_from_table import (
 from yeastfit.measure.reading.batch_inputs import dataset_tasks
 from yeastfit.measure.reading.dataset import MANIFESTS, dataset_folder, read_dataset
 from yeastfit.model.parameters import NAMES, Scales
+from yeastfit.progress import Progress
 from yeastfit.report.measurement_files import clear_results, refuse_mixed_folder, write_results
 from yeastfit.storage import read_json, write_table
 
@@ -64,7 +65,7 @@ class Measurements:
         }
 
 
-def measurements(source: Path, folder: Path, jobs: int, progress: Callable[[int, int], None]) -> Measurements:
+def measurements(source: Path, folder: Path, jobs: int, progress: Progress) -> Measurements:
     """Read measurements.csv, or the one in a folder; or measure a data set, with all that `yeastfit measure` leaves."""
     table, where = table_in(source), dataset_folder(source)
     if where is None and table.is_file():

@@ -1,4 +1,4 @@
-"""What every command says on the terminal: results on standard output, progress and warnings on standard error."""
+"""The terminal: results go to standard output, progress, warnings and errors to standard error."""
 
 import time as clock
 from collections.abc import Callable, Iterator
@@ -8,27 +8,28 @@ from datetime import timedelta
 
 import typer
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.progress import BarColumn, TextColumn, TimeElapsedColumn
+from rich.progress import Progress as Bar
+
+from yeastfit.progress import Progress
 
 out, err = Console(), Console(stderr=True)
 
 
 @contextmanager
-def progress(what: str) -> Iterator[Callable[[int, int], None]]:
-    """A bar on a terminal, nothing elsewhere."""
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-    with Progress(*columns, console=err, disable=not err.is_terminal, transient=True) as bar:
-        task = bar.add_task(what, total=None)
-        yield lambda done, total: bar.update(task, completed=done, total=total)
+def shown_progress(what: str) -> Iterator[Progress]:
+    """Show on a terminal what a computation is doing and how far it is; show nothing where output is redirected.
 
+    Arguments:
+        what: Shown until the computation says something itself.
 
-@contextmanager
-def stages() -> Iterator[Callable[[str, float], None]]:
-    """What a fit is doing: a bar on a terminal, nothing elsewhere."""
+    Yields:
+        What to hand to the computation as its `progress`.
+    """
     columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
-    with Progress(*columns, console=err, disable=not err.is_terminal, transient=True) as bar:
-        task = bar.add_task("fitting", total=1.0)
-        yield lambda what, share: bar.update(task, description=what, completed=share)
+    with Bar(*columns, console=err, disable=not err.is_terminal, transient=True) as bar:
+        task = bar.add_task(what, total=1.0)
+        yield lambda doing, share: bar.update(task, description=doing, completed=share)
 
 
 @dataclass
@@ -58,10 +59,10 @@ class Pace:
 
 
 @contextmanager
-def growing(most: int, done: int) -> Iterator[tuple[Callable[[int], None], Callable[[str, float], None]]]:
+def growing(most: int, done: int) -> Iterator[tuple[Callable[[int], None], Progress]]:
     """What a sampler is doing, with the pace of its colonies; nothing but on a terminal."""
     columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.fields[pace]}"), TimeElapsedColumn())
-    with Progress(*columns, console=err, disable=not err.is_terminal, transient=True) as bar:
+    with Bar(*columns, console=err, disable=not err.is_terminal, transient=True) as bar:
         pace = Pace(most, done)
         task = bar.add_task("sampling", total=1.0, pace="")
         bar.update(task, completed=pace.share)
@@ -74,13 +75,13 @@ def growing(most: int, done: int) -> Iterator[tuple[Callable[[int], None], Calla
 
 
 def warn(lines: list[str]) -> None:
-    """Each on a line of its own."""
+    """Print warnings on standard error, each on a line of its own."""
     for line in lines:
         err.print(f"warning: {line}", markup=False, highlight=False, soft_wrap=True)
 
 
 def fail(lines: list[str]) -> None:
-    """Says these, and ends with exit code 2."""
+    """Print errors on standard error, each on a line of its own, and end with exit code 2."""
     for line in lines:
         err.print(f"error: {line}", markup=False, highlight=False, soft_wrap=True)
     raise typer.Exit(2)

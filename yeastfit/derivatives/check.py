@@ -26,6 +26,7 @@ from jaxtyping import Array, PyTree
 
 from yeastfit.derivatives.result import Comparison, GradientCheck
 from yeastfit.errors import InputError
+from yeastfit.progress import Progress, silent
 
 STEPS = (1e-4, 1e-5, 1e-6, 1e-7, 1e-8)
 TRANSPOSE = 1e-9  # what rounding may leave between forward and reverse mode
@@ -69,7 +70,7 @@ def compare(
     tolerance: float,
     steps: Sequence[float],
     seed: int,
-    progress: Callable[[int, int], None] = lambda done, total: None,
+    progress: Progress = silent,
     of: Callable[[PyTree], PyTree] = lambda outputs: outputs,
 ) -> tuple[tuple[Comparison, ...], dict[str, PyTree]]:
     """Comparisons of `of(outputs)`, where `pair` gives outputs and decisions; and J d of all outputs, by direction."""
@@ -85,7 +86,7 @@ def compare(
         nudged = _moved(nudged, d, NUDGE)
     found, tangents, forward, noise, chosen = [], {}, {}, {}, {}
     for k, (name, d) in enumerate(along.items()):
-        progress(k, len(along))
+        progress(f"derivatives along {name}", k / len(along))
         _, tangents[name], chosen[name] = jax.jvp(pair, (x,), (d,), has_aux=True)
         _, beside, alike = jax.jvp(flat, (nudged,), (d,), has_aux=True)
         forward[name] = np.asarray(ravel_pytree(of(tangents[name]))[0], np.float64)
@@ -98,7 +99,7 @@ def compare(
         for (output, index), (f, o, u, s) in zip(labels, numbers.tolist(), strict=True):
             verdict = _verdict(f, o, u, tolerance * s, crossed)
             found.append(Comparison("differences", name, output, index, f, o, u, s, verdict))
-    progress(len(along), len(along))
+    progress("reverse mode", 1.0)
     # every output counts alike
     largest = np.max([np.abs(tangent) for tangent in forward.values()], axis=0, initial=0.0)
     v = np.random.default_rng(seed).normal(size=value.shape) / np.where(largest > 0, largest, 1.0)

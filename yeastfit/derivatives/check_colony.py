@@ -1,6 +1,6 @@
 """Are derivatives of a simulated colony right, with respect to all that it grows from? Checked as in `derivatives`."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import equinox as eqx
@@ -19,6 +19,7 @@ from yeastfit.model.numerics import Numerics
 from yeastfit.model.parameters import NAMES, PARAMETERS, Parameters
 from yeastfit.model.relaxation import Relaxation
 from yeastfit.model.simulate import Snapshot
+from yeastfit.progress import Progress, silent
 from yeastfit.simulation.result import Simulation
 from yeastfit.simulation.simulate import Observer, schedule_of, simulate
 
@@ -38,7 +39,7 @@ def check_gradients(
     tolerance: float = 5e-4,
     steps: Sequence[float] = STEPS,
     draws: int = 2,
-    progress: Callable[[int, int], None] = lambda done, total: None,
+    progress: Progress = silent,
 ) -> GradientCheck:
     """Check jax's derivatives of every statistic at every time through `simulate`, both ways, in double precision.
 
@@ -48,8 +49,7 @@ def check_gradients(
 
     parameters: one value each. key: of the colony, or a seed. Double precision draws another colony from a key than
     single precision does. numerics: by default a dish 12 L0 wide. relaxation: by default with a contact of 0.2.
-    tolerance: relative; the nutrient is solved to 1e-6, of which differences in λ1 were seen to make 1e-4. progress: is
-    called with the number of directions done and to do.
+    tolerance: relative; the nutrient is solved to 1e-6, of which differences in λ1 were seen to make 1e-4.
     Raises `InputError` for rules without a derivative, and where `simulate` does.
     """
     relaxation = Relaxation(contact=0.2) if relaxation is None else relaxation

@@ -1,7 +1,7 @@
 """Micrographs to numbers: one image, or all frames of a data set."""
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -19,6 +19,7 @@ from yeastfit.measure.reading.images import Micrograph, read_micrograph
 from yeastfit.measure.reading.segmentation_options import Overrule
 from yeastfit.measure.statistics.shape import Shape, measure_mask
 from yeastfit.measure.statistics.smooth_statistics import smooth_shape
+from yeastfit.progress import Progress, silent
 
 SMOOTH = ("compactness", "radius", "area", "perimeter")  # what an image and a model can be compared in
 
@@ -50,13 +51,13 @@ def measure_file(path: str | Path, pixel_size: float | None = None, overrule: Ov
     return Measured(micrograph, segmentation, measure_mask(segmentation.mask, micrograph.pixel_size))
 
 
-def measure_dataset(dataset: Dataset, progress: Callable[[int, int], None] | None = None) -> list[Measured]:
+def measure_dataset(dataset: Dataset, progress: Progress = silent) -> list[Measured]:
     """Every frame, in the manifest's order."""
     results = []
     for frame in dataset.frames:
         results.append(measure_file(frame.path, frame.pixel_size, frame.overrule))
-        if progress:
-            progress(len(results), len(dataset.frames))
+        count = len(dataset.frames)
+        progress(f"measured {len(results)} of {count}", len(results) / count)
     return results
 
 

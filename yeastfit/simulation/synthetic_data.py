@@ -11,7 +11,6 @@ A data set is made from a `Recipe` alone, so that its seed and parameters say ev
 
 import shutil
 import tomllib
-from collections.abc import Callable
 from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 from typing import Any
@@ -28,6 +27,7 @@ from yeastfit.model.numerics import Numerics
 from yeastfit.model.parameters import Parameters, Scales
 from yeastfit.model.relaxation import HARD
 from yeastfit.model.simulate import Snapshot
+from yeastfit.progress import Progress, silent
 from yeastfit.simulation.cell_coverage import coverage, true_mask
 from yeastfit.simulation.photograph import Optics, photograph, write_micrograph
 from yeastfit.simulation.simulate import member_keys, simulate
@@ -91,7 +91,7 @@ class _CellRecorder(eqx.Module):
         return {**nodes, **{f"cells/{each.name}": getattr(cells, each.name) for each in fields(cells)}}
 
 
-def synthesize(recipe: Recipe, folder: str | Path, progress: Callable[[int, int], None] | None = None) -> None:
+def synthesize(recipe: Recipe, folder: str | Path, progress: Progress = silent) -> None:
     """Make the data set in `folder`, which is replaced as a whole. Same recipe, same bytes.
 
     Raises `InputError` where a colony meets the edge of its photograph or any problem of the model.
@@ -122,8 +122,7 @@ def synthesize(recipe: Recipe, folder: str | Path, progress: Callable[[int, int]
             curves.append({"replicate": member + 1, "hours": hours, **shape, **nodes})
             file = f"images/{name}.tif"
             rows.append({"file": file, "replicate": member + 1, "hours": hours, "um_per_pixel": recipe.pixel_size})
-            if progress:
-                progress(len(rows), total)
+            progress(f"photographed {len(rows)} of {total}", len(rows) / total)
     write_table(partial / "truth" / "curves.csv", curves)
     parameters = Parameters().replace(**recipe.parameters).asdict()
     write_json(partial / "truth" / "parameters.json", {**parameters, "recipe": asdict(recipe), "versions": versions()})
