@@ -251,7 +251,7 @@ def cost_of_derivatives(report: Report, quick: bool) -> None:
     values = jnp.log(jnp.array(list(LAMBDA.values())))
 
     def curves(values: jax.Array, colony: Colony) -> Any:
-        return trajectory(Parameters(*jnp.unstack(jnp.exp(values))), colony, at, relaxation, SOURCE, observe)[1]
+        return trajectory(Parameters.from_array(NAMES, jnp.exp(values)), colony, at, relaxation, SOURCE, observe)[1]
 
     def forwards(values: jax.Array, colony: Colony) -> Any:
         push: Callable = partial(jax.jvp, lambda v: curves(v, colony), (values,))

@@ -1,7 +1,9 @@
 """What several tests share: colonies put together by hand, and calls with wrong types."""
 
+import dataclasses
 from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -11,7 +13,11 @@ from jaxtyping import Array
 from numpy.typing import ArrayLike
 
 from yeastfit.model.colony import Colony, Problems
+from yeastfit.model.death import NoDeath
 from yeastfit.model.numerics import Numerics
+from yeastfit.model.parameters import Parameters
+from yeastfit.model.relaxation import Relaxation
+from yeastfit.model.rules import Context
 
 
 def colony_of(
@@ -41,6 +47,19 @@ def colony_of(
         step=jnp.asarray(step),
         problems=Problems.none(),
     )
+
+
+def context_of(
+    colony: Colony,
+    numerics: Numerics,
+    relaxation: Relaxation | None = None,
+    parameters: Parameters | None = None,
+    **seen: Any,
+) -> Context:
+    """What a rule is given of a colony whose nodes all live; `seen` replaces what it sees of it."""
+    relaxation = Relaxation() if relaxation is None else relaxation
+    context = Context.of(colony, parameters or Parameters(), relaxation, numerics, NoDeath())
+    return dataclasses.replace(context, **seen)
 
 
 def pair(distance: float, angle: float = 0.3, centre: tuple[float, float] = (0.0, 0.0)) -> Array:

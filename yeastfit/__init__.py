@@ -22,9 +22,20 @@ from yeastfit.inference.sensitivity.result import Sensitivity
 from yeastfit.inference.targets import Targets
 from yeastfit.measure.reading.dataset import Dataset, read_dataset
 from yeastfit.measure.series import measure_dataset, measure_file
+from yeastfit.model.model import RULES, Model
 from yeastfit.model.numerics import Numerics
 from yeastfit.model.parameters import PARAMETERS, Parameters, Scales
 from yeastfit.model.relaxation import HARD, Relaxation
+from yeastfit.model.rules import (
+    BirthRule,
+    Births,
+    BuddingRule,
+    ContactRule,
+    Context,
+    DeathRule,
+    UptakeRule,
+)
+from yeastfit.parameter_set import Parameter, ParameterSet
 from yeastfit.processors import available_processors
 from yeastfit.simulation.result import Simulation
 from yeastfit.simulation.simulate import member_keys, simulate
@@ -36,20 +47,31 @@ __version__ = "0.1.0"
 __all__ = [
     "HARD",
     "PARAMETERS",
+    "RULES",
+    "BirthRule",
+    "Births",
+    "BuddingRule",
+    "ContactRule",
+    "Context",
     "Dataset",
+    "DeathRule",
     "Design",
     "Fit",
     "FitSettings",
     "GradientCheck",
     "Information",
     "InputError",
+    "Model",
     "Numerics",
+    "Parameter",
+    "ParameterSet",
     "Parameters",
     "Relaxation",
     "Scales",
     "Sensitivity",
     "Simulation",
     "Targets",
+    "UptakeRule",
     "available_processors",
     "check_derivatives",
     "check_gradients",

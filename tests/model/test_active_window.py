@@ -1,5 +1,6 @@
 """The part of the grid that a step works on: which it is, and that the rest would not have changed."""
 
+import dataclasses
 from itertools import pairwise
 
 import equinox as eqx
@@ -7,7 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from helpers import colony_of, pair
+from helpers import colony_of, context_of, pair
 from jaxtyping import Array
 
 from yeastfit import Numerics, Parameters, Relaxation
@@ -16,6 +17,7 @@ from yeastfit.model.active_window import extent_of_cells, extent_of_change, on_w
 from yeastfit.model.cells import Cells, cells_of
 from yeastfit.model.colony import Colony, start
 from yeastfit.model.simulate import eaten, step
+from yeastfit.model.uptake import BiomassUptake
 
 NUMERICS = Numerics(domain=17.0, spacing=0.1, capacity=60)  # squares of half sides 2.9, 4.2, 6 and 8.5
 
@@ -100,10 +102,10 @@ def test_nutrient_of_any_kind_is_stepped_wherever_it_is() -> None:
     """A hole in the nutrient far from every cell fills up; it would not on a square that held the cells only."""
     colony = start(jax.random.key(0), NUMERICS)
     hole = colony.nutrient.at[20:30, 20:30].set(0.2)
-    cells = cells_of(colony, jnp.asarray(0.7))
 
     def after(nutrient: Array) -> np.ndarray:
-        return np.asarray(eaten(nutrient, cells, Parameters(), Relaxation(), NUMERICS))
+        there = dataclasses.replace(colony, nutrient=nutrient)
+        return np.asarray(eaten(context_of(there, NUMERICS), cells_of(there, jnp.asarray(0.7)), BiomassUptake()))
 
     changed = np.abs(after(hole) - np.asarray(hole))[15:35, 15:35]
     assert changed.max() > 1e-2

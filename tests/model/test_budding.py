@@ -5,14 +5,16 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from helpers import colony_of, random_tree
+from helpers import colony_of, context_of, random_tree
 from jaxtyping import Array
 from scipy import stats
 
-from yeastfit.model.budding import births, bud, budding_angles, growth_rate
+from yeastfit.model.budding import UniformBudding, bud, uniform_angles
 from yeastfit.model.colony import Colony
+from yeastfit.model.growth import GlobalBirths, number_of_births
 from yeastfit.model.numerics import Numerics
 from yeastfit.model.relaxation import HARD, Relaxation
+from yeastfit.model.rules import growth_rate
 
 NODES = 30
 NUMERICS = Numerics(domain=8.0, spacing=0.2, dt=0.02, capacity=64)
@@ -20,7 +22,14 @@ TIGHT = Numerics(domain=8.0, spacing=0.2, dt=0.02, capacity=35)
 FRACTIONAL = Relaxation()
 RULES = pytest.mark.parametrize("relaxation", [HARD, FRACTIONAL], ids=["whole", "fractional"])
 
-_bud = eqx.filter_jit(bud)
+
+def budded(colony: Colony, mu: Array, fed: Array, relaxation: Relaxation, numerics: Numerics = NUMERICS) -> Colony:
+    """One event of nodes that are fed like this."""
+    context = context_of(colony, numerics, relaxation, growth_rate=mu, local_nutrient=fed)
+    return bud(context, GlobalBirths().births(context), UniformBudding(), {})
+
+
+_bud = eqx.filter_jit(budded)
 
 
 def crowd(seed: int, numerics: Numerics = NUMERICS, whole: bool = False, event: int = 3) -> Colony:
@@ -54,14 +63,18 @@ def after(colony: Colony, mu: float, fed: Array, relaxation: Relaxation, numeric
 def test_number_of_births(mu: float, nodes: float, whole: float, fractional: float, double: None) -> None:
     """⌈(e^μ − 1) W⌉ or (e^μ − 1) W + ½, at most W."""
     exactly = mu - 1e-12 if mu == np.log(1.25) else mu
-    assert float(births(jnp.asarray(exactly), jnp.asarray(nodes), HARD)) == whole
-    assert float(births(jnp.asarray(mu), jnp.asarray(nodes), FRACTIONAL)) == pytest.approx(fractional, abs=1e-12)
+    assert float(number_of_births(jnp.asarray(exactly), jnp.asarray(nodes), HARD)) == whole
+    assert float(number_of_births(jnp.asarray(mu), jnp.asarray(nodes), FRACTIONAL)) == pytest.approx(
+        fractional, abs=1e-12
+    )
 
 
 def test_half_a_birth_is_the_mean_of_the_ceiling(double: None) -> None:
     """Over growths spread evenly, whole and fractional births have the same mean, where the cap does not bind."""
     mus = jnp.log1p(jnp.linspace(0.1, 0.9, 8001)[:-1])
-    whole, fractional = (jax.vmap(lambda mu, r=r: births(mu, jnp.asarray(100.0), r))(mus) for r in (HARD, FRACTIONAL))
+    whole, fractional = (
+        jax.vmap(lambda mu, r=r: number_of_births(mu, jnp.asarray(100.0), r))(mus) for r in (HARD, FRACTIONAL)
+    )
     assert float(whole.mean()) == pytest.approx(float(fractional.mean()), abs=0.01)
 
 
@@ -167,10 +180,10 @@ def test_lineages_never_repeat_and_angles_are_uniform() -> None:
         colony = after(colony, 1.0, food(5, numerics), HARD, numerics)
     assert int(colony.count) == NODES * 2**7
     assert len(np.unique(np.asarray(colony.lineages), axis=0)) == NODES * 2**7
-    angles = np.asarray(budding_angles(colony.lineages[NODES:]))
+    angles = np.asarray(uniform_angles(colony.lineages[NODES:]))
     assert stats.kstest(angles, stats.uniform(0, 2 * np.pi).cdf).pvalue > 0.01
     parents = np.asarray(colony.parents)[NODES:]
-    nodes = np.asarray(budding_angles(colony.lineages))
+    nodes = np.asarray(uniform_angles(colony.lineages))
     related = stats.pearsonr(np.cos(angles), np.cos(nodes[parents]))
     assert related.pvalue > 0.01
 
@@ -197,7 +210,7 @@ def test_derivative_of_births(double: None) -> None:
     """dB/dμ = e^μ W, all of it on the last child."""
     colony, fed = crowd(8), food(8)
     mu = jnp.asarray(0.4)
-    value, slope = jax.jvp(lambda mu: bud(colony, mu, fed, FRACTIONAL, NUMERICS).weights, (mu,), (jnp.ones(()),))
+    value, slope = jax.jvp(lambda mu: budded(colony, mu, fed, FRACTIONAL, NUMERICS).weights, (mu,), (jnp.ones(()),))
     total = float(jnp.sum(colony.weights))
     assert float(jnp.sum(slope)) == pytest.approx(np.exp(0.4) * total)
     assert np.flatnonzero(slope).tolist() == [np.flatnonzero(value)[-1]]
@@ -212,5 +225,5 @@ def test_no_slot_is_skipped_whatever_the_last_bits_of_a_running_sum() -> None:
     fed = jnp.linspace(0.9, 0.1, 256)
     wanted = weights[:80].sum() + rng.uniform(-3e-5, 3e-5, 1000)
     mus = jnp.asarray(np.log1p((wanted - 0.5) / weights.sum()))
-    grown = jax.vmap(lambda mu: bud(colony, mu, fed, FRACTIONAL, numerics))(mus)
+    grown = jax.vmap(lambda mu: budded(colony, mu, fed, FRACTIONAL, numerics))(mus)
     assert ((np.asarray(grown.weights) > 0) == (np.arange(256) < np.asarray(grown.count)[:, None])).all()

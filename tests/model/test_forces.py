@@ -7,11 +7,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from helpers import colony_of, grid, pair, random_tree
+from helpers import colony_of, context_of, grid, pair, random_tree
 from jaxtyping import Array
 
 from yeastfit.model.colony import Colony
-from yeastfit.model.forces import chemotaxis, contact, contact_law, nutrient_at, springs, velocity
+from yeastfit.model.contact import NodeContact, contact, contact_law
+from yeastfit.model.forces import springs, velocity
+from yeastfit.model.interpolation import gradient_at, nutrient_at
 from yeastfit.model.numerics import Numerics
 from yeastfit.model.parameters import Parameters
 from yeastfit.model.relaxation import HARD, Relaxation
@@ -174,14 +176,14 @@ def test_chemotaxis_is_exact_for_quadratic_and_sampling_for_bilinear_fields(doub
     np.testing.assert_allclose(nutrient_at(linear, SMALL), 0.3 + 0.5 * px - 0.2 * py + 0.1 * px * py, atol=1e-13)
     square = colony_of(points, nutrient=0.3 * x - y + 0.5 * x**2 - 0.2 * y**2 + 0.1 * x * y, numerics=SMALL)
     slope = np.stack([0.3 + px + 0.1 * py, -1 - 0.4 * py + 0.1 * px], axis=1)
-    np.testing.assert_allclose(chemotaxis(square, SMALL), slope, atol=1e-12)
+    np.testing.assert_allclose(gradient_at(square, SMALL), slope, atol=1e-12)
 
 
 def test_chemotaxis_continues_a_linear_field_beyond_the_last_differences(double: None) -> None:
     """At the edge, and outside the domain, so that a node that leaves does not fail."""
     x, y = grid(SMALL)
     colony = colony_of([[4.0, -4.0], [3.9, 3.9], [-4.3, 0.1], [0.0, 5.0]], nutrient=0.5 * x - 0.2 * y, numerics=SMALL)
-    np.testing.assert_allclose(chemotaxis(colony, SMALL), np.broadcast_to([0.5, -0.2], (4, 2)), atol=1e-13)
+    np.testing.assert_allclose(gradient_at(colony, SMALL), np.broadcast_to([0.5, -0.2], (4, 2)), atol=1e-13)
 
 
 @LAWS
@@ -191,7 +193,7 @@ def test_velocity_is_the_weighted_sum_and_empty_slots_rest(relaxation: Relaxatio
         lambda c: c.nutrient, crowd(CONFIGURATIONS["clusters"](np.random.default_rng(9))), jnp.asarray(0.1 * x)
     )
     values = {"elasticity": 3.0, "repulsivity": 0.7, "repulsion_radius": 0.4, "mobility": 1.9}
-    motion = velocity(colony, Parameters(**values), relaxation, CROWDED)
+    motion = velocity(context_of(colony, CROWDED, relaxation, Parameters(**values)), NodeContact())
     expected = 3.0 * springs(colony) + 0.7 * all_pairs(colony, 0.4, relaxation) + np.array([1.9 * 0.1, 0.0])
     np.testing.assert_allclose(motion[:300], expected[:300], atol=1e-10)
     assert (motion[300:] == 0).all()

@@ -68,7 +68,7 @@ def test_as_dictionary_and_back_with_values_per_member() -> None:
 
 def test_differentiable_in_every_field(double: None) -> None:
     def product(vector: jax.Array) -> jax.Array:
-        parameters = Parameters(*jnp.unstack(vector))
+        parameters = Parameters.from_array(NAMES, vector)
         return jnp.prod(jnp.stack([getattr(parameters, name) for name in NAMES]))
 
     vector = jnp.array([info.default for info in PARAMETERS.values()])

@@ -14,7 +14,7 @@ from scipy import stats
 from reference import colony as plain
 from yeastfit.measure.statistics.smooth_statistics import SmoothStatistics
 from yeastfit.model import nutrient as nutrient_module
-from yeastfit.model.budding import _child_lineage, budding_angles
+from yeastfit.model.budding import child_lineages, uniform_angles
 from yeastfit.model.cells import level_set
 from yeastfit.model.colony import Colony, start
 from yeastfit.model.numerics import Numerics, map_members
@@ -118,7 +118,7 @@ class _AnglesOf:
 
 @jax.jit
 def _angles(lineages: Array, event: Array) -> Array:
-    return budding_angles(jax.vmap(_child_lineage, in_axes=(0, None))(lineages, event))
+    return uniform_angles(child_lineages(lineages, event))
 
 
 @pytest.mark.parametrize("name", ["count", "parents", "colony", "positions", "nutrient", "growth rate", "level set"])
@@ -163,7 +163,7 @@ def test_start() -> None:
 @eqx.filter_jit
 def _short_run(log_values: Array) -> tuple[Colony, dict[str, Array]]:
     """About eight nodes, observed after the first and after the second event."""
-    parameters = Parameters(*jnp.unstack(jnp.exp(log_values)))
+    parameters = Parameters.from_array(NAMES, jnp.exp(log_values))
     colony = start(jax.random.key(1), SHORT)
     return trajectory(parameters, colony, Schedule.of(SAMPLES), Relaxation(contact=0.1), SHORT, OBSERVE)
 
@@ -193,7 +193,7 @@ def differences(at: Array) -> dict[str, np.ndarray]:
 
 
 def test_a_trajectory_repeats_the_step(at: Array) -> None:
-    parameters, colony = Parameters(*jnp.unstack(jnp.exp(at))), start(jax.random.key(1), SHORT)
+    parameters, colony = Parameters.from_array(NAMES, jnp.exp(at)), start(jax.random.key(1), SHORT)
     one = eqx.filter_jit(lambda c: step(c, parameters, Relaxation(contact=0.1), SHORT))
     observed = []
     for number in range(1, SAMPLES[-1] + 1):

@@ -14,6 +14,7 @@ from jaxtyping import Array, PyTree
 
 from reference import colony as plain
 from yeastfit import HARD, InputError, Numerics, Parameters, Relaxation, Scales, Simulation, member_keys, simulate
+from yeastfit.errors import SimulationError
 from yeastfit.measure.statistics.model_as_mask import HardStatistics
 from yeastfit.measure.statistics.shape import measure_mask
 from yeastfit.measure.statistics.smooth_statistics import SmoothStatistics
@@ -206,7 +207,7 @@ def test_a_popular_parent_makes_springs_too_stiff_for_a_step_that_a_small_colony
 
 
 def test_a_state_that_is_not_finite_is_an_error() -> None:
-    with pytest.raises(InputError, match=r"dt is 0.05 and positions or nutrient became not finite"):
+    with pytest.raises(SimulationError, match=r"dt is 0.05 and positions or nutrient became not finite"):
         simulate(
             Parameters(repulsivity=1e38, mobility=1e38, elasticity=1e-3),
             member_keys(0, 4),
@@ -278,7 +279,7 @@ def test_rows_are_in_both_units(five: Simulation) -> None:
 
 def test_derivatives_stay_finite_over_four_events_in_single_precision() -> None:
     def curves(log_values: Array) -> dict[str, Array]:
-        parameters = Parameters(*jnp.unstack(jnp.exp(log_values)))
+        parameters = Parameters.from_array(NAMES, jnp.exp(log_values))
         numerics = Numerics(domain=8.0, spacing=0.2, dt=0.02, capacity=40)
         schedule, observe = Schedule.of([110, 210]), SmoothStatistics(8.0, 0.2)
         return trajectory(parameters, start(jax.random.key(2), numerics), schedule, Relaxation(), numerics, observe)[1]

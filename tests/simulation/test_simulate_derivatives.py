@@ -12,11 +12,11 @@ import pytest
 from helpers import grid, wrong_types
 from jaxtyping import Array
 
-from yeastfit import HARD, InputError, Numerics, Parameters, Relaxation, Simulation, member_keys, simulate
+from yeastfit import HARD, InputError, Model, Numerics, Parameters, Relaxation, Simulation, member_keys, simulate
 from yeastfit.measure.statistics.model_as_mask import HardStatistics
 from yeastfit.measure.statistics.smooth_statistics import SmoothStatistics
 from yeastfit.model import nutrient as nutrient_module
-from yeastfit.model.budding import Budding
+from yeastfit.model.budding import TurnedBudding
 from yeastfit.model.colony import Colony, start
 from yeastfit.model.parameters import NAMES, PARAMETERS
 from yeastfit.model.simulate import Snapshot
@@ -84,7 +84,7 @@ def run(amounts: Array, began: Colony, times: tuple[float, ...] = TIMES, lam: Na
         times=times,
         numerics=NUMERICS,
         relaxation=Relaxation(**widths),
-        budding=Budding(along["turns"]),
+        model=Model(budding=TurnedBudding(along["turns"])),
         throw=False,
     )
 

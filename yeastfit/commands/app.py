@@ -17,7 +17,7 @@ from yeastfit.commands.measure_batch import survey
 from yeastfit.commands.options import Length, Out, Rate, Seed, with_parameters
 from yeastfit.commands.terminal import err, fail, out, shown_progress, warn
 from yeastfit.derivatives.check_colony import check_gradients
-from yeastfit.errors import InputError
+from yeastfit.errors import InputError, SimulationError
 from yeastfit.measure.reading.batch_inputs import find_tasks
 from yeastfit.measure.reading.dataset import given, read_overrule
 from yeastfit.model.numerics import Numerics
@@ -229,7 +229,7 @@ def run(arguments: list[str] | None = None) -> int:
     """Run one command (by default the one on the command line) and return its exit code."""
     try:
         app(arguments)
-    except InputError as error:
+    except (InputError, SimulationError) as error:
         err.print(f"error: {error}", markup=False, highlight=False, soft_wrap=True)
         return 2
     except SystemExit as finished:

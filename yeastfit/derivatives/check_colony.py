@@ -1,23 +1,23 @@
 """Are derivatives of a simulated colony right, with respect to all that it grows from? Checked as in `derivatives`."""
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, ClassVar
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int, PyTree
+from jaxtyping import Array, Float, Int, PyTree, UInt32
 
 from yeastfit.derivatives.check import STEPS, compare, double
 from yeastfit.derivatives.result import GradientCheck
 from yeastfit.errors import InputError
 from yeastfit.measure.statistics.smooth_statistics import SmoothStatistics
-from yeastfit.model.budding import Budding
-from yeastfit.model.colony import start
+from yeastfit.model.model import Model
 from yeastfit.model.numerics import Numerics
-from yeastfit.model.parameters import NAMES, PARAMETERS, Parameters
+from yeastfit.model.parameters import Parameters
 from yeastfit.model.relaxation import Relaxation
+from yeastfit.model.rules import BuddingRule, Context
 from yeastfit.model.simulate import Snapshot
 from yeastfit.progress import Progress, silent
 from yeastfit.simulation.result import Simulation
@@ -33,6 +33,7 @@ def check_gradients(
     *,
     times: Sequence[float] | np.ndarray = (1.5, 3.0),
     key: Array | int = 0,
+    model: Model | None = None,
     numerics: Numerics | None = None,
     relaxation: Relaxation | None = None,
     observe: Observer | None = None,
@@ -55,7 +56,9 @@ def check_gradients(
     relaxation = Relaxation(contact=0.2) if relaxation is None else relaxation
     numerics = numerics or Numerics(domain=12.0, spacing=0.2, capacity=64)
     observe = observe or SmoothStatistics(extent=numerics.domain, spacing=numerics.spacing)
-    values = _values(parameters or Parameters())
+    model = model or Model()
+    complete = model.complete(parameters or Parameters())
+    values = _values(complete)
     _check_smooth(relaxation)
     if draws < 1:
         raise InputError(f"draws is {draws}, it must be at least 1")
@@ -63,11 +66,12 @@ def check_gradients(
     seen = np.union1d(np.linspace(0, wanted[-1], 21)[1:].round().astype(int), wanted)
     seen, asked = seen[seen > 0], np.isin(seen[seen > 0], wanted)
     with jax.enable_x64(True):
-        colony = start(jax.random.key(key) if isinstance(key, int | np.integer) else key, numerics)
-        relaxation, lam = double(relaxation, "relaxation"), jnp.array(values)
-        unit = jnp.where(lam > 0, lam, jnp.array([PARAMETERS[name].default for name in NAMES]))
+        colony = model.start(jax.random.key(key) if isinstance(key, int | np.integer) else key, numerics)
+        relaxation, lam = double(relaxation, "relaxation"), jnp.array(list(values.values()))
+        usual = jnp.array([one.default or one.plausible[1] for one in model.parameters.parameters])
+        unit = jnp.where(lam > 0, lam, usual)
         origin = {
-            "λ": jnp.zeros(len(NAMES)),
+            "λ": jnp.zeros_like(lam),
             "widths": jnp.zeros(len(WIDTHS)),
             "positions": colony.positions,
             "nutrient": colony.nutrient,
@@ -77,14 +81,14 @@ def check_gradients(
         def grown(x: dict[str, Array]) -> Simulation:
             widths = [getattr(relaxation, name) * (1 + x["widths"][k]) for k, name in enumerate(WIDTHS)]
             return simulate(
-                # not through Parameters(...), which would refuse the step beyond a largest value
-                eqx.tree_at(lambda p: [getattr(p, name) for name in NAMES], Parameters(), [*(lam + unit * x["λ"])]),
+                # leaves are not checked, where values would be: a step may lead beyond the largest one
+                jax.tree.unflatten(jax.tree.structure(complete), [*(lam + unit * x["λ"])]),
+                model=eqx.tree_at(lambda m: m.budding, model, _Turned(x["budding"], model.budding)),
                 start=eqx.tree_at(lambda c: (c.positions, c.nutrient), colony, (x["positions"], x["nutrient"])),
                 times=seen * numerics.dt,
                 numerics=numerics,
                 relaxation=eqx.tree_at(lambda r: [getattr(r, name) for name in WIDTHS], relaxation, widths),
                 observe=_AndPositions(observe),
-                budding=_Turned(amounts=x["budding"]),
             )
 
         def curves(x: dict[str, Array]) -> tuple[PyTree, PyTree]:
@@ -93,7 +97,7 @@ def check_gradients(
             return (statistics, run.statistics[POSITIONS]), _births(run)
 
         remarks = grown(origin).warnings() + _chatter(values, relaxation, numerics)
-        along = _directions(origin, numerics, draws)
+        along = _directions(origin, tuple(values), numerics, draws)
         with np.errstate(all="ignore"):
             comparisons, tangents = compare(
                 curves, origin, along, tolerance, steps, 0, progress, of=lambda outputs: outputs[0]
@@ -105,10 +109,12 @@ def check_gradients(
     )
 
 
-def _directions(origin: dict[str, Array], numerics: Numerics, draws: int) -> dict[str, dict[str, Array]]:
+def _directions(
+    origin: dict[str, Array], names: Sequence[str], numerics: Numerics, draws: int
+) -> dict[str, dict[str, Array]]:
     """Of every λ and width alone, and random ones of what a colony starts from, whose largest entry is 1."""
     zero, rng = jax.tree.map(jnp.zeros_like, origin), np.random.default_rng(0)
-    found = {f"log {name}": zero | {"λ": jnp.eye(len(NAMES))[k]} for k, name in enumerate(NAMES)}
+    found = {f"log {name}": zero | {"λ": jnp.eye(len(names))[k]} for k, name in enumerate(names)}
     found |= {f"log {name} width": zero | {"widths": jnp.eye(len(WIDTHS))[k]} for k, name in enumerate(WIDTHS)}
     axis = np.asarray(numerics.axis())
     nodes, near = np.arange(numerics.capacity)[:, None] < 2, np.exp(-0.5 * (axis[:, None] ** 2 + axis**2))
@@ -119,11 +125,11 @@ def _directions(origin: dict[str, Array], numerics: Numerics, draws: int) -> dic
     return found | {f"budding {k + 1}": zero | {"budding": jnp.eye(draws)[k]} for k in range(draws)}
 
 
-def _values(parameters: Parameters) -> list[float]:
-    for name in NAMES:
-        if np.ndim(getattr(parameters, name)):
-            raise InputError(f"{name} has shape {getattr(parameters, name).shape}, a check is of one number each")
-    return [float(getattr(parameters, name)) for name in NAMES]
+def _values(parameters: Parameters) -> dict[str, float]:
+    for name, value in parameters.values.items():
+        if np.ndim(value):
+            raise InputError(f"{name} has shape {value.shape}, a check is of one number each")
+    return {name: float(value) for name, value in parameters.values.items()}
 
 
 def _check_smooth(relaxation: Relaxation) -> None:
@@ -140,17 +146,21 @@ def _check_smooth(relaxation: Relaxation) -> None:
         )
 
 
-class _Turned(Budding):
-    """φ turned by Σ_k amounts_k z_k, where the standard normal numbers z belong to the child's lineage as φ does.
+class _Turned(BuddingRule):
+    """φ of a rule, turned by Σ_k amounts_k z_k; the standard normal z belong to the child's lineage as φ does.
 
-    `Budding.turns` belong to slots, and which of two nodes that are fed alike gets the lower slot, rounding decides.
+    The turns of `TurnedBudding` belong to slots, and rounding decides which of two nodes fed alike has the lower slot.
     """
 
-    amounts: Float[Array, " draw"] = eqx.field(kw_only=True)
+    name: ClassVar[str] = "turned by lineage"
+    amounts: Float[Array, " draw"]
+    base: BuddingRule
 
-    def angles(self, lineages: Array, parents: Int[Array, " node"], event: Int[Array, ""]) -> Float[Array, " node"]:
+    def angles(
+        self, context: Context, parents: Int[Array, " node"], lineages: UInt32[Array, "node 2"]
+    ) -> Float[Array, " node"]:
         draw = lambda data: jax.random.normal(jax.random.wrap_key_data(data), self.amounts.shape)  # noqa: E731
-        return super().angles(lineages, parents, event) + jax.vmap(draw)(lineages) @ self.amounts
+        return self.base.angles(context, parents, lineages) + jax.vmap(draw)(lineages) @ self.amounts
 
 
 class _AndPositions(eqx.Module):
@@ -176,9 +186,9 @@ def _births(run: Simulation) -> tuple[Array, Array]:
     return colony.lineages[by_lineage], part[by_lineage]
 
 
-def _chatter(values: list[float], relaxation: Relaxation, numerics: Numerics) -> list[str]:
+def _chatter(values: dict[str, float], relaxation: Relaxation, numerics: Numerics) -> list[str]:
     """A pair r apart, pushed for one step: r − λ4 shrinks by 1 − 2 Δt λ3 / w, which grows where that is below −1."""
-    ratio = numerics.dt * values[NAMES.index("repulsivity")] / float(relaxation.contact)  # type: ignore[arg-type]
+    ratio = numerics.dt * values["repulsivity"] / float(relaxation.contact)  # type: ignore[arg-type]
     if ratio <= 1.0:
         return []
     return [

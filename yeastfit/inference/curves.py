@@ -14,7 +14,7 @@ from yeastfit.measure.statistics.model_as_mask import HardStatistics
 from yeastfit.measure.statistics.smooth_statistics import SmoothStatistics
 from yeastfit.model.colony import PROBLEMS, Colony, start
 from yeastfit.model.numerics import Numerics, map_members, on_one_device
-from yeastfit.model.parameters import Parameters
+from yeastfit.model.parameters import NAMES, Parameters
 from yeastfit.model.relaxation import Relaxation
 from yeastfit.model.simulate import Schedule, trajectory
 
@@ -38,7 +38,7 @@ class Curves(eqx.Module):
     def grown(self, z: Float[Array, " 7"], key: Array) -> tuple[Colony, dict[str, Array]]:
         """One colony at the end, and what was observed."""
         rules = self.schedule, self.relaxation, self.numerics, self.observe
-        return trajectory(Parameters(*jnp.unstack(jnp.exp(z))), start(key, self.numerics), *rules)
+        return trajectory(Parameters.from_array(NAMES, jnp.exp(z)), start(key, self.numerics), *rules)
 
     def member(self, z: Float[Array, " 7"], key: Array) -> Float[Array, " value"]:
         """One colony's values; of smooth statistics, and then differentiable where the relaxation is."""

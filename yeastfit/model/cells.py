@@ -1,4 +1,4 @@
-"""Elliptical cells, their union as a level set, and the biomass (source 2.14 - 2.20; MODEL.md section 3.1 - 3.3).
+"""Elliptical cells, and their union as a level set (source 2.15 - 2.20; docs/model.md, sections 3.1 and 3.2).
 
 A cell is the edge between a node and its parent: p = ½|x_child − x_parent|, q = λ7 p, and in its own frame
 f = (u/p)² + (v/q)² − 1 = r² − 1, dimensionless. Hard union: g = min_k f_k. Relaxed, with weights w_k in [0, 1]:
@@ -101,11 +101,6 @@ def level_set(
     total = sum_of_terms(add_chunk, trips, grid, args)[margin:-margin, margin:-margin]
     reached = total > 0
     return jnp.where(reached, -s * jnp.log(jnp.where(reached, total, 1.0)), FAR)
-
-
-def biomass(g: Float[Array, "x y"], metabolic_rate: Float[Array, ""]) -> Float[Array, "x y"]:
-    """b = λ6 max(−g, 0) (source 2.14)."""
-    return metabolic_rate * jnp.maximum(-g, 0.0)
 
 
 _WINDOWS = jax.lax.ScatterDimensionNumbers(

@@ -1,5 +1,7 @@
 """The state of a colony: a tree of nodes in a nutrient field (MODEL.md section 2)."""
 
+from collections.abc import Mapping
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -24,6 +26,7 @@ class Colony(eqx.Module):
     nutrient: Float[Array, "*member x y"]
     step: Int[Array, "*member"]
     problems: "Problems"
+    node_state: dict[str, Float[Array, "*member node"]] = eqx.field(default_factory=dict)
 
     @property
     def alive(self) -> Bool[Array, "*member node"]:
@@ -45,7 +48,7 @@ class Problems(eqx.Module):
         return Problems(*(jnp.zeros((), bool),) * 4)
 
 
-def start(key: Array, numerics: Numerics) -> Colony:
+def start(key: Array, numerics: Numerics, node_state: Mapping[str, float] | None = None) -> Colony:
     """Two nodes at ±½(cos Θ, sin Θ), Θ uniform on [0, 2π), in nutrient c = 1 (source 2.9, 2.11)."""
     capacity, points = int(numerics.capacity), numerics.points
     angle_key, *roots = jax.random.split(key, 3)
@@ -61,6 +64,7 @@ def start(key: Array, numerics: Numerics) -> Colony:
         nutrient=jnp.ones((points, points), angle.dtype),
         step=jnp.asarray(0),
         problems=Problems.none(),
+        node_state={name: jnp.full(capacity, value, angle.dtype) for name, value in (node_state or {}).items()},
     )
 
 

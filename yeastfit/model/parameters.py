@@ -1,13 +1,18 @@
-"""The seven dimensionless parameters λ1..λ7 (source table 2.3) and the scales that give them units."""
+"""Values of the model's parameters, and the scales that give them units.
+
+The seven dimensionless parameters λ1 … λ7 are those of the source's table 2.3 (docs/model.md, section 1). A rule that a
+model is composed from may bring further ones (`yeastfit.model.rules`); their values travel in the same object.
+"""
 
 import math
+from collections.abc import Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TypeVar
+from typing import Any, TypeVar
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.tree_util import GetAttrKey
 from jaxtyping import Array, Float
 
 from yeastfit.errors import InputError
@@ -29,6 +34,8 @@ PARAMETERS = ParameterSet(
         ),
     )
 )
+"""What every model has. Plausible ranges hold the source's values (docs/model.md, section 1) with about a decade of
+room on either side, less where the admissible range ends: real colonies may lie beyond what the source tried."""
 NAMES = PARAMETERS.names
 Value = float | Array | np.ndarray | np.generic
 
@@ -39,57 +46,103 @@ def _as_float(value: Value) -> Array:
     return jnp.asarray(value, dtype=jnp.result_type(float))
 
 
-class Parameters(eqx.Module):
-    """λ1..λ7, dimensionless, each a scalar or one value per ensemble member.
+@jax.tree_util.register_pytree_with_keys_class
+@dataclass(frozen=True, init=False, eq=False, repr=False)
+class Parameters:
+    """Values of parameters by name, dimensionless, each a scalar or one value per ensemble member.
 
-    Defaults are the source's values. Admissible: finite, not negative; `repulsion_radius` at most 0.5,
-    `aspect_ratio` in (0, 1]. `PARAMETERS` gives symbol, meaning and plausible range of each.
-    Differentiable in every field. Raises `InputError` where a concrete value is not admissible.
+    `parameters.mobility` and `parameters["mobility"]` are the same. λ1 … λ7 are always there; what a rule of the model
+    brings is there once it is given, or once `Model.complete` has filled in its default. A pytree with one leaf per
+    parameter, differentiable in each.
+
+    Attributes:
+        values: By name.
+        known: Those whose values were checked.
+
+    Raises:
+        InputError: A value is no number, or one of λ1 … λ7 is concrete and not admissible.
     """
 
-    diffusivity: Float[Array, "*member"]
-    elasticity: Float[Array, "*member"]
-    repulsivity: Float[Array, "*member"]
-    repulsion_radius: Float[Array, "*member"]
-    mobility: Float[Array, "*member"]
-    metabolic_rate: Float[Array, "*member"]
-    aspect_ratio: Float[Array, "*member"]
+    values: Mapping[str, Float[Array, "..."]]
+    known: ParameterSet
 
-    def __init__(
-        self,
-        diffusivity: Value = 0.1,
-        elasticity: Value = 5.0,
-        repulsivity: Value = 5.0,
-        repulsion_radius: Value = 0.5,
-        mobility: Value = 1.0,
-        metabolic_rate: Value = 1.0,
-        aspect_ratio: Value = 0.73,
-    ) -> None:
-        self.diffusivity = _as_float(diffusivity)
-        self.elasticity = _as_float(elasticity)
-        self.repulsivity = _as_float(repulsivity)
-        self.repulsion_radius = _as_float(repulsion_radius)
-        self.mobility = _as_float(mobility)
-        self.metabolic_rate = _as_float(metabolic_rate)
-        self.aspect_ratio = _as_float(aspect_ratio)
+    def __init__(self, **values: Value) -> None:
+        self._set({name: _as_float(value) for name, value in {**PARAMETERS.defaults, **values}.items()}, PARAMETERS)
+        self._check(PARAMETERS)
 
-    def __check_init__(self) -> None:
-        for name, info in PARAMETERS.items():
-            value = getattr(self, name)
-            if isinstance(value, jax.core.Tracer):
-                continue
-            info.check(np.asarray(value))
+    @staticmethod
+    def from_array(names: Sequence[str], values: Float[Array, "*member parameter"]) -> "Parameters":
+        """Values in the order of `names`, along the last axis. Differentiable."""
+        return Parameters(**dict(zip(names, jnp.unstack(values, axis=-1), strict=True)))
+
+    def to_array(self, names: Sequence[str]) -> Float[Array, "*member parameter"]:
+        """Values in the order of `names`, along a new last axis. Differentiable."""
+        return jnp.stack(jnp.broadcast_arrays(*(self[name] for name in names)), axis=-1)
+
+    def within(self, known: ParameterSet) -> "Parameters":
+        """With exactly the parameters of a set, in its order, checked; the default of what is missing.
+
+        Raises:
+            InputError: A value belongs to no parameter of the set, or is concrete and not admissible.
+        """
+        if self.known == known and tuple(self.values) == known.names:
+            return self
+        for name in self.values:
+            if name not in known:
+                raise InputError(f"unknown parameter {name!r}, expected one of {', '.join(known.names)}")
+        values = {one.name: _as_float(self.values.get(one.name, one.default)) for one in known.parameters}
+        found = object.__new__(Parameters)._set(values, known)
+        found._check(known)
+        return found
+
+    def replace(self, **values: Value) -> "Parameters":
+        """A copy with some values changed.
+
+        Raises:
+            InputError: A name is not among the parameters that have a value, or a value is not admissible.
+        """
+        for name in values:
+            if name not in self.values:
+                raise InputError(f"unknown parameter {name!r}, expected one of {', '.join(self.values)}")
+        found = Parameters(**{**self.values, **values})
+        return found if self.known == PARAMETERS else found.within(self.known)
 
     def asdict(self) -> dict[str, float | list[float]]:
         """Plain numbers by name, for tables and JSON."""
-        return {name: np.asarray(getattr(self, name), dtype=float).tolist() for name in NAMES}
+        return {name: np.asarray(value, dtype=float).tolist() for name, value in self.values.items()}
 
-    def replace(self, **values: Value) -> "Parameters":
-        """A copy with some fields changed."""
-        unknown = sorted(set(values) - set(NAMES))
-        if unknown:
-            raise InputError(f"unknown parameter {unknown[0]!r}, expected one of {', '.join(NAMES)}")
-        return Parameters(**{name: values.get(name, getattr(self, name)) for name in NAMES})
+    def __getitem__(self, name: str) -> Array:
+        return self.values[name]
+
+    def __getattr__(self, name: str) -> Array:
+        values = self.__dict__.get("values", {})  # empty while a copy is being made
+        if name not in values:
+            raise AttributeError(f"no value of a parameter {name!r}, there are {', '.join(values)}")
+        return values[name]
+
+    def __repr__(self) -> str:
+        return f"Parameters({', '.join(f'{name}={value}' for name, value in self.values.items())})"
+
+    def tree_flatten_with_keys(self) -> tuple[list[tuple[GetAttrKey, Any]], Hashable]:
+        """For jax: values in order, under their names."""
+        return [(GetAttrKey(name), value) for name, value in self.values.items()], (tuple(self.values), self.known)
+
+    @classmethod
+    def tree_unflatten(cls, names_and_known: tuple[tuple[str, ...], ParameterSet], leaves: Iterable) -> "Parameters":
+        """For jax: what `tree_flatten_with_keys` took apart; not checked."""
+        names, known = names_and_known
+        return object.__new__(cls)._set(dict(zip(names, leaves, strict=True)), known)
+
+    def _set(self, values: dict[str, Any], known: ParameterSet) -> "Parameters":
+        object.__setattr__(self, "values", values)
+        object.__setattr__(self, "known", known)
+        return self
+
+    def _check(self, known: ParameterSet) -> None:
+        """Raises `InputError` where a concrete value is not admissible."""
+        for name, one in known.items():
+            if not isinstance(self.values[name], jax.core.Tracer):
+                one.check(np.asarray(self.values[name]))
 
 
 @dataclass(frozen=True)

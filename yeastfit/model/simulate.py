@@ -1,5 +1,6 @@
 """One time step, and its repetition (MODEL.md section 3)."""
 
+import dataclasses
 from collections.abc import Callable, Sequence
 
 import equinox as eqx
@@ -8,21 +9,25 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int, PyTree
 
-from yeastfit.model import cells as cells_
 from yeastfit.model.active_window import extent_of_cells, extent_of_change, on_window
-from yeastfit.model.budding import RANDOM, Budding, bud, growth_rate
+from yeastfit.model.budding import bud
+from yeastfit.model.cells import Cells, cells_of, level_set
 from yeastfit.model.colony import Colony, Problems
-from yeastfit.model.forces import nutrient_at, stiffness, velocity
+from yeastfit.model.forces import stiffness, velocity
+from yeastfit.model.model import Model
 from yeastfit.model.numerics import Numerics
 from yeastfit.model.nutrient import nutrient_step
 from yeastfit.model.parameters import Parameters
 from yeastfit.model.relaxation import Relaxation
+from yeastfit.model.rules import Context, UptakeRule
+
+SOURCE = Model()
 
 
 class Snapshot(eqx.Module):
     """What statistics of step n are taken from: the step's cells and μ, and the colony after its motion."""
 
-    cells: cells_.Cells
+    cells: Cells
     growth_rate: Float[Array, ""]
     colony: Colony
     parameters: Parameters
@@ -33,43 +38,55 @@ Observe = Callable[[Snapshot], PyTree]
 
 
 def step(
-    colony: Colony, parameters: Parameters, relaxation: Relaxation, numerics: Numerics, budding: Budding = RANDOM
+    colony: Colony, parameters: Parameters, relaxation: Relaxation, numerics: Numerics, model: Model = SOURCE
 ) -> tuple[Colony, Snapshot]:
-    """Cells, their union, biomass, nutrient, growth rate, mitosis, motion - in this order."""
-    cells = cells_.cells_of(colony, parameters.aspect_ratio)
-    nutrient = eaten(colony.nutrient, cells, parameters, relaxation, numerics)
-    n = colony.step + 1
-    colony = eqx.tree_at(lambda c: (c.nutrient, c.step), colony, (nutrient, n))
-    fed = nutrient_at(colony, numerics)
-    mu = growth_rate(fed, colony.weights)
+    """One time step: cells eat, die, bud and move, in this order.
+
+    Arguments:
+        colony: The state before.
+        parameters: Values of all the model's parameters.
+        relaxation: Smoothing widths.
+        numerics: Grid and time step.
+        model: The rules.
+
+    Returns:
+        The state after, and what statistics of the step are taken from.
+    """
+
+    def seen(colony: Colony, **changed: PyTree) -> Context:
+        return Context.of(dataclasses.replace(colony, **changed), parameters, relaxation, numerics, model.death)
+
+    cells = cells_of(colony, parameters.aspect_ratio)
+    context = seen(colony)
+    context = seen(colony, nutrient=eaten(context, cells, model.uptake), step=colony.step + 1)
+    context = seen(context.colony, node_state=model.advance(context))
+    context = seen(model.death.deaths(context))
     colony = jax.lax.cond(
-        n % numerics.steps_per_event == 0, lambda c: bud(c, mu, fed, relaxation, numerics, budding), lambda c: c, colony
+        model.births.due(context),
+        lambda: bud(context, model.births.births(context), model.budding, model.node_state()),
+        lambda: context.colony,
     )
-    positions = colony.positions + numerics.dt * velocity(colony, parameters, relaxation, numerics)
-    colony = eqx.tree_at(lambda c: c.positions, colony, positions)
-    return colony, Snapshot(cells, mu, colony, parameters, relaxation)
+    positions = colony.positions + numerics.dt * velocity(seen(colony), model.contact)
+    colony = dataclasses.replace(colony, positions=positions)
+    return colony, Snapshot(cells, context.growth_rate, colony, parameters, relaxation)
 
 
-def eaten(
-    nutrient: Float[Array, "x y"],
-    cells: cells_.Cells,
-    parameters: Parameters,
-    relaxation: Relaxation,
-    numerics: Numerics,
-) -> Float[Array, "x y"]:
-    """The nutrient one step later: union of the cells, biomass and diffusion, where there is anything to do."""
+def eaten(context: Context, cells: Cells, uptake: UptakeRule) -> Float[Array, "x y"]:
+    """The nutrient one step later: union of the living cells, uptake and diffusion, where there is anything to do."""
+    nutrient, relaxation, numerics = context.colony.nutrient, context.relaxation, context.numerics
     reach = relaxation.union_reach
 
-    def on(points: int, nutrient: Float[Array, "x y"], cells: cells_.Cells) -> Float[Array, "x y"]:
+    def on(points: int, nutrient: Float[Array, "x y"], cells: Cells) -> Float[Array, "x y"]:
         first = (numerics.points - points) // 2
         window = slice(first, first + points)
         origin = -0.5 * numerics.domain + first * numerics.spacing
-        g = cells_.level_set(cells, relaxation.union, reach, origin, numerics.spacing, points)
-        b = cells_.biomass(g, parameters.metabolic_rate)
+        g = level_set(cells, relaxation.union, reach, origin, numerics.spacing, points)
+        rate = uptake.rate(context, g, nutrient[window, window])
         return nutrient.at[window, window].set(
-            nutrient_step(nutrient[window, window], b, parameters.diffusivity, numerics)
+            nutrient_step(nutrient[window, window], rate, context.parameters.diffusivity, numerics)
         )
 
+    cells = dataclasses.replace(cells, weights=context.living[1:])
     extent = jnp.maximum(extent_of_cells(cells, reach), extent_of_change(nutrient, numerics.spacing))
     return on_window(on, extent, numerics.spacing, numerics.points, nutrient, cells)
 
@@ -97,7 +114,7 @@ def trajectory(
     relaxation: Relaxation,
     numerics: Numerics,
     observe: Observe,
-    budding: Budding = RANDOM,
+    model: Model = SOURCE,
 ) -> tuple[Colony, PyTree]:
     """One colony from a state on: the last state, and `observe` of the steps asked for, stacked along the first axis.
 
@@ -121,8 +138,8 @@ def trajectory(
         return (snapshot, last), observe(snapshot)
 
     blocks = 1 << ((schedule.longest.bit_length() - 1) // 2)
-    rules = parameters, relaxation, numerics, budding
-    cells = cells_.cells_of(colony, parameters.aspect_ratio)
+    rules = parameters, relaxation, numerics, model
+    cells = cells_of(colony, parameters.aspect_ratio)
     first = Snapshot(cells, jnp.zeros_like(colony.weights[0]), colony, parameters, relaxation)
     begin = first, colony.step.astype(schedule.steps.dtype)
     (snapshot, _), observed = jax.lax.scan(jax.checkpoint(to_sample), begin, schedule.steps)

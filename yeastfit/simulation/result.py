@@ -8,9 +8,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from yeastfit.errors import InputError
 from yeastfit.model.colony import PROBLEMS, Colony, Problems
+from yeastfit.model.model import Model
 from yeastfit.model.numerics import Numerics
-from yeastfit.model.parameters import NAMES, Parameters, Scales
+from yeastfit.model.parameters import Parameters, Scales
 from yeastfit.model.relaxation import Relaxation
 from yeastfit.storage import as_json, from_json, written_whole
 
@@ -30,6 +32,7 @@ class Simulation:
     parameters: Parameters
     relaxation: Relaxation
     numerics: Numerics
+    model: Model
     scales: Scales
     seconds: float
 
@@ -69,10 +72,12 @@ class Simulation:
         arrays: dict[str, Any] = {f"statistics/{name}": values for name, values in self.statistics.items()}
         arrays |= {f"colony/{name}": getattr(self.colony, name) for name in _COLONY_ARRAYS}
         arrays |= {f"problems/{name}": getattr(self.colony.problems, name) for name in PROBLEMS}
-        arrays |= {f"parameters/{name}": getattr(self.parameters, name) for name in NAMES}
+        arrays |= {f"node_state/{name}": values for name, values in self.colony.node_state.items()}
+        arrays |= {f"parameters/{name}": value for name, value in self.parameters.values.items()}
         names = ("union", "contact", "boundary", "turning", "overhang")
         widths = {name: _number(getattr(self.relaxation, name)) for name in names}
         configuration = {
+            "model": self.model.asdict(),
             "numerics": asdict(self.numerics),
             "scales": asdict(self.scales),
             "relaxation": {**widths, "births": self.relaxation.births},
@@ -82,23 +87,37 @@ class Simulation:
             np.savez_compressed(file, times=self.times, configuration=as_json(configuration), **arrays)
 
     @staticmethod
-    def load(path: str | Path) -> "Simulation":
-        """What `save` wrote."""
+    def load(path: str | Path, model: Model | None = None) -> "Simulation":
+        """What `save` wrote.
+
+        Arguments:
+            path: The file.
+            model: The model itself where it holds rules that are not registered (`yeastfit.RULES`).
+
+        Raises:
+            InputError: The file names a rule that is unknown, or `model` has other rules than the file names.
+        """
         with np.load(path) as archive:
             groups: dict[str, dict[str, np.ndarray]] = {}
             for key in archive.files:
                 group, _, name = key.partition("/")
                 groups.setdefault(group, {})[name] = archive[key]
         configuration = from_json(str(groups["configuration"][""]))
+        if model is None:
+            model = Model.of(configuration["model"])
+        elif from_json(as_json(model.asdict())) != configuration["model"]:
+            raise InputError(f"{path}: model has the rules {model.asdict()}, the file's are {configuration['model']}")
         problems = Problems(**{name: jnp.asarray(values) for name, values in groups["problems"].items()})
         states = {name: jnp.asarray(values) for name, values in groups["colony"].items()}
+        node_state = {name: jnp.asarray(values) for name, values in groups.get("node_state", {}).items()}
         return Simulation(
             times=groups["times"][""],
             statistics=groups["statistics"],
-            colony=Colony(**states, problems=problems),
-            parameters=Parameters(**groups["parameters"]),
+            colony=Colony(**states, problems=problems, node_state=node_state),
+            parameters=model.complete(Parameters(**groups["parameters"])),
             relaxation=Relaxation(**configuration["relaxation"]),
             numerics=Numerics(**configuration["numerics"]),
+            model=model,
             scales=Scales(**configuration["scales"]),
             seconds=configuration["seconds"],
         )

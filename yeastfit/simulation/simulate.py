@@ -11,16 +11,15 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, PyTree
 
-from yeastfit.errors import InputError
+from yeastfit.errors import InputError, SimulationError
 from yeastfit.measure.statistics.model_as_mask import HardStatistics
 from yeastfit.measure.statistics.smooth_statistics import SmoothStatistics
-from yeastfit.model.budding import RANDOM, Budding
 from yeastfit.model.colony import Colony
-from yeastfit.model.colony import start as new_colony
 from yeastfit.model.forces import stiffness
+from yeastfit.model.model import Model
 from yeastfit.model.numerics import Numerics, map_members, on_one_device
 from yeastfit.model.nutrient import check_alpha
-from yeastfit.model.parameters import NAMES, Parameters, Scales
+from yeastfit.model.parameters import Parameters, Scales
 from yeastfit.model.relaxation import Relaxation
 from yeastfit.model.simulate import Schedule, Snapshot, trajectory
 from yeastfit.simulation.result import Simulation
@@ -50,46 +49,62 @@ def simulate(
     keys: Array | None = None,
     *,
     times: Sequence[Any] | np.ndarray | Array,
+    model: Model | None = None,
     start: Colony | None = None,
     numerics: Numerics | None = None,
     relaxation: Relaxation | None = None,
     observe: Observer | None = None,
-    budding: Budding = RANDOM,
     scales: Scales | None = None,
     throw: bool = True,
 ) -> Simulation:
-    """Grow one colony (`keys` one random key) or an ensemble (`keys` an array of them, see `member_keys`).
+    """Grow one colony, or an ensemble of them.
 
-    parameters: λ, shared by all members or with one value per member in some fields. times: rising, in model units,
-    at least one step and at least one step apart; each is rounded to a whole number of steps. start: instead of keys, a
-    colony to go on from (`Simulation.colony`, or `model.colony.start` with other positions or nutrient), or one per
-    member along a first axis; times are then later than its own. observe: what to record; by default smooth statistics
-    for a relaxed model and scikit-image's for a hard one (`relaxation=HARD`). budding: turns of budding angles, shared
-    by all members. What is not a shape can change without recompiling: λ, keys, widths, and times as long as the
-    largest number of steps between two of them stays below the same power of two.
-
-    Returns a `Simulation`; its `warnings()` are what a user should see. Raises `InputError`, also where dt turns out
-    too large for the springs or a state is not finite, unless `throw` is False: then these are warnings too.
-
-    jax differentiates it, forwards (`jax.jvp`, `jax.jacfwd`) and backwards (`jax.vjp`, `jax.grad`), in λ, the widths,
-    and the start's positions, weights and nutrient, and `budding.turns`:
+    Differentiable by JAX, forwards (`jax.jvp`, `jax.jacfwd`) and backwards (`jax.vjp`, `jax.grad`), in parameters,
+    widths, the start's positions, weights and nutrient, and arrays that rules of the model hold:
 
         jax.jacfwd(lambda p: simulate(p, key, times=[5.0]).statistics["radius"])(parameters)
 
-    Backwards costs about seven plain runs however many inputs there are, forwards less than one for each. Nothing is
-    checked while tracing. The derivative of one colony is exact and, once colonies crowd, not what an ensemble's mean
-    does: see `sensitivity`.
+    Reverse mode costs about seven plain runs however many inputs there are, forward mode less than one for each.
+    Nothing is checked while tracing. The derivative of one colony is exact but, once cells crowd, not the derivative of
+    an ensemble's mean: see `sensitivity`.
+
+    Parameters, keys, widths and times can change without recompiling, as long as shapes stay and the largest number of
+    steps between two times stays below the same power of two.
+
+    Arguments:
+        parameters: Shared by all members, or with one value per member for some. What rules bring has its default
+            where nothing is given.
+        keys: One random key for one colony, or an array of keys (`member_keys`) for an ensemble.
+        times: Model times, rising, at least one step from the start and from each other; each is rounded to a whole
+            number of steps.
+        model: The rules; by default the source's.
+        start: Instead of keys, a colony to continue (`Simulation.colony`, or `Model.start` with other positions or
+            nutrient), or one per member along a first axis. Times are then later than its own.
+        numerics: Grid, time step and capacity.
+        relaxation: Smoothing widths; `HARD` for the hard model.
+        observe: What to record; by default smooth statistics of a relaxed model and scikit-image's of a hard one.
+        scales: Units of the result's tables.
+        throw: Whether a time step too large for the springs, or a state that is not finite, is an error. Otherwise
+            they are among the result's warnings.
+
+    Returns:
+        A `Simulation`; show its `warnings()` to users.
+
+    Raises:
+        InputError: An argument is not admissible, or dt turned out too large for the springs.
+        SimulationError: Positions or nutrient became not finite.
     """
-    numerics = numerics or Numerics()
+    numerics, model = numerics or Numerics(), model or Model()
+    parameters = model.complete(parameters)
     relaxation = Relaxation() if relaxation is None else relaxation
     if observe is None:
         hard = relaxation.boundary is None
         observe = (HardStatistics if hard else SmoothStatistics)(extent=numerics.domain, spacing=numerics.spacing)
     if (keys is None) == (start is None):
         raise InputError("simulate needs either keys, for new colonies, or start, a colony to go on from")
-    began: Array | Colony = keys if start is None else start  # type: ignore[assignment]
+    began: Array | Colony = keys if start is None else model.resumed(start)  # type: ignore[assignment]
     batch = (keys if start is None else start.step).shape  # type: ignore[union-attr]
-    inputs = jax.tree.leaves((parameters, began, relaxation, budding))
+    inputs = jax.tree.leaves((parameters, began, relaxation, model))
     traced = any(isinstance(leaf, jax.core.Tracer) for leaf in inputs)
     if traced and isinstance(observe, HardStatistics):
         raise InputError("observe is HardStatistics, which jax cannot trace: use SmoothStatistics")
@@ -101,7 +116,7 @@ def simulate(
         began = jax.tree.map(lambda leaf: leaf[None], began)
     watch = clock.perf_counter()
     batched = _per_member(parameters, batch[0] if batch else 1)
-    colony, observed = on_one_device(_run(batched, began, schedule, relaxation, numerics, observe, budding))
+    colony, observed = on_one_device(_run(batched, began, schedule, relaxation, numerics, observe, model))
     if throw and not traced:
         _check_steps(colony, batched, numerics)
     if not batch:
@@ -113,6 +128,7 @@ def simulate(
         parameters=parameters,
         relaxation=relaxation,
         numerics=numerics,
+        model=model,
         scales=scales or Scales(),
         seconds=clock.perf_counter() - watch,
     )
@@ -155,19 +171,19 @@ def _run(
     relaxation: Relaxation,
     numerics: Numerics,
     observe: Observer,
-    budding: Budding,
+    model: Model,
 ) -> tuple[Colony, PyTree]:
     def one(parameters: Parameters, began: Array | Colony) -> tuple[Colony, PyTree]:
-        colony = began if isinstance(began, Colony) else new_colony(began, numerics)
-        return trajectory(parameters, colony, schedule, relaxation, numerics, observe, budding)
+        colony = began if isinstance(began, Colony) else model.start(began, numerics)
+        return trajectory(parameters, colony, schedule, relaxation, numerics, observe, model)
 
     return map_members(one, parameters, began)
 
 
 def _per_member(parameters: Parameters, members: int) -> Parameters:
     """λ with one value per member in every field."""
-    for name in NAMES:
-        shape = getattr(parameters, name).shape
+    for name, value in parameters.values.items():
+        shape = value.shape
         if shape not in ((), (members,)):
             raise InputError(f"{name} has shape {shape}, it must be one number or one per member, ({members},)")
     return jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (members,)), parameters)
@@ -182,4 +198,4 @@ def _check_steps(colony: Colony, parameters: Parameters, numerics: Numerics) -> 
             f"below 2 and the colonies grown here dt below {needed:.3g}"
         )
     if np.any(colony.problems.not_finite):
-        raise InputError(f"dt is {numerics.dt:g} and positions or nutrient became not finite: lower dt")
+        raise SimulationError(f"dt is {numerics.dt:g} and positions or nutrient became not finite: lower dt")

@@ -1,0 +1,42 @@
+"""The nutrient and its gradient at the nodes: bilinear between grid points.
+
+    c(x) = Σ_corners weight · c,    ∇c(x) = Σ_corners weight · ∇c,
+
+∇c at a grid point by central differences. Differentiable; a node that crosses a line of the grid makes a kink.
+"""
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Int
+
+from yeastfit.model.colony import Colony
+from yeastfit.model.numerics import Numerics
+
+
+def nutrient_at(colony: Colony, numerics: Numerics) -> Float[Array, " node"]:
+    """c at the nodes."""
+    corner, weights = _bilinear(colony.positions, numerics, margin=0)
+    return jnp.sum(weights * colony.nutrient[corner[:, 0, None] + _DI, corner[:, 1, None] + _DJ], axis=1)
+
+
+def gradient_at(colony: Colony, numerics: Numerics) -> Float[Array, "node 2"]:
+    """∇c at the nodes."""
+    c, h = colony.nutrient, numerics.spacing
+    corner, weights = _bilinear(colony.positions, numerics, margin=1)
+    i, j = corner[:, 0, None] + _DI, corner[:, 1, None] + _DJ
+    gradient = jnp.stack([c[i + 1, j] - c[i - 1, j], c[i, j + 1] - c[i, j - 1]], axis=-1) / (2 * h)
+    return jnp.sum(weights[..., None] * gradient, axis=1)
+
+
+# corners of a grid square; 32 bits, or jax would keep NumPy's 64 in single precision
+_DI, _DJ = np.array([0, 0, 1, 1], np.int32), np.array([0, 1, 0, 1], np.int32)
+
+
+def _bilinear(
+    positions: Float[Array, "node 2"], numerics: Numerics, margin: int
+) -> tuple[Int[Array, "node 2"], Float[Array, "node 4"]]:
+    """Lower corner and the four weights of the grid square around each node, `margin` points off the boundary."""
+    scaled = (positions + 0.5 * numerics.domain) / numerics.spacing
+    corner = jnp.clip(jnp.floor(scaled).astype(int), margin, numerics.points - 2 - margin)
+    s, t = jnp.unstack(scaled - corner, axis=-1)
+    return corner, jnp.stack([(1 - s) * (1 - t), (1 - s) * t, s * (1 - t), s * t], axis=-1)

@@ -1,0 +1,153 @@
+"""A colony model: one rule for each question, and the parameters that they bring.
+
+    Model()                                   the source's model (docs/model.md)
+    Model(budding=MyRule(), death=Other())    two rules exchanged
+
+`simulate`, fits, sensitivities, posteriors and `synthesize` take a model; none of them asks which rules it holds.
+"""
+
+import dataclasses
+from collections.abc import Mapping
+from typing import Any
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from yeastfit.errors import InputError
+from yeastfit.model.budding import TurnedBudding, UniformBudding
+from yeastfit.model.colony import Colony, start
+from yeastfit.model.contact import NodeContact
+from yeastfit.model.death import NoDeath
+from yeastfit.model.growth import GlobalBirths
+from yeastfit.model.numerics import Numerics
+from yeastfit.model.parameters import PARAMETERS, Parameters
+from yeastfit.model.rules import BirthRule, BuddingRule, ContactRule, Context, DeathRule, Rule, UptakeRule
+from yeastfit.model.uptake import BiomassUptake
+from yeastfit.parameter_set import ParameterSet
+
+BASES: dict[str, type[Rule]] = {
+    base.question: base for base in (BirthRule, BuddingRule, ContactRule, UptakeRule, DeathRule)
+}
+"""The base class of the rules of each question."""
+
+RULES: dict[str, dict[str, type[Rule]]] = {question: {} for question in BASES}
+"""Rules by question and name, for recipes, files and the command line. A rule of one's own may be added."""
+for _rule in (GlobalBirths, UniformBudding, TurnedBudding, NodeContact, BiomassUptake, NoDeath):
+    RULES[_rule.question][_rule.name] = _rule
+
+
+class Model(eqx.Module):
+    """A rule for each question; by default the source's.
+
+    Attributes:
+        births: Who buds, and when.
+        budding: In which direction a child appears.
+        contact: How nodes push each other apart.
+        uptake: How fast cells take up nutrient.
+        death: What becomes of nodes.
+
+    Raises:
+        InputError: What is given for a question is no rule for it, or two rules bring different parameters or two
+            kinds of state under one name.
+    """
+
+    births: BirthRule = GlobalBirths()
+    budding: BuddingRule = UniformBudding()
+    contact: ContactRule = NodeContact()
+    uptake: UptakeRule = BiomassUptake()
+    death: DeathRule = NoDeath()
+
+    def __check_init__(self) -> None:
+        for question, rule in self.rules.items():
+            if not isinstance(rule, BASES[question]):
+                raise InputError(f"{question} is {rule!r}, it must be a {BASES[question].__name__}")
+        states = [name for rule in self.rules.values() for name in rule.node_state()]
+        twice = sorted({name for name in states if states.count(name) > 1})
+        if twice:
+            raise InputError(f"model: two of its rules keep a node state {twice[0]!r}")
+        _ = self.parameters
+
+    @property
+    def rules(self) -> dict[str, Rule]:
+        """By question."""
+        return {question: getattr(self, question) for question in BASES}
+
+    @property
+    def parameters(self) -> ParameterSet:
+        """λ1 … λ7, and what the rules bring; a parameter that two rules bring alike is there once."""
+        brought = dict.fromkeys(one for rule in self.rules.values() for one in rule.parameters)
+        return PARAMETERS + [one for one in brought if one not in PARAMETERS.parameters]
+
+    def complete(self, parameters: Parameters) -> Parameters:
+        """Values of exactly this model's parameters, checked, with defaults for those that rules bring.
+
+        Raises:
+            InputError: A value belongs to no rule of this model, or is not admissible.
+        """
+        return parameters.within(self.parameters)
+
+    def node_state(self) -> dict[str, float]:
+        """What the rules keep for each node: values of a newborn, by name."""
+        return {name: value for rule in self.rules.values() for name, value in rule.node_state().items()}
+
+    def advance(self, context: Context) -> dict[str, Float[Array, " node"]]:
+        """The state of all nodes one time step later."""
+        return {name: value for rule in self.rules.values() for name, value in rule.advance(context).items()}
+
+    def start(self, key: Array, numerics: Numerics) -> Colony:
+        """A new colony of two nodes."""
+        return start(key, numerics, self.node_state())
+
+    def resumed(self, colony: Colony) -> Colony:
+        """A colony, or an ensemble, with the state that these rules keep; where it has none, that of newborns."""
+        full = {name: jnp.full_like(colony.weights, value) for name, value in self.node_state().items()}
+        return dataclasses.replace(
+            colony, node_state={name: colony.node_state.get(name, value) for name, value in full.items()}
+        )
+
+    def asdict(self) -> dict[str, dict[str, Any]]:
+        """Names of the rules and their settings by question, for files; `Model.of` reads them."""
+        return {question: _described(rule) for question, rule in self.rules.items()}
+
+    @staticmethod
+    def of(rules: Mapping[str, Mapping[str, Any]]) -> "Model":
+        """From names of registered rules (`RULES`) and their settings.
+
+        Arguments:
+            rules: By question, as in `{"budding": {"rule": "uniform"}}`; the source's rule where a question is missing.
+
+        Raises:
+            InputError: There is no such question, rule or setting.
+        """
+        for question in rules:
+            if question not in BASES:
+                raise InputError(f"model: question {question!r} is unknown, expected some of {', '.join(BASES)}")
+        return Model(**{question: _rule_of(question, settings) for question, settings in rules.items()})  # type: ignore[arg-type]
+
+
+def _described(rule: Rule) -> dict[str, Any]:
+    settings = {each.name: getattr(rule, each.name) for each in dataclasses.fields(rule)}
+    plain = {name: _described(value) if isinstance(value, Rule) else value for name, value in settings.items()}
+    return {"rule": rule.name, **plain}
+
+
+def _rule_of(question: str, settings: Any) -> Rule:
+    if not isinstance(settings, Mapping) or "rule" not in settings:
+        raise InputError(f"{question} is {settings!r}, expected a table that names its rule")
+    name, known = settings["rule"], RULES[question]
+    if name not in known:
+        raise InputError(f"{question}: rule {name!r} is unknown, expected one of {', '.join(known)}")
+    given = {
+        key: _rule_of(question, value) if isinstance(value, Mapping) else value
+        for key, value in settings.items()
+        if key != "rule"
+    }
+    admissible = [each.name for each in dataclasses.fields(known[name])]
+    for key in given:
+        if key not in admissible:
+            raise InputError(f"{question}: rule {name!r} has no setting {key!r}, it has {admissible or 'none'}")
+    try:
+        return known[name](**given)
+    except TypeError as error:
+        raise InputError(f"{question}: rule {name!r}: {error}") from None

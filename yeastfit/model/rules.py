@@ -1,0 +1,187 @@
+"""The questions that a colony model answers, one rule object each, and what a rule is given to answer it.
+
+    question   asked                             default
+    births     who buds in this step, and when   `growth.GlobalBirths`
+    budding    in which direction                `budding.UniformBudding`
+    contact    how nodes push each other         `contact.NodeContact`
+    uptake     how fast cells eat                `uptake.BiomassUptake`
+    death      what becomes of nodes             `death.NoDeath`
+
+A new mechanism is a subclass of one of the bases below, with the method of its question and the parameters it brings;
+`Model(budding=MyRule())` is then simulated, fitted, inferred and synthesised like any other. Methods are traced by JAX:
+they use `jax.numpy`, draw random numbers only from lineages, and compute with weights, which are fractional in the
+relaxed model. A rule's own fields are settings, fixed while a model runs; what is to be fitted is a parameter.
+"""
+
+from abc import abstractmethod
+from typing import ClassVar
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int, UInt32
+
+from yeastfit.model.colony import Colony
+from yeastfit.model.interpolation import gradient_at, nutrient_at
+from yeastfit.model.numerics import Numerics
+from yeastfit.model.parameters import Parameters
+from yeastfit.model.relaxation import Relaxation
+from yeastfit.parameter_set import Parameter
+
+
+class Context(eqx.Module):
+    """What a rule may look at.
+
+    Attributes:
+        colony: Positions, parents, weights, lineages, `node_state`, the nutrient field and the number of steps done.
+        parameters: Values by name: `parameters.mobility`, `parameters["budding_bias"]`.
+        relaxation: Smoothing widths; None stands for a hard rule.
+        numerics: Grid, Δt and δ.
+        living: Weights of nodes as they eat and bud; those of `colony` where nobody dies.
+        local_nutrient: c at the nodes.
+        growth_rate: μ, the mean of c over the living nodes.
+    """
+
+    colony: Colony
+    parameters: Parameters
+    relaxation: Relaxation
+    numerics: Numerics = eqx.field(static=True)
+    living: Float[Array, " node"]
+    local_nutrient: Float[Array, " node"]
+    growth_rate: Float[Array, ""]
+
+    @staticmethod
+    def of(
+        colony: Colony, parameters: Parameters, relaxation: Relaxation, numerics: Numerics, death: "DeathRule"
+    ) -> "Context":
+        """What there is to see of a colony."""
+        living, fed = death.living(colony), nutrient_at(colony, numerics)
+        return Context(colony, parameters, relaxation, numerics, living, fed, growth_rate(fed, living))
+
+    def local_gradient(self) -> Float[Array, "node 2"]:
+        """∇c at the nodes."""
+        return gradient_at(self.colony, self.numerics)
+
+
+def growth_rate(fed: Float[Array, " node"], weights: Float[Array, " node"]) -> Float[Array, ""]:
+    """μ = Σ w_i c(x_i) / Σ w_i, the mean nutrient of nodes (source 2.13)."""
+    return jnp.sum(weights * fed) / jnp.sum(weights)
+
+
+class Births(eqx.Module):
+    """Who is born in one step.
+
+    Attributes:
+        parents: Slots of all nodes, in the order in which their children take the next free slots.
+        weights: Of the child of each of `parents`; 0 where there is none.
+        event: Number of the event, by which the lineages of two children of one parent differ.
+        node_state: What budding changes in the state of nodes, by name.
+    """
+
+    parents: Int[Array, " node"]
+    weights: Float[Array, " node"]
+    event: Int[Array, ""]
+    node_state: dict[str, Float[Array, " node"]] = eqx.field(default_factory=dict)
+
+
+class Rule(eqx.Module):
+    """One mechanism.
+
+    Attributes:
+        question: Which of a model's questions it answers; a base class says so.
+        name: As in a recipe or on the command line.
+        parameters: Those that it brings.
+    """
+
+    question: ClassVar[str]
+    name: ClassVar[str]
+    parameters: ClassVar[tuple[Parameter, ...]] = ()
+
+    def node_state(self) -> dict[str, float]:
+        """What it keeps for each node, by name, and the value that a newborn starts with; nothing by default."""
+        return {}
+
+    def advance(self, context: Context) -> dict[str, Float[Array, " node"]]:
+        """The state of all nodes one time step later; by default unchanged. Asked after the nutrient's step."""
+        return {name: context.colony.node_state[name] for name in self.node_state()}
+
+
+class BirthRule(Rule):
+    """Who buds, and when."""
+
+    question: ClassVar[str] = "births"
+
+    @abstractmethod
+    def due(self, context: Context) -> Bool[Array, ""]:
+        """Whether anybody may bud in this step; only then is `births` computed."""
+
+    @abstractmethod
+    def births(self, context: Context) -> Births:
+        """Parents in order, and the weights of their children."""
+
+
+class BuddingRule(Rule):
+    """In which direction a child appears."""
+
+    question: ClassVar[str] = "budding"
+
+    @abstractmethod
+    def angles(
+        self, context: Context, parents: Int[Array, " node"], lineages: UInt32[Array, "node 2"]
+    ) -> Float[Array, " node"]:
+        """Direction φ of each child from its parent.
+
+        Arguments:
+            context: The colony before the births.
+            parents: Slots of the parents.
+            lineages: Data of the children's random keys (`jax.random.wrap_key_data`), whose draws are their own.
+
+        Returns:
+            Angles in radians.
+        """
+
+
+class ContactRule(Rule):
+    """How nodes, or cells, that touch move apart."""
+
+    question: ClassVar[str] = "contact"
+
+    @abstractmethod
+    def velocity(self, context: Context, motion: Float[Array, "node 2"]) -> Float[Array, "node 2"]:
+        """What contact adds to the velocity of each node.
+
+        Arguments:
+            context: The colony after the births.
+            motion: Velocity by springs and along the gradient alone, which a constraint works against.
+        """
+
+
+class UptakeRule(Rule):
+    """How fast cells take up nutrient."""
+
+    question: ClassVar[str] = "uptake"
+
+    @abstractmethod
+    def rate(
+        self, context: Context, level_set: Float[Array, "x y"], nutrient: Float[Array, "x y"]
+    ) -> Float[Array, "x y"]:
+        """b ≥ 0 in ∂c/∂t = λ1 ∇²c − b c, frozen over a time step.
+
+        Arguments:
+            context: The colony before the step.
+            level_set: g of the living cells on a square window of the grid; negative inside.
+            nutrient: c on the same window.
+        """
+
+
+class DeathRule(Rule):
+    """What becomes of nodes."""
+
+    question: ClassVar[str] = "death"
+
+    @abstractmethod
+    def living(self, colony: Colony) -> Float[Array, " node"]:
+        """Weights with which nodes eat and bud; less than `colony.weights` for the dead that stay where they are."""
+
+    @abstractmethod
+    def deaths(self, context: Context) -> Colony:
+        """The colony after this step's deaths. Asked after the nutrient's step and before births."""
