@@ -1,1 +1,1 @@
-"""What is measured, against what, with one command each: `python -m benchmarks.NAME [--quick] [--json FILE]`."""
+"""Benchmarks, one command each: `python -m benchmarks.NAME [--quick] [--json FILE]` (docs/benchmarks.md)."""

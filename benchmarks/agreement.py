@@ -1,28 +1,27 @@
-"""One posterior, three methods: on the synthetic micrographs, beside each other.
+"""One posterior by three methods: emulator, ABC-SMC and ABC-MCMC compared on the synthetic micrographs.
 
-Of fewer data than there are, which ABC can come close to: the first four colonies at 7 and at 9 hours, four numbers; of
-a smaller prior, log-uniform, mobility 0.5 to 3, metabolic rate 0.4 to 2.5, aspect ratio 0.45 to 0.9; by a model as
-coarse as calibration's, the same for all methods: they are on trial and not the model. A data set of ABC is the mean of
-four colonies, with errors of measurement. All methods go through `yeastfit infer`'s own code, each with two seeds,
-which share nothing:
+The data are reduced until they are within ABC's reach: the first four colonies at 7 and 9 hours, which makes four
+numbers. The prior is narrower, too: log-uniform, mobility 0.5 to 3, metabolic rate 0.4 to 2.5, aspect ratio 0.45 to
+0.9. All methods use the coarse model of the calibration, since the methods are tested here and not the model. A
+simulated data set of ABC is the mean of four colonies, with measurement error. Every method runs through the code of
+`yeastfit infer`, with two independent seeds:
 
 - emulator: until it has settled;
-- ABC-SMC: populations of 1000 until its budget is spent, then adjusted by regression;
-- ABC-MCMC: 32 chains at the ε that ABC-SMC ended with; their draws adjusted by the same regression afterwards (Wegmann
-  et al. 2009, doi:10.1534/genetics.109.102509).
+- ABC-SMC: populations of 1000 until the budget is spent, followed by regression adjustment;
+- ABC-MCMC: 32 chains at the final ε of ABC-SMC, followed by the same regression adjustment (Wegmann et al. 2009,
+  doi:10.1534/genetics.109.102509).
 
-Means of log λ have Monte-Carlo errors: of the emulator's chains by their effective sizes, and with its own error, a
-share of the variance that data are compared with; of ABC by jackknife, where parts of a population or whole chains are
-left out before the others are adjusted. Where errors are what they are said to be, z, a difference of two means over
-its error, has an rms of 1.
+Posterior means of log λ have Monte-Carlo errors. The emulator's follow from the effective sample size of its chains and
+from its own prediction error, as a share of the variance in its likelihood. ABC's follow from a jackknife that repeats
+the adjustment without parts of a population or without whole chains. z is the difference of two means divided by its
+error; its rms is 1 if the errors are right.
 
-Targets: z of means has an rms of at most 1.5 between methods, and no difference of means is above half a standard
-deviation.
+Targets: the rms of z between methods is at most 1.5, and no two means differ by more than half a standard deviation.
 
     python -m benchmarks.agreement [--quick] [--json FILE] [--docs DIR] [--work DIR]
 
-All runs are kept in DIR of --work, out/agreement by default, and taken up there by the same code. With --quick: one
-data set, one seed, tiny settings, no targets. With --docs, DIR/agreement.md and DIR/agreement.png are written.
+Runs are kept in the folder given by --work, out/agreement by default, and reused by the same version of the code.
+--quick: one data set, one seed, tiny settings, no targets. --docs writes DIR/agreement.md and DIR/agreement.png.
 """
 
 import argparse
@@ -218,8 +217,8 @@ def agree(report: Report, size: Size, work: Path) -> dict[tuple[str, int], dict[
                         parameter: f"{one.mean[k]:+.3f} ± {one.sd[k]:.3f} ({one.error[k]:.3f})"
                         for k, parameter in enumerate(one.samples.free)
                     },
-                    "λ inside": sum(each),
-                    "together": yes(joint),
+                    "λ in 90 % intervals": sum(each),
+                    "in joint region": yes(joint),
                     "ε": one.epsilon,
                     "data sets": one.samples.simulations,
                     "s": one.samples.seconds,
@@ -246,13 +245,13 @@ def agree(report: Report, size: Size, work: Path) -> dict[tuple[str, int], dict[
                     }
                 )
     most: tuple[float | None, float | None] = (None, None) if report.quick else (RMS, APART)
-    said = "1 where errors are right"
+    said = "1 if errors are right"
     report.add("z of means between methods, rms", _rms(scores["between"]), "", most[0], at_least=False, note=said)
     if scores["within"]:
         report.add("z of means of one method, rms", _rms(scores["within"]), "", note=f"two seeds; {said}")
     report.add("largest difference of means between methods", widest, "sd", most[1], at_least=False)
-    report.table("few data: mean ± sd of log λ (Monte-Carlo error of the mean), in the order " + _names(BOX), runs)
-    report.table("few data: methods beside each other, λ in the order " + _names(BOX), rows)
+    report.table("reduced data: mean ± sd of log λ (Monte-Carlo error of the mean)", runs)
+    report.table("reduced data: pairs of methods, λ in the order " + _names(BOX), rows)
     return found
 
 
@@ -296,9 +295,9 @@ def markdown(report: Report) -> str:
     parts = [
         f"""{report.head(__doc__)}
 
-![Posteriors of few data](agreement.png)
+![Posteriors of the reduced data](agreement.png)
 
-Shares of the posterior of few data below each λ, two runs of each method; dashed: the truth.
+Cumulative posterior distributions of the reduced data, two runs of each method; dashed: the truth.
 """
     ]
     return "\n".join([*parts, *report.sections()])

@@ -1,33 +1,34 @@
-"""Whether posteriors mean what they say: simulation-based calibration of the emulator and of ABC.
+"""Simulation-based calibration of the emulator and of ABC-SMC.
 
-A truth is drawn from the prior, data from the simulator at it, a posterior from the data. Then the truth is as any draw
-from that posterior: its rank among L independent draws is uniform on 0..L (Talts et al. 2018, arXiv:1804.06788), and
-the central interval that holds a share q of the posterior holds the truth with probability q. So it is for each λ, and
-for any function of λ and data. That one here is the log-likelihood by an emulator of other simulations, from the prior
-alone: it sees posteriors that are right on average over the data but too little moved by them (Modrák et al. 2023,
-doi:10.1214/23-BA1404).
+A true λ is drawn from the prior, data are simulated at it, and a posterior is inferred from the data. If posteriors are
+right, the truth is distributed like a draw from its own posterior: its rank among L independent draws is uniform on
+0..L (Talts et al. 2018, arXiv:1804.06788), and a central interval of probability q contains it with probability q. This
+holds for each λ and for any function of λ and data. The function used here is the log-likelihood of an emulator trained
+on other simulations, from the prior alone. It detects posteriors that are right on average over the data but respond
+to them too little (Modrák et al. 2023, doi:10.1214/23-BA1404).
 
-Prior: mobility 0.5 to 3, metabolic rate 0.4 to 2.5, aspect ratio 0.45 to 0.9, each log-uniform. Colonies are young, the
-model coarse, as the samplers are on trial and not the model: whatever it is, data and posterior are of the same. All
-data are compactness and radius. 200 posteriors are by `emulated`, in 8 groups: one of 25 data sets has one seed and
-one store, so that all its data sets share the simulations of the first round, as those of a user do who keeps the
-store. 100 are by `abc_smc` with regression adjustment, of smaller data, in 4 groups that share populations from the
-prior.
+Prior: mobility 0.5 to 3, metabolic rate 0.4 to 2.5, aspect ratio 0.45 to 0.9, each log-uniform. Colonies are young and
+the model is coarse, since the samplers are tested here and not the model; data and posteriors use the same one. The
+data are compactness and radius. 200 posteriors are by the emulator, in 8 groups of 25 data sets: a group has one seed
+and one store, so its data sets share the simulations of the first round, as they do for a user who keeps the store. 100
+posteriors are by ABC-SMC with regression adjustment, of smaller data sets, in 4 groups that share the populations drawn
+from the prior.
 
-Bands and intervals hold 95 %. Those of single parameters are binomial; over the three parameters, of one data set not
-independent, an interval is from the scatter of data sets. p is the probability of ranks as little uniform as those
-found, by the largest departure of their ECDF from the diagonal (Säilynoja et al. 2022, doi:10.1007/s11222-022-10090-6).
+Bands and intervals are at 95 %. Those of single parameters are binomial. The three parameters of a data set are
+dependent, so the interval over all of them uses the scatter between data sets. p is the probability that uniform ranks
+depart at least as far from uniformity, measured by the largest departure of their ECDF from the diagonal (Säilynoja et
+al. 2022, doi:10.1007/s11222-022-10090-6).
 
-Targets: of the truths, over all parameters, 45 % to 55 % are inside 50 % intervals and 86 % to 94 % inside 90 %
-intervals. p is at least 0.01, the least one times their number. No posterior fails.
+Targets: over all parameters, 50 % intervals contain 45 % to 55 % of the truths and 90 % intervals 86 % to 94 %. The
+smallest p, multiplied by the number of quantities tested (Bonferroni), is at least 0.01. No posterior fails.
 
     python -m benchmarks.calibration [--quick] [--json FILE] [--docs DIR] [--work DIR] [--jobs N] [--method NAME]
 
-All is kept in DIR of --work, out/calibration by default: for each group its simulations, and a line of JSON for each
-data set that is done. A run that was interrupted goes on there, by the same code. N groups run at a time, each in a
-process, by default as many as there are cores: chains take one core only. With --quick: a few data sets with tiny
-settings, no targets. With --method, only data sets of `emulator` or of `abc-smc`. With --docs, DIR/calibration.md and
-DIR/calibration.png are written, or DIR/calibration-NAME of one method.
+Simulations of each group and a line of JSON for each finished data set are kept in the folder given by --work,
+out/calibration by default; an interrupted run continues there with the same version of the code. N groups run at a
+time, each in its own process; by default N is the number of cores, since a chain uses one core. --quick: a few data
+sets with tiny settings, no targets. --method restricts the run to `emulator` or `abc-smc`. --docs writes
+DIR/calibration.md and DIR/calibration.png, or DIR/calibration-NAME for one method.
 """
 
 import argparse
@@ -260,12 +261,13 @@ def markdown(report: Report, study: Study) -> str:
 
 ![Ranks of the truth]({study.name}.png)
 
-Histograms of ranks with the band that a single bar lies in with 95 %; below them the ECDF of the ranks less its
-diagonal, with the band that the whole of it lies in with 95 %. Too narrow a posterior has high bars at both ends.
+Histograms of ranks, with a band that contains a single bar with probability 95 %; below them the ECDF of the ranks
+minus its diagonal, with a band that contains all of it with probability 95 %. A posterior that is too narrow has high
+bars at both ends.
 
 ## Settings
 
-Colonies of dt {MODEL.dt:g}, nutrient on a grid of {MODEL.spacing:g}, outlines on one of {PIXEL:g}.
+Colonies at Δt = {MODEL.dt:g}; grid of the nutrient {MODEL.spacing:g} L0, of the outlines {PIXEL:g} L0.
 """
     ]
     parts += [_settings(part) for part in study.parts]
@@ -279,7 +281,7 @@ def _settings(part: Part) -> str:
     said = ", ".join(f"{name} {value} (default {usual[name]})" for name, value in other.items())
     return (
         f"- {part.method}: {part.count} data sets in {part.groups} groups, each the mean of {part.replicates} colonies "
-        f"at t = {', '.join(f'{time:g}' for time in part.times)}; L = {part.draws}. Settings that are not the default: "
+        f"at t = {', '.join(f'{time:g}' for time in part.times)}; L = {part.draws}. Non-default settings: "
         f"{said or 'none'}.\n"
     )
 

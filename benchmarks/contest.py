@@ -1,4 +1,4 @@
-"""One χ² for several optimisers: the judge, the counted objective, and what minimises it beside `yeastfit.fit`."""
+"""One χ² for several optimisers: the judge, the counting objective, and the alternatives to `yeastfit.fit`."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass

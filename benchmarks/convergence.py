@@ -1,13 +1,14 @@
-"""How far the model is from its limit in Δt, h and every width, and how far relaxed is from hard.
+"""How far the model is from its limit in Δt, h and every width, and how far the relaxed model is from the hard one.
 
-λ = 0.1, 5, 5, 0.5, 1, 1, 0.7; ensembles of one set of keys on a domain of 24 L0, up to about 250 nodes at t = 8.5. One
-estimator measures all of them (K = 0.2 at 0.1 L0, no blur). A difference is that of two ensembles' means, with the
-standard error of its members' differences. Targets: the relaxed model at its default widths against the hard one with
-Δt → 0, at most 3 % for d̄, A and N and 5 % for C at every time, at Δt = 0.02 and 0.01. Beside them the order of
-convergence of one colony in double precision, where births and angles are the same for all Δt and h.
+λ = 0.1, 5, 5, 0.5, 1, 1, 0.7; ensembles with the same keys on a domain of 24 L0, up to about 250 nodes at t = 8.5. One
+estimator measures all of them (K = 0.2 at 0.1 L0, no blur). Each difference is one between the means of two ensembles,
+with a standard error from the differences of their members. Targets: at every time, and at Δt = 0.02 and 0.01, the
+relaxed model with default widths differs from the hard model in the limit Δt → 0 by at most 3 % in d̄, A and N and 5 %
+in C. Beside that, the order of convergence of one colony in double precision, whose births and angles are the same for
+all Δt and h.
 
-With --docs DIR, DIR/convergence.md and DIR/convergence.png are written anew. With --quick, ensembles are small and end
-at 60 nodes: their errors are larger than the targets and the verdict says little.
+--docs DIR writes DIR/convergence.md and DIR/convergence.png. --quick uses small ensembles that end at 60 nodes: their
+errors exceed the targets, so the verdict says little.
 """
 
 from datetime import date
@@ -193,26 +194,27 @@ def picture(tables: dict[str, list[dict[str, Any]]], path: Path) -> None:
 def markdown(tables: dict[str, list[dict[str, Any]]], found: list[dict[str, Any]], members: int) -> str:
     """The page."""
     parts = [
-        f"""# Convergence, and how far relaxed is from hard
+        f"""# Convergence, and how far the relaxed model is from the hard one
 
 Written by `python -m benchmarks.convergence --docs docs` on {date.today()}; ensembles of {members} colonies with common
-keys, λ = 0.1, 5, 5, 0.5, 1, 1, 0.7. Every entry is the difference of two ensembles' means in percent, ± its standard
-error. Area, perimeter, compactness and radius are those of one estimator (K = 0.2 at 0.1 L0) for hard and relaxed.
+keys, λ = 0.1, 5, 5, 0.5, 1, 1, 0.7. Every entry is the difference between the means of two ensembles in percent, ± its
+standard error. Area, perimeter, compactness and radius of both models are measured by one estimator (K = 0.2 at 0.1
+L0).
 
 ![Differences over time](convergence.png)
 
 How to choose:
 
-- **Δt, hard.** The hard contact throws a touching pair apart by Δt λ3 each step. Its error falls with Δt, and at the
-  source's 0.02 it is far larger than all that relaxation changes: take 0.005 or less.
-- **Δt, relaxed.** 0.01 at the default widths; 0.02 is nearly as good. At smaller Δt compactness comes out up to 5 %
-  short, because what is left of chatter at Δt λ3 / w ≥ 1 makes up for part of what the ramp takes away: a smaller Δt
-  wants a smaller w.
-- **h.** 0.2 costs about 1 % of area against 0.1. Perimeter, and with it compactness, depends on the grid that it is
-  measured on, which is another one, and on K: they have no limit here, so compare only what was measured alike.
-- **Widths.** The ramp pushes less than the step it replaces, so colonies come out tighter, the wider it is the more. s
-  closes gaps as they are measured and changes growth little. Rows of single relaxations hold hard's own error at
-  Δt = 0.01 ("all hard").
+- **Δt, hard.** The hard contact pushes a touching pair apart by Δt λ3 in each step. The error falls with Δt; at the
+  source's 0.02 it is much larger than the whole effect of relaxation. Use 0.005 or less.
+- **Δt, relaxed.** 0.01 at the default widths; 0.02 is nearly as good. At smaller Δt compactness is up to 5 % too low:
+  at larger ones, the chatter that remains where Δt λ3 / w ≥ 1 compensates for part of the force that the ramp removes.
+  So a smaller Δt needs a smaller w.
+- **h.** 0.2 costs about 1 % of area relative to 0.1. Perimeter, and with it compactness, depends on K and on the grid
+  on which it is measured, which is not the nutrient's. It has no limit, so compare only what was measured alike.
+- **Widths.** The ramp pushes less than the step it replaces, so colonies are tighter, the more the wider it is. s
+  closes gaps in the measured outline and changes growth little. The rows of single relaxations contain the hard model's
+  own error at Δt = 0.01 ("all hard").
 """
     ]
     for title, rows in tables.items():

@@ -1,18 +1,18 @@
-"""Derivatives of ensemble means beside central differences of the hard model: right, and how cheap.
+"""Derivatives of ensemble means compared with central differences of the hard model: accuracy and cost.
 
 λ3 in {0.1, 5}, λ5 in {0.1, 1, 2.5}, λ7 in {0.5, 0.7, 1}, the others 0.1, 5, 0.5, 1; compactness, d̄, radius, area and
-N at four times from about 20 to 250 nodes; all seven derivatives in log λ. Differences: two ensembles of the hard model
-with common keys for each parameter, ±10 %, as far away as the regression goes. Beside them `yeastfit.sensitivity` as it
-is by default, and its two parts. The hard model is grown at Δt λ3 ≤ 0.025 (docs/convergence.md says what is left of its
-time step).
+N at four times from about 20 to 250 nodes; all seven derivatives in log λ. The reference are central differences: two
+ensembles of the hard model with common keys for each parameter, at ±10 %, the distance that the regression uses, too.
+They are compared with `yeastfit.sensitivity` at its default settings and with its two components. The hard model runs
+at Δt λ3 ≤ 0.025 (docs/convergence.md has the remaining error of the time step).
 
-Targets, for the default: every entry within 3 combined standard errors of the differences or within 15 %; per
-statistic, all times together, a cosine of at least 0.97; variance times cost at most 1/4 of that of differences, and at
-most that of regression. Cost is counted in colonies of the hard model; a path counts as many as its time is worth,
-measured apart in the middle of the grid. Then, at the source's size, all seven derivatives of one colony forwards, in
-at most 8 plain runs, and backwards in at most 2 GB.
+Targets, for the default estimator: every entry agrees with the differences within 3 combined standard errors or within
+15 %; for each statistic, all times together, the cosine is at least 0.97; variance times cost is at most 1/4 of that of
+differences and at most that of the regression. Cost is counted in colonies of the hard model; a pathwise derivative
+counts as many colonies as take the same time, measured separately in the middle of the grid. Then, for one colony of
+the source's size, all seven derivatives in forward mode take at most 8 plain runs, and reverse mode at most 2 GB.
 
-With --quick, one λ, small ensembles to 60 nodes. With --docs DIR, DIR/gradients.md and DIR/gradients.png are written.
+--quick: one λ, small ensembles up to 60 nodes. --docs DIR writes DIR/gradients.md and DIR/gradients.png.
 """
 
 from collections.abc import Callable
@@ -176,8 +176,8 @@ def verdicts(report: Report, rows: list[dict[str, Any]], worths: list[float]) ->
     table = {method: _columns(rows, method) for method in ("differences", *METHODS)}
     exact = table["differences"]
     worth = float(np.mean(worths))
-    note = "of the hard model, by time: " + ", ".join(f"{each:.2g}" for each in worths)
-    report.add("a path", worth, "colonies", note=note)
+    note = "of the hard model in the same time: " + ", ".join(f"{each:.2g}" for each in worths)
+    report.add("cost of a pathwise derivative", worth, "colonies", note=note)
     for one in table.values():
         one["cost"] = one["colonies"] + worth * one["paths"]
     moves = _variance(exact) > 1e-6 * _variance(table["regression"])  # the count hardly does in small colonies
@@ -202,7 +202,7 @@ def verdicts(report: Report, rows: list[dict[str, Any]], worths: list[float]) ->
                     "largest": float(np.nanmax(cost[of])),
                     "var × cost / regression": float(np.nanmedian(against[of])),
                     "largest ": float(np.nanmax(against[of])),
-                    "mean share of pathwise": float(one["share"][of].mean()) if method == "combined" else None,
+                    "mean pathwise weight": float(one["share"][of].mean()) if method == "combined" else None,
                 }
             )
         if method == "combined":
@@ -216,20 +216,20 @@ def verdicts(report: Report, rows: list[dict[str, Any]], worths: list[float]) ->
                     "largest": float(np.nanmax(cost[of])),
                     "var × cost / regression": float(np.nanmedian(against[of])),
                     "smallest": float(np.nanmin(against[of])),
-                    "mean share of pathwise": float(one["share"][of].mean()),
+                    "mean pathwise weight": float(one["share"][of].mean()),
                 }
                 for low, high in pairwise(SIZES)
                 if (of := (one["nodes"] >= low) & (one["nodes"] < high)).any()
             ]
-            chance = f"of {outside.size}; {0.0027 * outside.size:.0f} beyond 3 errors by chance alone"
+            chance = f"of {outside.size}; {0.0027 * outside.size:.0f} beyond 3 errors expected by chance"
             report.add("entries outside 3 errors and 15 %", outside.sum(), "", 0, at_least=False, note=chance)
             report.add("lowest cosine per statistic", one["cosine"].min(), "", 0.97)
             note = f"median {np.nanmedian(cost):.2f}"
-            report.add("variance at equal cost, of differences", np.nanmax(cost), "×", 0.25, False, note)
+            report.add("variance × cost / differences", np.nanmax(cost), "×", 0.25, False, note)
             note = f"median {np.nanmedian(against):.2f}, smallest {np.nanmin(against):.2f}"
-            report.add("variance at equal cost, of regression", np.nanmax(against), "×", 1.0, False, note)
-    report.table("estimators beside central differences of the hard model", summary)
-    report.table("combined, by size of the colonies", sizes)
+            report.add("variance × cost / regression", np.nanmax(against), "×", 1.0, False, note)
+    report.table("estimators compared with central differences of the hard model", summary)
+    report.table("combined, by colony size", sizes)
 
 
 def _columns(rows: list[dict[str, Any]], method: str) -> dict[str, np.ndarray]:
@@ -267,11 +267,11 @@ def cost_of_derivatives(report: Report, quick: bool) -> None:
         program.timed(1)
         program.timed(3)
     note = f"aim 5; {plain.wall:.2f} s plain, {forward.wall:.2f} s with seven tangents"
-    report.add("seven derivatives forwards", forward.wall / plain.wall, "plain runs", 8, at_least=False, note=note)
+    report.add("seven derivatives, forward mode", forward.wall / plain.wall, "plain runs", 8, at_least=False, note=note)
     note = "λ, positions, weights and nutrient"
-    report.add("all derivatives backwards", backward.wall / plain.wall, "plain runs", note=note)
-    report.add("memory backwards", backward.memory / 1e9, "GB", 2, at_least=False)
-    report.add("memory forwards", forward.memory / 1e9, "GB")
+    report.add("all derivatives, reverse mode", backward.wall / plain.wall, "plain runs", note=note)
+    report.add("memory, reverse mode", backward.memory / 1e9, "GB", 2, at_least=False)
+    report.add("memory, forward mode", forward.memory / 1e9, "GB")
 
 
 def picture(rows: list[dict[str, Any]], path: Path) -> None:
@@ -304,39 +304,44 @@ def picture(rows: list[dict[str, Any]], path: Path) -> None:
 def markdown(report: Report) -> str:
     """The page."""
     parts = [
-        f"""# Derivatives of the ensemble's mean, audited
+        f"""# Derivatives of the ensemble mean, audited
 
 {report.origin}
 
-Derivatives of the hard model's mean in log λ1 … log λ7 at {len(GRID)} λ, five statistics and four times, from about 20
-to 250 nodes, beside central differences of ±{SPREAD:.0%} with {32} colonies on each side and common keys.
+Derivatives of the hard model's mean in log λ1 … log λ7 at {len(GRID)} λ, for five statistics and four times from
+about 20 to 250 nodes, compared with central differences of ±{SPREAD:.0%} with {32} colonies on each side and common
+keys.
 
-![Derivatives beside central differences](gradients.png)
+![Derivatives compared with central differences](gradients.png)
 
-What to take from it:
+Conclusions:
 
-- **Regression** in pairs over an orthogonal design has no bias that can be seen at ±10 %: z-scores are what chance
-  makes them. (At ±20 % a twentieth of all entries were outside, most in metabolic rate and aspect ratio: all parameters
-  move at once, and interactions of third order enter.) What it gains on differences grows with chaos: where contacts
-  are stiff and colonies large, a fifth to a third of the variance at equal cost; where they are soft, two fifths; in
-  colonies of twenty nodes common keys help differences of one parameter about as much as one design for all helps it.
-- **Pathwise** derivatives (`{_words(tame())}`) up to {PATH_NODES} nodes have a fraction of
-  either's variance, and a bias that no ensemble is large enough to show from the inside. The regression does.
-- **Combined** takes from the paths as much as the two agree. James and Stein's rule, which makes it never worse than
-  the regression, is cautious: seven numbers tell little about a bias. Where there are no paths, it pays for those of
-  earlier times.
+- **Regression** over pairs in an orthogonal design has no visible bias at ±10 %: z-scores are as chance makes them. (At
+  ±20 % a twentieth of all entries were outside, mostly in metabolic rate and aspect ratio, because all parameters move
+  at once and third-order interactions enter.) Its advantage over differences grows with chaos. At equal cost its
+  variance is a fifth to a third of theirs where contacts are stiff and colonies large, and two fifths where contacts
+  are soft. In colonies of twenty nodes common keys help differences in one parameter about as much as the joint design
+  helps the regression.
+- **Pathwise** derivatives (`{_words(tame())}`), used up to {PATH_NODES} nodes, have a fraction of the
+  variance of either, and a bias that no ensemble, however large, reveals by itself. The regression reveals it.
+- **Combined** weights the pathwise estimate by how well it agrees with the regression. The James–Stein rule, which
+  guarantees a result no worse than the regression, is cautious: seven numbers say little about a bias. At late times,
+  where there are no pathwise derivatives, the combined estimate still pays for those at earlier times.
 
-Tried and left out, at λ = (0.1, 5, 5, 0.5, 1, 1, 0.7), colonies of 16 to 100 nodes; z is the root mean square over
-parameters of the distance from the hard model's derivatives (512 runs of regression with 896 of differences) in errors:
+Tried and rejected, at λ = (0.1, 5, 5, 0.5, 1, 1, 0.7), colonies of 16 to 100 nodes. z is the root mean square over
+parameters of the distance from the hard model's derivatives (512 runs of regression combined with 896 of differences),
+in standard errors:
 
-- Contact 0.2, turning 0, overhang 0.25, twice the spacing, Δt = 0.02: quiet to the end and z = 2.6 to 5.0 for d̄, radius
-  and area with 16 paths; with turning 0.5, z = 2.0 to 4.7. The model chosen above has z = 0.8 to 2.4.
-- The same with exact derivatives: as quiet as the others at 16 nodes, 20 to 70 times the regression's variance at 60
+- Contact 0.2, turning 0, overhang 0.25, twice the spacing, Δt = 0.02: low variance at all times, but z = 2.6 to 5.0 for
+  d̄, radius and area with 16 paths; with turning 0.5, z = 2.0 to 4.7. The model chosen above has z = 0.8 to 2.4.
+- The same with exact derivatives: a variance as low as the others' at 16 nodes, 20 to 70 times the regression's at 60
   nodes, 150 to 20 000 times at 100.
-- Regression of that relaxed model, three times as fast as the hard one: z = 2.0 to 3.6, worse than what it saves.
+- Regression on that relaxed model, three times as fast as on the hard one: z = 2.0 to 3.6, which costs more than the
+  speed gains.
 
-"outside": neither within 3 combined errors nor within 15 %. Variances are squared errors, mean over the parameters; of
-"combined" with what the bias of its pathwise part may be. "largest" is that of any λ and time.
+"Outside" means neither within 3 combined standard errors nor within 15 %. Variances are squared errors, averaged over
+the parameters; those of "combined" include the possible bias of its pathwise part. "Largest" and "smallest" are over
+all λ and times.
 """
     ]
     return "\n".join([*parts, *report.sections()])

@@ -1,9 +1,9 @@
-"""Photographs that are hard to segment, drawn from a mask: what nine real ones do not show.
+"""Photographs that are hard to segment, drawn from a mask, for problems that nine real photographs do not show.
 
-`CASES` names them. Each takes a mask, whose colony is drawn as the real ones look (medians over nine photographs of
-contrast against depth, in grey levels of 8 bits: a filament's 25 to 45 at its edge, five times that in the core), and
-changes one thing: the light, the frame, the noise, what else lies in the picture. `drawn_colony` makes masks where
-there are no real ones.
+`CASES` lists them. Each case takes a mask, draws its colony with the look of the real ones (contrast against depth in
+grey levels of 8 bits, medians over nine photographs: 25 to 45 at the edge of a filament, five times that in the core),
+and changes one thing: light, frame, noise, or other objects in the picture. `drawn_colony` makes masks where there are
+no real ones.
 """
 
 from collections.abc import Callable

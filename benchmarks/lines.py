@@ -1,4 +1,4 @@
-"""Records of a study that may be killed: a line of JSON for each piece of work that is done."""
+"""Records of a study that may be interrupted: a line of JSON for each finished piece of work."""
 
 import os
 from pathlib import Path

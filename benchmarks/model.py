@@ -1,16 +1,17 @@
-"""How fast the model is, how its cost and memory grow with nodes and members, and how long it compiles.
+"""How fast the model runs, how its cost and memory grow with nodes and members, and how long it takes to compile.
 
-The source's problem: λ = 0.1, 5, 5, 0.5, 1, 1, 0.7 on 401 × 401 points, 805 steps of 0.02 (35 hours), 500 nodes. Ours
-is relaxed, in single precision, with statistics on the whole grid. Targets:
+The source's problem: λ = 0.1, 5, 5, 0.5, 1, 1, 0.7 on 401 × 401 points, 805 steps of 0.02 (35 hours), 500 nodes. Our
+model is relaxed, in single precision, with statistics on the whole grid. Targets:
 
-- speed against tests/reference/colony.py (plain NumPy and SciPy, hard rules, the same tolerance of the nutrient solve,
-  statistics at the same steps, one thread a process): 12 times, one colony, and 16 against two processes at once;
-- cost of a step, 10² to 10⁵ nodes on a domain that grows with them: exponent at most 1.1; 10⁵ nodes within 24 GB;
+- speed relative to tests/reference/colony.py (plain NumPy and SciPy, hard rules, the same tolerance of the nutrient
+  solver, statistics at the same steps, one thread a process): 12 times, for one colony and for 16 against two processes
+  at once;
+- cost of a step from 10² to 10⁵ nodes, on a domain that grows with them: exponent at most 1.1; 10⁵ nodes within 24 GB;
 - compile time at most 15 s; on an H200, 100 runs per second.
 
-Compile time is in no other figure. With --quick, speed is that of 50 steps from the middle of a run, where there are as
-many nodes as on average, and sizes end at 10⁴. Where JAX finds a GPU, sizes and ensembles are measured there and
-nothing is compared with NumPy: for that, set JAX_PLATFORMS=cpu. The machine should have nothing else to do.
+Compile time is not included in any other figure. With --quick, speed is measured over 50 steps from the middle of a
+run, where a colony has about its average number of nodes, and sizes end at 10⁴. On a GPU, sizes and ensembles are
+measured and nothing is compared with NumPy; set JAX_PLATFORMS=cpu for that. The machine should be otherwise idle.
 """
 
 import multiprocessing

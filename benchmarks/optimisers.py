@@ -1,36 +1,36 @@
-"""What a fit costs beside what one would do otherwise: simulated colonies until the same residual is reached.
+"""The cost of a fit compared with other optimisers: simulated colonies until the same residual is reached.
 
-The curves of data/synthetic/demo, mobility, metabolic rate and aspect ratio free. The residual is that of the exact
-mean, for all alike: χ²(θ) = (m(θ) − y)ᵀ Σ⁻¹ (m(θ) − y), with Σ as it is at the true parameters, and m from a response
-surface over ±0.2 in log λ around them, of 1536 colonies that nobody pays for. A run has arrived when the best point it
-has found so far, by its own reckoning, is within 2 of the least χ² on that surface. The surface is checked by large
-ensembles at the points that were found.
+Data: the curves of data/synthetic/demo, with mobility, metabolic rate and aspect ratio free. All methods are judged by
+the exact mean: χ²(θ) = (m(θ) − y)ᵀ Σ⁻¹ (m(θ) − y), with Σ at the true parameters and m from a response surface over
+±0.2 in log λ around them, fitted to 1536 colonies that are not counted. A run has arrived when the best point that it
+has found, by its own criterion, is within 2 of the smallest χ² on that surface. Large ensembles at the points found
+check the surface.
 
-The alternatives minimise that χ² with m the mean of 64 colonies, whose keys stay the same, over the same bounds in the
-same unbounded coordinates z (`parameter_space`), with the same model, time step and estimator, from the three starts
-that `yeastfit.fit` chose from the box, one run from each:
+The alternatives minimise χ² with m the mean of 64 colonies whose keys stay the same. They have the same bounds, the
+same unbounded coordinates z (`parameter_space`), the same model, time step and estimator, and one run from each of the
+three starts that `yeastfit.fit` chose:
 
-- Nelder and Mead's simplex (SciPy), edges of 0.5 in z;
-- `scipy.optimize.least_squares` with forward differences of 0.1 in log λ. Its own step, 1e-8, makes no sense here: a
-  colony is chaotic, the mean of 64 with fixed keys jumps, and on that scale differences show nothing but the jumps;
-- CMA-ES (package cma), step 0.5 in z, populations as it chooses.
+- the Nelder–Mead simplex (SciPy), with edges of 0.5 in z;
+- `scipy.optimize.least_squares` with forward differences of 0.1 in log λ. Its default step, 1e-8, is useless here:
+  colonies are chaotic, the mean of 64 with fixed keys jumps, and differences on that scale show only the jumps;
+- CMA-ES (package cma), with step 0.5 in z and default populations.
 
-`yeastfit.fit` runs by default settings, but without refinement, which changes the model and which the others would need
-as well. All are stopped, or counted, when they arrive: that is more than a user would know. A single run may end in the
-valley where only the product of mobility and metabolic rate matters, so what is compared is three starts side by side,
-until one of them arrives: for an alternative three times its shortest run, for `yeastfit.fit` all that it grows, from
-its first screened colony on, until it arrives, and until it stops by itself. What `yeastfit.fit` does from one start
-alone stands beside, too. Each seed has keys of its own. A run that has not arrived after the budget, or stops
-elsewhere, did not, and counts as infinitely long in the median. To keep the time down, a run of an alternative is given
-up at 1.5 times the colonies that the best alternative before it needed in the median.
+`yeastfit.fit` runs with default settings but without refinement, which changes the model and which the others would
+need as well. All are stopped, or counted, when they arrive, which a user would not know. A single run may end in the
+valley where only the product of mobility and metabolic rate matters. So three starts are compared, run in parallel
+until one of them arrives: an alternative costs three times its shortest run; `yeastfit.fit` costs every colony that it
+simulates, screening included, until it arrives, and until it stops by itself. `yeastfit.fit` from a single start is
+listed, too. Every seed has its own keys. A run that has not arrived within the budget, or stops elsewhere, counts as
+infinitely long in the median. To save time, a run of an alternative ends at 1.5 times the median number of colonies of
+the best alternative before it.
 
 Targets: the best alternative needs at least 3 times the colonies of `yeastfit.fit`, medians over seeds.
 
     python -m benchmarks.optimisers [--quick] [--json FILE] [--docs DIR]
 
-With --json, a run that was interrupted goes on. With --quick: five times up to 8 h, where the metabolic rate cannot be
-told from mobility and is held, small ensembles, one seed, one start, no target. With --docs, DIR/optimisers.md and
-DIR/optimisers.png are written.
+With --json, an interrupted run continues. --quick: five times up to 8 h, with the metabolic rate held, as such data do
+not distinguish it from mobility; small ensembles, one seed, one start, no target. --docs writes DIR/optimisers.md and
+DIR/optimisers.png.
 """
 
 import time
@@ -196,7 +196,7 @@ def verdicts(report: Report, runs: Mapping[str, list[dict[str, Any]]], contest: 
                 "colonies": run["colonies"],
                 "seconds": run["seconds"],
                 "ended": run["ended"],
-                "χ² above least": contest.rise(np.array(run["theta"])),
+                "χ² above minimum": contest.rise(np.array(run["theta"])),
                 **{key: float(np.exp(value)) for key, value in zip(contest.space.names, run["theta"], strict=True)},
             }
             for run in done
@@ -204,7 +204,7 @@ def verdicts(report: Report, runs: Mapping[str, list[dict[str, Any]]], contest: 
     whole = [run["whole"] for run in runs[WHOLE]]
     rises = ", ".join(f"{one['rise']:.2f}" for one in whole)
     stopped = float(np.median([one["colonies"] for one in whole]))
-    report.add(f"{WHOLE}: colonies until it stopped", stopped, "", note=f"χ² there above the least: {rises}")
+    report.add(f"{WHOLE}: colonies until it stopped", stopped, "", note=f"χ² there above its minimum: {rises}")
     report.add(f"{WHOLE}: seconds until it stopped", np.median([one["seconds"] for one in whole]), "s")
     best = min(ALTERNATIVES, key=lambda name: side_by_side(runs[name]))
     target = None if report.quick else FEWER
@@ -216,10 +216,10 @@ def verdicts(report: Report, runs: Mapping[str, list[dict[str, Any]]], contest: 
         "colonies, best alternative / ours until it stopped",
         side_by_side(runs[best]) / stopped,
         "×",
-        note="as if the alternative knew when to stop",
+        note="the alternative is stopped when it arrives",
     )
     one = min(ALTERNATIVES, key=lambda name: median(runs[name]))
-    note = f"{one}; medians over all runs, those that did not arrive beyond all others"
+    note = f"{one}; medians over all runs; those that did not arrive count as infinite"
     report.add(
         "colonies, best alternative / ours, one start each", median(runs[one]) / median(runs[OURS]), "×", note=note
     )
@@ -228,7 +228,7 @@ def verdicts(report: Report, runs: Mapping[str, list[dict[str, Any]]], contest: 
 
 def checked(report: Report, contest: Contest, runs: Mapping[str, list[dict[str, Any]]], members: int) -> None:
     """The surface beside ensembles grown at the minimum and where one run of each method arrived."""
-    places = {"least": contest.best}
+    places = {"minimum": contest.best}
     for name, done in runs.items():
         if came := [run for run in done if run["arrived"]]:
             places[name] = np.array(came[0]["theta"])
@@ -237,12 +237,18 @@ def checked(report: Report, contest: Contest, runs: Mapping[str, list[dict[str, 
         report.stage(f"checking the surface: {name}")
         direct[name] = report.part(f"direct, {name}, {report.quick}", partial(contest.directly, theta, members))
     rows = [
-        {"at": name, "χ² above least, surface": contest.rise(theta), "grown": direct[name] - direct["least"]}
+        {
+            "at": name,
+            "χ² above minimum, on the surface": contest.rise(theta),
+            "of the ensemble": direct[name] - direct["minimum"],
+        }
         for name, theta in places.items()
     ]
-    report.table(f"the surface beside ensembles of {members}", rows)
-    off = max(abs(row["χ² above least, surface"] - row["grown"]) for row in rows)
-    report.add("surface, furthest from ensembles", off, "of χ²", note=f"least χ² {contest.least:.1f}")
+    report.table(f"the response surface compared with ensembles of {members}", rows)
+    off = max(abs(row["χ² above minimum, on the surface"] - row["of the ensemble"]) for row in rows)
+    report.add(
+        "response surface, largest difference from ensembles", off, "of χ²", note=f"smallest χ² {contest.least:.1f}"
+    )
 
 
 def picture(runs: Mapping[str, list[dict[str, Any]]], path: Path) -> None:
@@ -264,15 +270,15 @@ def picture(runs: Mapping[str, list[dict[str, Any]]], path: Path) -> None:
 def markdown(report: Report, size: Size) -> str:
     """The page."""
     parts = [
-        f"""# What a fit costs, beside the alternatives
+        f"""# The cost of a fit compared with other optimisers
 
 {report.origin}
 
-Simulated colonies, and seconds without compilation, until the exact χ² of the best point found is within {MARGIN:g} of
-its least. The alternatives minimise the χ² of a mean of {size.members} colonies with fixed keys from the starts that
-`yeastfit.fit` chose, and are stopped where they arrive. Figures are of all starts of a seed side by side until one
-arrives, medians over seeds; `yeastfit.fit` pays for looking for its starts, too. The table has every run. `python -m
-benchmarks.optimisers --help` has the rules.
+Simulated colonies, and seconds without compilation, until the exact χ² of the best point found is within
+{MARGIN:g} of its minimum ("until there"). The alternatives minimise the χ² of a mean of {size.members} colonies with
+fixed keys, from the starts that `yeastfit.fit` chose, and are stopped when they arrive. Each figure is for all starts
+of a seed in parallel until one arrives, as a median over seeds; that of `yeastfit.fit` includes the search for starts.
+The table of runs has each of them. `python -m benchmarks.optimisers --help` has the rules.
 
 ![Colonies of every run](optimisers.png)
 """

@@ -1,4 +1,4 @@
-"""The source's problem as compiled programs, and what compiling and running them takes."""
+"""The source's problem as compiled programs, with their compile and run times."""
 
 import resource
 import statistics

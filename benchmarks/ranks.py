@@ -1,7 +1,7 @@
-"""Ranks of truths in their posteriors: what they are where posteriors are right, and what was found.
+"""Ranks of true parameters in their posteriors, and what to expect of them if posteriors are right.
 
-Of uniform ranks, bands of single bars are binomial; that of the whole ECDF is Säilynoja et al.'s (2022,
-doi:10.1007/s11222-022-10090-6), by simulation.
+If ranks are uniform, bands of single histogram bars are binomial; the simultaneous band of the ECDF is that of
+Säilynoja et al. (2022, doi:10.1007/s11222-022-10090-6), by simulation.
 """
 
 from collections.abc import Sequence
@@ -111,10 +111,10 @@ def verdicts(report: Report, part: Ranked, records: Sequence[Record]) -> None:
     uniform = Uniform.of(len(whole), part.draws)
     p = {name: uniform.p_value(column(whole, "rank", name)) for name in QUANTITIES}
     target = None if report.quick else LEAST_P
-    note = f"of {len(p)} quantities, times their number"
+    note = f"of {len(p)} quantities, multiplied by their number"
     report.add(f"{part.method}: least p of uniform ranks", min(1.0, len(p) * min(p.values())), "", target, note=note)
     rows = [_row(name, column(whole, "share", name), p[name]) for name in QUANTITIES]
-    report.table(f"{part.method}, {len(whole)} data sets: truths inside intervals, %", rows)
+    report.table(f"{part.method}, {len(whole)} data sets: coverage of intervals, %", rows)
     for key, (what, unit) in MEDIANS.items():
         if (values := np.array([record[key] for record in whole if record[key] is not None], dtype=float)).size:
             note = f"{values.min():.4g} to {values.max():.4g}"
@@ -130,7 +130,7 @@ MEDIANS = {
     "simulations": ("simulated data sets", ""),
     "fresh": ("simulated data sets not shared", ""),
     "tolerance": ("tolerance, a Mahalanobis distance", ""),
-    "seconds": ("a posterior in one process", "s"),
+    "seconds": ("one posterior, in one process", "s"),
 }
 
 
@@ -152,7 +152,7 @@ def _row(name: str, shares: np.ndarray, p: float) -> dict[str, Any]:
         ends = binomtest(inside, len(shares)).proportion_ci(method="wilson")
         row[f"{100 * level:g} %"] = 100 * inside / len(shares)
         row["interval" + " " * len(row)] = f"{100 * ends.low:.0f} to {100 * ends.high:.0f}"
-    return row | {"mean share below": float(shares.mean()), "p": p}
+    return row | {"mean share of draws below": float(shares.mean()), "p": p}
 
 
 def picture(parts: Sequence[Ranked], records: Sequence[Sequence[Record]], path: Path) -> None:

@@ -1,22 +1,22 @@
-"""What a fit is worth: known parameters, put into synthetic micrographs, measured and fitted again.
+"""Parameter recovery: known parameters, rendered as synthetic micrographs, measured and fitted.
 
-Twenty truths, low-discrepancy points (scrambled Sobol') of a box in log λ: mobility 0.5 to 3, metabolic rate 0.4 to
-2.5, aspect ratio 0.45 to 0.9, the other four at the source's values. For each one ten colonies are photographed at
-eleven times, 4 h to 14 h, as data/synthetic/recipes.toml has it, on a wider picture; outlined and measured by
-`yeastfit measure`; and fitted as `yeastfit fit` does by default: compactness and radius, three starts, plausible ranges
-as bounds. A pull is (log λ̂ − log λ) / standard error of log λ.
+Twenty true λ are low-discrepancy points (scrambled Sobol') of a box in log λ: mobility 0.5 to 3, metabolic rate 0.4 to
+2.5, aspect ratio 0.45 to 0.9, the other four at the source's values. For each, ten colonies are photographed at eleven
+times, 4 h to 14 h, as in data/synthetic/recipes.toml but with a wider field of view; outlined and measured by
+`yeastfit measure`; and fitted with the defaults of `yeastfit fit`: compactness and radius, three starts, plausible
+ranges as bounds. A pull is (log λ̂ − log λ) / standard error of log λ.
 
-Targets: of the parameters that are given a standard error, 90 % to 98 % within two of them; a normal distribution has
-95 %. The interval beside it is Wilson's, as if all were independent, which the three of one truth are not. Parameters
-that a fit says the data do not determine are counted apart: where cells eat slowly, only the product of mobility and
-metabolic rate shapes a colony.
+Targets: of the parameters with a standard error, 90 % to 98 % lie within two of them; a normal distribution has 95 %.
+The interval beside this figure is Wilson's for independent parameters, which the three of one fit are not. Parameters
+that a fit reports as not determined are counted separately: where cells eat slowly, only the product of mobility and
+metabolic rate affects a colony's shape.
 
     python -m benchmarks.recovery [--quick] [--json FILE] [--docs DIR] [--work DIR] [--again]
 
-All is kept in DIR of --work, out/recovery by default: the data sets, and a line in fits.jsonl for each truth that is
-done. A run that was interrupted goes on there. With --again the fits are made anew, from the same photographs; those of
-another recipe are replaced. With --quick: two truths, four colonies, five times, small ensembles, no targets, as
-six parameters cannot tell 90 % from 98 %. With --docs, DIR/recovery.md and DIR/recovery.png are written.
+The data sets, and a line in fits.jsonl for each finished fit, are kept in the folder given by --work, out/recovery by
+default; an interrupted run continues there. --again repeats the fits with the same photographs and replaces photographs
+of another recipe. --quick: two true λ, four colonies, five times, small ensembles, no targets, since six parameters
+cannot distinguish 90 % from 98 %. --docs writes DIR/recovery.md and DIR/recovery.png.
 """
 
 import argparse
@@ -176,9 +176,11 @@ def verdicts(report: Report, records: Sequence[Record]) -> None:
             report.add(what, share, "%", note=note)
         else:
             report.add(what, share, "%", LOWEST, note=note)
-            report.add(f"{what}, at most", share, "%", HIGHEST, at_least=False, note="above it, errors are too large")
+            report.add(
+                f"{what}, at most", share, "%", HIGHEST, at_least=False, note="above it, standard errors are too large"
+            )
     none = pull.size - told.size
-    note = f"{none} of {pull.size}: said to be not determined, or the fit failed; they count in none of the above"
+    note = f"{none} of {pull.size}: reported as not determined, or the fit failed; not counted above"
     report.add("without a standard error", 100 * none / pull.size, "%", note=note)
     rows: list[dict[str, Any]] = [
         {
@@ -195,12 +197,12 @@ def verdicts(report: Report, records: Sequence[Record]) -> None:
         if np.isfinite(pull[:, k]).any()
     ]
     for row in rows:
-        report.add(f"{row['parameter']}: rms pull", row["rms pull"], "", note="1 where errors are right")
+        report.add(f"{row['parameter']}: rms pull", row["rms pull"], "", note="1 if errors are right")
         report.add(f"{row['parameter']}: median relative error", row["median error %"], "%")
     seconds = np.array([record["seconds"] for record in records])
-    report.add("a fit, median", np.median(seconds), "s", note=f"longest {seconds.max():.0f} s; measuring is apart")
+    report.add("a fit, median", np.median(seconds), "s", note=f"longest {seconds.max():.0f} s; without measuring")
     colonies = np.array([record["simulations"] for record in records], dtype=float)
-    report.add("simulated colonies, median", np.nanmedian(colonies), "", note=f"most {np.nanmax(colonies):.0f}")
+    report.add("simulated colonies, median", np.nanmedian(colonies), "", note=f"at most {np.nanmax(colonies):.0f}")
     good = sum(record["converged"] for record in records)
     report.add("converged", 100 * good / len(records), "%", note=f"{good} of {len(records)}")
     if rows:
@@ -259,13 +261,13 @@ def markdown(report: Report) -> str:
     """The page."""
     box = "; ".join(f"{name.replace('_', ' ')} {low:g} to {high:g}" for name, (low, high) in BOX.items())
     parts = [
-        f"""# Parameters put in and found again
+        f"""# Parameter recovery
 
 {report.origin}
 
-Truths from a low-discrepancy sequence in log λ ({box}; the others at the source's values). Each was rendered as
-micrographs of ten colonies at eleven times, outlined and measured like any photograph, and fitted by default settings
-from three starts to compactness and radius. A pull is (log λ̂ − log λ) / standard error of log λ.
+True λ are a low-discrepancy sequence in log λ ({box}; the others at the source's values). Each was rendered as
+micrographs of ten colonies at eleven times, outlined and measured like any photograph, and fitted with default
+settings, from three starts, to compactness and radius. A pull is (log λ̂ − log λ) / standard error of log λ.
 
 ![Fitted against true](recovery.png)
 """

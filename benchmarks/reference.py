@@ -1,16 +1,16 @@
-"""A posterior as exact as it can be had, for samplers to be compared with, and how far a sampler's result is from it.
+"""A reference posterior, as exact as simulation allows, and the distance of a sampler's result from it.
 
-x are the prior's coordinates, log λ where its law is one of log λ. Data o are the mean of R colonies' statistics; of
-colonies at points of low discrepancy in a box, one each, by least squares,
+x are the prior's coordinates: log λ where its distribution is one of log λ. The data o are the mean of the statistics
+of R colonies. Single colonies at low-discrepancy points of a box give, by least squares,
 
     m(x): mean, a cubic;    C(x): scatter, a quadratic through products of the residuals;    o | x ~ N(m(x), C(x) / R).
 
-The posterior is the sum over a finer set of such points. A first box around the truth says where it is, a second one
-around it reaches `WIDTH` standard deviations. Its own error is half of what two such posteriors differ by, each of one
-half of the colonies. It takes the mean of R colonies for normal; that is checked by what does not: the nearest of many
-simulated data sets, drawn evenly from the box of `NEAR` standard deviations, adjusted by regression.
+The posterior is a sum over a finer set of such points. A first box around the truth locates it; a second box around it
+reaches `WIDTH` standard deviations. Its own error is half the difference between two such posteriors, from one half of
+the colonies each. The mean of R colonies is assumed normal. A check without that assumption: the nearest of many
+simulated data sets, drawn uniformly from the box of `NEAR` standard deviations, with regression adjustment.
 
-**Error** of means μ and standard deviations σ of x beside those of the reference: the largest, over parameters, of
+**Error** of means μ and standard deviations σ of x relative to the reference: the largest, over parameters, of
 |μ − μ_ref| / σ_ref and |log(σ / σ_ref)|.
 """
 

@@ -1,14 +1,14 @@
-"""The one shape of every benchmark: `python -m benchmarks.NAME [--quick] [--json FILE]`.
+"""What all benchmarks share: `python -m benchmarks.NAME [--quick] [--json FILE]`.
 
 A benchmark is a module with a function `run(report, quick)`, which measures and calls
 
     report.add("speed", 14.2, "×", target=12)                   # a Figure; at least the target
     report.add("compile time", 9.1, "s", target=15, at_least=False)
     report.table("against nodes", [{"nodes": 100, "ms": 1.2}])  # rows of numbers behind the figures
-    report.stage("ensembles")                                   # what is going on, on standard error
+    report.stage("ensembles")                                   # what is measured next, on standard error
 
-and a last line `if __name__ == "__main__": command("NAME", run)`. All is printed with the machine it was measured on,
-and written to FILE where asked; the exit status is 1 when a target is missed. A NaN misses any target.
+and the last lines `if __name__ == "__main__": command("NAME", run)`. The figures are printed with the machine they were
+measured on, and written to FILE if given. The exit status is 1 when a target is missed; NaN misses every target.
 """
 
 import json as json_
@@ -37,7 +37,7 @@ from yeastfit.storage import write_json, written_whole
 
 @dataclass(frozen=True)
 class Figure:
-    """One measured number; `target` is its bound from below (`at_least`) or from above, None where there is none."""
+    """One measured number. `target` is a lower bound (`at_least`) or an upper one; None for no target."""
 
     name: str
     value: float
@@ -56,9 +56,18 @@ class Figure:
 
 @dataclass
 class Report:
-    """What one benchmark found, in the order in which it was added; a page about it goes to the folder `docs`.
+    """Results of one benchmark, in the order in which they were added.
 
-    folders: what was named on the command line, where the benchmark asks for it.
+    Attributes:
+        name: Of the benchmark.
+        quick: Whether it is a rough measurement.
+        docs: Folder for its page.
+        partial: File that keeps finished parts of an interrupted run.
+        folders: Those given on the command line, for benchmarks that ask for some.
+        figures: Measured numbers.
+        tables: Rows by title.
+        details: Further data for the JSON file, not shown on the terminal.
+        began: When it started.
     """
 
     name: str
@@ -68,7 +77,7 @@ class Report:
     folders: tuple[Path, ...] = ()
     figures: list[Figure] = field(default_factory=list)
     tables: dict[str, list[dict[str, Any]]] = field(default_factory=dict)
-    details: dict[str, Any] = field(default_factory=dict)  # for the file, not for the terminal
+    details: dict[str, Any] = field(default_factory=dict)
     began: float = field(default_factory=time.perf_counter)
 
     def add(
@@ -79,11 +88,11 @@ class Report:
         return self.figures[-1]
 
     def table(self, title: str, rows: Sequence[dict[str, Any]]) -> None:
-        """Add a table: one dictionary per row, all with the columns of the first."""
+        """Add a table: one dictionary per row, with the columns of the first."""
         self.tables[title] = list(rows)
 
     def part(self, key: str, make: Callable[[], Any]) -> Any:
-        """`make()`, plain data; kept in the file `partial` until all has ended, so that a killed run goes on there."""
+        """`make()`, which returns plain data; kept in `partial`, from which an interrupted run continues."""
         kept = json_.loads(self.partial.read_text()) if self.partial and self.partial.is_file() else {}
         if key not in kept:
             kept[key] = make()
@@ -93,7 +102,7 @@ class Report:
         return kept[key]
 
     def stage(self, text: str) -> None:
-        """Say what is measured next."""
+        """Print what is measured next."""
         print(f"[{time.perf_counter() - self.began:4.0f} s] {text}", file=sys.stderr, flush=True)
 
     @property
@@ -116,11 +125,11 @@ class Report:
 
     @property
     def origin(self) -> str:
-        """How and where a page was made: the sentence below its title."""
+        """When and where a page was written: the line below its title."""
         return f"Written by `python -m benchmarks.{self.name} --docs docs` on {date.today()}. {_about()}."
 
     def head(self, doc: str | None) -> str:
-        """A page's title, `origin` and text, of a benchmark's docstring down to its command."""
+        """Title, `origin` and text of a page, from a benchmark's docstring up to its command."""
         title, *rest = (doc or "").split("\n\n")
         text = rest[: next(k for k, one in enumerate(rest) if one.startswith("    python -m"))]
         return "\n\n".join([f"# {title.rstrip('.')}", self.origin, *text])
@@ -159,7 +168,7 @@ class Report:
 
 
 def _markdown(rows: Sequence[dict[str, Any]]) -> str:
-    """Rows as a table of a page, numbers in three digits."""
+    """Rows as a Markdown table, numbers with three digits."""
 
     def text(value: Any) -> str:
         return "" if value is None else f"{value:.3g}" if isinstance(value, float) else str(value)
@@ -173,7 +182,7 @@ def _about() -> str:
 
 
 def machine() -> dict[str, Any]:
-    """The machine and the versions that a time belongs to."""
+    """The machine and the versions behind a measurement."""
     info = Path("/proc/cpuinfo")
     lines = info.read_text().splitlines() if info.is_file() else []
     models = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
@@ -191,9 +200,13 @@ def machine() -> dict[str, Any]:
 def command(
     name: str, run: Callable[[Report, bool], None], arguments: list[str] | None = None, folders: tuple[str, ...] = ()
 ) -> None:
-    """Run a benchmark from the command line (or from `arguments`) and leave with its exit status.
+    """Run a benchmark from the command line, or from `arguments`, and exit with its status.
 
-    folders: names of the folders it must be given, in order.
+    Arguments:
+        name: Of the benchmark.
+        run: Measures and fills the report.
+        arguments: Instead of those of the command line.
+        folders: Names of the folders that the command line must give, in order.
     """
 
     def main(
@@ -229,7 +242,7 @@ def command(
 
 @cache
 def code() -> str:
-    """What is measured, in eight hexadecimal digits: of the SHA-256 of all of yeastfit's own files."""
+    """The version of the code that is measured: eight hexadecimal digits of the SHA-256 of yeastfit's files."""
     folder = Path(yeastfit.__file__).parent
     files = sorted(folder.rglob("*.py"))
     return sha256(b"".join(str(one.relative_to(folder)).encode() + one.read_bytes() for one in files)).hexdigest()[:8]

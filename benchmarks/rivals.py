@@ -1,12 +1,12 @@
 """pyABC's ABC-SMC (Schälte et al. 2022, doi:10.21105/joss.04304) on a `Simulator`, with a sampler that is fair to it.
 
-pyABC asks a model for one simulation after the other; our simulators grow many at once in little more time. So each
-block of proposals is drawn by pyABC's own function, simulated together, and judged one by one by pyABC's own function,
-as its single-core sampler would. What is left of the last block of a population is thrown away and not counted.
+pyABC asks a model for one simulation at a time; our simulators run many at once in little more time. So pyABC's own
+function draws a block of proposals, which are simulated together, and pyABC's own function judges them one by one, as
+its single-core sampler would. The unused rest of the last block of a population is discarded and not counted.
 
-Its transitions, weights and stopping are its own, by default; ε is the median of the last distances, as it is ours, and
-not below the last one that is asked for. The first population takes whatever came to something. pyABC draws from
-NumPy's global generator, which is seeded for it and left as it was.
+Transitions, weights and stopping are pyABC's defaults. ε is the median of the previous distances, as in our ABC-SMC,
+and not below the final value asked for. The first population accepts every simulation that did not fail. pyABC draws
+from NumPy's global generator, which is seeded for the run and restored afterwards.
 """
 
 import logging

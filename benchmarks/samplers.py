@@ -1,35 +1,36 @@
-"""What a posterior costs beside pyABC: simulated colonies, and seconds, until its error is and stays below a threshold.
+"""The cost of a posterior compared with pyABC: colonies, and seconds, until its error stays below a threshold.
 
-Young colonies, which are cheap: compactness and radius at 3 and at 4.5 units of time, by a coarse model, which is the
-true one here. Mobility and aspect ratio are free, log-uniform over their plausible ranges; 1.3 and 0.65 are true. The
-data are the mean of 4 simulated colonies, so a data set of ABC is the mean of 4, too. The emulator learns single
-colonies and works out the scatter of means by itself. What is counted is colonies, for all alike.
+The problem is cheap: compactness and radius of young colonies at 3 and 4.5 units of time, by a coarse model that is
+taken as the true one. Mobility and aspect ratio are free, log-uniform over their plausible ranges; the truth is 1.3 and
+0.65. The data are the mean of 4 simulated colonies, so a simulated data set of ABC is the mean of 4, too. The emulator
+learns single colonies and computes the scatter of means itself. Every method is charged for the colonies it simulates.
 
-**Error.** Of means and standard deviations of log λ, beside a posterior that nobody is charged for (`reference`), which
-states its own error: the largest of |μ − μ_ref| / σ_ref and |log(σ / σ_ref)| over both parameters. It is read off after
-each round, population or further steps of the chains; a method is there when it is below 0.25 and stays so to the end.
+**Error.** The means and standard deviations of log λ are compared with a reference posterior (`reference`), whose
+simulations are not counted and which states its own error. The error of a posterior is the largest of
+|μ − μ_ref| / σ_ref and |log(σ / σ_ref)| over both parameters. It is evaluated after each round, population or block of
+chain steps. A method has arrived when its error is below 0.25 and stays below to the end.
 
-**Methods**, each with three seeds, the emulator, which costs little, with ten:
+**Methods**, with three seeds each, and ten for the cheap emulator:
 
-- emulator: `emulated` by default, rounds of 512 colonies until it has settled, 4 at most. Each point is a run of its
-  own that was allowed so many; seconds include training, and where networks of a size are met first, compiling them;
-- ABC-SMC, yeastfit: populations of 500, by default, but down to an ε that is given; adjusted by regression;
-- ABC-SMC, pyABC: populations as large, ε falling by medians, too, to the same ε; by its defaults else (`rivals`);
-- ABC-MCMC, yeastfit: 32 chains at the same ε, with a pilot of 2048 data sets, as their start must be so near;
-- the last two, adjusted: with the regression that our ABC-SMC ends with. It costs no colonies; pyABC does not have it.
+- emulator: default settings, rounds of 512 colonies until it has settled, at most 4. Each point of its curve is a
+  separate run with that many colonies; seconds include training and the first compilation of networks of each size;
+- ABC-SMC, yeastfit: populations of 500, default settings except for a given final ε; with regression adjustment;
+- ABC-SMC, pyABC: populations of the same size, ε falling by medians to the same final value, otherwise its defaults
+  (`rivals`);
+- ABC-MCMC, yeastfit: 32 chains at the same ε, started from a pilot of 2048 data sets, since starts must lie within ε;
+- the last two, adjusted: with the regression adjustment of our ABC-SMC, which costs no colonies and which pyABC lacks.
 
-All ABC has one distance, Mahalanobis's by the scatter of a pilot of 500 data sets, for which nobody is charged, and one
-tolerance, ε = 0.85, which all reach within a budget of 160 000 colonies. Seconds are without compiling the simulator. A
-run that is not there at its end counts as infinitely long in the median; where it is compared with another, what it
-spent is a bound, and said to be one.
+All ABC methods use one distance, Mahalanobis's with the scatter of a pilot of 500 data sets that are not counted, and
+one tolerance, ε = 0.85, which all reach within a budget of 160 000 colonies. Seconds exclude the compilation of the
+simulator. A run that does not arrive counts as infinitely long in the median; in a ratio, the colonies that it spent
+are used as a bound, and the table says so.
 
 Targets: the emulator needs at most 1/10 of the colonies that pyABC needs, medians over seeds.
 
     python -m benchmarks.samplers [--quick] [--json FILE] [--docs DIR]
 
-With --json, a run that was interrupted goes on. With --quick: means of 2 colonies, small populations, a wide ε, one
-seed, no target. With --docs, DIR/samplers.md and DIR/samplers.png are written. Needs pyABC:
-pip install 'yeastfit[benchmarks]'.
+With --json, an interrupted run continues. --quick: means of 2 colonies, small populations, a large ε, one seed, no
+target. --docs writes DIR/samplers.md and DIR/samplers.png. Needs pyABC: pip install 'yeastfit[benchmarks]'.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -350,7 +351,7 @@ def ratios(report: Report, runs: Mapping[str, list[Trace]], what: str, other: st
     spent = [trace[-1] if (one := arrival(trace)) is None else one for trace in runs[other]]
     late = sum(arrival(trace) is None for trace in runs[other])
     share = median(runs[EMULATOR], what) / float(np.median([one[what] for one in spent]))
-    note = f"at most: {late} of {len(spent)} did not arrive, all they spent is taken" if late else ""
+    note = f"at most: {late} of {len(spent)} did not arrive; what they spent is used" if late else ""
     if not np.isfinite(share):
         share, note = np.nan, "the emulator did not arrive"
     report.add(f"{what}, {EMULATOR} / {other}", share, "", target, at_least=False, note=note)
@@ -368,7 +369,7 @@ def checked(report: Report, race: Race) -> None:
 
     found = report.part(f"witness, {report.quick}", witness)
     note = "; ".join([f"the nearest {size.nearest} of {size.witnesses} data sets, adjusted", *found["said"]])
-    report.add("reference: ABC beside it", found["error"], "", note=note)
+    report.add("reference: compared with ABC", found["error"], "", note=note)
 
 
 def picture(runs: Mapping[str, list[Trace]], path: Path) -> None:
@@ -390,14 +391,14 @@ def picture(runs: Mapping[str, list[Trace]], path: Path) -> None:
 def markdown(report: Report, size: Size) -> str:
     """The page."""
     parts = [
-        f"""# What a posterior costs, beside pyABC
+        f"""# The cost of a posterior compared with pyABC
 
 {report.origin}
 
-Simulated colonies and seconds until the error of a posterior, in its means and standard deviations, is below
-{THRESHOLD:g} and stays there. Data are the mean of {size.replicates} young colonies; a data set of ABC costs as many,
-the emulator learns single ones. All ABC has the same distance and goes down to ε = {size.epsilon:g}, SMC with
-populations of {size.population}. `python -m benchmarks.samplers --help` has the rules.
+Simulated colonies and seconds until the error of a posterior, in its means and standard deviations, falls below
+{THRESHOLD:g} and stays there ("until there"). The data are the mean of {size.replicates} young colonies; a simulated
+data set of ABC costs as many, while the emulator learns single colonies. All ABC methods use the same distance and end
+at ε = {size.epsilon:g}; SMC has populations of {size.population}. `python -m benchmarks.samplers --help` has the rules.
 
 ![Error against colonies](samplers.png)
 """

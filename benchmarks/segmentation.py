@@ -1,13 +1,14 @@
-"""How well colonies are found: python -m benchmarks.segmentation RAW_DIR MASK_DIR [--quick] [--json FILE].
+"""How well colonies are outlined: python -m benchmarks.segmentation RAW_DIR MASK_DIR [--quick] [--json FILE].
 
-RAW_DIR holds photographs, MASK_DIR masks, paired by file name; masks need not all have a photograph. Intersection over
-union with the mask is printed for each pair, beside that of Otsu's threshold in the same run, with processor seconds
-and doubts. Statistics of all masks stand beside the published means of their conditions, which the first two parts of
-a name say (`awri796_50um_s01`). A published mean is over N colonies of which n are here, so it is compared with the
-mean of these n in units of its sampling error s / √n · √(1 - n / N).
+RAW_DIR holds photographs, MASK_DIR masks, paired by file name; masks without a photograph are allowed. For each pair
+the table has the intersection over union with the mask, the same for Otsu's threshold, processor seconds and warnings.
+Statistics of all masks are compared with the published means of their conditions, which the first two parts of a file
+name give (`awri796_50um_s01`). A published mean is over N colonies, of which n are available here; the mean of these n
+is compared with it in units of its sampling error s / √n · √(1 − n / N).
 
-Then the photographs of data/synthetic with their true masks, and hard cases drawn from the masks (`hard_cases`): light
-that falls off, shadows, bands, tiles, frames, other objects, faint and noisy colonies; with --quick one of each.
+Then the photographs of data/synthetic are compared with their true masks, and so are hard cases drawn from the masks
+(`hard_cases`): uneven light, shadows, bands, tiles, frames, other objects, faint and noisy colonies; one of each with
+--quick.
 """
 
 import time

@@ -1,15 +1,16 @@
-"""Posteriors beside the truth: on the synthetic micrographs, by `yeastfit infer` as it is by default.
+"""Posteriors compared with the truth: `yeastfit infer` with default settings on the synthetic micrographs.
 
-Of each data set a posterior is made by the emulator, of compactness and radius of ten colonies at eleven times, with
-the plausible ranges as prior. Is each λ that went in inside its central 90 % interval, and are all three together in
-the region that holds 90 % of the draws, those nearest to the mean in units of their covariance, in log λ?
+For each data set the emulator infers a posterior from the compactness and radius of ten colonies at eleven times, with
+the plausible ranges as prior. Does the central 90 % interval of each λ contain its true value, and does the joint 90 %
+region contain all three? That region holds the 90 % of draws nearest to the posterior mean in Mahalanobis distance, in
+log λ.
 
-Targets: all nine λ, and all three joint ones, are inside.
+Targets: all nine intervals and all three regions contain the truth.
 
     python -m benchmarks.truth [--quick] [--json FILE] [--docs DIR] [--work DIR]
 
-All runs are kept in DIR of --work, out/truth by default, and taken up there by the same code. With --quick: one data
-set, few simulations of a coarse model, no targets. With --docs, DIR/truth.md is written.
+Runs are kept in the folder given by --work, out/truth by default, and reused by the same version of the code. --quick:
+one data set, few simulations of a coarse model, no targets. --docs writes DIR/truth.md.
 """
 
 import argparse
@@ -38,7 +39,7 @@ def judge(report: Report, sets: tuple[str, ...], work: Path, **settings: Any) ->
             ends = f"{low:.3g} to {high:.3g}"
             row = {"set": name, "λ": parameter, "true": float(np.exp(truth[k])), "90 %": ends}
             rows.append({**row, "inside": yes(each[k])})
-        note = f"all three {'inside' if joint else 'outside'} together; {one.samples.simulations} colonies"
+        note = f"truth {'inside' if joint else 'outside'} the joint region; {one.samples.simulations} colonies"
         report.add(name, one.samples.seconds, "s", note=note)
     each_target, joint_target = (None, None) if report.quick else (len(rows), len(sets))
     report.add("λ inside their 90 % intervals", inside, "", each_target, note=f"of {len(rows)}")
