@@ -1,0 +1,51 @@
+"""Functions compiled by numba, an optional dependency: where it is missing, calling one says how to install it."""
+
+from collections.abc import Callable
+from functools import cache, wraps
+from hashlib import sha256
+from inspect import unwrap
+from pathlib import Path
+from typing import ParamSpec, TypeVar
+
+from yeastfit.errors import InputError
+
+try:
+    from numba import njit
+except ImportError:
+    njit = None  # type: ignore[assignment]
+
+Arguments = ParamSpec("Arguments")
+Result = TypeVar("Result")
+
+
+def kernel(function: Callable[Arguments, Result]) -> Callable[Arguments, Result]:
+    """Compile a function at its first call; the result is kept on disk, and threads run it side by side.
+
+    Numba compiles again when the file of a kernel changes, but not when a kernel that it calls does, in another file.
+    So a digest of this folder's sources is part of the name under which it keeps a kernel.
+
+    Raises:
+        InputError: When the function is called without numba installed.
+    """
+    plain = unwrap(function)  # of the tests' type checks, which numba cannot compile
+    if njit is None:
+        return _missing(plain)
+    plain.__qualname__ += f"_{_sources()}"
+    return njit(cache=True, nogil=True)(plain)
+
+
+def _missing(function: Callable[Arguments, Result]) -> Callable[Arguments, Result]:
+    @wraps(function)
+    def call(*args: Arguments.args, **kwargs: Arguments.kwargs) -> Result:
+        raise InputError(
+            "the off-lattice model needs numba, which is not installed: pip install 'yeastfit[offlattice]'"
+        )
+
+    return call
+
+
+@cache
+def _sources() -> str:
+    """Eight hexadecimal digits that change with any file of this folder."""
+    files = sorted(Path(__file__).parent.glob("*.py"))
+    return sha256(b"".join(file.read_bytes() for file in files)).hexdigest()[:8]

@@ -1,0 +1,102 @@
+"""Growth of a colony, cell by cell.
+
+Source: Li, Green, Tronnolone, Tam, Black, Gardner, Sundstrom, Jiranek & Binder 2024, "An off-lattice discrete model to
+characterise filamentous yeast colony morphology", PLoS Comput. Biol. 20, bioRxiv doi:10.1101/2024.07.14.603473, and its
+program github.com/kaili2019/Li2024-off-lattice, file ABC-MCMC/simulate_colony.m.
+
+A cell is an ellipse that neither moves nor grows nor dies: sated (the yeast form) or pseudohyphal. The first is sated,
+at the origin, along x. Cells 2 … N are born one by one. Each birth repeats attempts until one is accepted: a mother is
+chosen (`mothers`), the daughter's form follows from hers (`transition`), one of four budding angles is drawn and the
+daughter put (`placing`), and it stays if its centre lies in no cell (`overlap`). There is no time, nutrient or force:
+the clock is the number of cells. Uniform numbers are used in the program's order: the mother; after the transition u₁,
+u₂, u₃, and another mother by each of steps 2 and 3 that asks for one; the angle.
+"""
+
+import numpy as np
+from jaxtyping import Int, Shaped
+
+from yeastfit.offlattice.cell_sets import CHILDLESS, ELIGIBLE_PSEUDOHYPHAL, ELIGIBLE_SATED, Sets, add
+from yeastfit.offlattice.compiled import kernel
+from yeastfit.offlattice.mothers import after_transition, any_eligible, bear_pseudohyphal, count_on
+from yeastfit.offlattice.overlap import NOBODY, PSEUDOHYPHAL, SATED, free, insert
+from yeastfit.offlattice.parameters import Rates
+from yeastfit.offlattice.placing import BUDDING, DISPLACEMENTS
+from yeastfit.offlattice.random_numbers import Numbers, below, uniform
+from yeastfit.offlattice.status import CODES, Status
+from yeastfit.offlattice.transition import daughters_form
+
+GROWN, ENDLESS, STREAM_ENDED = (CODES[s] for s in (Status.GROWN, Status.ENDLESS, Status.STREAM_ENDED))
+
+
+@kernel
+def grow_cells(
+    rates: Rates,
+    sated: int,
+    late: float,
+    most_attempts: int,
+    numbers: Numbers,
+    cells: Shaped[np.ndarray, " cell"],
+    sets: Sets,
+    bins: Int[np.ndarray, "row column"],
+) -> tuple[int, int, int, int]:
+    """Fill `cells`; how it ended (one of `CODES`), cells born, attempts, and attempts up to cell number `sated`.
+
+    sated: t, the number of the last cell before the transition. late: (n* + delay) N. sets, bins: empty ones.
+    """
+    _bear(cells, sets, bins, 0, NOBODY, SATED, 0.0, 0.0, 0)
+    attempts = sated_attempts = 0
+    for index in range(1, cells.size):
+        number = index + 1
+        tried = 0
+        while True:
+            if tried == most_attempts:
+                return ENDLESS, index, attempts + tried, sated_attempts
+            tried += 1
+            form = SATED
+            mother = any_eligible(sets, numbers)
+            if number > sated and mother >= 0:
+                u = uniform(numbers), uniform(numbers), uniform(numbers)
+                mother = after_transition(cells, sets, numbers, mother, u, number < late, rates)
+                if mother >= 0:
+                    form = daughters_form(cells[mother].form, cells[mother].bears, u[0], rates)
+            if mother < 0:
+                return -mother, index, attempts + tried, sated_attempts
+            if number < sated and tried > 1:
+                count_on(cells, sets, mother)
+            angle = below(numbers, 4)
+            if numbers.drawn[0] > numbers.stream.size > 0:
+                return STREAM_ENDED, index, attempts + tried, sated_attempts
+            step = DISPLACEMENTS[cells[mother].form, form, angle, cells[mother].direction & 31]
+            x, y = cells[mother].x + step[0], cells[mother].y + step[1]
+            if free(x, y, cells, bins):
+                break
+        attempts += tried
+        if number <= sated:
+            sated_attempts = attempts
+        _bear(cells, sets, bins, index, mother, form, x, y, cells[mother].direction + BUDDING[form, angle])
+        if number >= sated:
+            count_on(cells, sets, mother)
+        if form == PSEUDOHYPHAL:
+            bear_pseudohyphal(cells, sets, mother)
+    return GROWN, cells.size, attempts, sated_attempts
+
+
+@kernel
+def _bear(
+    cells: Shaped[np.ndarray, " cell"],
+    sets: Sets,
+    bins: Int[np.ndarray, "row column"],
+    index: int,
+    mother: int,
+    form: int,
+    x: float,
+    y: float,
+    direction: int,
+) -> None:
+    """A new cell, which can bud at once."""
+    cell = cells[index]
+    cell.x, cell.y, cell.direction = x, y, direction
+    cell.mother, cell.form, cell.count, cell.bears = mother, form, 1, 0
+    insert(index, cells, bins)
+    add(sets, ELIGIBLE_SATED if form == SATED else ELIGIBLE_PSEUDOHYPHAL, index)
+    add(sets, CHILDLESS, index)

@@ -1,0 +1,93 @@
+"""Whether a place is free: no cell that is there already may hold the daughter's centre.
+
+A cell is the 12-gon with vertices at the parametric angles mπ/6 of its ellipse, its edge included. In the cell's frame,
+with u = |along| / a and v = |across| / b, it is regular, and a point lies in it where all of
+
+    u cos 15° + v sin 15°,    (u + v) cos 45°,    u sin 15° + v cos 15°
+
+are at most cos 15°. Nothing else is tested: bodies may overlap, and an old centre may lie in the new cell (Li et al.
+2024, see `growth`).
+
+A cell that holds a point has its centre within the largest semi-axis, 4.33 pixels, of it. Cells are kept in square bins
+of 4.4 pixels, so that those of nine bins are looked at. The square of bins repeats over the plane like tiles: colonies
+of any reach fit, and cells that share a bin from tile to tile are told apart by their distance.
+"""
+
+import numpy as np
+from jaxtyping import Float, Int, Shaped
+
+from yeastfit.offlattice.compiled import kernel
+from yeastfit.offlattice.placing import DIRECTIONS, SEMI_AXES
+
+CELL = np.dtype(
+    [
+        ("x", "f8"),  # centre, pixels
+        ("y", "f8"),
+        ("below", "i4"),  # the cell that was put into the same bin before, or NOBODY
+        ("direction", "i4"),  # of the major axis, in multiples of π/16, not wrapped
+        ("mother", "i4"),
+        ("form", "u1"),  # SATED or PSEUDOHYPHAL
+        ("count", "u1"),  # a cell may bud while this is below 4
+        ("bears", "u1"),  # whether it has a pseudohyphal daughter
+    ],
+    align=True,
+)
+"""All about one cell, side by side: a colony is larger than the processor's cache, which holds this in half a line."""
+
+SATED, PSEUDOHYPHAL = 0, 1
+NOBODY = -1
+BIN = 4.4
+
+REACH2 = SEMI_AXES.max() ** 2
+COS15, SIN15, COS45 = np.cos(np.pi / 12), np.sin(np.pi / 12), np.cos(np.pi / 4)
+
+
+def empty_bins(cells: int) -> Int[np.ndarray, "row column"]:
+    """The topmost cell of every bin, for so many cells: the side of the square is a power of two."""
+    side = 4
+    while side * side < 2 * cells:
+        side *= 2
+    return np.full((side, side), NOBODY, dtype=np.int32)
+
+
+def frames() -> Float[np.ndarray, "form direction 4"]:
+    """cos θ / a, sin θ / a, −sin θ / b, cos θ / b: from (x, y) to (along / a, across / b)."""
+    theta = np.pi / 16 * np.arange(DIRECTIONS)
+    cos, sin = np.cos(theta), np.sin(theta)
+    return np.array([np.stack([cos / a, sin / a, -sin / b, cos / b], axis=1) for a, b in SEMI_AXES])
+
+
+FRAMES = frames()
+
+
+@kernel
+def free(x: float, y: float, cells: Shaped[np.ndarray, " cell"], bins: Int[np.ndarray, "row column"]) -> bool:
+    """Whether no cell holds the point (x, y)."""
+    wrap = bins.shape[0] - 1
+    row, column = int(np.floor(x / BIN)), int(np.floor(y / BIN))
+    for i in (0, -1, 1):  # the point's own bin first: most often it is taken there
+        for j in (0, -1, 1):
+            index = bins[(row + i) & wrap, (column + j) & wrap]
+            while index != NOBODY:
+                cell = cells[index]
+                dx, dy = x - cell.x, y - cell.y
+                if dx * dx + dy * dy <= REACH2 and _inside(dx, dy, FRAMES[cell.form, cell.direction & 31]):
+                    return False
+                index = cell.below
+    return True
+
+
+@kernel
+def insert(index: int, cells: Shaped[np.ndarray, " cell"], bins: Int[np.ndarray, "row column"]) -> None:
+    """Put a cell into its bin."""
+    wrap = bins.shape[0] - 1
+    cell = cells[index]
+    row, column = int(np.floor(cell.x / BIN)) & wrap, int(np.floor(cell.y / BIN)) & wrap
+    cell.below = bins[row, column]
+    bins[row, column] = index
+
+
+@kernel
+def _inside(dx: float, dy: float, frame: Float[np.ndarray, " 4"]) -> bool:
+    u, v = abs(frame[0] * dx + frame[1] * dy), abs(frame[2] * dx + frame[3] * dy)
+    return u * COS15 + v * SIN15 <= COS15 and (u + v) * COS45 <= COS15 and u * SIN15 + v * COS15 <= COS15

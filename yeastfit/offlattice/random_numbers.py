@@ -1,0 +1,94 @@
+"""Uniform random numbers on [0, 1): xoshiro256++, or a given stream of them.
+
+With the four words s0 … s3 of the state, 64 bits each, and rotl(x, k) a rotation to the left by k bits, every number is
+
+    r = rotl(s0 + s3, 23) + s0,    u = ⌊r / 2¹¹⌋ / 2⁵³,
+
+and the state moves on by t = s1 ≪ 17, s2 ^= s0, s3 ^= s1, s1 ^= s2, s0 ^= s3, s2 ^= t, s3 = rotl(s3, 45): Blackman &
+Vigna 2021, "Scrambled linear pseudorandom number generators", ACM Trans. Math. Softw. 47:36, doi:10.1145/3460772. Every
+colony has a generator of its own, whose state comes from its seed alone: the same seed gives the same colony on any
+number of threads and in any batch.
+
+A given stream makes colonies comparable with other programs': MATLAB's `rand` after `rng(s)` gives the numbers of
+`numpy.random.RandomState(s).random_sample()`.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float, Int, UInt64
+
+from yeastfit.errors import InputError
+from yeastfit.offlattice.compiled import kernel
+
+MOST_SEED = 2**64
+
+
+class Numbers(NamedTuple):
+    """Where uniform numbers come from.
+
+    Attributes:
+        state: The generator's four words; changed by every draw.
+        stream: The numbers themselves, in place of the generator; empty where there is none.
+        drawn: How many were drawn, one element. Beyond the end of a stream they are 0, and are counted all the same.
+    """
+
+    state: UInt64[np.ndarray, " 4"]
+    stream: Float[np.ndarray, " number"]
+    drawn: Int[np.ndarray, " 1"]
+
+
+def seeded(seed: int) -> Numbers:
+    """A generator, its state from `numpy.random.SeedSequence(seed)`.
+
+    Raises:
+        InputError: The seed is not a whole number of 64 bits.
+    """
+    if not 0 <= int(seed) < MOST_SEED:
+        raise InputError(f"seed is {seed}, it must be a whole number of at least 0 and below 2^64")
+    state = np.random.SeedSequence(int(seed)).generate_state(4, np.uint64)
+    return Numbers(state, np.empty(0), np.zeros(1, dtype=np.int64))
+
+
+def streamed(stream: Float[np.ndarray, " number"]) -> Numbers:
+    """The given numbers, in their order.
+
+    Raises:
+        InputError: There are none.
+    """
+    if not stream.size:
+        raise InputError("stream is empty, a colony needs some uniform numbers for every cell")
+    return Numbers(np.zeros(4, dtype=np.uint64), np.ascontiguousarray(stream), np.zeros(1, dtype=np.int64))
+
+
+@kernel
+def uniform(numbers: Numbers) -> float:
+    """The next number."""
+    position = numbers.drawn[0]
+    numbers.drawn[0] = position + 1
+    if numbers.stream.size == 0:
+        return np.float64(_next_word(numbers.state) >> np.uint64(11)) * (1.0 / 9007199254740992.0)
+    return numbers.stream[position] if position < numbers.stream.size else 0.0
+
+
+@kernel
+def below(numbers: Numbers, count: int) -> int:
+    """A whole number from 0 to count − 1, every one as likely: ⌊count · u⌋ of one uniform number u."""
+    return int(count * uniform(numbers))
+
+
+@kernel
+def _next_word(state: UInt64[np.ndarray, " 4"]) -> np.uint64:
+    s0, s1, s2, s3 = state[0], state[1], state[2], state[3]
+    word = _rotated(s0 + s3, np.uint64(23)) + s0
+    shifted = s1 << np.uint64(17)
+    s2 ^= s0
+    s3 ^= s1
+    state[0], state[1] = s0 ^ s3, s1 ^ s2
+    state[2], state[3] = s2 ^ shifted, _rotated(s3, np.uint64(45))
+    return word
+
+
+@kernel
+def _rotated(word: np.uint64, bits: np.uint64) -> np.uint64:
+    return (word << bits) | (word >> (np.uint64(64) - bits))
