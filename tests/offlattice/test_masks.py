@@ -1,0 +1,161 @@
+"""Masks of the first n cells: Li et al.'s against published numbers and by hand, ours against every pixel."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from offlattice.enlargement import enlarged_in_8_bits
+from scipy import ndimage
+from shapes import masks
+
+from reference import offlattice as reference
+from yeastfit.errors import InputError
+from yeastfit.offlattice.area_matching import Match, match_exactly, search_from_below
+from yeastfit.offlattice.colony import OfflatticeColony, grow
+from yeastfit.offlattice.ellipse_mask import Ellipses
+from yeastfit.offlattice.li2024_mask import BinnedOutlines, enlarged, fill_holes
+from yeastfit.offlattice.placing import PIXELS_PER_UM, SEMI_AXES
+
+
+@pytest.fixture(scope="module")
+def small() -> OfflatticeColony:
+    """The small colony whose masks are known."""
+    stream = np.random.RandomState(1).random_sample(60_000)
+    return grow((0.5, 0.5, 0.3, 0.3, 0.3), cells=5000, stream=stream)
+
+
+def test_known_masks(small: OfflatticeColony) -> None:
+    binned = BinnedOutlines.of(small)
+    assert [(int((binned.first <= n).sum()), int(binned.mask(n).sum())) for n in (1000, 5000)] == [
+        (887, 14_188),
+        (5701, 91_342),
+    ]
+    assert binned.mask(5000).shape == (1400, 1800)
+    assert binned.dropped == 0
+
+
+def test_bins_hold_vertices(small: OfflatticeColony) -> None:
+    """Every n from one look is what the first n cells alone give; x runs along the rows."""
+    binned = BinnedOutlines.of(small, frame=(60, 80))
+    for n in (1, 7, 800, 5000):
+        corners = reference.vertices(small.x[:n], small.y[:n], small.theta[:n], small.pseudohyphal[:n]).reshape(-1, 2)
+        held, _, _ = np.histogram2d(
+            corners[:, 0], corners[:, 1], bins=[np.arange(-120.0, 121, 4), np.arange(-160.0, 161, 4)]
+        )
+        np.testing.assert_array_equal(binned.first <= n, held > 0)
+    assert binned.dropped == 12 * 5000 - held.sum() > 0
+
+
+@settings(max_examples=40, deadline=None)
+@given(masks.filter(lambda mask: min(mask.shape) > 1))
+def test_enlarging_is_cubic_convolution(mask: np.ndarray) -> None:
+    np.testing.assert_array_equal(enlarged(mask), enlarged_in_8_bits(mask))
+
+
+@settings(max_examples=60, deadline=None)
+@given(masks)
+def test_small_holes_are_filled(mask: np.ndarray) -> None:
+    labels, count = ndimage.label(~mask, np.ones((3, 3)))
+    sizes = np.bincount(labels.ravel(), minlength=count + 1)
+    expected = mask | (sizes[labels] < 10)
+    filled = mask.copy()
+    fill_holes(filled, 10)
+    np.testing.assert_array_equal(filled, expected)
+
+
+@pytest.mark.parametrize("frame", [(0, 10), (11, 10)])
+def test_a_frame_has_even_sides(frame: tuple[int, int], small: OfflatticeColony) -> None:
+    with pytest.raises(InputError, match="two even numbers"):
+        BinnedOutlines.of(small, frame)
+
+
+@pytest.mark.parametrize("pixel_size", [1.55008, 0.9])
+def test_ellipses_pixel_by_pixel(pixel_size: float) -> None:
+    colony = grow((0.3, 0.5, 0.5, 0.5, 0.3), cells=120, seed=4)
+    drawn = Ellipses.of(colony, pixel_size, gap=0)
+    half = len(drawn.first) // 2
+    centres = (np.arange(2 * half) + 0.5 - half) * pixel_size * PIXELS_PER_UM
+    x, y = centres[None, :, None], -centres[:, None, None]
+    for n in (1, 60, 120):
+        a, b = SEMI_AXES[colony.pseudohyphal[:n].astype(int)].T
+        dx, dy = x - colony.x[:n], y - colony.y[:n]
+        u = dx * np.cos(colony.theta[:n]) + dy * np.sin(colony.theta[:n])
+        v = dy * np.cos(colony.theta[:n]) - dx * np.sin(colony.theta[:n])
+        inside = ((u / a) ** 2 + (v / b) ** 2 <= 1).any(axis=2)
+        np.testing.assert_array_equal(drawn.mask(n), inside)
+    edge = np.ones_like(inside)
+    edge[1:-1, 1:-1] = False
+    assert not drawn.mask(120)[edge].any()
+
+
+def test_an_ellipse_has_its_area() -> None:
+    drawn = Ellipses.of(grow((0.5, 0.5, 0.5, 0.5, 0.5), cells=1), 0.05, gap=0)
+    assert drawn.mask(1).sum() * 0.05**2 == pytest.approx(np.pi * 4.2 * 3.0, rel=1e-3)
+
+
+def test_closing_all_masks_at_once_closes_each(small: OfflatticeColony) -> None:
+    open_, closed = Ellipses.of(small, gap=0), Ellipses.of(small, gap=10.0)
+    margin = (len(closed.first) - len(open_.first)) // 2
+    reach = np.arange(-3, 4)
+    disc = reach[:, None] ** 2 + reach**2 <= (5.0 / 1.55008) ** 2
+    for n in (40, 1234, 5000):
+        mask = np.pad(open_.mask(n), margin)
+        np.testing.assert_array_equal(closed.mask(n), ndimage.binary_closing(mask, disc))
+    assert ndimage.label(~closed.mask(5000))[1] < 0.05 * ndimage.label(~open_.mask(5000))[1]
+
+
+@pytest.mark.parametrize(
+    ("pixel_size", "gap", "words"), [(0.0, 6.0, "size above 0"), (1.5, -1.0, "gap -1"), (1e-4, 0.0, "larger")]
+)
+def test_wrong_sizes(pixel_size: float, gap: float, words: str, small: OfflatticeColony) -> None:
+    with pytest.raises(InputError, match=words):
+        Ellipses.of(small, pixel_size, gap)
+
+
+def test_a_colony_without_cells_is_not_drawn() -> None:
+    with pytest.raises(InputError, match=r"outside \[0, 1\]"):
+        Ellipses.of(grow((2.0, 0.5, 0.5, 0.5, 0.5), cells=10))
+
+
+def test_search_from_below_by_hand(small: OfflatticeColony) -> None:
+    binned = BinnedOutlines.of(small)
+    found = search_from_below(binned.mask, 5000, 60_000.0)
+    share, kept = 60_000 / 91_342 - 0.1, []
+    while True:
+        kept.append(round(share * 5000))
+        area = binned.mask(kept[-1]).sum()
+        if 57_000 < area < 63_000:
+            break
+        share += 0.025
+    assert (found.cells, found.area, found.match) == (kept[-1], area, Match.MATCHED)
+    assert len(kept) > 2
+    np.testing.assert_array_equal(found.mask, binned.mask(found.cells))
+
+
+def test_an_area_out_of_reach_keeps_all_cells(small: OfflatticeColony) -> None:
+    binned = BinnedOutlines.of(small)
+    for match in (search_from_below, match_exactly):
+        found = match(binned.mask, 5000, 91_343.0)
+        assert (found.cells, found.area, found.match) == (5000, 91_342, Match.UNREACHED)
+        assert "all are kept" in found.match.value
+
+
+def test_a_search_that_misses() -> None:
+    """Areas that jump over the target; the mask last made is kept."""
+    found = search_from_below(lambda n: np.arange(1000)[None] < (100 if n < 900 else 1000), 1000, 500.0)
+    assert (found.cells, found.area, found.match) == (975, 1000, Match.MISSED)
+
+
+@pytest.mark.parametrize("area", [20_000.0, 77_777.0, 91_342.0])
+def test_areas_are_matched_exactly(area: float, small: OfflatticeColony) -> None:
+    binned = BinnedOutlines.of(small)
+    found = match_exactly(binned.mask, 5000, area)
+    assert found.match is Match.MATCHED
+    assert area <= found.area < area + 60
+    assert binned.mask(found.cells - 1).sum() < area
+    assert found.area == binned.mask(found.cells).sum()
+
+
+@pytest.mark.parametrize("match", [search_from_below, match_exactly])
+def test_an_area_is_a_number_above_nothing(match, small: OfflatticeColony) -> None:
+    with pytest.raises(InputError, match="area is nan"):
+        match(BinnedOutlines.of(small).mask, 5000, np.nan)

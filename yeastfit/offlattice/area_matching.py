@@ -1,0 +1,104 @@
+"""How many of a colony's first cells cover a given area: by Li et al.'s search from below, or exactly.
+
+Their search (2024, run_off_lattice), with A* the area given and A_N that of all N cells: if A_N ≤ A*, keep all. Else
+
+    g = A*/A_N − 0.1
+    repeat  n = round(g N), the mask of the first n cells
+            stop if 0.95 A* < area < 1.05 A*
+            g ← g + 0.025
+    until   g ≥ 1.
+
+It comes from below, so areas kept are 0.95 to 0.98 of A*, on average 0.975. No colony is rejected: one that misses both
+bounds is kept as the last mask shows it.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import Enum
+from math import floor, isfinite
+
+import numpy as np
+from jaxtyping import Bool
+
+from yeastfit.errors import InputError
+
+TOLERANCE = 0.05
+START, STEP = 0.1, 0.025
+
+MaskOf = Callable[[int], Bool[np.ndarray, "row column"]]
+
+
+class Match(Enum):
+    """How the search ended; the value is what a reader is told."""
+
+    MATCHED = "the area is matched"
+    UNREACHED = "all cells together cover no more than the area: all are kept"
+    MISSED = "the search ended more than 5 % off the area"
+
+
+@dataclass(frozen=True, eq=False)
+class MatchedMask:
+    """The first `cells` cells, their mask, its area in pixels, and how the search ended."""
+
+    cells: int
+    mask: Bool[np.ndarray, "row column"]
+    area: int
+    match: Match
+
+
+def search_from_below(mask_of: MaskOf, cells: int, area: float) -> MatchedMask:
+    """Li et al.'s search.
+
+    Arguments:
+        mask_of: The mask of so many first cells.
+        cells: How many there are.
+        area: A*, pixels.
+
+    Raises:
+        InputError: The area is not a finite number above 0.
+    """
+    _check(area)
+    mask = mask_of(cells)
+    covered = int(mask.sum())
+    if covered <= area:
+        return MatchedMask(cells, mask, covered, Match.UNREACHED)
+    share = area / covered - START
+    while True:
+        kept = max(0, floor(share * cells + 0.5))
+        mask = mask_of(kept)
+        covered = int(mask.sum())
+        if (1 - TOLERANCE) * area < covered < (1 + TOLERANCE) * area:
+            return MatchedMask(kept, mask, covered, Match.MATCHED)
+        share += STEP
+        if share >= 1:
+            return MatchedMask(kept, mask, covered, Match.MISSED)
+
+
+def match_exactly(mask_of: MaskOf, cells: int, area: float) -> MatchedMask:
+    """The first cells with which the area reaches A*, found by bisection: it is off by less than a cell.
+
+    Arguments:
+        mask_of: The mask of so many first cells.
+        cells: How many there are.
+        area: A*, pixels.
+
+    Raises:
+        InputError: The area is not a finite number above 0.
+    """
+    _check(area)
+    mask = mask_of(cells)
+    if mask.sum() < area:
+        return MatchedMask(cells, mask, int(mask.sum()), Match.UNREACHED)
+    too_few, enough = 0, cells
+    while enough - too_few > 1:
+        middle = (too_few + enough) // 2
+        if (tried := mask_of(middle)).sum() >= area:
+            enough, mask = middle, tried
+        else:
+            too_few = middle
+    return MatchedMask(enough, mask, int(mask.sum()), Match.MATCHED)
+
+
+def _check(area: float) -> None:
+    if not isfinite(area) or area <= 0:
+        raise InputError(f"area is {area}, it must be a finite number of pixels above 0")

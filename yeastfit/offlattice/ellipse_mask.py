@@ -1,0 +1,120 @@
+"""Masks of a colony's first n cells as a camera would see them: ellipses on pixels of any size, for `measure`.
+
+A pixel is colony where its centre lies in one of the first n cells, taken as what they are, exact ellipses
+
+    (u/a)² + (v/b)² ≤ 1
+
+along and across the cell's direction (their 12-gons, by which cells are kept apart and Li et al. draw them, are 4.5 %
+smaller). Rows run downwards along −y, columns along x, and the origin is the corner of four pixels. As cells are only
+added, it is enough to know the number of the first cell on each pixel: masks and areas of all n come from one look.
+
+Gaps narrower than a cell are closed, as an outline drawn in a photograph closes them: the mask is dilated and eroded by
+a disc. Left open, a colony of 45 000 cells has 12 000 holes, where a photographed one has 250.
+
+As cells are only added, it is enough to know the number of the first cell on each pixel: masks of all n come from one
+look. Closing is the least and then the largest number within the disc, as thresholds and flat filters commute.
+"""
+
+from dataclasses import dataclass
+from math import ceil, floor, isfinite
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+from scipy import ndimage
+
+from yeastfit.errors import InputError
+from yeastfit.offlattice.colony import OfflatticeColony
+from yeastfit.offlattice.compiled import kernel
+from yeastfit.offlattice.placing import PIXELS_PER_UM, SEMI_AXES
+
+PIXEL = 1.55008
+"""Of the real photographs, µm."""
+
+GAP = 6.0
+"""Width of a sated cell, µm: narrower gaps are closed."""
+
+MOST_PIXELS = 100_000_000
+
+
+@dataclass(frozen=True)
+class Ellipses:
+    """Where the cells lie.
+
+    Attributes:
+        first: Number, from 1, of the cell with which the pixel becomes colony; one more than all cells where none does.
+        pixel_size: µm.
+    """
+
+    first: Int[np.ndarray, "row column"]
+    pixel_size: float
+
+    @classmethod
+    def of(cls, colony: OfflatticeColony, pixel_size: float = PIXEL, gap: float = GAP) -> "Ellipses":
+        """Of all cells of a colony, in an image that just holds them with an empty margin.
+
+        Arguments:
+            colony: Of at least one cell.
+            pixel_size: µm.
+            gap: Gaps narrower than this are closed, µm; 0 for none.
+
+        Raises:
+            InputError: The colony has no cells; the pixel size is not above 0, or so small that the image is enormous;
+                the gap is negative.
+        """
+        if not isfinite(pixel_size) or pixel_size <= 0 or not isfinite(gap) or gap < 0:
+            raise InputError(
+                f"pixel_size is {pixel_size} µm and gap {gap} µm, need a size above 0 and a gap of at least 0"
+            )
+        if not colony.x.size:
+            raise InputError(f"colony: it has no cells to draw ({colony.message})")
+        unit = pixel_size * PIXELS_PER_UM  # of an image's pixel, in the model's lengths
+        half = ceil((max(np.abs(colony.x).max(), np.abs(colony.y).max()) + SEMI_AXES.max()) / unit) + 1
+        radius = gap / (2 * pixel_size)
+        half += ceil(radius)
+        if (2 * half) ** 2 > MOST_PIXELS:
+            raise InputError(
+                f"pixel_size is {pixel_size} µm: an image of {2 * half} pixels a side, choose a larger one"
+            )
+        first = np.full((2 * half, 2 * half), colony.x.size + 1, dtype=np.int32)
+        shapes = SEMI_AXES[colony.pseudohyphal.astype(int)] / unit
+        centres = np.stack([half - 0.5 - colony.y / unit, half - 0.5 + colony.x / unit], axis=1)
+        _draw(centres, colony.theta, shapes, first)
+        return cls(_opened(first, radius), pixel_size)
+
+    def mask(self, cells: int) -> Bool[np.ndarray, "row column"]:
+        """The mask of so many first cells."""
+        return self.first <= cells
+
+
+def _opened(first: Int[np.ndarray, "row column"], radius: float) -> Int[np.ndarray, "row column"]:
+    """The largest of the least within a disc."""
+    reach = np.arange(-floor(radius), floor(radius) + 1)
+    disc = reach[:, None] ** 2 + reach**2 <= radius**2
+    return ndimage.grey_opening(first, footprint=disc) if disc.size > 1 else first
+
+
+@kernel
+def _draw(
+    centres: Float[np.ndarray, "cell 2"],
+    theta: Float[np.ndarray, " cell"],
+    semi_axes: Float[np.ndarray, "cell 2"],
+    first: Int[np.ndarray, "row column"],
+) -> None:
+    """Fill `first`: in the row at height h above the centre, p s² + 2 q h s + r h² ≤ 1 with s to the right of it."""
+    for cell in range(len(centres)):
+        cos, sin = np.cos(theta[cell]), np.sin(theta[cell])
+        a, b = semi_axes[cell]
+        height = np.hypot(a * sin, b * cos)
+        row, column = centres[cell]
+        p = (cos / a) ** 2 + (sin / b) ** 2
+        q = cos * sin * (1 / a**2 - 1 / b**2)
+        r = (sin / a) ** 2 + (cos / b) ** 2
+        for i in range(int(np.ceil(row - height)), int(np.floor(row + height)) + 1):
+            up = row - i
+            root = (q * up) ** 2 - p * (r * up * up - 1)
+            if root < 0:
+                continue
+            middle, half = column - q * up / p, np.sqrt(root) / p
+            for j in range(int(np.ceil(middle - half)), int(np.floor(middle + half)) + 1):
+                if first[i, j] > cell + 1:
+                    first[i, j] = cell + 1
