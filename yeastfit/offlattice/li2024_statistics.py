@@ -1,0 +1,167 @@
+"""The summary statistics of Li et al. 2024, of a mask of theirs, of a photograph or of a simulation: the same numbers.
+
+With (row, column) of pixel centres, A the number of colony pixels, r their distances from the centroid (of the first
+component, 8-connected and column by column, where there are several), r_max the largest, ρ = A / (π r_max²), rings of
+δ = 4 pixels and n_i the number of pixels with δ (i − 1) < r ≤ δ i:
+
+    f_i   = n_i / (π ρ δ² (2i − 1)),    i = 1 … round(r_max / δ)
+    r_CSR = δ · (first i that minimises |1 − f_i|)
+    I_F   = (share of pixels at r' ≥ r_CSR) / 0.65              r' from the pixel that the centroid rounds to
+    I_R   = (r_max / r_CSR − 1.1) / 1.7
+    I_B   = (ends − 25) / 575
+
+Ends are those of the skeleton (`golay_skeleton`) of the pixels at r' ≥ r_CSR in one quadrant, up to the centroid's
+pixel in rows and columns. Those that cutting off the core and the other quadrants makes count too.
+
+But for these details, I_F, I_R and r_CSR are `measure`'s filament_area_index, filament_radius_index and csr_radius. The
+ends have nothing to do with its branch_count: a mean of four quadrants, without ends at the cuts, of another skeleton.
+"""
+
+from dataclasses import dataclass, fields
+from math import floor, nan, pi
+
+import numpy as np
+from jaxtyping import Bool, Int
+
+from yeastfit.errors import InputError
+from yeastfit.offlattice.compiled import kernel
+from yeastfit.offlattice.golay_skeleton import count_ends, skeleton
+
+RING = 4
+
+
+@dataclass(frozen=True)
+class Li2024:
+    """Lengths and areas in pixels; of a colony that ends within its first ring, all but the first two are nan."""
+
+    area: float
+    max_radius: float
+    csr_radius: float = nan
+    filament_area_index: float = nan
+    filament_radius_index: float = nan
+    branch_index: float = nan
+    ends: float = nan
+
+    def row(self) -> dict[str, float]:
+        """By name."""
+        return {field.name: getattr(self, field.name) for field in fields(self)}
+
+
+NAMES = tuple(field.name for field in fields(Li2024))
+
+
+def li2024_statistics(mask: Bool[np.ndarray, "row column"]) -> Li2024:
+    """The statistics of a mask whose colony pixels are True. Not differentiable.
+
+    Raises:
+        InputError: No pixel is.
+    """
+    if not mask.any():
+        raise InputError(f"mask: none of its {mask.size} pixels is colony, need at least one")
+    row, column = centroid(mask)
+    area, max_radius, counts = _rings(mask, row, column)
+    rings = np.arange(1, floor(max_radius / RING + 0.5) + 1)
+    if not rings.size:
+        return Li2024(area, max_radius)
+    density = area / (pi * max_radius**2)
+    csr = RING * (1 + int(np.argmin(np.abs(1 - counts[rings] / (pi * density * RING**2 * (2 * rings - 1))))))
+    middle = floor(row + 0.5), floor(column + 0.5)
+    beyond = mask.copy()
+    share = _cut_core(beyond, *middle, csr) / area
+    ends = count_ends(skeleton(beyond[: middle[0] + 1, : middle[1] + 1]))
+    return Li2024(area, max_radius, csr, share / 0.65, (max_radius / csr - 1.1) / 1.7, (ends - 25) / 575, ends)
+
+
+@kernel
+def centroid(mask: Bool[np.ndarray, "row column"]) -> tuple[float, float]:
+    """Row and column of the centroid of the first component, 8-connected and column by column; it must have one."""
+    runs = _runs(mask)
+    root = _linked(runs)
+    first = 0  # the run of the topmost pixel of the leftmost column
+    for k in range(len(runs)):
+        if runs[k, 1] < runs[first, 1]:
+            first = k
+    pixels, rows, columns = 0, 0, 0
+    for k in range(len(runs)):
+        if _root(root, k) == _root(root, first):
+            row, start, stop = runs[k]
+            pixels += stop - start
+            rows += row * (stop - start)
+            columns += (stop - start) * (start + stop - 1) // 2
+    return rows / pixels, columns / pixels
+
+
+@kernel
+def _runs(mask: Bool[np.ndarray, "row column"]) -> Int[np.ndarray, "run 3"]:
+    """Row, first column and the column after the last, of every horizontal run of pixels."""
+    count = 0
+    for row in range(mask.shape[0]):
+        for column in range(mask.shape[1]):
+            count += mask[row, column] and (column == 0 or not mask[row, column - 1])
+    runs = np.empty((count, 3), dtype=np.int64)
+    k = 0
+    for row in range(mask.shape[0]):
+        inside = False
+        for column in range(mask.shape[1]):
+            if mask[row, column] and not inside:
+                runs[k, 0], runs[k, 1] = row, column
+            elif inside and not mask[row, column]:
+                runs[k, 2] = column
+                k += 1
+            inside = mask[row, column]
+        if inside:
+            runs[k, 2] = mask.shape[1]
+            k += 1
+    return runs
+
+
+@kernel
+def _linked(runs: Int[np.ndarray, "run 3"]) -> Int[np.ndarray, " run"]:
+    """Each run's way to the root of its component: runs that touch, at a corner too, are of one."""
+    root = np.arange(len(runs))
+    above = 0
+    for k in range(len(runs)):
+        row, start, stop = runs[k]
+        while runs[above, 0] < row - 1 or (runs[above, 0] == row - 1 and runs[above, 2] < start):
+            above += 1
+        other = above
+        while runs[other, 0] == row - 1 and runs[other, 1] <= stop:
+            root[_root(root, other)] = _root(root, k)
+            other += 1
+    return root
+
+
+@kernel
+def _root(root: Int[np.ndarray, " run"], run: int) -> int:
+    while root[run] != run:
+        root[run] = root[root[run]]
+        run = root[run]
+    return run
+
+
+@kernel
+def _rings(mask: Bool[np.ndarray, "row column"], row: float, column: float) -> tuple[int, float, Int[np.ndarray, " i"]]:
+    """Number of pixels, largest distance from the centroid, and pixels of each ring; the centre's is in ring 0."""
+    rows, columns = mask.shape
+    counts = np.zeros(int(np.hypot(rows, columns)) // RING + 2, dtype=np.int64)
+    area, largest2 = 0, 0.0
+    for i in range(rows):
+        for j in range(columns):
+            if mask[i, j]:
+                distance2 = (i - row) ** 2 + (j - column) ** 2
+                largest2 = max(largest2, distance2)
+                counts[int(np.ceil(np.sqrt(distance2) / RING))] += 1
+                area += 1
+    return area, np.sqrt(largest2), counts
+
+
+@kernel
+def _cut_core(mask: Bool[np.ndarray, "row column"], row: int, column: int, radius: int) -> int:
+    """Turn off, in place, all pixels nearer than `radius` to the one at (row, column); how many are left on."""
+    left = 0
+    for i in range(mask.shape[0]):
+        for j in range(mask.shape[1]):
+            if (i - row) ** 2 + (j - column) ** 2 < radius**2:
+                mask[i, j] = False
+            left += mask[i, j]
+    return left
