@@ -88,7 +88,7 @@ class Study:
 
     def asked(self, number: int) -> dict[str, Any]:
         """What makes a record: another of these, another record."""
-        what = {"recipe": asdict(self.recipes[number - 1]), "settings": asdict(self.settings)}
+        what = {"recipe": self.recipes[number - 1].asdict(), "settings": asdict(self.settings)}
         return json.loads(json.dumps(what))
 
     def done(self) -> dict[int, Record]:

@@ -62,7 +62,7 @@ class Model(eqx.Module):
         for question, rule in self.rules.items():
             if not isinstance(rule, BASES[question]):
                 raise InputError(f"{question} is {rule!r}, it must be a {BASES[question].__name__}")
-        states = [name for rule in self.rules.values() for name in rule.node_state()]
+        states = [name for rule in self.parts for name in rule.node_state()]
         twice = sorted({name for name in states if states.count(name) > 1})
         if twice:
             raise InputError(f"model: two of its rules keep a node state {twice[0]!r}")
@@ -74,9 +74,14 @@ class Model(eqx.Module):
         return {question: getattr(self, question) for question in BASES}
 
     @property
+    def parts(self) -> tuple[Rule, ...]:
+        """All rules, with those that they build on."""
+        return tuple(part for rule in self.rules.values() for part in rule.parts)
+
+    @property
     def parameters(self) -> ParameterSet:
         """λ1 … λ7, and what the rules bring; a parameter that two rules bring alike is there once."""
-        brought = dict.fromkeys(one for rule in self.rules.values() for one in rule.parameters)
+        brought = dict.fromkeys(one for rule in self.parts for one in rule.parameters)
         return PARAMETERS + [one for one in brought if one not in PARAMETERS.parameters]
 
     def complete(self, parameters: Parameters) -> Parameters:
@@ -89,11 +94,11 @@ class Model(eqx.Module):
 
     def node_state(self) -> dict[str, float]:
         """What the rules keep for each node: values of a newborn, by name."""
-        return {name: value for rule in self.rules.values() for name, value in rule.node_state().items()}
+        return {name: value for rule in self.parts for name, value in rule.node_state().items()}
 
     def advance(self, context: Context) -> dict[str, Float[Array, " node"]]:
         """The state of all nodes one time step later."""
-        return {name: value for rule in self.rules.values() for name, value in rule.advance(context).items()}
+        return {name: value for rule in self.parts for name, value in rule.advance(context).items()}
 
     def start(self, key: Array, numerics: Numerics) -> Colony:
         """A new colony of two nodes."""

@@ -14,6 +14,7 @@ relaxed model. A rule's own fields are settings, fixed while a model runs; what 
 """
 
 from abc import abstractmethod
+from dataclasses import fields
 from typing import ClassVar
 
 import equinox as eqx
@@ -84,7 +85,7 @@ class Births(eqx.Module):
 
 
 class Rule(eqx.Module):
-    """One mechanism.
+    """One mechanism. Its fields are its settings; a field may be another rule that it builds on, none is called `rule`.
 
     Attributes:
         question: Which of a model's questions it answers; a base class says so.
@@ -103,6 +104,12 @@ class Rule(eqx.Module):
     def advance(self, context: Context) -> dict[str, Float[Array, " node"]]:
         """The state of all nodes one time step later; by default unchanged. Asked after the nutrient's step."""
         return {name: context.colony.node_state[name] for name in self.node_state()}
+
+    @property
+    def parts(self) -> tuple["Rule", ...]:
+        """Itself and the rules it builds on, each of which brings its parameters and keeps its state."""
+        held = (getattr(self, each.name) for each in fields(self))
+        return (self, *(part for rule in held if isinstance(rule, Rule) for part in rule.parts))
 
 
 class BirthRule(Rule):

@@ -1,12 +1,21 @@
 """Synthetic data sets: hard-model colonies, photographed, with the truth kept beside them.
 
-A data set is made from a `Recipe` alone, so that its seed and parameters say everything:
+A data set is made from a `Recipe` alone:
 
-    manifest.csv            what a fit reads (`measure.dataset`)
+    manifest.csv            what a fit reads (`yeastfit.read_dataset`)
     images/                 the photographs
-    truth/parameters.json   λ by name, scales, numerics, optics, seed; a fit never opens this folder
+    truth/parameters.json   parameters by name, and the recipe; a fit never opens this folder
     truth/masks/            what segmentation should find
     truth/curves.csv        statistics of every true mask in µm, and what only the model knows
+
+A file of recipes is TOML, a table for each data set:
+
+    [name]
+    parameters = { mobility = 2.0, aspect_ratio = 0.6 }
+    seed = 1
+    hours = [4, 8, 12]
+    [name.model]                       # where a rule is not the source's (`yeastfit.RULES`)
+    budding = { rule = "uniform" }
 """
 
 import shutil
@@ -23,6 +32,7 @@ from yeastfit.errors import InputError
 from yeastfit.measure.statistics.shape import measure_mask
 from yeastfit.measure.statistics.smooth_statistics import node_statistics
 from yeastfit.model.cells import Cells
+from yeastfit.model.model import Model
 from yeastfit.model.numerics import Numerics
 from yeastfit.model.parameters import Parameters, Scales
 from yeastfit.model.relaxation import HARD
@@ -40,8 +50,18 @@ MASK_COLUMNS = ("area", "perimeter", "outer_perimeter", "compactness", "outer_co
 class Recipe:
     """Everything a synthetic data set is made from.
 
-    parameters: λ by name. seed: of colonies and photographs. hours: when each of `replicates` colonies is photographed.
-    pixel_size: µm. extent: side of a photograph, µm. kind: of file, see `write_micrograph`.
+    Attributes:
+        parameters: By name; the default of the others.
+        seed: Of colonies and photographs.
+        hours: When each colony is photographed.
+        replicates: Number of colonies.
+        pixel_size: In µm.
+        extent: Side of a photograph in µm.
+        kind: Of image file, see `write_micrograph`.
+        numerics: Grid, time step and capacity.
+        scales: Units of the model.
+        optics: Of the microscope.
+        model: Rules of the colonies.
     """
 
     parameters: dict[str, float]
@@ -54,10 +74,29 @@ class Recipe:
     numerics: Numerics = field(default_factory=lambda: Numerics(domain=24.0, spacing=0.1, dt=0.005, capacity=256))
     scales: Scales = field(default_factory=Scales)
     optics: Optics = field(default_factory=Optics)
+    model: Model = field(default_factory=Model)
+
+    def truth(self) -> Parameters:
+        """Values of all parameters of the model.
+
+        Raises:
+            InputError: A name or value is not admissible.
+        """
+        return self.model.complete(Parameters(**self.parameters))
+
+    def asdict(self) -> dict[str, Any]:
+        """Plain data; rules are named where they are not the source's."""
+        plain = {name: value for name, value in asdict(self).items() if name != "model"}
+        rules = self.model.asdict()
+        return plain if rules == Model().asdict() else {**plain, "model": rules}
 
 
 def read_recipes(path: str | Path) -> dict[str, Recipe]:
-    """Recipes by name from a TOML file: one table each, with the fields of `Recipe`."""
+    """Read recipes by name from a TOML file: one table each, with the fields of `Recipe`.
+
+    Raises:
+        InputError: It is no such file, or a table has other fields, unknown rules or inadmissible values.
+    """
     path = Path(path)
     try:
         tables = tomllib.loads(path.read_text())
@@ -72,10 +111,13 @@ def _recipe(table: Any, where: str) -> Recipe:
         raise InputError(f"{where}: expected parameters, seed and hours, and at most {', '.join(sorted(known))}")
     kinds = {"numerics": Numerics, "scales": Scales, "optics": Optics}
     try:
-        nested = {key: kind(**table[key]) for key, kind in kinds.items() if key in table}
+        nested: dict[str, Any] = {key: kind(**table[key]) for key, kind in kinds.items() if key in table}
+        nested["model"] = Model.of(table.get("model", {}))
         values = {name: float(value) for name, value in table["parameters"].items()}
         hours = tuple(float(hour) for hour in table["hours"])
-        return Recipe(**{**table, **nested, "parameters": values, "hours": hours})
+        recipe = Recipe(**{**table, **nested, "parameters": values, "hours": hours})
+        recipe.truth()
+        return recipe
     except (TypeError, ValueError, AttributeError) as error:
         raise InputError(f"{where}: {error}") from None
 
@@ -92,16 +134,24 @@ class _CellRecorder(eqx.Module):
 
 
 def synthesize(recipe: Recipe, folder: str | Path, progress: Progress = silent) -> None:
-    """Make the data set in `folder`, which is replaced as a whole. Same recipe, same bytes.
+    """Make a data set. The same recipe gives the same bytes.
 
-    Raises `InputError` where a colony meets the edge of its photograph or any problem of the model.
+    Arguments:
+        recipe: What it is made from.
+        folder: Where; replaced as a whole.
+        progress: Told how many photographs were taken.
+
+    Raises:
+        InputError: The recipe's parameters are not admissible, a colony reaches the edge of its photograph, or the
+            model ran into a problem, such as a colony that outgrew its capacity.
     """
     folder = Path(folder)
     times = [recipe.scales.time(hours) for hours in recipe.hours]
     run = simulate(
-        Parameters().replace(**recipe.parameters),
+        recipe.truth(),
         member_keys(recipe.seed, recipe.replicates),
         times=times,
+        model=recipe.model,
         numerics=recipe.numerics,
         relaxation=HARD,
         observe=_CellRecorder(),
@@ -124,8 +174,8 @@ def synthesize(recipe: Recipe, folder: str | Path, progress: Progress = silent) 
             rows.append({"file": file, "replicate": member + 1, "hours": hours, "um_per_pixel": recipe.pixel_size})
             progress(f"photographed {len(rows)} of {total}", len(rows) / total)
     write_table(partial / "truth" / "curves.csv", curves)
-    parameters = Parameters().replace(**recipe.parameters).asdict()
-    write_json(partial / "truth" / "parameters.json", {**parameters, "recipe": asdict(recipe), "versions": versions()})
+    truth = {**recipe.truth().asdict(), "recipe": recipe.asdict(), "versions": versions()}
+    write_json(partial / "truth" / "parameters.json", truth)
     write_table(partial / "manifest.csv", rows)
     shutil.rmtree(folder, ignore_errors=True)
     partial.rename(folder)
