@@ -56,14 +56,26 @@ DATA = Path(__file__).parent.parent / "data" / "synthetic"
 SETS = ("demo", "slender", "compact")
 COLONIES, HOURS = 4, (7.0, 9.0)
 METHODS: tuple[Method, ...] = ("emulator", "abc-smc", "abc-mcmc")
-LEVEL = 0.9  # of intervals and regions
-RMS, APART = 1.5, 0.5  # of z; and standard deviations, of means
+LEVEL = 0.9  # probability of intervals and regions
+RMS, APART = 1.5, 0.5  # largest rms of z; largest difference of means in standard deviations
 COLOURS = {"emulator": "#7a5230", "abc-smc": "#1b6ca8", "abc-mcmc": "#1b8a3a"}
 
 
 @dataclass(frozen=True)
 class Size:
-    """How much is done. smc, pilot, steps: of the three methods; simulations: of the emulator, at most."""
+    """How much is computed.
+
+    Attributes:
+        sets: Names of the data sets.
+        seeds: Of every method.
+        simulations: Of the emulator, at most.
+        population: Of ABC-SMC.
+        smc: Simulated data sets of ABC-SMC, at most.
+        pilot: Simulated data sets of ABC's pilot.
+        steps: Of each chain of ABC-MCMC.
+        dt: Time step.
+        spacing: Of the nutrient's grid.
+    """
 
     sets: tuple[str, ...] = SETS
     seeds: tuple[int, ...] = (1, 2)
@@ -81,7 +93,7 @@ QUICK = Size(SETS[:1], (1,), simulations=256, population=64, smc=400, pilot=128,
 
 @dataclass(frozen=True)
 class Found:
-    """One posterior: mean and standard deviation of log λ, and the mean's error."""
+    """One posterior: mean and standard deviation of log λ, and the error of the mean."""
 
     samples: Samples
     mean: Float[np.ndarray, " free"]
@@ -95,18 +107,18 @@ class Found:
 
     @property
     def weights(self) -> Float[np.ndarray, " draw"]:
-        """Of the draws."""
+        """Weights of the draws."""
         return self.samples.weights.ravel()
 
     @property
     def epsilon(self) -> float | None:
-        """ABC's, the last."""
+        """The last tolerance of ABC."""
         found = self.samples.diagnostics.get("epsilon")
         return found[-1] if isinstance(found, list) else found
 
     @staticmethod
     def of(samples: Samples) -> "Found":
-        """The emulator's own error is added where there is one; draws of chains of ABC are adjusted."""
+        """From samples. The emulator's own error is included; draws of ABC-MCMC are adjusted."""
         if samples.method == "ABC-MCMC":
             size = accepted(samples, PRIOR).worth(parts=len(samples.values))
             samples = moved(samples, PRIOR)
@@ -121,7 +133,7 @@ class Found:
         return Found(samples, mean, sd, sd * np.sqrt(share))
 
     def inside(self, truth: Float[np.ndarray, " free"], level: float = LEVEL) -> tuple[list[bool], bool]:
-        """Each log λ in its central interval, and all in the region of the draws nearest to the mean."""
+        """Whether each log λ lies in its central interval, and all of them in the joint region."""
         low, high = np.log(self.samples.interval(level)).T
         each = ((low <= truth) & (truth <= high)).tolist()
         covariance = np.cov(self.x.T, aweights=self.weights)
@@ -131,7 +143,7 @@ class Found:
 
 
 def accepted(samples: Samples, prior: Prior) -> Accepted:
-    """Draws of chains of ABC, chain by chain."""
+    """Draws of ABC-MCMC as accepted simulations, chain by chain."""
     observed, covariance = (np.array(samples.settings[name]) for name in ("observed", "covariance"))
     statistics = samples.statistics.reshape(-1, len(observed))
     distances = Mahalanobis(observed, covariance)(statistics)
@@ -139,7 +151,7 @@ def accepted(samples: Samples, prior: Prior) -> Accepted:
 
 
 def moved(samples: Samples, prior: Prior) -> Samples:
-    """Draws of chains of ABC, adjusted as if their simulations had been the observation."""
+    """Draws of ABC-MCMC after regression adjustment."""
     values, weights, why = accepted(samples, prior).adjusted()
     found = replace(
         samples, values=values.reshape(samples.values.shape), weights=weights.reshape(samples.weights.shape)
@@ -148,7 +160,7 @@ def moved(samples: Samples, prior: Prior) -> Samples:
 
 
 def posterior(source: Path, folder: Path, request: Request) -> Found:
-    """A run of `yeastfit infer` up to its draws, taken up where it was left."""
+    """The draws of a run of `yeastfit infer`, continued if it was interrupted."""
     kept = folder / "samples.npz"
     if not kept.is_file():
         run = Run.begin(request, source, folder, True, available_processors(), silent)
@@ -159,7 +171,7 @@ def posterior(source: Path, folder: Path, request: Request) -> Found:
 
 
 def few(name: str, work: Path) -> Path:
-    """A table of the first colonies at two times; outlines as they were measured."""
+    """A table of the first colonies at two times, with the outlines measured from the whole data set."""
     measured, table = work / name / "measured", work / name / "few" / "measurements.csv"
     if table.is_file():
         return table
@@ -173,7 +185,7 @@ def few(name: str, work: Path) -> Path:
 
 
 def beside(name: str, seed: int, size: Size, work: Path, report: Report) -> dict[str, Found]:
-    """Posteriors of one data set's few colonies, by method."""
+    """Posteriors of the reduced data of one set, by method."""
     table, prior = few(name, work), work / "prior.toml"
     prior.write_text(PRIOR.toml())
     common: dict[str, Any] = {"prior": prior, "dt": size.dt, "spacing": size.spacing, "seed": seed}
@@ -192,14 +204,14 @@ def beside(name: str, seed: int, size: Size, work: Path, report: Report) -> dict
 
 
 def truth_of(name: str, free: Sequence[str]) -> Float[np.ndarray, " free"]:
-    """log λ that went into a data set."""
+    """True log λ of a data set."""
     known = read_truth(DATA / name)
     assert known is not None, name
     return np.log([known[one] for one in free])
 
 
 def agree(report: Report, size: Size, work: Path) -> dict[tuple[str, int], dict[str, Found]]:
-    """Posteriors of few data by three methods, and how far they are from each other."""
+    """Posteriors of the reduced data by three methods, and their differences."""
     found = {(name, seed): beside(name, seed, size, work, report) for name in size.sets for seed in size.seeds}
     rows, runs = [], []
     scores: dict[str, list[np.ndarray]] = {"between": [], "within": []}
@@ -260,7 +272,7 @@ def _names(names: Sequence[str] | dict[str, Any]) -> str:
 
 
 def yes(value: bool) -> str:
-    """In a table."""
+    """A yes or no for a table."""
     return "yes" if value else "no"
 
 
@@ -269,7 +281,7 @@ def _rms(scores: Sequence[np.ndarray]) -> float:
 
 
 def picture(found: dict[tuple[str, int], dict[str, Found]], size: Size, path: Path) -> None:
-    """Cumulative distributions by all methods and seeds, with the truth: a row for each set."""
+    """Cumulative distributions by all methods and seeds, with the truth; one row per set."""
     figure = Figure(figsize=(11, 3 * len(size.sets)), layout="constrained")
     panels = figure.subplots(len(size.sets), len(BOX), squeeze=False)
     for name, row in zip(size.sets, panels, strict=True):
@@ -291,7 +303,7 @@ def picture(found: dict[tuple[str, int], dict[str, Found]], size: Size, path: Pa
 
 
 def markdown(report: Report) -> str:
-    """The page."""
+    """The text of the page."""
     parts = [
         f"""{report.head(__doc__)}
 
@@ -304,7 +316,7 @@ Cumulative posterior distributions of the reduced data, two runs of each method;
 
 
 def main(arguments: list[str] | None = None) -> None:
-    """The command: options of its own, then those of every benchmark."""
+    """Run the command: parse the options of this benchmark, then those of every benchmark."""
     parser = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
     parser.add_argument("--work", type=Path, default=Path("out/agreement"))
     own, others = parser.parse_known_args(arguments)

@@ -73,10 +73,19 @@ EXTENT, PIXEL = 5.0, 0.25  # L0
 
 @dataclass(frozen=True)
 class Part:
-    """Data sets of one method. method: a name. each: data sets of a group. times: model time.
+    """Data sets of one method.
 
-    replicates: colonies that data are means of. draws: L. bins: of the histograms. judged: simulations from the prior
-    that the log-likelihood, a function of λ and data, is learnt from, by `judge`; ABC's pilot, too.
+    Attributes:
+        method: Its name.
+        groups: How many groups there are.
+        each: Data sets of a group.
+        times: Model time of the observations.
+        replicates: Colonies whose mean is a data set.
+        draws: L, the independent draws that a truth is ranked among.
+        bins: Of the histograms.
+        settings: Of the sampler.
+        judged: Simulations from the prior that train the emulator of the log-likelihood; also ABC's pilot.
+        judge: Settings of that emulator.
     """
 
     method: str
@@ -92,32 +101,32 @@ class Part:
 
     @property
     def emulator(self) -> bool:
-        """Whether the method is that of the emulator, else it is ABC."""
+        """Whether the method is the emulator; otherwise it is ABC."""
         return isinstance(self.settings, EmulatedSettings)
 
     @property
     def count(self) -> int:
-        """Data sets, with numbers from 1."""
+        """Number of data sets; they are numbered from 1."""
         return self.groups * self.each
 
     @property
     def seed(self) -> int:
-        """That truths and data are of; those of groups are made from it."""
+        """Seed of truths and data, from which those of groups are derived."""
         return SEED if self.emulator else SEED + 1
 
     def group(self, number: int) -> int:
-        """That a data set belongs to, from 0."""
+        """Number of the group of a data set, from 0."""
         return (number - 1) // self.each
 
     def simulator(self) -> Simulator:
-        """Single colonies for the emulator, which knows of replicates; else means over them."""
+        """Of single colonies for the emulator, which knows of replicates; of means over them for ABC."""
         curves = {name: np.ones(len(self.times)) for name in STATISTICS}
         targets = Targets.from_means(curves, self.times, extent=EXTENT, spacing=PIXEL)
         colonies = ColonySimulator.of(targets, PRIOR.free, resolution=MODEL)
         return colonies if self.emulator else Replicates(colonies, self.replicates)
 
     def posterior(self, simulator: Simulator, observed: np.ndarray, seed: int, store: Store) -> Samples:
-        """Of data."""
+        """The posterior of one data set."""
         if isinstance(self.settings, EmulatedSettings):
             how: dict[str, Any] = {"replicates": self.replicates, "seed": seed, "store": store}
             return emulated(simulator, PRIOR, observed, self.settings, **how)
@@ -126,7 +135,7 @@ class Part:
         return abc_smc(simulator, PRIOR, distance, self.settings, seed=seed, store=store)
 
     def judging(self, simulator: Simulator, seed: int, store: Store) -> Emulator:
-        """Of simulations from the prior alone, which no posterior is made of."""
+        """An emulator trained on simulations from the prior alone, which no posterior uses."""
         values = PRIOR.sample(self.judged, np.random.default_rng(stream_of(seed, Stream.TRUTH, 0)))
         statistics = Recorded(simulator, self.settings.batch, store)(values, seed_of(seed, range(self.judged)))
         room = self.settings.most if isinstance(self.settings, EmulatedSettings) else None
@@ -150,7 +159,13 @@ QUICK = (
 
 @dataclass(frozen=True)
 class Study:
-    """What is calibrated. work: where all of it is kept. method: the only one, by its name on the command line."""
+    """What is calibrated.
+
+    Attributes:
+        parts: One for each method.
+        work: Folder of all its files.
+        method: The only method, by its name on the command line; None for all.
+    """
 
     parts: tuple[Part, ...]
     work: Path
@@ -158,7 +173,7 @@ class Study:
 
     @property
     def name(self) -> str:
-        """Of the page."""
+        """Name of the page."""
         return f"calibration-{self.method}" if self.method else "calibration"
 
     @property
@@ -167,17 +182,17 @@ class Study:
         return [(k, group) for k, part in enumerate(self.parts) for group in range(part.groups)]
 
     def file(self, k: int, group: int, suffix: str) -> Path:
-        """Of one group."""
+        """Records of one group."""
         return self.work / f"{self.parts[k].method.lower()}{group:02d}.{suffix}"
 
     def asked(self, k: int) -> dict[str, Any]:
-        """What makes the records of a part: another of these, other records."""
+        """Everything that determines the records of a part."""
         what = {**asdict(self.parts[k]), "prior": PRIOR.asdict(), "model": asdict(MODEL), "extent": EXTENT}
         what |= {"pixel": PIXEL, "seed": SEED, "code": code()}
         return json.loads(json.dumps(what))
 
     def done(self, k: int, group: int) -> list[Record]:
-        """Records of a group. Raises `InputError` where one was made with something else."""
+        """Records of a group. Raises `InputError` if one was made with other settings."""
         lines = self.file(k, group, "jsonl")
         records, asked = read_lines(lines), self.asked(k)
         if any(record["asked"] != asked for record in records):
@@ -190,7 +205,7 @@ class Study:
 
 
 def grow(study: Study, k: int, group: int) -> None:
-    """All data sets of a group that are not done."""
+    """Compute the missing data sets of a group."""
     part, done = study.parts[k], {record["number"] for record in study.done(k, group)}
     numbers = [n for n in range(1, part.count + 1) if part.group(n) == group and n not in done]
     if not numbers:
@@ -207,7 +222,7 @@ def grow(study: Study, k: int, group: int) -> None:
 
 
 def calibrated(part: Part, number: int, simulator: Simulator, seed: int, store: Store, judge: Emulator) -> Record:
-    """One data set: drawn, its posterior found, its truth placed in it."""
+    """One data set: draw a truth, simulate data, infer the posterior, rank the truth."""
     rng = np.random.default_rng(stream_of(part.seed, Stream.TRUTH, number))
     truth = PRIOR.sample(1, rng)
     whole = Replicates(simulator, part.replicates) if part.emulator else simulator
@@ -240,9 +255,9 @@ def placed(
     rng: np.random.Generator,
     log_likelihood: Callable[[np.ndarray], np.ndarray],
 ) -> dict[str, dict[str, float]]:
-    """Where a truth lies in a posterior: its rank among draws, and the share of the posterior below it.
+    """Rank of a truth among draws, and the share of the posterior below it.
 
-    Of a log-likelihood the share is that of the draws, too: at others it is not computed.
+    For the log-likelihood the share is that of the draws, as it is computed only for them.
     """
     drawn = np.concatenate([truth[None], found.drawn(draws, rng)])
     columns = np.column_stack([drawn, log_likelihood(drawn)])
@@ -252,7 +267,7 @@ def placed(
 
 
 def markdown(report: Report, study: Study) -> str:
-    """The page."""
+    """The text of the page."""
     head = report.head(__doc__)
     if study.method:
         head = head.replace("calibration --docs", f"calibration --method {study.method} --docs")
@@ -275,7 +290,7 @@ Colonies at Δt = {MODEL.dt:g}; grid of the nutrient {MODEL.spacing:g} L0, of th
 
 
 def _settings(part: Part) -> str:
-    """What a part was run with, and what of it is not the sampler's default."""
+    """Settings of a part, and those that are not the sampler's defaults."""
     usual = asdict(type(part.settings)())
     other = {name: value for name, value in asdict(part.settings).items() if value != usual[name]}
     said = ", ".join(f"{name} {value} (default {usual[name]})" for name, value in other.items())
@@ -287,14 +302,14 @@ def _settings(part: Part) -> str:
 
 
 def afresh(study: Study, k: int, group: int) -> None:
-    """A group, and nothing of it left in memory."""
+    """Compute a group, then free its memory."""
     grow(study, k, group)
-    jax.clear_caches()  # chains differ in length, and each length has programs of its own
+    jax.clear_caches()  # chains differ in length, and each length compiles its own programs
     gc.collect()
 
 
 def apart(report: Report, study: Study, jobs: int) -> None:
-    """All groups, so many at a time in processes of their own."""
+    """Compute all groups, several at a time in processes of their own."""
     pool = ProcessPoolExecutor(jobs, get_context("spawn"))
     try:
         running = {
@@ -308,9 +323,9 @@ def apart(report: Report, study: Study, jobs: int) -> None:
 
 
 def calibrate(report: Report, study: Study, jobs: int) -> None:
-    """All data sets that are not done, and what came of all."""
+    """Compute the missing data sets, and report on all."""
     for k, group in study.groups:
-        study.done(k, group)  # refuses at once what it would refuse later
+        study.done(k, group)  # fails now rather than later
     if jobs == 1:
         for k, group in study.groups:
             afresh(study, k, group)
@@ -330,7 +345,7 @@ def calibrate(report: Report, study: Study, jobs: int) -> None:
 
 
 def main(arguments: list[str] | None = None) -> None:
-    """The command: options of its own, then those of every benchmark."""
+    """Run the command: parse the options of this benchmark, then those of every benchmark."""
     parser = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
     parser.add_argument("--work", type=Path, default=Path("out/calibration"))
     parser.add_argument("--jobs", type=int, default=available_processors())

@@ -16,17 +16,17 @@ from yeastfit.inference.fit.ensemble import Ensembles
 from yeastfit.inference.fit.response_surface import Surface, study
 from yeastfit.inference.parameter_space import ALONE, Space, Vector
 
-MARGIN = 2.0  # of χ², above its least: the same residual
-REACH = 0.2  # of log λ: the surface around the truth
-DIFFERENCE = 0.1  # of log λ: least_squares' finite differences
-EDGE = 0.5  # of z: the first simplex, and CMA-ES's first step
-NOWHERE = 1e3  # residuals of a point whose colonies came to nothing
+MARGIN = 2.0  # of χ² above its minimum that counts as the same residual
+REACH = 0.2  # of the surface around the truth, in log λ
+DIFFERENCE = 0.1  # step of least_squares' finite differences in log λ
+EDGE = 0.5  # of the first simplex in z, and CMA-ES's first step
+NOWHERE = 1e3  # residuals of a point whose simulations fail
 JUDGES_SEED, WITNESS_SEED = 90_001, 90_002
 
 
 @dataclass(frozen=True)
 class Contest:
-    """Data, Σ = L Lᵀ, and the surface that says how far a point is from the least χ², at θ `best`."""
+    """Data, Σ = L Lᵀ, and the response surface that tells how far χ² is above its minimum, at θ `best`."""
 
     targets: Targets
     space: Space
@@ -40,7 +40,7 @@ class Contest:
     def of(
         targets: Targets, truth: Mapping[str, float], free: Sequence[str], settings: FitSettings, judges: int
     ) -> "Contest":
-        """Around the true parameters, from so many colonies, and a quarter as many for Σ."""
+        """With a surface around the true parameters, from `judges` colonies, and a quarter as many for Σ."""
         space = Space.of(free, {ALONE: Parameters(**truth)})
         centre = np.log([truth[name] for name in space.names])
         ensembles = Ensembles.of({ALONE: targets}, space, JUDGES_SEED, settings)
@@ -53,7 +53,7 @@ class Contest:
         return Contest(targets, space, settings, factor, surface, best[0], float(least[0]))
 
     def colonies(self) -> Colonies:
-        """To grow more of them."""
+        """What simulates further colonies."""
         settings = self.settings
         return Colonies.of(self.targets, dt=settings.dt, spacing=settings.spacing, capacity=settings.capacity)
 
@@ -62,7 +62,7 @@ class Contest:
         return solve_triangular(self.factor, mean - self.targets.values, lower=True)
 
     def rise(self, theta: Vector) -> float:
-        """Of the exact χ² above its least; infinite off the surface."""
+        """The exact χ² above its minimum; infinite off the surface."""
         if (np.abs(theta - self.surface.centre) > self.surface.reach * (1 + 1e-9)).any():
             return np.inf
         return float(np.sum(self.whitened(self.surface.mean(theta)) ** 2)) - self.least
@@ -75,12 +75,12 @@ class Contest:
 
 
 class Stopped(Exception):
-    """A run has arrived, or spent its budget."""
+    """A run has arrived, or has spent its budget."""
 
 
 @dataclass
 class Objective:
-    """χ² in z, of the mean of an ensemble with fixed keys. cost, theta: of the best point; arrived: in the margin."""
+    """χ² in z, of the mean of an ensemble with fixed keys. cost, theta: of the best point; arrived: within `MARGIN`."""
 
     contest: Contest
     members: int
@@ -96,7 +96,7 @@ class Objective:
         self.known: dict[bytes, np.ndarray] = {}
 
     def residuals(self, z: Vector) -> Float[np.ndarray, " curve"]:
-        """At one point, which may be the answer."""
+        """Residuals at one point, a candidate for the best one."""
         return self.asked(np.atleast_2d(z))[0]
 
     def square(self, z: Vector) -> float:
@@ -104,13 +104,13 @@ class Objective:
         return float(np.sum(self.residuals(z) ** 2))
 
     def differences(self, z: Vector) -> Float[np.ndarray, "curve entry"]:
-        """Forward differences in z, of `DIFFERENCE` in log λ."""
+        """Forward differences in z, with steps of `DIFFERENCE` in log λ."""
         step = DIFFERENCE / self.contest.space.slope(self.contest.space.of_z(z))
         here = self.known[z.tobytes()] if z.tobytes() in self.known else self.residuals(z)
         return (self._grown(z + np.diag(step)) - here).T / step
 
     def asked(self, points: Float[np.ndarray, "point entry"]) -> Float[np.ndarray, "point curve"]:
-        """At some points, any of which may be the answer. Raises `Stopped`."""
+        """Residuals at several points, all candidates for the best one. Raises `Stopped`."""
         found = self._grown(points)
         for z, residuals in zip(points, found, strict=True):
             self.known = {z.tobytes(): residuals}
@@ -133,19 +133,19 @@ class Objective:
 
 
 def with_differences(objective: Objective, z: Vector, seed: int) -> None:
-    """SciPy's trust-region least squares."""
+    """Least squares in a trust region (SciPy)."""
     least_squares(objective.residuals, z, jac=objective.differences, method="trf", xtol=1e-4, ftol=1e-4, gtol=1e-6)
 
 
 def simplex(objective: Objective, z: Vector, seed: int) -> None:
-    """Nelder and Mead's."""
+    """The Nelder–Mead simplex."""
     corners = np.concatenate([z[None], z + EDGE * np.eye(len(z))])
     options = {"initial_simplex": corners, "xatol": 1e-3, "fatol": 0.1, "maxfev": 10_000, "maxiter": 10_000}
     minimize(objective.square, z, method="Nelder-Mead", options=options)
 
 
 def evolution(objective: Objective, z: Vector, seed: int) -> None:
-    """CMA-ES, a population at a time, with random numbers of its own."""
+    """CMA-ES, one population at a time, with random numbers of its own."""
     draws = np.random.default_rng(seed)
     options = {"verbose": -9, "seed": np.nan, "randn": lambda *shape: draws.standard_normal(shape)}
     strategy = cma.CMAEvolutionStrategy(z, EDGE, options)

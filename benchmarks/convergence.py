@@ -35,7 +35,7 @@ Curves = dict[str, np.ndarray]  # [member, time] by statistic
 
 
 class OneEstimator(eqx.Module):
-    """Smooth statistics with one K, whether the model is hard or relaxed."""
+    """Smooth statistics with one K for the hard and the relaxed model."""
 
     smooth: SmoothStatistics
     boundary: jax.Array
@@ -47,12 +47,12 @@ class OneEstimator(eqx.Module):
         return self.smooth(eqx.tree_at(lambda s: s.relaxation, snapshot, same, is_leaf=lambda x: x is relaxation))
 
     def finish(self, observed: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-        """Nothing is left to do."""
+        """The statistics as they were observed."""
         return observed
 
 
 class Study:
-    """Ensembles that differ in one thing, each grown once."""
+    """Ensembles that differ in one setting, each simulated once."""
 
     def __init__(self, report: Report, quick: bool) -> None:
         self.report, self.members = report, 16 if quick else 128
@@ -63,7 +63,7 @@ class Study:
     def curves(
         self, relaxation: Relaxation, dt: float, h: float = 0.2, boundary: float = 0.2, spacing: float = 0.1
     ) -> Curves:
-        """One ensemble's statistics."""
+        """Statistics of one ensemble."""
         name = f"{_widths(relaxation)} {dt} {h} {boundary} {spacing}"
         if name not in self.grown:
             self.report.stage(f"Δt {dt:g}, h {h:g}, K {boundary:g} at {spacing:g}, {_widths(relaxation)}")
@@ -79,7 +79,7 @@ class Study:
         return self.grown[name]
 
     def rows(self, what: str, one: Curves, other: Curves) -> list[dict[str, Any]]:
-        """Percent by which the means of `one` are above those of `other`, time by time, with standard errors."""
+        """Differences of the means of `one` from those of `other` in percent, with standard errors, for each time."""
         rows = []
         for k, time in enumerate(self.times):
             row: dict[str, Any] = {"setting": what, "time": float(time), "nodes": other["cell_count"][:, k].mean() + 1}
@@ -90,7 +90,7 @@ class Study:
 
 
 def _percent(one: np.ndarray, other: np.ndarray) -> tuple[float, float]:
-    """100 (mean one / mean other − 1), and its standard error from the members' differences."""
+    """100 (mean one / mean other − 1), and its standard error from the differences of the members."""
     ratio = one.mean() / other.mean()
     rest = (one - ratio * other) / other.mean()
     return float(100 * (ratio - 1)), float(100 * rest.std(ddof=1) / np.sqrt(len(rest)))
@@ -104,7 +104,7 @@ def _widths(relaxation: Relaxation) -> str:
 
 
 def ensembles(study: Study) -> dict[str, list[dict[str, Any]]]:
-    """All tables: what is varied, against what."""
+    """All tables of differences, by title."""
     relaxed, dt = Relaxation(), 0.01
     limit, usual = study.curves(HARD, study.finest), study.curves(relaxed, dt)
     tables: dict[str, list[dict[str, Any]]] = {}
@@ -143,10 +143,10 @@ def ensembles(study: Study) -> dict[str, list[dict[str, Any]]]:
 
 
 def orders(report: Report) -> list[dict[str, Any]]:
-    """One relaxed colony at t = 1.9, 4 nodes: differences from one Δt or h to half of it, and the orders they give.
+    """Orders of convergence of one relaxed colony at t = 1.9, 4 nodes, from halving Δt or h.
 
-    Wide contact (w = 0.2), so that no Δt here chatters, and children at 0.2 L0: at the model's δ = 0.01 their first
-    step apart, 2 Δt λ3, is longer than δ, and no order shows above Δt = δ / (2 λ3) = 0.001.
+    The contact is wide (w = 0.2), so that it chatters at no Δt used here, and children appear at 0.2 L0: at the model's
+    δ = 0.01 their first step apart, 2 Δt λ3, exceeds δ, and no order is visible above Δt = δ / (2 λ3) = 0.001.
     """
     observe, rows = OneEstimator(SmoothStatistics(8.0, 0.05), jnp.asarray(0.2)), []
 
@@ -171,7 +171,7 @@ def orders(report: Report) -> list[dict[str, Any]]:
 
 
 def picture(tables: dict[str, list[dict[str, Any]]], path: Path) -> None:
-    """Every table over time: a row of axes each, a column for each statistic."""
+    """Plot every table over time: a row of axes for each, a column for each statistic."""
     figure = Figure(figsize=(21, 2.6 * len(tables)), layout="constrained")
     axes = figure.subplots(len(tables), len(NAMES), sharex=True)
     for line, (title, table) in zip(axes, tables.items(), strict=True):
@@ -192,7 +192,7 @@ def picture(tables: dict[str, list[dict[str, Any]]], path: Path) -> None:
 
 
 def markdown(tables: dict[str, list[dict[str, Any]]], found: list[dict[str, Any]], members: int) -> str:
-    """The page."""
+    """The text of the page."""
     parts = [
         f"""# Convergence, and how far the relaxed model is from the hard one
 
@@ -241,7 +241,7 @@ def _table(rows: list[dict[str, Any]]) -> str:
 
 
 def run(report: Report, quick: bool) -> None:
-    """All ensembles, the orders, and the page."""
+    """Simulate all ensembles, determine the orders, and write the page."""
     study = Study(report, quick)
     tables, found = ensembles(study), orders(report)
     for title, rows in tables.items():

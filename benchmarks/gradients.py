@@ -47,13 +47,13 @@ METHODS = ("combined", "regression", "pathwise")
 
 
 def numerics_of(parameters: Parameters, quick: bool) -> Numerics:
-    """Δt λ3 ≤ 0.025, at most 0.01; a domain wide enough for 250 nodes and room for twice as many."""
+    """Δt λ3 ≤ 0.025 and Δt ≤ 0.01; a domain for 250 nodes and a capacity of twice as many."""
     dt = 0.005 if float(parameters.repulsivity) > 1 else 0.01
     return Numerics(domain=16.0 if quick else DOMAIN, spacing=0.2, dt=dt, capacity=128 if quick else 512)
 
 
 def times_of(parameters: Parameters, numerics: Numerics, counts: tuple[int, ...]) -> np.ndarray:
-    """Half units of time at which a few relaxed colonies come nearest to the numbers of nodes."""
+    """Half-integer times at which a few relaxed colonies are closest to the given numbers of nodes."""
     coarse = Numerics(numerics.domain, 2 * numerics.spacing, 0.02, numerics.capacity)
     at = np.arange(2.5, 11.0)
     grown = simulate(parameters, member_keys(99, 8), times=at, numerics=coarse, throw=False)
@@ -62,7 +62,7 @@ def times_of(parameters: Parameters, numerics: Numerics, counts: tuple[int, ...]
 
 
 def differences(parameters: Parameters, times: np.ndarray, numerics: Numerics, members: int) -> tuple[Estimate, int]:
-    """Central differences of the hard ensemble's mean, and the colonies they needed."""
+    """Central differences of the hard ensemble's mean, and the number of colonies they took."""
     model = Curves(STATISTICS, numerics, _observe(numerics), hard_but_smoothly_measured(), schedule_of(times, numerics))
     centre = np.log([float(getattr(parameters, name)) for name in NAMES])
     keys = member_keys(7, members)
@@ -84,12 +84,12 @@ def _observe(numerics: Numerics) -> SmoothStatistics:
 
 
 def estimates(found: Sensitivity) -> dict[str, Estimate]:
-    """Each estimator's answer."""
+    """Estimates by name."""
     return {"combined": Estimate(found.jacobian, found.error), **found.parts}
 
 
 def compare(estimate: Estimate, truth: Estimate) -> dict[str, np.ndarray]:
-    """z-scores and relative differences, [statistic, time, parameter], and cosines, [statistic]: NaN left out."""
+    """z-scores and relative differences, [statistic, time, parameter], and cosines, [statistic]; NaN is ignored."""
     both = np.hypot(estimate.error, truth.error)
     off = estimate.jacobian - truth.jacobian
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -115,7 +115,7 @@ def audit(report: Report, quick: bool) -> list[dict[str, Any]]:
 def asking(
     quick: bool, repulsivity: float, mobility: float, aspect_ratio: float
 ) -> tuple[Callable[..., Sensitivity], np.ndarray, Numerics]:
-    """`sensitivity` at one λ, its times and the numerics of the hard model."""
+    """`sensitivity` at one λ, its times, and the numerics of the hard model."""
     parameters = Parameters(**LAMBDA).replace(repulsivity=repulsivity, mobility=mobility, aspect_ratio=aspect_ratio)
     numerics = numerics_of(parameters, quick)
     times = times_of(parameters, numerics, NODES[:2] if quick else NODES)
@@ -123,7 +123,7 @@ def asking(
 
 
 def worth_of_a_path(report: Report, quick: bool) -> list[float]:
-    """How many colonies of the hard model take as long as a path, for a soft contact and a stiff one."""
+    """How many colonies of the hard model take as long as a pathwise derivative, for a soft and a stiff contact."""
     found = []
     for repulsivity in (5.0,) if quick else (0.1, 5.0):
         report.stage(f"cost of a path: λ3 {repulsivity}")
@@ -137,7 +137,7 @@ def worth_of_a_path(report: Report, quick: bool) -> list[float]:
 def audit_of(
     report: Report, quick: bool, seed: int, repulsivity: float, mobility: float, aspect_ratio: float
 ) -> list[dict[str, Any]]:
-    """One λ."""
+    """All rows of one λ."""
     members, runs = (16, 64) if quick else (32, 256)
     ask, times, numerics = asking(quick, repulsivity, mobility, aspect_ratio)
     found = ask(runs=runs, paths=PATHS, seed=seed)
@@ -172,7 +172,7 @@ def audit_of(
 
 
 def verdicts(report: Report, rows: list[dict[str, Any]], worths: list[float]) -> None:
-    """The targets, and tables per statistic and method and per size of the colonies."""
+    """Add targets and tables, by statistic and method and by colony size."""
     table = {method: _columns(rows, method) for method in ("differences", *METHODS)}
     exact = table["differences"]
     worth = float(np.mean(worths))
@@ -180,7 +180,7 @@ def verdicts(report: Report, rows: list[dict[str, Any]], worths: list[float]) ->
     report.add("cost of a pathwise derivative", worth, "colonies", note=note)
     for one in table.values():
         one["cost"] = one["colonies"] + worth * one["paths"]
-    moves = _variance(exact) > 1e-6 * _variance(table["regression"])  # the count hardly does in small colonies
+    moves = _variance(exact) > 1e-6 * _variance(table["regression"])  # in small colonies the count hardly varies
     summary, sizes = [], []
     for method in METHODS:
         one = table[method]
@@ -238,13 +238,13 @@ def _columns(rows: list[dict[str, Any]], method: str) -> dict[str, np.ndarray]:
 
 
 def _variance(columns: dict[str, np.ndarray]) -> np.ndarray:
-    """Squared error, mean over the seven parameters, times cost, for every entry."""
+    """Squared error, averaged over the seven parameters, times cost, for every entry."""
     squared = (columns["error"] ** 2).reshape(-1, len(NAMES)).mean(axis=1)
     return np.repeat(squared, len(NAMES)) * columns["cost"]
 
 
 def cost_of_derivatives(report: Report, quick: bool) -> None:
-    """One colony at the source's size, statistics every tenth step: plain, seven tangents, one gradient of them all."""
+    """Cost for one colony of the source's size, statistics every tenth step: plain, forward and reverse mode."""
     steps = 100 if quick else STEPS
     at, colony = samples(steps, 10), start(jax.random.key(0), SOURCE)
     relaxation, observe = Relaxation(contact=0.2, turning=0.0), SmoothStatistics(SOURCE.domain, SOURCE.spacing)
@@ -275,7 +275,7 @@ def cost_of_derivatives(report: Report, quick: bool) -> None:
 
 
 def picture(rows: list[dict[str, Any]], path: Path) -> None:
-    """Every estimator's derivatives against the differences', a column for each statistic."""
+    """Plot every estimator's derivatives against the differences, a column for each statistic."""
     figure = Figure(figsize=(20, 11), layout="constrained")
     axes = figure.subplots(len(METHODS), len(STATISTICS))
     truth = _columns(rows, "differences")
@@ -302,7 +302,7 @@ def picture(rows: list[dict[str, Any]], path: Path) -> None:
 
 
 def markdown(report: Report) -> str:
-    """The page."""
+    """The text of the page."""
     parts = [
         f"""# Derivatives of the ensemble mean, audited
 
@@ -353,7 +353,7 @@ def _words(relaxation: Relaxation) -> str:
 
 
 def run(report: Report, quick: bool) -> None:
-    """The audit, the cost, and the page."""
+    """Run the audit, measure the cost, and write the page."""
     rows = audit(report, quick)
     verdicts(report, rows, report.part(f"worth, {quick}", partial(worth_of_a_path, report, quick)))
     cost_of_derivatives(report, quick)

@@ -25,10 +25,16 @@ LIGHT = 165.0  # grey level of the background
 
 @dataclass(frozen=True)
 class Look:
-    """What a case changes: contrast and noise in grey levels, blur in px, `texture` relative to the contrast.
+    """What a case changes.
 
-    light maps x and y in [-1, 1], along the image's longer side, to brightness relative to `LIGHT`; objects draws
-    other things, absorbance from a random generator and the mask; frame is the width of a black border in px.
+    Attributes:
+        contrast: Of a filament, in grey levels.
+        noise: In grey levels.
+        blur: In pixels.
+        texture: Relative to the contrast.
+        light: Maps x and y in [-1, 1] along the longer side of the image to brightness relative to `LIGHT`.
+        objects: Draws other objects: their absorbance from a random generator and the mask.
+        frame: Width of a black border in pixels.
     """
 
     contrast: float = 30.0
@@ -41,7 +47,7 @@ class Look:
 
 
 def drawn_colony(rng: np.random.Generator, shape: tuple[int, int], radius: float, filaments: int = 40) -> Mask:
-    """A disc with branched filaments 5 to 8 px wide that wander outwards, about half its radius long."""
+    """A disc with branched filaments, 5 to 8 px wide, that wander outwards for about half its radius."""
     rows, columns = shape
     y, x = np.ogrid[:rows, :columns]
     mask = np.hypot(x - columns / 2, y - rows / 2) < radius
@@ -63,7 +69,7 @@ def drawn_colony(rng: np.random.Generator, shape: tuple[int, int], radius: float
 
 
 def photograph(rng: np.random.Generator, mask: Mask, look: Look) -> Pixels:
-    """The 8-bit photograph of a mask: I = L exp(-a) blurred, with noise; a from contrast, depth, texture, objects."""
+    """The 8-bit photograph of a mask: I = L exp(−a), blurred and noisy; a from contrast, depth, texture and objects."""
     depth = np.interp(ndimage.distance_transform_edt(mask), DEPTH, DARKER)
     contrast = mask * look.contrast * (depth + look.texture * _smooth_field(rng, mask.shape, 2.5))
     passed = 1 - np.clip(contrast / LIGHT, 0, 0.93)
@@ -85,13 +91,13 @@ def _axes(shape: tuple[int, ...]) -> tuple[Field, Field]:
 
 
 def _smooth_field(rng: np.random.Generator, shape: tuple[int, ...], scale: float) -> Field:
-    """A random field of mean 0 and deviation 1."""
+    """A random field of mean 0 and standard deviation 1."""
     field = ndimage.gaussian_filter(rng.standard_normal(shape), scale, mode="wrap")
     return np.asarray(field / field.std())
 
 
 def _tiles(x: Field, y: Field) -> Field:
-    """Stitched from 3 by 2 tiles, each darker towards its own rim, with steps of some per cent between them."""
+    """3 by 2 stitched tiles, darker towards their own edges, that differ by a few per cent."""
     steps = np.array([[1.0, 0.96, 1.02], [0.97, 1.03, 0.98]])
     column, row = np.minimum(1.5 * (x + 1), 2.999), np.minimum((y / max(1e-9, y.max()) + 1), 1.999)
     shade = 1 - 0.04 * ((column % 1 - 0.5) ** 2 + (row % 1 - 0.5) ** 2)
@@ -105,13 +111,13 @@ def _blob(rng: np.random.Generator, shape: tuple[int, ...], x: float, y: float, 
 
 
 def _at_corner(rng: np.random.Generator, mask: Mask) -> Field:
-    """A dark object that fills a corner, clear of the colony."""
+    """A dark object that fills a corner without touching the colony."""
     distance = ndimage.distance_transform_edt(~mask)
     return _blob(rng, mask.shape, 0, 0, 0.45 * distance[0, 0])
 
 
 def _touching(rng: np.random.Generator, mask: Mask) -> Field:
-    """A dark object that comes in from the left and ends 3 px inside the colony's furthest point on that side."""
+    """A dark object from the left that ends 3 px inside the colony's leftmost point."""
     rows, columns = np.nonzero(mask)
     first = int(columns.argmin())
     reach, row = columns[first] + 3, rows[first]
@@ -121,14 +127,14 @@ def _touching(rng: np.random.Generator, mask: Mask) -> Field:
 
 
 def _free(rng: np.random.Generator, mask: Mask) -> Field:
-    """A dark object that touches neither colony nor border, in the widest gap between them."""
+    """A dark object in the widest gap between colony and border."""
     distance = ndimage.distance_transform_edt(np.pad(~mask, 1))[1:-1, 1:-1]
     row, column = np.unravel_index(distance.argmax(), mask.shape)
     return _blob(rng, mask.shape, float(column), float(row), 0.4 * distance.max())
 
 
 def _fibre(rng: np.random.Generator, mask: Mask) -> Field:
-    """A thin dark fibre across the background, from border to border, clear of the colony."""
+    """A thin dark fibre across the background, from border to border, that does not touch the colony."""
     distance = ndimage.distance_transform_edt(~mask)
     y, x = np.ogrid[: mask.shape[0], : mask.shape[1]]
     corner = 0.55 * distance[-1, -1] * 1.4
@@ -136,7 +142,7 @@ def _fibre(rng: np.random.Generator, mask: Mask) -> Field:
 
 
 def _dust(rng: np.random.Generator, mask: Mask) -> Field:
-    """Sixty specks of 1 to 3 px radius, clear of the colony."""
+    """Sixty specks with a radius of 1 to 3 px that do not touch the colony."""
     free = np.argwhere(ndimage.distance_transform_edt(~mask) > 8)
     centres = np.ones(mask.shape, dtype=bool)
     chosen = free[rng.integers(len(free), size=60)]

@@ -8,7 +8,7 @@ from yeastfit.storage import as_json, from_json
 
 
 def read_lines(path: Path) -> list[dict[str, Any]]:
-    """All records; none where there is no file. A last line that a kill cut short is taken away."""
+    """All records; none if there is no file. An incomplete last line is removed."""
     if not path.is_file():
         return []
     text = path.read_text()
@@ -19,7 +19,7 @@ def read_lines(path: Path) -> list[dict[str, Any]]:
 
 
 def append_line(path: Path, record: dict[str, Any]) -> None:
-    """One more, on disk before anything else is begun."""
+    """Append a record and write it to disk."""
     path.parent.mkdir(parents=True, exist_ok=True)
     with path.open("a") as file:
         file.write(as_json(record) + "\n")

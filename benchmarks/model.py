@@ -55,7 +55,7 @@ COLUMNS = ("points", "ms a step", "ms with statistics", "compile s", "arrays MB"
 
 
 def compilation(report: Report, quick: bool) -> dict[int, Program]:
-    """Compile times, first of all and so from cold; returns the whole runs in single precision, by members."""
+    """Measure compile times, first and so from cold. Returns the single-precision programs of whole runs by members."""
     programs: dict[int, Program] = {}
     rows = []
     for precision, members in (("single", 1), ("single", 16), ("double", 1), ("double", 16))[: 1 if quick else None]:
@@ -70,7 +70,7 @@ def compilation(report: Report, quick: bool) -> dict[int, Program]:
 
 
 def against_reference(report: Report, quick: bool, programs: dict[int, Program], grown: Colony) -> dict[int, Program]:
-    """Time per step beside the reference's; returns our programs with statistics every tenth step, by members."""
+    """Compare the time per step with the reference's. Returns our programs, statistics every tenth step, by members."""
     steps, rows, timed = PART // 2 if quick else STEPS, [], {}
     for members, processes, every in ((1, 1, 1), (1, 1, 10), (16, 2, 1), (16, 2, 10)):
         if quick and (members, every) == (16, 1):
@@ -98,7 +98,7 @@ def against_reference(report: Report, quick: bool, programs: dict[int, Program],
 
 
 def reference(processes: int, steps: int, every: int, grown: Colony | None) -> dict[str, float]:
-    """The NumPy program, a colony a process, all processes at the same time and with one thread each."""
+    """Time the NumPy program: one colony per process, all processes at once, one thread each."""
     os.environ.update(dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1"))
     state = None
     if grown is not None:
@@ -117,7 +117,7 @@ def reference(processes: int, steps: int, every: int, grown: Colony | None) -> d
 
 
 def _reference(steps: int, every: int, state: Any, seed: int) -> tuple[float, float, float, int]:
-    """In a process of its own: when it began and ended (a clock all processes share), mean and last number of nodes."""
+    """In its own process: start and end time (on a clock that all share), mean and final number of nodes."""
     sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
     from reference import colony as plain
 
@@ -139,13 +139,13 @@ def _reference(steps: int, every: int, state: Any, seed: int) -> tuple[float, fl
 
 
 def spawned(processes: int) -> ProcessPoolExecutor:
-    """Fresh processes, which share nothing with this one and begin to work when all of them are ready."""
+    """Fresh processes that share nothing with this one and start working when all of them are ready."""
     context = multiprocessing.get_context("spawn")
     return ProcessPoolExecutor(processes, mp_context=context, initializer=context.Barrier(processes).wait)
 
 
 def sizes(report: Report, quick: bool, grown: Colony, area: float) -> None:
-    """Cost and memory of a step against nodes, in colonies as dense and as spread out as a grown one."""
+    """Cost and memory of a step against nodes, in colonies as dense and as spread out as a simulated one."""
     nodes = int(grown.count)
     positions, parents = np.asarray(grown.positions[:nodes]), np.asarray(grown.parents[:nodes])
     length = float(np.median(np.hypot(*(positions[1:] - positions[parents[1:]]).T)))
@@ -171,7 +171,7 @@ def sizes(report: Report, quick: bool, grown: Colony, area: float) -> None:
 
 
 def _size_apart(nodes: int, *like: Any) -> dict[str, float]:
-    """`_size` in a fresh process; NaN where the system ended it, as it does for want of memory."""
+    """`_size` in a fresh process; NaN if the system killed it for lack of memory."""
     with spawned(1) as pool:
         try:
             return pool.submit(_size, nodes, *like).result()
@@ -180,7 +180,7 @@ def _size_apart(nodes: int, *like: Any) -> dict[str, float]:
 
 
 def _size(nodes: int, *like: Any) -> dict[str, float]:
-    """20 steps, the last a mitosis event: time, arrays by XLA's count, and what the process grew by and came to."""
+    """20 steps, the last with a mitosis event: time, size of arrays by XLA's count, growth and peak of the process."""
     jax.devices()
     before = peak_memory()
     numerics, colony = numerics_for(nodes), placed(nodes, *like)
@@ -198,10 +198,10 @@ def _size(nodes: int, *like: Any) -> dict[str, float]:
 
 
 def ensembles(report: Report, quick: bool, timed: dict[int, Program], grown: Colony) -> None:
-    """Runs per second against the batch, statistics every tenth step.
+    """Runs per second against the size of the batch, statistics every tenth step.
 
-    On a CPU, whole runs only of batches that were timed before; beside them 100 steps of the grown colony, where a step
-    costs most, counted as 100 of 805.
+    On a CPU, whole runs are timed for batches measured before; for the others 100 steps of the grown colony, where a
+    step costs most, count as 100 of 805.
     """
     part, whole = PART // 2 if quick else PART, {} if quick else dict(timed)
     rows: list[dict[str, Any]] = []
@@ -233,7 +233,7 @@ def ensembles(report: Report, quick: bool, timed: dict[int, Program], grown: Col
 
 
 def traffic(report: Report, kind: str, rate: float) -> None:
-    """Bytes a step moves by XLA's count, beside what the memory can do, measured by copying; `rate` in steps per s."""
+    """Bytes moved in a step by XLA's count, compared with the measured bandwidth; `rate` in steps per s."""
     one = Program.of(
         lambda p, c: step(c, p, Relaxation(), SOURCE)[0], Parameters(**LAMBDA), start(jax.random.key(0), SOURCE)
     )
@@ -259,7 +259,7 @@ def _gpu() -> bool:
 
 
 def run(report: Report, quick: bool) -> None:
-    """All parts; on a GPU, those that need no NumPy beside them."""
+    """Run all parts; on a GPU, those without NumPy."""
     report.add("load average before", os.getloadavg()[0], "", note="processes that were running: 0 on an idle machine")
     programs = compilation(report, quick)
     colonies, observed = programs[1].timed(1)[0]

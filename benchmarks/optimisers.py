@@ -51,13 +51,25 @@ from yeastfit.inference.fit.least_squares import DEFAULT_FREE
 from yeastfit.inference.parameter_space import ALONE, Vector
 
 DEMO = Path(__file__).parents[1] / "data" / "synthetic" / "demo"
-HOPELESS = 1.5  # times the best median so far
+HOPELESS = 1.5  # times the best median so far, after which a run is given up
 OURS, WHOLE, FEWER = "yeastfit.fit, one start", "yeastfit.fit", 3.0
 
 
 @dataclass(frozen=True)
 class Size:
-    """members: of an alternative's ensemble. judges: colonies of the surface. witnesses: of an ensemble to check it."""
+    """How much is computed.
+
+    Attributes:
+        members: Colonies of an alternative's ensemble.
+        judges: Colonies of the response surface.
+        witnesses: Colonies of an ensemble that checks it.
+        budget: Colonies of a run, at most.
+        seeds: Of every method.
+        starts: Of every alternative.
+        times: How many times of the data are used.
+        free: Names of the free parameters.
+        settings: Of `yeastfit.fit`.
+    """
 
     members: int = 64
     judges: int = 1536
@@ -84,7 +96,7 @@ QUICK = Size(
 
 
 def alternative(contest: Contest, size: Size, name: str, seed: int, start: Vector, budget: float) -> dict[str, Any]:
-    """One run of one of them."""
+    """One run of an alternative."""
     objective, began = Objective(contest, size.members, seed, budget), time.perf_counter()
     try:
         ALTERNATIVES[name](objective, contest.space.to_z(start), seed)
@@ -104,7 +116,7 @@ def alternative(contest: Contest, size: Size, name: str, seed: int, start: Vecto
 
 
 def ours(contest: Contest, seed: int, start: Vector | None = None) -> dict[str, Any]:
-    """A fit, from its own starts or from one; colonies until its best point so far arrives, and until its end."""
+    """A fit, from its own starts or from one: colonies until its best point arrives, and until it stops."""
     found = fit(
         contest.targets,
         free=contest.space.names,
@@ -130,7 +142,7 @@ def ours(contest: Contest, seed: int, start: Vector | None = None) -> dict[str, 
 
 
 def estimates(found: Fit) -> list[tuple[int, Vector]]:
-    """Colonies so far, and the best point of the stage so far; last the estimate."""
+    """Colonies so far and the best point of the stage so far; last, the estimate."""
     said, stage, cost = list[tuple[int, Vector]](), "", np.inf
     for step in found.history:
         if step.stage != stage:
@@ -142,12 +154,12 @@ def estimates(found: Fit) -> list[tuple[int, Vector]]:
 
 
 def median(runs: Sequence[Mapping[str, Any]]) -> float:
-    """Colonies of those that arrived, with the others beyond all of them."""
+    """Median number of colonies; runs that did not arrive count as infinite."""
     return float(np.median([run["colonies"] if run["arrived"] else np.inf for run in runs]))
 
 
 def side_by_side(runs: Sequence[Mapping[str, Any]], what: str = "colonies") -> float:
-    """All starts of a seed, in step, until one of them arrives; the median over seeds."""
+    """Cost of all starts of a seed in parallel until one arrives; median over seeds."""
     spent = []
     for seed in dict.fromkeys(run["seed"] for run in runs):
         starts = [run for run in runs if run["seed"] == seed]
@@ -156,7 +168,7 @@ def side_by_side(runs: Sequence[Mapping[str, Any]], what: str = "colonies") -> f
 
 
 def all_runs(report: Report, contest: Contest, size: Size) -> dict[str, list[dict[str, Any]]]:
-    """By method. What is done is kept, and not done again after an interruption."""
+    """All runs by method. Finished ones are kept and not repeated after an interruption."""
     report.stage("compiling")
     Objective(contest, size.members, 0, np.inf).residuals(contest.space.to_z(contest.best) + 1.0)
     runs: dict[str, list[dict[str, Any]]] = {WHOLE: []}
@@ -181,7 +193,7 @@ def all_runs(report: Report, contest: Contest, size: Size) -> dict[str, list[dic
 
 
 def verdicts(report: Report, runs: Mapping[str, list[dict[str, Any]]], contest: Contest) -> None:
-    """Medians, failures and the ratio."""
+    """Add medians, failures and ratios to the report."""
     rows = []
     for name, done in runs.items():
         came = [run["colonies"] for run in done if run["arrived"]]
@@ -227,7 +239,7 @@ def verdicts(report: Report, runs: Mapping[str, list[dict[str, Any]]], contest: 
 
 
 def checked(report: Report, contest: Contest, runs: Mapping[str, list[dict[str, Any]]], members: int) -> None:
-    """The surface beside ensembles grown at the minimum and where one run of each method arrived."""
+    """Compare the surface with ensembles at its minimum and where one run of each method arrived."""
     places = {"minimum": contest.best}
     for name, done in runs.items():
         if came := [run for run in done if run["arrived"]]:
@@ -252,7 +264,7 @@ def checked(report: Report, contest: Contest, runs: Mapping[str, list[dict[str, 
 
 
 def picture(runs: Mapping[str, list[dict[str, Any]]], path: Path) -> None:
-    """Colonies of every run; crosses did not arrive."""
+    """Plot the colonies of every run; crosses did not arrive."""
     figure = Figure(figsize=(8, 3), layout="constrained")
     panel = figure.subplots()
     for height, done in enumerate(runs.values()):
@@ -268,7 +280,7 @@ def picture(runs: Mapping[str, list[dict[str, Any]]], path: Path) -> None:
 
 
 def markdown(report: Report, size: Size) -> str:
-    """The page."""
+    """The text of the page."""
     parts = [
         f"""# The cost of a fit compared with other optimisers
 
@@ -287,7 +299,7 @@ The table of runs has each of them. `python -m benchmarks.optimisers --help` has
 
 
 def run(report: Report, quick: bool) -> None:
-    """Measured data, the surface, all runs, and the page."""
+    """Measure the data, fit the surface, run all optimisers, and write the page."""
     size, truth = QUICK if quick else Size(), read_truth(DEMO)
     if truth is None:
         raise InputError(f"{DEMO}: no true parameters there, make the data set with `make data`")
@@ -307,7 +319,7 @@ def run(report: Report, quick: bool) -> None:
 
 
 def first_times(targets: Targets, count: int) -> Targets:
-    """The same up to the count-th time."""
+    """The targets up to the count-th time."""
     curves = None if targets.curves is None else targets.curves[..., :count]
     tables = {name: getattr(targets, name)[:, :count] for name in ("mean", "scatter", "replicates")}
     return replace(targets, times=targets.times[:count], curves=curves, **tables)

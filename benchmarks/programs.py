@@ -32,7 +32,7 @@ MIDDLE = 410  # the step from which a colony has about as many nodes (250) as in
 
 @dataclass
 class Program:
-    """A compiled function and its arguments. Times in seconds: `tracing`, `compiling`, `wall` once it was timed."""
+    """A compiled function and its arguments. Times in seconds: `tracing`, `compiling`, and `wall` once it is timed."""
 
     run: Any
     arguments: tuple[Any, ...]
@@ -43,7 +43,7 @@ class Program:
 
     @staticmethod
     def of(function: Callable[..., Any], *arguments: Any) -> "Program":
-        """Trace and compile, apart from running."""
+        """Trace and compile without running."""
         began = time.perf_counter()
         lowered = jax.jit(function).lower(*arguments)
         traced = time.perf_counter()
@@ -53,11 +53,11 @@ class Program:
 
     @property
     def compile_time(self) -> float:
-        """What a first call takes longer than the second."""
+        """How much longer the first call takes than the second."""
         return self.tracing + self.compiling
 
     def timed(self, repeats: int = 3) -> tuple[Any, float]:
-        """The result, and how many cores were busy meanwhile; the median time is kept in `wall`."""
+        """The result, and the number of busy cores; the median time is kept in `wall`."""
         walls, busy = [], time.process_time()
         for _ in range(repeats):
             began = time.perf_counter()
@@ -68,7 +68,7 @@ class Program:
 
     @property
     def memory(self) -> float:
-        """Bytes of arguments, results and temporaries by XLA's count; NaN where it does not say."""
+        """Bytes of arguments, results and temporaries by XLA's count; NaN if it has none."""
         size = self.run.memory_analysis()
         if size is None:
             return np.nan
@@ -76,7 +76,7 @@ class Program:
 
 
 def whole_runs(members: int, every: int, steps: int = STEPS) -> Program:
-    """An ensemble from its start, as `yeastfit.simulate` runs it; statistics every so many steps."""
+    """An ensemble from its start, as `yeastfit.simulate` runs it; statistics every `every` steps."""
 
     def run(parameters: Parameters, keys: jax.Array, at: Schedule) -> Any:
         rules = Relaxation(), SOURCE, STATISTICS
@@ -86,7 +86,7 @@ def whole_runs(members: int, every: int, steps: int = STEPS) -> Program:
 
 
 def further_steps(grown: Colony, members: int, every: int, steps: int) -> Program:
-    """So many more steps of a grown colony, the same for every member."""
+    """Further steps of a grown colony, the same for every member."""
 
     def run(parameters: Parameters, colonies: Colony, at: Schedule) -> Any:
         rules = Relaxation(), SOURCE, STATISTICS
@@ -97,20 +97,20 @@ def further_steps(grown: Colony, members: int, every: int, steps: int) -> Progra
 
 
 def samples(steps: int, every: int, since: int = 0) -> Schedule:
-    """Every so many steps, and the last, after those done already."""
+    """Every `every`-th step, and the last, after `since` steps already done."""
     return Schedule.of(since + np.unique(np.append(np.arange(every, steps + 1, every), steps)), since)
 
 
 def numerics_for(nodes: int) -> Numerics:
-    """A domain that holds as many nodes an area as the source's."""
+    """A domain with as many nodes per area as the source's."""
     intervals = round(SOURCE.domain / SOURCE.spacing * (nodes / SOURCE.capacity) ** 0.5)
     return Numerics(domain=intervals * SOURCE.spacing, capacity=nodes)
 
 
 def placed(nodes: int, density: float, spread: float, length: float, nutrient: np.ndarray) -> Colony:
-    """A star of eight arms, `density` nodes an area inside it and `spread` in the disc around it, in a zoomed nutrient.
+    """A star of eight arms with `density` nodes per area inside and `spread` in the surrounding disc; scaled nutrient.
 
-    Nodes sit on a jittered lattice, each joined to one nearer to the centre and about `length` away.
+    Nodes lie on a jittered lattice, each joined to one closer to the centre and about `length` away.
     """
     rng, spacing, arms = np.random.default_rng(0), density**-0.5, 8
     line = spacing * np.arange(-2 * int(nodes**0.5), 2 * int(nodes**0.5) + 1)
@@ -139,7 +139,7 @@ def placed(nodes: int, density: float, spread: float, length: float, nutrient: n
 
 
 def peak_memory() -> float:
-    """Most bytes this process ever held; not `ru_maxrss` on Linux, which starts from that of the parent process."""
+    """Peak memory of this process in bytes. On Linux not `ru_maxrss`, which starts from that of the parent process."""
     status = Path("/proc/self/status")
     if status.is_file():
         return next(1024.0 * int(line.split()[1]) for line in status.open() if line.startswith("VmHWM"))

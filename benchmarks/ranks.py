@@ -19,8 +19,8 @@ from benchmarks.recovery import BOX, SEED
 from benchmarks.report import Report
 
 QUANTITIES = (*BOX, "log-likelihood")
-LEVELS = {0.5: (45.0, 55.0), 0.9: (86.0, 94.0)}  # of intervals: %, of truths inside
-LEAST_P, TRIALS = 0.01, 2000  # of uniform ranks, simulated to tell p
+LEVELS = {0.5: (45.0, 55.0), 0.9: (86.0, 94.0)}  # percentage of truths inside, by probability of the interval
+LEAST_P, TRIALS = 0.01, 2000  # smallest p; sets of uniform ranks simulated for it
 Record = dict[str, Any]
 
 
@@ -42,10 +42,13 @@ class Ranked(Protocol):
 
 @dataclass(frozen=True)
 class Uniform:
-    """Ranks of `count` data sets among L draws, as they are where posteriors are right.
+    """Ranks of `count` data sets among L draws if posteriors are right.
 
-    at: k / (L + 1) for k = 1..L, where the ECDF, the share of ranks below k, is compared. table: probability of so few
-    or so many below k, both sides together. tails: the smallest one over k, of sets of uniform ranks.
+    Attributes:
+        count: Number of data sets.
+        at: k / (L + 1) for k = 1..L, where the ECDF, the share of ranks below k, is compared.
+        table: Two-sided binomial probability of a number of ranks below k.
+        tails: The smallest such probability over k, for simulated sets of uniform ranks.
     """
 
     count: int
@@ -55,18 +58,18 @@ class Uniform:
 
     @staticmethod
     def of(count: int, draws: int) -> "Uniform":
-        """By simulation, always the same one."""
+        """By simulation with a fixed seed."""
         at, number = np.arange(1, draws + 1) / (draws + 1), np.arange(count + 1)[:, None]
         table = 2 * np.minimum(binom.cdf(number, count, at), binom.sf(number - 1, count, at))
         trials = np.random.default_rng(SEED).integers(draws + 1, size=(TRIALS, count))
         return Uniform(count, at, table, np.array([_tail(table, one) for one in trials]))
 
     def p_value(self, ranks: Int[np.ndarray, " count"]) -> float:
-        """Probability of ranks as little uniform as these."""
+        """Probability that uniform ranks depart at least as far from uniformity."""
         return float((1 + np.sum(self.tails <= _tail(self.table, ranks))) / (1 + TRIALS))
 
     def band(self) -> Float[np.ndarray, "2 draw"]:
-        """Of the ECDF less its diagonal; all of it lies inside with 95 %."""
+        """Simultaneous 95 % band of the ECDF minus its diagonal."""
         tail = 0.5 * np.quantile(self.tails, 0.05)
         return binom.ppf([[tail], [1 - tail]], self.count, self.at) / self.count - self.at
 
@@ -82,12 +85,12 @@ def _tail(table: Float[np.ndarray, "number draw"], ranks: Int[np.ndarray, " coun
 
 
 def column(records: Sequence[Record], key: str, name: str) -> np.ndarray:
-    """A rank or share of all data sets."""
+    """A rank or share for all data sets."""
     return np.array([record[key][name] for record in records])
 
 
 def coverage(records: Sequence[Record], level: float) -> tuple[float, float, float]:
-    """%, of all parameters' truths inside, and its interval from the scatter of data sets."""
+    """Percentage of true values inside their intervals, with an interval from the scatter of data sets."""
     inside = np.mean([_inside(column(records, "share", name), level) for name in BOX], axis=0)
     error = 1.96 * inside.std(ddof=1) / np.sqrt(len(inside)) if len(inside) > 1 else np.nan
     middle = inside.mean()
@@ -99,7 +102,7 @@ def _inside(shares: np.ndarray, level: float) -> np.ndarray:
 
 
 def verdicts(report: Report, part: Ranked, records: Sequence[Record]) -> None:
-    """Figures and tables of one method."""
+    """Add figures and tables of one method to the report."""
     whole = [record for record in records if record["status"] == "done"]
     none = None if report.quick else 0.0
     failed = "; ".join(record["status"] for record in records if record["status"] != "done")
@@ -135,7 +138,7 @@ MEDIANS = {
 
 
 def _judged(report: Report, found: tuple[float, float, float], what: str, low: float, high: float) -> None:
-    """Against its targets."""
+    """Add a coverage with its targets."""
     middle, least, most = found
     note = f"95 % interval {least:.0f} to {most:.0f} %, over all parameters"
     if report.quick:
@@ -156,7 +159,7 @@ def _row(name: str, shares: np.ndarray, p: float) -> dict[str, Any]:
 
 
 def picture(parts: Sequence[Ranked], records: Sequence[Sequence[Record]], path: Path) -> None:
-    """Histograms of ranks, and below them their ECDF less its diagonal, each with its band."""
+    """Histograms of ranks and, below them, their ECDF minus its diagonal, each with its band."""
     shown = [
         (part, [one for one in each if one["status"] == "done"]) for part, each in zip(parts, records, strict=True)
     ]

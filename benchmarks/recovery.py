@@ -51,14 +51,20 @@ BOX = {"mobility": (0.5, 3.0), "metabolic_rate": (0.4, 2.5), "aspect_ratio": (0.
 COUNT, SEED = 20, 2031
 HOURS = tuple(float(hour) for hour in range(4, 15))
 STATISTICS = ("compactness", "radius")
-LOWEST, HIGHEST = 90.0, 98.0  # %, of parameters within two standard errors
+LOWEST, HIGHEST = 90.0, 98.0  # % of parameters within two standard errors
 QUICK = FitSettings(screened=32, starts=2, members=(16, 48), spreads=(0.2, 0.15), refined=16)
 Record = dict[str, Any]
 
 
 @dataclass(frozen=True)
 class Study:
-    """What is recovered, and how. work: where all of it is kept."""
+    """What is recovered, and how.
+
+    Attributes:
+        recipes: One for each true λ.
+        settings: Of the fits.
+        work: Folder of all its files.
+    """
 
     recipes: tuple[Recipe, ...]
     settings: FitSettings
@@ -66,7 +72,7 @@ class Study:
 
     @staticmethod
     def of(quick: bool, work: Path) -> "Study":
-        """The full study, or a quick one in a folder of its own."""
+        """The full study, or a quick one in its own folder."""
         truths = np.exp(Space.of(tuple(BOX), {"": Parameters()}, bounds=BOX).scattered(COUNT, SEED))
         recipes = tuple(
             Recipe(
@@ -83,16 +89,16 @@ class Study:
 
     @property
     def lines(self) -> Path:
-        """A line of JSON for each truth that is done."""
+        """A line of JSON for each finished fit."""
         return self.work / "fits.jsonl"
 
     def asked(self, number: int) -> dict[str, Any]:
-        """What makes a record: another of these, another record."""
+        """Everything that determines a record."""
         what = {"recipe": self.recipes[number - 1].asdict(), "settings": asdict(self.settings)}
         return json.loads(json.dumps(what))
 
     def done(self) -> dict[int, Record]:
-        """Records by the number of their truth. Raises `InputError` where one was made of something else."""
+        """Records by the number of their truth. Raises `InputError` if one was made with other settings."""
         records = {record["truth"]: record for record in read_lines(self.lines)}
         for number, record in records.items():
             if number > len(self.recipes) or record["asked"] != self.asked(number):
@@ -107,7 +113,7 @@ class Study:
 
 
 def recovered(study: Study, number: int, report: Report) -> Record:
-    """One truth: photographed, unless that was done, measured and fitted."""
+    """One true λ: photograph it, unless that was done, measure and fit."""
     recipe, folder = study.recipes[number - 1], study.work / f"truth{number:02d}"
     what = f"truth {number} of {len(study.recipes)}: {_words(recipe.parameters)}"
     if not _same_recipe(folder, study.asked(number)["recipe"]):
@@ -139,7 +145,7 @@ def recovered(study: Study, number: int, report: Report) -> Record:
 
 
 def _same_recipe(folder: Path, recipe: Mapping[str, Any]) -> bool:
-    """Whether a data set is there and was made so. It is written whole or not at all."""
+    """Whether a data set exists and was made from this recipe. It is written completely or not at all."""
     file = folder / "truth" / "parameters.json"
     return file.is_file() and json.loads(file.read_text())["recipe"] == recipe
 
@@ -153,7 +159,7 @@ def _or_none(value: float) -> float | None:
 
 
 def table_of(records: Sequence[Record]) -> dict[str, np.ndarray]:
-    """truth, log, error and pull, [truth, parameter]; nan where a fit gave none."""
+    """truth, log, error and pull, [truth, parameter]; nan where a fit gives none."""
     names = DEFAULT_FREE
     truth = np.log([[record["asked"]["recipe"]["parameters"][name] for name in names] for record in records])
     log, error = (
@@ -163,7 +169,7 @@ def table_of(records: Sequence[Record]) -> dict[str, np.ndarray]:
 
 
 def verdicts(report: Report, records: Sequence[Record]) -> None:
-    """Figures and tables."""
+    """Add figures and tables to the report."""
     found = table_of(records)
     pull, off = found["pull"], np.abs(np.expm1(found["log"] - found["truth"]))
     told = pull[np.isfinite(pull)]
@@ -230,7 +236,7 @@ def _row(record: Record, found: Mapping[str, np.ndarray], k: int) -> dict[str, A
 
 
 def picture(records: Sequence[Record], path: Path) -> None:
-    """Fitted against true, with two standard errors, and the pulls."""
+    """Plot fitted against true values, with two standard errors, and the pulls."""
     found = table_of(records)
     figure = Figure(figsize=(15, 4), layout="constrained")
     *panels, last = figure.subplots(1, len(DEFAULT_FREE) + 1)
@@ -258,7 +264,7 @@ def picture(records: Sequence[Record], path: Path) -> None:
 
 
 def markdown(report: Report) -> str:
-    """The page."""
+    """The text of the page."""
     box = "; ".join(f"{name.replace('_', ' ')} {low:g} to {high:g}" for name, (low, high) in BOX.items())
     parts = [
         f"""# Parameter recovery
@@ -276,13 +282,13 @@ settings, from three starts, to compactness and radius. A pull is (log λ̂ − 
 
 
 def recover(report: Report, study: Study) -> None:
-    """All truths that are not done, one at a time, and what came of all."""
+    """Fit the truths that are missing, one at a time, and report on all."""
     records = study.done()
     for number in range(1, len(study.recipes) + 1):
         if number not in records:
             records[number] = recovered(study, number, report)
             study.keep(records[number])
-            jax.clear_caches()  # each truth has programs of its own: dishes differ in size
+            jax.clear_caches()  # each truth compiles its own programs, as domains differ in size
             gc.collect()
     ordered = [records[number] for number in sorted(records)]
     verdicts(report, ordered)
@@ -293,7 +299,7 @@ def recover(report: Report, study: Study) -> None:
 
 
 def main(arguments: list[str] | None = None) -> None:
-    """The command: options of its own, then those of every benchmark."""
+    """Run the command: parse the options of this benchmark, then those of every benchmark."""
     parser = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
     parser.add_argument("--work", type=Path, default=Path("out/recovery"))
     parser.add_argument("--again", action="store_true")

@@ -27,8 +27,8 @@ from yeastfit.inference.posterior.prior import Prior
 from yeastfit.inference.simulator import Replicates, Simulator, seed_of
 
 WIDTH, NEAR = 4.5, 3.0  # standard deviations
-POINTS = 16_384  # that the posterior is summed over
-SHELL, LOST = 0.95, 0.01  # of the box's reach, and the share of the posterior beyond it that is too much
+POINTS = 16_384  # of the sum over the posterior
+SHELL, LOST = 0.95, 0.01  # of the box's reach; largest share of the posterior beyond it
 DATA_SEED, FIRST_SEED, POOL_SEED, POINTS_SEED, WITNESS_SEED = 80_001, 80_002, 80_003, 80_004, 80_005
 
 Coordinates = Float[np.ndarray, "draw free"]
@@ -50,14 +50,14 @@ class Moments:
         return Moments(mean, np.sqrt(weights @ (x - mean) ** 2))
 
     def error(self, found: "Moments") -> float:
-        """Of what was found, with this as the reference."""
+        """The error of `found`, with this as the reference."""
         shift, width = (found.mean - self.mean) / self.sd, np.log(found.sd / self.sd)
         return float(max(np.abs(shift).max(), np.abs(width).max()))
 
 
 @dataclass(frozen=True)
 class Problem:
-    """colonies: simulates single ones. observed: mean of `replicates` of them, at `truth`."""
+    """What is inferred. colonies: simulates single colonies. observed: mean of `replicates` of them, at `truth`."""
 
     colonies: Simulator
     prior: Prior
@@ -75,13 +75,13 @@ class Problem:
 
     @property
     def data_sets(self) -> Simulator:
-        """Simulates data sets, means of as many colonies as were observed; or single colonies, where there is one."""
+        """Simulates data sets: means of as many colonies as were observed."""
         return Replicates(self.colonies, self.replicates) if self.replicates > 1 else self.colonies
 
 
 @dataclass(frozen=True)
 class Box:
-    """Of x, inside the prior's support."""
+    """A box in x, inside the prior's support."""
 
     low: Vector
     high: Vector
@@ -93,7 +93,7 @@ class Box:
         return Box(np.maximum(low, centre - reach), np.minimum(high, centre + reach))
 
     def points(self, count: int, seed: int) -> Coordinates:
-        """Of low discrepancy."""
+        """Low-discrepancy points."""
         return self.low + (self.high - self.low) * sobol_points(count, len(self.low), seed)
 
     def at_edge(self, prior: Prior, x: Coordinates) -> Bool[np.ndarray, " draw"]:
@@ -103,7 +103,7 @@ class Box:
         return (((units < -SHELL) & (self.low > low)) | ((units > SHELL) & (self.high < high))).any(axis=1)
 
     def prior(self, prior: Prior) -> Prior:
-        """Flat over the box, in the same coordinates."""
+        """A flat prior over the box, in the same coordinates."""
         ends = prior.values(np.stack([self.low, self.high])).T.tolist()
         laws = zip(prior.laws.items(), ends, strict=True)
         return Prior.of(
@@ -114,7 +114,7 @@ class Box:
         )
 
     def units(self, x: Coordinates) -> Coordinates:
-        """−1..1 in each direction."""
+        """Coordinates from −1 to 1 in each direction."""
         return (2 * x - self.low - self.high) / (self.high - self.low)
 
 
@@ -128,7 +128,7 @@ class Surfaces:
 
     @staticmethod
     def through(box: Box, x: Coordinates, statistics: Statistics) -> "Surfaces":
-        """By least squares, without colonies that came to nothing."""
+        """By least squares, without failed simulations."""
         whole = np.isfinite(statistics).all(axis=1)
         cubic, quadratic = (monomials(box.units(x[whole]), degree) for degree in (3, 2))
         mean = np.linalg.lstsq(cubic, statistics[whole], rcond=None)[0]
@@ -138,12 +138,12 @@ class Surfaces:
         return Surfaces(box, mean, scatter.reshape(-1, *2 * statistics.shape[1:]))
 
     def at(self, x: Coordinates) -> tuple[Statistics, Float[np.ndarray, "draw statistic statistic"]]:
-        """m and C."""
+        """m and C at some points."""
         units = self.box.units(x)
         return monomials(units, 3) @ self.mean, np.tensordot(monomials(units, 2), self.scatter, axes=1)
 
     def posterior(self, problem: Problem) -> tuple[Coordinates, Float[np.ndarray, " draw"]]:
-        """Points of the box with their weights."""
+        """Points of the box with their posterior weights."""
         x = self.box.points(POINTS, POINTS_SEED)
         mean, scatter = self.at(x)
         root = np.linalg.cholesky(scatter / problem.replicates)
@@ -156,7 +156,7 @@ class Surfaces:
 
 @dataclass(frozen=True)
 class Reference:
-    """The posterior's moments, their own error, and the surfaces they are of."""
+    """Moments of the posterior, their error, and the surfaces behind them."""
 
     moments: Moments
     own_error: float
@@ -166,7 +166,7 @@ class Reference:
     def of(problem: Problem, reach: Vector, pool: int) -> "Reference":
         """From `pool` colonies, a quarter of them in the first box, truth ± reach.
 
-        Raises `InputError` where the second box does not hold the posterior.
+        Raises `InputError` if the second box does not contain the posterior.
         """
         centre = problem.prior.coordinates(problem.truth[None])[0]
         first = grown(problem, Box.around(problem.prior, centre, reach), pool // 4, FIRST_SEED)
@@ -186,7 +186,7 @@ class Reference:
         return Reference(Moments.of(points, weights), 0.5 * halves[0].error(halves[1]), surfaces)
 
     def witness(self, problem: Problem, data_sets: int, nearest: int) -> tuple[Moments, list[str]]:
-        """Of the nearest of so many simulated data sets, adjusted by regression; in words, where they could not be."""
+        """Moments of the nearest simulated data sets after regression adjustment, and why it failed if it did."""
         prior, observed = problem.prior, problem.observed
         box = Box.around(prior, self.moments.mean, NEAR * self.moments.sd)
         x = box.points(data_sets, WITNESS_SEED)

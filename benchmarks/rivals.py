@@ -27,7 +27,7 @@ from yeastfit.inference.abc.population import Population
 from yeastfit.inference.posterior.prior import Prior
 from yeastfit.inference.simulator import Simulator, seed_of
 
-logging.getLogger("ABC").setLevel(logging.WARNING)  # its report of every population would run into ours
+logging.getLogger("ABC").setLevel(logging.WARNING)  # its reports of every population would interfere with ours
 EVERYTHING = float(np.finfo(float).max)  # an ε above all distances but infinite ones
 FLAT = ("uniform", "log-uniform")
 PROPOSING = ("t", "m", "p", "model_prior", "parameter_priors", "model_perturbation_kernel", "transitions")
@@ -45,7 +45,7 @@ def pyabc_smc(
     block: int,
     seed: int,
 ) -> tuple[list[Population], list[float]]:
-    """Its populations down to ε, or until `most` simulations were used, and the seconds until each was there.
+    """Populations down to ε, or until `most` simulations were used, and the seconds until each was finished.
 
     Raises `InputError` for a prior that is not flat in its coordinates.
     """
@@ -64,19 +64,19 @@ def pyabc_smc(
 
 
 class Handed(pyabc.Model):
-    """In the place of the model: what the block's simulation of the proposal gave."""
+    """Stands in for the model and returns the block's simulation of the proposal."""
 
     def __init__(self) -> None:
         super().__init__("simulator")
         self.result: dict[str, Any] = {}
 
     def sample(self, pars: pyabc.Parameter) -> dict[str, Any]:
-        """Of the proposal that is being judged."""
+        """The simulation of the proposal that is being judged."""
         return self.result
 
 
 class Falling(pyabc.QuantileEpsilon):
-    """Medians, not below the last ε."""
+    """Medians of the previous distances, but not below the last ε."""
 
     def __init__(self, last: float) -> None:
         super().__init__(initial_epsilon=EVERYTHING, alpha=0.5)
@@ -88,7 +88,7 @@ class Falling(pyabc.QuantileEpsilon):
 
 
 class Blocks(pyabc.sampler.Sampler):
-    """See above. used: simulations that were judged; seconds: since the sampler was made, one per population."""
+    """The sampler described above. used: simulations judged; seconds: since the start, one per population."""
 
     def __init__(
         self, simulator: Simulator, prior: Prior, distance: Distance, most: int, block: int, seed: int
@@ -111,7 +111,7 @@ class Blocks(pyabc.sampler.Sampler):
         all_accepted: bool = False,
         ana_vars: Any = None,
     ) -> pyabc.Sample:
-        """A population of n, as pyABC asks for it; not ok where the simulations do not suffice."""
+        """A population of n, as pyABC asks for it; not ok if the simulations do not suffice."""
         how, before = simulate_one.keywords, self.used
         judging = {name: how[name] for name in JUDGING} | {"proposal_id": 0}
         sample = self._create_empty_sample()
@@ -130,7 +130,7 @@ class Blocks(pyabc.sampler.Sampler):
         return sample
 
     def _simulated(self, proposing: dict[str, Any]) -> Iterator[tuple[Any, dict[str, Any]]]:
-        """A block of pyABC's proposals, with distance and statistics of each."""
+        """A block of pyABC's proposals, each with its distance and statistics."""
         proposals = [generate_valid_proposal(**proposing) for _ in range(self.block)]
         values = self.prior.values(self._coordinates([parameter for _, parameter in proposals]))
         seeds = seed_of(self.seed, range(self.simulated, self.simulated + self.block))
@@ -159,7 +159,7 @@ class Blocks(pyabc.sampler.Sampler):
 
 @contextmanager
 def global_numbers(seed: int) -> Iterator[None]:
-    """NumPy's global generator, seeded, and afterwards as it was."""
+    """Seed NumPy's global generator, and restore it afterwards."""
     before = np.random.get_state()  # noqa: NPY002
     np.random.seed(seed)  # noqa: NPY002
     try:
@@ -169,5 +169,5 @@ def global_numbers(seed: int) -> Iterator[None]:
 
 
 def _told(simulated: dict[str, Any], observed: dict[str, Any]) -> float:
-    """The distance that came with the simulation; as ours, of a whole block at once."""
+    """The distance computed with the simulation, for a whole block at once."""
     return simulated["distance"]

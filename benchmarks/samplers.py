@@ -64,7 +64,7 @@ from yeastfit.inference.posterior.simulation_store import Recorded, Store
 from yeastfit.inference.simulator import labels_of
 
 TRUTH = {"mobility": 1.3, "aspect_ratio": 0.65}
-REACH = (0.8, 0.3)  # of log λ: where the posterior is looked for, around the truth
+REACH = (0.8, 0.3)  # of log λ around the truth, in which the posterior is searched for
 STATISTICS, TIMES = ("compactness", "radius"), (3.0, 4.5)
 EXTENT, PIXEL = 4.0, 0.2  # L0
 COARSE = Resolution(dt=0.05, spacing=0.4)
@@ -83,10 +83,25 @@ Trace = list[dict[str, Any]]
 
 @dataclass(frozen=True)
 class Size:
-    """pool: colonies of the reference; witnesses, nearest: data sets of its check. budget: colonies of a run, at most.
+    """How much is computed.
 
-    epsilon: the last, of all ABC. population: of SMC. pilot, walkers, steps, looks: of MCMC, whose error is read off
-    so many times. scatter: data sets that the distance is made from. seeds: of ABC; tries: seeds of the emulator.
+    Attributes:
+        replicates: Colonies whose mean is a data set.
+        pool: Colonies of the reference.
+        witnesses: Simulated data sets of its check.
+        nearest: How many of them are accepted.
+        budget: Colonies of a run, at most.
+        epsilon: The last tolerance of all ABC.
+        population: Of ABC-SMC.
+        pilot: Data sets of the pilot of ABC-MCMC.
+        walkers: Its chains.
+        steps: Of each chain.
+        looks: How often its error is evaluated.
+        scatter: Data sets behind the distance.
+        block: Data sets simulated together.
+        seeds: Of ABC.
+        tries: Seeds of the emulator.
+        emulator: Settings of the emulator.
     """
 
     replicates: int = 4
@@ -107,7 +122,7 @@ class Size:
     emulator: EmulatedSettings = field(default_factory=lambda: EmulatedSettings(most=2048))
 
     def seeds_of(self, method: str) -> tuple[int, ...]:
-        """Of a method, by its name."""
+        """Seeds of a method, by its name."""
         return self.tries if method == EMULATOR else self.seeds
 
 
@@ -133,7 +148,7 @@ QUICK = Size(
 
 
 def the_problem(replicates: int) -> Problem:
-    """Simulated data of young colonies, and what simulates them."""
+    """Simulated data of young colonies, and their simulator."""
     shape = Targets.from_means(
         {name: np.ones(len(TIMES)) for name in STATISTICS}, TIMES, extent=EXTENT, spacing=PIXEL, smoothing=PIXEL
     )
@@ -151,13 +166,13 @@ class Race:
     size: Size
 
     def distance(self, seed: int) -> Distance:
-        """By the scatter of the run's own pilot."""
+        """Distance with the scatter of the run's own pilot."""
         problem, size = self.problem, self.size
         recorded = Recorded(problem.data_sets, size.block, None)
         return distance_of("mahalanobis", recorded, problem.prior, problem.observed, size.scatter, seed)
 
     def point(self, x: np.ndarray, weights: np.ndarray, colonies: int, seconds: float) -> dict[str, Any]:
-        """One line of a trace."""
+        """One entry of a trace."""
         found = Moments.of(x, weights)
         error = self.reference.moments.error(found)
         return {
@@ -169,7 +184,7 @@ class Race:
         }
 
     def point_of(self, found: Samples, colonies: int, seconds: float) -> dict[str, Any]:
-        """One line, of samples."""
+        """One entry of a trace, from samples."""
         return self.point(self.problem.prior.coordinates(found.flat), found.weights.ravel(), colonies, seconds)
 
     def emulator(self, seed: int) -> dict[str, Trace]:
@@ -190,7 +205,7 @@ class Race:
         return {EMULATOR: trace}
 
     def smc(self, seed: int) -> dict[str, Trace]:
-        """A population more with each call."""
+        """One more population in each call."""
         problem, size, trace, seconds = self.problem, self.size, Trace(), 0.0
         distance = self.distance(seed)
         settings = SmcSettings(
@@ -212,8 +227,8 @@ class Race:
         return {SMC: trace}
 
     def rival(self, seed: int) -> dict[str, Trace]:
-        """pyABC, as it is and adjusted."""
-        from benchmarks.rivals import pyabc_smc  # whose import needs pyABC, which all else does not
+        """pyABC, plain and adjusted."""
+        from benchmarks.rivals import pyabc_smc  # needs pyABC, which nothing else here does
 
         problem, size = self.problem, self.size
         distance = self.distance(seed)
@@ -244,7 +259,7 @@ class Race:
         return {RIVAL: plain, RIVAL_ADJUSTED: better}
 
     def mcmc(self, seed: int) -> dict[str, Trace]:
-        """Chains that go on with each call, as they are and adjusted."""
+        """Chains that continue with each call, plain and adjusted."""
         problem, size, seconds = self.problem, self.size, 0.0
         plain, better = Trace(), Trace()
         distance = self.distance(seed)
@@ -272,7 +287,7 @@ class Race:
 
 
 def arrival(trace: Sequence[Mapping[str, Any]]) -> Mapping[str, Any] | None:
-    """The point from which on the error is below the threshold to the end."""
+    """The entry from which on the error stays below the threshold."""
     below = [point["error"] < THRESHOLD for point in trace]
     if not below or not below[-1]:
         return None
@@ -280,12 +295,12 @@ def arrival(trace: Sequence[Mapping[str, Any]]) -> Mapping[str, Any] | None:
 
 
 def median(traces: Sequence[Trace], what: str = "colonies") -> float:
-    """Until there, infinite where a run did not arrive."""
+    """Median until arrival; runs that do not arrive count as infinite."""
     return float(np.median([np.inf if (one := arrival(trace)) is None else one[what] for trace in traces]))
 
 
 def all_runs(report: Report, race: Race) -> dict[str, list[Trace]]:
-    """By method, one trace a seed. What is done is kept, and not done again after an interruption."""
+    """Traces by method, one per seed. Finished runs are kept and not repeated after an interruption."""
     runs: dict[str, list[Trace]] = {name: [] for name in (EMULATOR, SMC, RIVAL, RIVAL_ADJUSTED, MCMC, MCMC_ADJUSTED)}
     methods: dict[str, Callable[[int], dict[str, Trace]]] = {
         EMULATOR: race.emulator,
@@ -303,7 +318,7 @@ def all_runs(report: Report, race: Race) -> dict[str, list[Trace]]:
 
 
 def verdicts(report: Report, runs: Mapping[str, list[Trace]], size: Size) -> None:
-    """Medians, failures, the ratio, and ABC at one tolerance."""
+    """Add medians, failures, ratios, and ABC at one tolerance to the report."""
     for name, traces in runs.items():
         there = [arrival(trace) for trace in traces]
         late = ", ".join(f"{trace[-1]['colonies']}" for trace, one in zip(traces, there, strict=True) if one is None)
@@ -344,9 +359,9 @@ def verdicts(report: Report, runs: Mapping[str, list[Trace]], size: Size) -> Non
 
 
 def ratios(report: Report, runs: Mapping[str, list[Trace]], what: str, other: str, target: float | None = None) -> None:
-    """The emulator's share of what another needs; none where the emulator did not arrive.
+    """The emulator's cost divided by that of another method; NaN if the emulator did not arrive.
 
-    Of a run of the other that did not arrive, all that it spent is taken: the share is then at most what is said.
+    A run of the other that did not arrive counts with all that it spent, so the ratio is an upper bound.
     """
     spent = [trace[-1] if (one := arrival(trace)) is None else one for trace in runs[other]]
     late = sum(arrival(trace) is None for trace in runs[other])
@@ -358,7 +373,7 @@ def ratios(report: Report, runs: Mapping[str, list[Trace]], what: str, other: st
 
 
 def checked(report: Report, race: Race) -> None:
-    """The reference's own error, and the posterior by ABC from real data sets beside it."""
+    """Add the reference's own error, and its comparison with ABC on simulated data sets."""
     size, reference = race.size, race.reference
     report.add("reference: its own error", reference.own_error, "", note=f"{size.pool} colonies, halves compared")
     report.stage("checking the reference")
@@ -373,7 +388,7 @@ def checked(report: Report, race: Race) -> None:
 
 
 def picture(runs: Mapping[str, list[Trace]], path: Path) -> None:
-    """Errors of all runs against colonies."""
+    """Plot the errors of all runs against colonies."""
     figure = Figure(figsize=(7, 4.5), layout="constrained")
     panel = figure.subplots()
     for number, (name, traces) in enumerate(runs.items()):
@@ -389,7 +404,7 @@ def picture(runs: Mapping[str, list[Trace]], path: Path) -> None:
 
 
 def markdown(report: Report, size: Size) -> str:
-    """The page."""
+    """The text of the page."""
     parts = [
         f"""# The cost of a posterior compared with pyABC
 
@@ -407,7 +422,7 @@ at ε = {size.epsilon:g}; SMC has populations of {size.population}. `python -m b
 
 
 def run(report: Report, quick: bool) -> None:
-    """The problem, its reference, all runs, and the page."""
+    """Make the problem and its reference, run all methods, and write the page."""
     if find_spec("pyabc") is None:
         raise InputError("pyABC is not installed: pip install 'yeastfit[benchmarks]'")
     size = QUICK if quick else Size()

@@ -34,7 +34,7 @@ from yeastfit.measure.statistics.shape import measure_mask
 Mask = Bool[np.ndarray, "row column"]
 
 SYNTHETIC = Path(__file__).parents[1] / "data" / "synthetic"
-STANDARD = 1600 * 1200  # px, of the image that must take at most `SECONDS`
+STANDARD = 1600 * 1200  # px of an image that may take at most `SECONDS`
 SECONDS = 2.0
 MEDIAN, LOWEST = 0.975, 0.90  # of intersection over union
 
@@ -49,8 +49,8 @@ class Published:
     area: float  # px
 
 
-# Li et al. 2024, "An off-lattice discrete model to characterise filamentous yeast colony morphology": means over the
-# whole set of 41 colonies, and the areas (px) their simulations aim at; repository Li2024-off-lattice
+# Li et al. 2024 (docs/model.md), repository kaili2019/Li2024-off-lattice: means over all 41 colonies, and the areas in
+# px at which their simulations aim
 PUBLISHED = {
     "awri796_50um": Published(14, 0.2126, 0.1642, 573_920),
     "awri796_500um": Published(13, 0.1768, 0.1118, 1_052_300),
@@ -65,7 +65,7 @@ def overlap(one: Mask, other: Mask) -> float:
 
 
 def images(folder: Path) -> Iterator[Path]:
-    """Files of a folder that have the suffix of an image, by name."""
+    """Image files of a folder, by name."""
     yield from sorted(path for path in folder.iterdir() if path.suffix.lower() in (".tif", ".tiff", ".png"))
 
 
@@ -77,7 +77,7 @@ def timed(pixels: Any, name: str) -> tuple[Segmentation, float]:
 
 
 def real(report: Report, raw: Path, masks: dict[str, Mask]) -> None:
-    """Photographs beside their masks."""
+    """Compare photographs with their masks."""
     rows = []
     for path in images(raw):
         if path.name not in masks:
@@ -110,7 +110,7 @@ def real(report: Report, raw: Path, masks: dict[str, Mask]) -> None:
 
 
 def published(report: Report, masks: dict[str, Mask]) -> None:
-    """Means per condition beside the published ones."""
+    """Compare means per condition with the published ones."""
     rows, ratios = [], []
     for condition, there in PUBLISHED.items():
         shapes = [measure_mask(mask) for name, mask in masks.items() if name.startswith(condition + "_")]
@@ -140,7 +140,7 @@ def published(report: Report, masks: dict[str, Mask]) -> None:
 
 
 def synthetic(report: Report, every: int) -> None:
-    """Photographs of simulated colonies beside their true masks."""
+    """Compare photographs of simulated colonies with their true masks."""
     rows = []
     for folder in sorted(path.parent for path in SYNTHETIC.glob("*/manifest.csv")):
         overlaps, compactness, doubts = [], [], Counter[str]()
@@ -169,7 +169,7 @@ def synthetic(report: Report, every: int) -> None:
 
 
 def hard_cases(report: Report, masks: dict[str, Mask], quick: bool) -> None:
-    """Every mask photographed in some of the hard cases, in turn; `--quick`: every case once."""
+    """Photograph every mask in some of the hard cases, in turn; `--quick`: every case once."""
     names, cases = list(masks), list(CASES)
     pairs = [(names[k % len(names)], cases[k % len(cases)]) for k in range(len(cases) * (1 if quick else 4))]
     rows = []
@@ -191,7 +191,7 @@ def hard_cases(report: Report, masks: dict[str, Mask], quick: bool) -> None:
 
 
 def run(report: Report, quick: bool) -> None:
-    """All four parts."""
+    """Run all four parts."""
     raw, folder = report.folders
     masks = {path.name: segment(read_image(path), name=path.name).mask for path in images(folder)}
     if not masks:

@@ -27,7 +27,7 @@ QUICK: dict[str, Any] = {"simulations": 256, "dt": 0.05, "spacing": 0.4}
 
 
 def judge(report: Report, sets: tuple[str, ...], work: Path, **settings: Any) -> None:
-    """Posteriors of all data of each set, with the truth."""
+    """Infer the posterior of each set and compare it with the truth."""
     rows, inside, together = [], 0, 0
     for name in sets:
         report.stage(name)
@@ -48,7 +48,7 @@ def judge(report: Report, sets: tuple[str, ...], work: Path, **settings: Any) ->
 
 
 def main(arguments: list[str] | None = None) -> None:
-    """The command: options of its own, then those of every benchmark."""
+    """Run the command: parse the options of this benchmark, then those of every benchmark."""
     parser = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
     parser.add_argument("--work", type=Path, default=Path("out/truth"))
     own, others = parser.parse_known_args(arguments)
