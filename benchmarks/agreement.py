@@ -43,13 +43,14 @@ from benchmarks.recovery import BOX
 from benchmarks.report import Report, code, command
 from yeastfit.commands.infer_config import Method, Request
 from yeastfit.commands.infer_run import Run
-from yeastfit.commands.measured_source import measurements, read_truth
+from yeastfit.commands.measured_source import measure_source
 from yeastfit.inference.abc.distances import Mahalanobis
 from yeastfit.inference.abc.regression_adjustment import Accepted
 from yeastfit.inference.posterior.prior import Prior
 from yeastfit.inference.posterior.samples import Samples, weighted_quantile
 from yeastfit.processors import available_processors
 from yeastfit.progress import silent
+from yeastfit.simulation.synthetic_data import read_truth
 from yeastfit.storage import write_table
 
 DATA = Path(__file__).parent.parent / "data" / "synthetic"
@@ -175,7 +176,7 @@ def few(name: str, work: Path) -> Path:
     measured, table = work / name / "measured", work / name / "few" / "measurements.csv"
     if table.is_file():
         return table
-    data = measurements(DATA / name, measured, available_processors(), silent)
+    data = measure_source(DATA / name, measured, available_processors(), silent)
     colonies = list(dict.fromkeys(row["replicate"] for row in data.rows))[:COLONIES]
     rows = [dict(row) for row in data.rows if row["replicate"] in colonies and row["hours"] in HOURS]
     for row in rows:

@@ -46,9 +46,9 @@ from matplotlib.figure import Figure
 from benchmarks.contest import ALTERNATIVES, MARGIN, Contest, Objective, Stopped
 from benchmarks.report import Report, command
 from yeastfit import Fit, FitSettings, InputError, Targets, fit, measure_dataset, read_dataset
-from yeastfit.commands.measured_source import read_truth
 from yeastfit.inference.fit.least_squares import DEFAULT_FREE
 from yeastfit.inference.parameter_space import ALONE, Vector
+from yeastfit.simulation.synthetic_data import read_truth
 
 DEMO = Path(__file__).parents[1] / "data" / "synthetic" / "demo"
 HOPELESS = 1.5  # times the best median so far, after which a run is given up

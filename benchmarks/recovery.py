@@ -36,7 +36,7 @@ from scipy.stats import binomtest
 
 from benchmarks.lines import append_line, read_lines
 from benchmarks.report import Report, command
-from yeastfit.commands.measured_source import measurements
+from yeastfit.commands.measured_source import measure_source
 from yeastfit.errors import InputError
 from yeastfit.inference.fit.least_squares import DEFAULT_FREE, fit
 from yeastfit.inference.fit.settings import FitSettings
@@ -120,7 +120,7 @@ def recovered(study: Study, number: int, report: Report) -> Record:
         report.stage(f"{what}, photographed")
         synthesize(recipe, folder)
     report.stage(f"{what}, measured")
-    data = measurements(folder, study.work / f"measured{number:02d}", available_processors(), silent)
+    data = measure_source(folder, study.work / f"measured{number:02d}", available_processors(), silent)
     report.stage(f"{what}, fitted")
     began = time.perf_counter()
     record: Record = {"truth": number, "asked": study.asked(number), "left out": len(data.warnings)}

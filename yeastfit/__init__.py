@@ -39,6 +39,7 @@ from yeastfit.parameter_set import Parameter, ParameterSet
 from yeastfit.processors import available_processors
 from yeastfit.simulation.result import Simulation
 from yeastfit.simulation.simulate import member_keys, simulate
+from yeastfit.simulation.synthetic_data import read_truth
 
 if TYPE_CHECKING:
     from yeastfit import plot
@@ -85,6 +86,7 @@ __all__ = [
     "member_keys",
     "plot",
     "read_dataset",
+    "read_truth",
     "sensitivity",
     "simulate",
 ]

@@ -123,15 +123,29 @@ def sha256_of(path: str | Path) -> str:
     return hashlib.sha256(Path(path).read_bytes()).hexdigest()
 
 
+def remove_files(folder: Path, names: Sequence[str]) -> None:
+    """Remove what an earlier run left in a folder, so that old and new results are never taken for one run."""
+    for name in names:
+        (folder / name).unlink(missing_ok=True)
+
+
 def write_manifest(
-    folder: str | Path, *, command: str, seed: int | None, inputs: Sequence[str | Path], **more: Any
+    folder: str | Path, *, command: str, inputs: Sequence[str | Path], seed: int | None = None, **more: Any
 ) -> None:
-    """`manifest.json`: what made this folder - command, seed, versions, device and the SHA-256 of every input."""
+    """Write manifest.json: command, arguments, seed, versions, device and the SHA-256 of every input.
+
+    Arguments:
+        folder: Where to.
+        command: The command that made the results.
+        inputs: Files that were read.
+        seed: Of the random numbers; None where the command draws none.
+        more: Anything else that belongs to the record.
+    """
     device = jax.devices()[0]
     manifest = {
         "command": command,
         "arguments": sys.argv[1:],
-        "seed": seed,
+        **({} if seed is None else {"seed": seed}),
         "versions": versions(),
         "device": {"kind": device.device_kind, "platform": device.platform, "count": jax.device_count()},
         "inputs": {str(path): sha256_of(path) for path in inputs},

@@ -3,14 +3,19 @@
 import csv
 import json
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 import pytest
 import tifffile
+import typer
 from PIL import Image
 
 from yeastfit.commands import app as cli
+from yeastfit.commands.options import with_parameters
+from yeastfit.errors import SimulationError
 from yeastfit.measure.reading.dataset import read_dataset
+from yeastfit.parameter_set import Parameter, ParameterSet
 from yeastfit.simulation.result import Simulation
 
 RECIPE = """
@@ -103,6 +108,7 @@ def test_measure_a_data_set(dataset: Path, tmp_path: Path) -> None:
     manifest = json.loads((tmp_path / "manifest.json").read_text())
     assert len(manifest["inputs"]) == 25
     assert manifest["failed"] == []
+    assert "seed" not in manifest  # measuring draws nothing
 
 
 def test_measure_goes_on_after_bad_files_and_says_so(
@@ -175,10 +181,43 @@ def test_a_bad_data_set_leaves_an_older_fit_as_it_was(
     assert (out / "fit.json").read_text() == "an older fit"
 
 
-@pytest.mark.parametrize("command", ["simulate", "measure", "synthesize", "fit", "gradcheck"])
+@pytest.mark.parametrize("command", [command.__name__ for command in cli.COMMANDS])
 def test_every_command_has_help(command: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert cli.run([command, "--help"]) == 0
     assert "--out" in capsys.readouterr().out
+
+
+def test_a_computation_that_comes_to_nothing_is_one_line_and_exit_code_2(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def fails(*arguments: object, **options: object) -> None:
+        raise SimulationError("nothing came of it")
+
+    monkeypatch.setattr("yeastfit.commands.simulate.run_simulation", fails)
+    assert cli.run(["simulate", "--out", str(tmp_path)]) == 2
+    assert capsys.readouterr().err.strip() == "error: nothing came of it"
+
+
+def test_options_follow_from_any_set_of_parameters(capsys: pytest.CaptureFixture[str]) -> None:
+    parameters = ParameterSet(
+        (
+            Parameter("growth_rate", "r", "growth per cell", (0.1, 1.0), 0.5, unit="1/h"),
+            Parameter("capacity", "K", "cells at most", (10.0, 1000.0), 100.0),
+        )
+    )
+    received: list[tuple[int, dict[str, float]]] = []
+
+    @with_parameters(parameters)
+    def command(count: Annotated[int, typer.Option()] = 1, *, parameters: dict[str, float]) -> None:
+        received.append((count, parameters))
+
+    app = typer.Typer()
+    app.command()(command)
+    app(["--growth-rate", "0.25", "--count", "3"], standalone_mode=False)
+    assert received == [(3, {"growth_rate": 0.25, "capacity": 100.0})]
+    app(["--help"], standalone_mode=False)
+    said = " ".join(capsys.readouterr().out.split())
+    assert "r, growth per cell. Plausible: 0.1 to 1 1/h." in said
 
 
 def test_real_micrographs_are_outlined(real_data: Path, tmp_path: Path) -> None:

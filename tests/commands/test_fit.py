@@ -14,15 +14,16 @@ from known_colonies import photographed, write_measurements
 from PIL import Image
 from stand_in import ROOT, SETTINGS, STATISTICS, TIMES, StandIn, bent, fitted, logs
 
-from yeastfit import Fit, FitSettings, Parameters, Scales, Targets
+from yeastfit import Fit, FitSettings, Parameters, Scales, Targets, read_truth
 from yeastfit.commands import app as cli
 from yeastfit.commands import fit as cli_fit
-from yeastfit.commands.measured_source import RESULTS, named_numbers, read_truth
+from yeastfit.commands.options import named_pairs_in
 from yeastfit.inference.fit.bootstrap_profile import Explored, _box
 from yeastfit.inference.fit.response_surface import study
 from yeastfit.inference.targets_from_table import NEEDED, TABLE
 from yeastfit.measure.statistics.shape import STATISTICS as KINDS
 from yeastfit.model.parameters import NAMES
+from yeastfit.report.fit_files import FILES
 from yeastfit.storage import write_json, write_table
 
 TRUTH = Parameters(mobility=2.0, metabolic_rate=0.7, aspect_ratio=0.6)
@@ -82,7 +83,7 @@ def test_a_table_becomes_a_fit_with_tables_pictures_and_a_manifest(
     write_json(tmp_path / "truth" / "parameters.json", TRUTH.asdict())
     arguments = ["--statistics", ",".join(STATISTICS), "--bootstrap", "20", "--profile", "--truth", "--seed", "3"]
     assert cli.run(["fit", str(source), "--out", str(out), *arguments]) == 0
-    assert {path.name for path in out.iterdir()} == {*RESULTS, "targets.csv"}
+    assert {path.name for path in out.iterdir()} == {*FILES, "targets.csv"}
     for picture in out.glob("*.png"):
         with Image.open(picture) as image:
             assert min(image.size) > 200
@@ -203,20 +204,20 @@ def test_that_is_asked_before_anything_is_measured(tmp_path: Path, capsys: pytes
 def test_an_older_fit_does_not_outlive_a_failed_one(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "out"
     out.mkdir()
-    for name in RESULTS:
+    for name in FILES:
         (out / name).write_text("an older fit")
     table = str(write_measurements(tmp_path / "measurements.csv"))
     for wrong in ([str(tmp_path / "nowhere.csv")], [table, "--condition", "rich"], [table, "--bounds", "mobility=1"]):
         assert cli.run(["fit", *wrong, "--out", str(out)]) == 2
         assert wrong[-1].split("/")[-1] in capsys.readouterr().err
-        assert len(list(out.iterdir())) == len(RESULTS), "what cannot begin leaves all as it was"
+        assert len(list(out.iterdir())) == len(FILES), "what cannot begin leaves all as it was"
     assert cli.run(["fit", table, "--statistics", "area", "--out", str(out)]) == 2
     assert "'area' is not in the table" in capsys.readouterr().err
     assert not list(out.iterdir())
 
 
 def test_names_and_numbers_are_read() -> None:
-    found = named_numbers("--bounds", ["mobility=0.1:10", "aspect-ratio = 0.3:0.9"], "the ends of a range")
+    found = named_pairs_in("--bounds", ["mobility=0.1:10", "aspect-ratio = 0.3:0.9"], "the ends of a range")
     assert found == {"mobility": (0.1, 10.0), "aspect_ratio": (0.3, 0.9)}
 
 
@@ -238,7 +239,7 @@ def test_photographs_become_a_fit(tmp_path: Path) -> None:
     assert result.targets.estimator == "smooth"
     assert abs(result.values["aspect_ratio"] - 0.6) < 3 * result.standard_errors["aspect_ratio"]
     assert result.standard_errors["aspect_ratio"] < 0.15 * 0.6
-    assert {*RESULTS, TABLE, "index.html", "masks"} <= {path.name for path in out.iterdir()}
+    assert {*FILES, TABLE, "index.html", "masks"} <= {path.name for path in out.iterdir()}
     manifest = json.loads((out / "manifest.json").read_text())
     assert len(manifest["inputs"]) == 19
     assert not any("truth" in path for path in manifest["inputs"])

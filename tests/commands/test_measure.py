@@ -15,7 +15,7 @@ import pytest
 from PIL import Image
 
 from yeastfit.commands import app as cli
-from yeastfit.commands.measure_batch import survey
+from yeastfit.commands.measure_batch import measure_batch
 from yeastfit.errors import InputError
 from yeastfit.measure.reading.batch_inputs import find_tasks
 from yeastfit.measure.reading.segmentation_options import Overrule
@@ -105,10 +105,10 @@ def test_two_processes_find_what_one_finds_and_a_dead_one_takes_only_its_own_ima
     files = [write_disc(tmp_path / f"{k}.png", radius=20 + k) for k in range(9)]
     tasks, _, _ = find_tasks(files, 0.5)
     environment = dict(os.environ)
-    alone = survey(tasks, tmp_path / "alone")
+    alone = measure_batch(tasks, tmp_path / "alone")
     tasks[4] = replace(tasks[4], path=_Deadly(files[4]))
     seen: list[tuple[str, float]] = []
-    together = survey(tasks, tmp_path / "together", jobs=2, progress=lambda *counts: seen.append(counts))
+    together = measure_batch(tasks, tmp_path / "together", jobs=2, progress=lambda *counts: seen.append(counts))
     assert seen == [(f"measured {k} of 9", k / 9) for k in range(1, 10)]
     for k, (one, other) in enumerate(zip(alone, together, strict=True)):
         if k == 4:
@@ -185,7 +185,7 @@ def test_mean_and_spread_of_conditions() -> None:
     assert (third["count"], third["mean"], third["standard_deviation"]) == (2, 6, pytest.approx(2**0.5))
 
 
-def test_an_earlier_survey_is_never_mixed_with_a_later_one(tmp_path: Path) -> None:
+def test_earlier_results_are_never_mixed_with_later_ones(tmp_path: Path) -> None:
     good, bad = write_disc(tmp_path / "a.png"), tmp_path / "b.png"
     bad.write_text("no image")
     out = tmp_path / "out"

@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 
 from yeastfit import InputError, Targets, measure_dataset, read_dataset
-from yeastfit.commands.measured_source import measurements
+from yeastfit.commands.measured_source import measure_source
 from yeastfit.inference.targets import SMOOTHING, SPACING
 from yeastfit.inference.targets_from_table import TABLE, conditions_of, read_measurements, targets_of
+from yeastfit.progress import silent
 
 DEMO = Path(__file__).parents[2] / "data" / "synthetic" / "demo"
 FILES = [(f"colony{colony:02}_{hours:04.1f}h.tif", colony, hours) for colony in (1, 2) for hours in (6, 8)]
@@ -33,7 +34,7 @@ def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def measured(data: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """What `yeastfit measure` leaves."""
     folder = tmp_path_factory.mktemp("measured")
-    found = measurements(data, folder, 1, lambda done, all_: None)
+    found = measure_source(data, folder, 1, silent)
     assert len(found.rows) == 4
     assert found.inputs[0].name == "manifest.csv"
     return folder
@@ -79,7 +80,7 @@ def test_a_table_without_its_masks_goes_to_the_mask_estimator(measured: Path, tm
 
 def test_a_folder_or_its_table_is_read_as_it_is(measured: Path, tmp_path: Path) -> None:
     for source in (measured, measured / TABLE):
-        found = measurements(source, tmp_path, 1, lambda done, all_: None)
+        found = measure_source(source, tmp_path, 1, silent)
         assert found.folder == measured
         assert found.inputs[0] == measured / TABLE
         assert sorted(found.inputs[1:]) == sorted((measured / "masks").iterdir())

@@ -1,4 +1,4 @@
-"""The page of a survey: whole, readable, safe, and opened in a real browser where there is one."""
+"""The page of `yeastfit measure`: whole, readable, safe, and opened in a real browser where there is one."""
 
 import re
 from pathlib import Path
@@ -28,7 +28,7 @@ LATE = (
 
 
 @pytest.fixture(scope="module")
-def surveyed(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def measured(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Results of a data set with two conditions, two times, a doubt and a file that is no image."""
     folder = tmp_path_factory.mktemp("page")
     lines = ["um_per_pixel = 0.5"]
@@ -55,8 +55,8 @@ def write_star(path: Path, radius: float, twins: bool) -> None:
     Image.fromarray((image + noise).astype(np.uint8)).save(path)
 
 
-def test_the_page_is_whole_and_says_what_a_reader_needs(surveyed: Path) -> None:
-    read = Reader((surveyed / "index.html").read_text(encoding="utf-8"))
+def test_the_page_is_whole_and_says_what_a_reader_needs(measured: Path) -> None:
+    read = Reader((measured / "index.html").read_text(encoding="utf-8"))
     assert read.open == []
     assert read.of("html")[0]["lang"] == "en"
     assert any(meta.get("name") == "viewport" for meta in read.of("meta"))
@@ -74,13 +74,13 @@ def test_the_page_is_whole_and_says_what_a_reader_needs(surveyed: Path) -> None:
     assert read.words.index("Not measured: 1") < before < read.words.index("replicate 1, 3 h")
 
 
-def test_the_page_asks_for_nothing(surveyed: Path) -> None:
-    text = (surveyed / "index.html").read_text(encoding="utf-8")
+def test_the_page_asks_for_nothing(measured: Path) -> None:
+    text = (measured / "index.html").read_text(encoding="utf-8")
     assert "default-src 'none'" in text
     assert not re.search(r"(?:src|href)=[\"'](?!#|data:)", text)
     assert not re.search(r"https?://|@import|url\(", re.sub(r"base64,[A-Za-z0-9+/=]+", "", text))
     assert len(text) < 2e6
-    assert str(surveyed.parent) not in text
+    assert str(measured.parent) not in text
 
 
 @pytest.mark.parametrize(
@@ -105,9 +105,9 @@ def test_numbers_have_four_digits(value: float, shown: str) -> None:
 
 @pytest.mark.parametrize("width", [1280, 500])
 def test_a_browser_shows_every_picture_and_has_nothing_to_complain_of(
-    surveyed: Path, tmp_path: Path, width: int
+    measured: Path, tmp_path: Path, width: int
 ) -> None:
-    seen, console = open_in_browser((surveyed / "index.html").read_text(encoding="utf-8"), LATE, tmp_path, width)
+    seen, console = open_in_browser((measured / "index.html").read_text(encoding="utf-8"), LATE, tmp_path, width)
     assert console == []
     assert seen["faults"] == []
     assert seen["requests"] == []
@@ -123,8 +123,8 @@ def test_a_browser_shows_every_picture_and_has_nothing_to_complain_of(
     assert falling == rising[::-1]
 
 
-def test_the_browser_would_notice_faults(surveyed: Path, tmp_path: Path) -> None:
-    text = (surveyed / "index.html").read_text(encoding="utf-8")
+def test_the_browser_would_notice_faults(measured: Path, tmp_path: Path) -> None:
+    text = (measured / "index.html").read_text(encoding="utf-8")
     broken = text.replace("data:image/jpeg;base64,/9j/", "data:image/jpeg;base64,AAAA", 1)
     broken = broken.replace("<main>", '<main><img src="https://example.org/a.png" alt="outside">', 1)
     broken = broken.replace("</main>", "</main><script>nothing.here()</script>", 1)

@@ -1,71 +1,153 @@
-"""`yeastfit design`."""
+"""`yeastfit design`: which measurement would reduce the errors of the parameters most."""
 
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Annotated, Any
 
+import numpy as np
 import typer
 
-from yeastfit.commands import design_run as design_command
-from yeastfit.commands.design_run import Run
-from yeastfit.commands.options import DEFAULT, Out, Seed, with_parameters
+from yeastfit.commands.options import Out, Seed, names_in, numbers_in, with_parameters
 from yeastfit.commands.terminal import out, shown_progress, warn
+from yeastfit.errors import InputError
 from yeastfit.inference.fit.least_squares import DEFAULT_FREE
 from yeastfit.inference.information.design import design as make_design
 from yeastfit.inference.information.identifiability import percent
-from yeastfit.storage import write_manifest
+from yeastfit.inference.sensitivity.estimate import sensitivity as estimate_sensitivity
+from yeastfit.inference.sensitivity.result import Sensitivity
+from yeastfit.model.numerics import Numerics
+from yeastfit.model.parameters import PARAMETERS, Parameters
+from yeastfit.progress import Progress
+from yeastfit.report.design_files import FILES, write_design
+from yeastfit.storage import remove_files, write_manifest
 
 
-@with_parameters
+@dataclass(frozen=True)
+class Colonies:
+    """Which colonies to grow for the sensitivity, as the options say it; parameters where they are not the default."""
+
+    changed: dict[str, float] = field(default_factory=dict)
+    times: str = "2,3,4,5,6"
+    statistics: str = "compactness,radius,area"
+    runs: int = 256
+    dt: float = 0.005
+    seed: int = 0
+
+    def sensitivity(self, progress: Progress) -> Sensitivity:
+        """Estimate the derivatives by regression along all parameters, which costs as much as along one."""
+        times = numbers_in("--times", self.times)
+        if not times or not np.isfinite(times).all() or min(times) <= 0:
+            raise InputError(f"--times is {self.times!r}, it must hold numbers above 0")
+        # every node may bud once in a unit of time
+        numerics = Numerics(dt=self.dt, capacity=2 ** (int(np.floor(max(times) + 1e-6)) + 1))
+        return estimate_sensitivity(
+            Parameters(**self.changed),
+            times=times,
+            statistics=names_in(self.statistics),
+            method="regression",
+            runs=self.runs,
+            seed=self.seed,
+            numerics=numerics,
+            progress=progress,
+        )
+
+    def read(self, path: Path) -> Sensitivity:
+        """Read an earlier sensitivity instead; raise `InputError` where an option asks for other colonies."""
+        given = [*self.changed, *(one.name for one in fields(self)[1:] if getattr(self, one.name) != one.default)]
+        if given:
+            option = "--" + given[0].replace("_", "-")
+            raise InputError(f"{option} is given beside --sensitivity, but {path} says it: leave out one of the two")
+        try:
+            return Sensitivity.load(path)
+        except (OSError, ValueError, KeyError, TypeError) as error:
+            raise InputError(
+                f"--sensitivity: {path} cannot be read as one ({type(error).__name__}: {error}), "
+                "need the sensitivity.json of an earlier run"
+            ) from error
+
+
+@with_parameters(PARAMETERS)
 def design(
     folder: Out,
-    free: Annotated[str, typer.Option(help="Parameters to be found, by name, with commas.")] = ",".join(DEFAULT_FREE),
-    times: Annotated[str, typer.Option(help="Model times that could be measured, with commas.")] = Run.times,
+    free: Annotated[
+        str, typer.Option(help="Names of the parameters that are to be estimated, with commas.")
+    ] = ",".join(DEFAULT_FREE),
+    times: Annotated[
+        str, typer.Option(help="Times at which colonies could be photographed, in units of 1/μ*, with commas.")
+    ] = Colonies.times,
     statistics: Annotated[
-        str, typer.Option(help="Curves that could be measured: compactness, radius, area, mean_radius, cell_count.")
-    ] = Run.statistics,
+        str,
+        typer.Option(
+            help="Statistics that could be measured, with commas: compactness, radius, area, mean_radius, cell_count."
+        ),
+    ] = Colonies.statistics,
     measured_times: Annotated[
-        str | None, typer.Option(help="Which of the times are measured already; all by default, or none.")
+        str | None,
+        typer.Option(
+            help="Times that have been measured already, with commas, or none. By default all.", show_default=False
+        ),
     ] = None,
     measured_statistics: Annotated[
-        str | None, typer.Option(help="Which of the curves are measured already; all by default.")
+        str | None,
+        typer.Option(
+            help="Statistics that have been measured already, with commas. By default all.", show_default=False
+        ),
     ] = None,
-    replicates: Annotated[int, typer.Option(min=1, help="Colonies measured already.")] = 10,
-    added: Annotated[int, typer.Option(min=1, help="Further colonies, each seen at one time.")] = 10,
+    replicates: Annotated[int, typer.Option(min=1, help="Number of colonies that have been measured already.")] = 10,
+    added: Annotated[
+        int, typer.Option(min=1, help="Number of further colonies to measure, each of them at one time.")
+    ] = 10,
     same_colonies: Annotated[
-        bool, typer.Option("--same-colonies", help="Not further colonies: those measured, at other times.")
+        bool, typer.Option("--same-colonies", help="Measure the same colonies again at other times, not further ones.")
     ] = False,
-    steps: Annotated[int, typer.Option(min=1, help="How many measurements, one after the other.")] = 3,
-    by: Annotated[str, typer.Option(help="One measurement is an image, with all curves, or a statistic.")] = "image",
-    criterion: Annotated[str, typer.Option(help="Errors of log λ: their mean, or the volume they span.")] = "mean",
-    measurement_error: Annotated[float, typer.Option(min=0, help="Relative, beside the scatter of colonies.")] = 0.01,
-    runs: Annotated[int, typer.Option(help="Colonies to grow, a multiple of 16.")] = Run.runs,
-    dt: Annotated[float, typer.Option(help="Time step.")] = Run.dt,
+    steps: Annotated[int, typer.Option(min=1, help="Number of measurements to choose, one after the other.")] = 3,
+    by: Annotated[
+        str, typer.Option(help="What counts as one measurement: image (all its statistics) or statistic (one of them).")
+    ] = "image",
+    criterion: Annotated[
+        str,
+        typer.Option(
+            help="What to make small: mean, the mean error of log λ, or volume, the volume of the error ellipsoid."
+        ),
+    ] = "mean",
+    measurement_error: Annotated[
+        float,
+        typer.Option(
+            min=0,
+            help="Relative error of measuring a mean curve (0.02 is 2 %), in addition to the variation between "
+            "colonies.",
+        ),
+    ] = 0.01,
+    runs: Annotated[
+        int, typer.Option(help="Number of colonies to simulate, a multiple of 16. More give smaller errors.")
+    ] = Colonies.runs,
+    dt: Annotated[float, typer.Option(help="Time step, in units of 1/μ*.")] = Colonies.dt,
     sensitivity: Annotated[
-        Path | None, typer.Option(help="sensitivity.json of an earlier run, instead of a new one.", show_default=False)
+        Path | None,
+        typer.Option(help="sensitivity.json of an earlier run, to use instead of new simulations.", show_default=False),
     ] = None,
     seed: Seed = 0,
     *,
     parameters: dict[str, float],
 ) -> None:
-    """Say which time and which curve, measured next, shrinks the errors of λ most (design.csv).
+    """Find the measurement that would reduce the errors of the parameters most.
 
-    Grows colonies at and around the λ given. spectrum.png and information.json show what the data measured already can
-    tell and what they cannot; design.png every candidate for the next measurement.
+    Simulates colonies with the parameters given here and with slightly different ones. Writes design.csv and
+    design.png, every possible next measurement with what it would achieve, and spectrum.png and information.json, what
+    the existing data can and cannot tell about the parameters.
     """
-    changed = {name: value for name, value in parameters.items() if value != DEFAULT[name]}
-    colonies = Run(changed, times, statistics, runs, dt, seed)
-    for name in design_command.RESULTS:
-        (folder / name).unlink(missing_ok=True)
+    changed = {name: value for name, value in parameters.items() if value != PARAMETERS[name].default}
+    colonies = Colonies(changed, times, statistics, runs, dt, seed)
+    remove_files(folder, FILES)
     if sensitivity:
-        colonies.refuse_beside(sensitivity)
-        found = design_command.read_sensitivity(sensitivity)
+        found = colonies.read(sensitivity)
     else:
-        with shown_progress("growing colonies") as stage:
-            found = colonies.sensitivity(stage)
+        with shown_progress("growing colonies") as progress:
+            found = colonies.sensitivity(progress)
         found.save(folder / "sensitivity.json")
     known: dict[str, Any] = {
-        "measured_times": measured_times and design_command.numbers("--measured-times", measured_times),
-        "measured_statistics": measured_statistics and design_command.names(measured_statistics),
+        "measured_times": measured_times and numbers_in("--measured-times", measured_times),
+        "measured_statistics": measured_statistics and names_in(measured_statistics),
         "replicates": replicates,
         "added": added,
         "new_colonies": not same_colonies,
@@ -74,8 +156,8 @@ def design(
         "criterion": criterion,
         "measurement_error": measurement_error,
     }
-    result = make_design(found, free=design_command.names(free), **known)
-    design_command.write_design(folder, result)
+    result = make_design(found, free=names_in(free), **known)
+    write_design(folder, result)
     configuration = {"parameters": found.parameters.asdict(), "free": result.free, **known}
     inputs = [sensitivity] if sensitivity else []
     write_manifest(folder, command="design", seed=found.seed, inputs=inputs, configuration=configuration)

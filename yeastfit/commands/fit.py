@@ -1,25 +1,41 @@
-"""`yeastfit fit`."""
+"""`yeastfit fit`: fit the model's parameters to measured curves."""
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any
 
+import numpy as np
 import typer
+from rich.table import Table
 
-from yeastfit.commands import design_run as design_command
-from yeastfit.commands import measured_source as fit_command
-from yeastfit.commands.options import Jobs, Length, MeasurementError, Out, Rate, Seed, Truth, with_parameters
+from yeastfit.commands.measured_source import check_source, measure_source, truth_of
+from yeastfit.commands.options import (
+    Jobs,
+    Length,
+    MeasurementError,
+    Out,
+    Rate,
+    Seed,
+    Truth,
+    named_pairs_in,
+    names_in,
+    with_parameters,
+)
 from yeastfit.commands.terminal import out, shown_progress, warn
-from yeastfit.inference.fit.bootstrap_profile import explore, profiles
+from yeastfit.inference.fit.bootstrap_profile import Bootstrap, Profile, explore, profiles
 from yeastfit.inference.fit.least_squares import DEFAULT_FREE
 from yeastfit.inference.fit.least_squares import fit as run_fit
 from yeastfit.inference.fit.result import Fit
 from yeastfit.inference.fit.settings import MEASUREMENT_ERROR, FitSettings
-from yeastfit.model.parameters import Parameters, Scales
+from yeastfit.model.parameters import PARAMETERS, Parameters, Scales
 from yeastfit.processors import available_processors
-from yeastfit.storage import write_manifest
+from yeastfit.report.fit_files import FILES, write_bootstrap, write_fit, write_profiles, write_targets
+from yeastfit.storage import remove_files, write_manifest
+
+MANY_AT_EDGE = 0.02  # of bootstrap draws: from where intervals are visibly too narrow
 
 
-@with_parameters
+@with_parameters(PARAMETERS)
 def fit(
     source: Annotated[
         Path, typer.Argument(help="A data set, or measurements.csv of `yeastfit measure`.", show_default=False)
@@ -27,32 +43,58 @@ def fit(
     folder: Out,
     condition: Annotated[
         list[str] | None,
-        typer.Option(help="Which condition's colonies; again for more, which are fitted together.", show_default=False),
+        typer.Option(
+            help="Condition whose colonies are fitted; repeat it to fit several together. Needed where the data have "
+            "more than one.",
+            show_default=False,
+        ),
     ] = None,
-    free: Annotated[str, typer.Option(help="Parameters to fit, by name, with commas.")] = ",".join(DEFAULT_FREE),
+    free: Annotated[
+        str, typer.Option(help="Names of the parameters to fit, with commas. The others keep the values given below.")
+    ] = ",".join(DEFAULT_FREE),
     own: Annotated[
-        str, typer.Option(help="Those of them that differ between conditions; the others are shared.")
+        str,
+        typer.Option(help="Names of the fitted parameters that may differ between conditions; the others are shared."),
     ] = "none",
     statistics: Annotated[
         str,
-        typer.Option(help="Curves to fit, with commas: compactness, radius, area, perimeter, or what the table has."),
+        typer.Option(
+            help="Statistics whose curves are fitted, with commas: compactness, radius, area, perimeter, or any other "
+            "column of measurements.csv that the model has."
+        ),
     ] = "compactness,radius",
     bounds: Annotated[
         list[str] | None,
-        typer.Option(metavar="NAME=LOW:HIGH", help="Search there, not over the plausible range.", show_default=False),
+        typer.Option(
+            metavar="NAME=LOW:HIGH",
+            help="Range in which to search for a parameter; repeat it for several. By default the plausible range.",
+            show_default=False,
+        ),
     ] = None,
     prior: Annotated[
         list[str] | None,
         typer.Option(
-            metavar="NAME=VALUE:WIDTH", help="Gaussian in log λ: its centre λ, and its width.", show_default=False
+            metavar="NAME=VALUE:WIDTH",
+            help="What is known of a parameter beforehand: a value and its standard deviation, as a share of it (0.1 "
+            "is 10 %). Repeat it for several.",
+            show_default=False,
         ),
     ] = None,
-    method: Annotated[str, typer.Option(help="levenberg-marquardt, dogleg or bfgs.")] = FitSettings.method,
-    starts: Annotated[int, typer.Option(min=1, help="Places to begin from.")] = FitSettings.starts,
-    dt: Annotated[float, typer.Option(help="Time step.")] = FitSettings.dt,
+    method: Annotated[
+        str, typer.Option(help="How χ² is minimised: levenberg-marquardt, dogleg or bfgs.")
+    ] = FitSettings.method,
+    starts: Annotated[
+        int, typer.Option(min=1, help="Number of places in the search range to start from. More find a better minimum.")
+    ] = FitSettings.starts,
+    dt: Annotated[float, typer.Option(help="Time step of the simulations, in units of 1/μ*.")] = FitSettings.dt,
     measurement_error: MeasurementError = None,
-    bootstrap: Annotated[int, typer.Option(min=0, help="Fits of resampled replicates to make, 500 for instance.")] = 0,
-    profile: Annotated[bool, typer.Option("--profile", help="Profile the likelihood of every parameter.")] = False,
+    bootstrap: Annotated[
+        int,
+        typer.Option(min=0, help="Number of fits to resampled colonies, 500 for instance, for confidence intervals."),
+    ] = 0,
+    profile: Annotated[
+        bool, typer.Option("--profile", help="Compute the profile likelihood of every fitted parameter.")
+    ] = False,
     rate: Rate = Scales.rate,
     length: Length = Scales.length,
     truth: Truth = False,
@@ -61,40 +103,39 @@ def fit(
     *,
     parameters: dict[str, float],
 ) -> None:
-    """Fit model parameters to the curves of a data set, with errors (fit.json, parameters.csv, pictures).
+    """Fit the model's parameters to the colonies of a data set, with standard errors.
 
-    Micrographs are measured first, with all that `yeastfit measure` leaves; measurements.csv saves that. A single
-    photograph of each colony will do. Parameters that are not free are held at the values given here. Exit code 1 where
-    the fit did not converge.
+    Micrographs are measured first, as `yeastfit measure` does; give its measurements.csv instead to skip that. One
+    photograph of each colony is enough. Writes parameters.csv, fit.json, which yeastfit.Fit.load reads in Python, and
+    pictures of the fit. Ends with exit code 1 where the fit did not converge.
     """
     options: dict[str, Any] = {
-        "free": design_command.names(free),
-        "own": () if own == "none" else design_command.names(own),
-        "bounds": fit_command.named_numbers("--bounds", bounds or (), "the ends of a range"),
-        "prior": fit_command.named_numbers("--prior", prior or (), "its centre and width"),
+        "free": names_in(free),
+        "own": () if own == "none" else names_in(own),
+        "bounds": named_pairs_in("--bounds", bounds or (), "the ends of a range"),
+        "prior": named_pairs_in("--prior", prior or (), "its centre and width"),
     }
     error = MEASUREMENT_ERROR if measurement_error is None else measurement_error
     settings = FitSettings(method=method, starts=starts, dt=dt, measurement_error=error)  # type: ignore[arg-type]
-    fit_command.check_source(source, condition or ())
-    known = fit_command.known_truth(source) if truth else None
-    for name in fit_command.RESULTS:
-        (folder / name).unlink(missing_ok=True)
-    with shown_progress("measuring micrographs") as advance:
-        data = fit_command.measurements(source, folder, jobs or available_processors(), advance)
+    check_source(source, condition or ())
+    known = truth_of(source) if truth else None
+    remove_files(folder, FILES)
+    with shown_progress("measuring micrographs") as progress:
+        data = measure_source(source, folder, jobs or available_processors(), progress)
     warn(data.warnings)
-    targets = data.targets(condition or (), design_command.names(statistics), Scales(length, rate))
-    fit_command.write_targets(folder, targets)
+    targets = data.targets(condition or (), names_in(statistics), Scales(length, rate))
+    write_targets(folder, targets)
     single = next(iter(targets.values())) if len(targets) == 1 else targets
-    with shown_progress("fitting") as stage:
+    with shown_progress("fitting") as progress:
         result = run_fit(
-            single, fixed=Parameters(**parameters), seed=seed, settings=settings, progress=stage, **options
+            single, fixed=Parameters(**parameters), seed=seed, settings=settings, progress=progress, **options
         )
-    fit_command.write_fit(folder, result, known)
+    write_fit(folder, result, known)
     lines = _explored(folder, result, bootstrap, profile)
     more = {"configuration": {"parameters": parameters, **options}, "seconds": result.seconds, "status": result.status}
     write_manifest(folder, command="fit", seed=seed, inputs=data.inputs, **more)
     warn(list(result.warnings))
-    out.print(fit_command.table_of(result, known))
+    out.print(_table(result, known))
     for line in lines:
         out.print(line, highlight=False)
     out.print(
@@ -105,12 +146,58 @@ def fit(
         raise typer.Exit(1)
 
 
-def _explored(folder: Path, result: Fit, bootstrap: int, profile: bool) -> list[str]:
-    """Bootstrap and profiles, where they are asked for."""
-    if not (bootstrap or profile):
+def _explored(folder: Path, result: Fit, draws: int, profile: bool) -> list[str]:
+    """Bootstrap and profiles where they are asked for: their files, and lines for the terminal."""
+    if not (draws or profile):
         return []
-    with shown_progress("fitting") as stage:
-        stage("growing colonies around the estimate", 0.0)
+    with shown_progress("growing colonies around the estimate"):
         explored = explore(result)
-    lines = fit_command.write_bootstrap(folder, explored.bootstrap(bootstrap), result) if bootstrap else []
-    return lines + (fit_command.write_profiles(folder, profiles(explored)) if profile else [])
+    lines: list[str] = []
+    if draws:
+        resampled = explored.bootstrap(draws)
+        write_bootstrap(folder, resampled, result)
+        lines += _bootstrap_lines(resampled)
+    if profile:
+        found = profiles(explored)
+        write_profiles(folder, found)
+        lines += _profile_lines(found)
+    return lines
+
+
+def _bootstrap_lines(found: Bootstrap) -> list[str]:
+    lines = [
+        f"bootstrap of replicates: {name} {found.intervals[name][0]:.4g} to {found.intervals[name][1]:.4g} (95 %)"
+        for name in found.free
+    ]
+    if found.at_edge > MANY_AT_EDGE:
+        lines.append(f"{found.at_edge:.0%} of the draws ended where the surface ends: these intervals are too narrow")
+    return lines
+
+
+def _profile_lines(found: Mapping[str, Profile]) -> list[str]:
+    lines = []
+    for name, each in found.items():
+        low, high = (f"{end:.4g}" if np.isfinite(end) else "beyond the surface" for end in each.intervals["95%"])
+        lines.append(f"profile of {name}: {low} to {high} (95 %)")
+    return lines
+
+
+def _table(result: Fit, known: Mapping[str, float] | None) -> Table:
+    """Parameters with their errors, beside the true ones where these are known."""
+    rows = result.rows()
+    several = "condition" in rows[0]
+    columns = ["parameter", "fitted", "standard error", *(["true", "(fitted - true) / error"] if known else [])]
+    table = Table(*(["condition"] if several else []), *columns)
+    for row in rows:
+        value, error = row["value"], row["standard_error"]
+        cells = [row["condition"]] if several else []
+        cells += [row["parameter"], f"{value:.4g}", "fixed" if error is None else _error(error, value)]
+        if known:
+            off = "" if error is None or not np.isfinite(error) else f"{(value - known[row['parameter']]) / error:+.1f}"
+            cells += [f"{known[row['parameter']]:.4g}", off]
+        table.add_row(*cells)
+    return table
+
+
+def _error(error: float, value: float) -> str:
+    return f"{error:.2g} ({error / value:.1%})" if np.isfinite(error) else "not determined"

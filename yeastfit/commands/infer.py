@@ -6,23 +6,22 @@ from typing import Annotated
 
 import typer
 
-from yeastfit.commands import design_run as design_command
 from yeastfit.commands import infer_run as infer_command
-from yeastfit.commands import measured_source as fit_command
 from yeastfit.commands.infer_config import Request
-from yeastfit.commands.options import Jobs, Length, MeasurementError, Rate, Seed, Truth, with_parameters
+from yeastfit.commands.measured_source import truth_of
+from yeastfit.commands.options import Jobs, Length, MeasurementError, Rate, Seed, Truth, names_in, with_parameters
 from yeastfit.commands.terminal import err, growing, out, shown_progress, warn
 from yeastfit.errors import InputError
 from yeastfit.inference.fit.least_squares import DEFAULT_FREE
 from yeastfit.inference.fit.settings import FitSettings
 from yeastfit.inference.parameter_space import check_free
 from yeastfit.inference.posterior.prior import template
-from yeastfit.model.parameters import Scales
+from yeastfit.model.parameters import PARAMETERS, Scales
 from yeastfit.processors import available_processors
 from yeastfit.storage import write_manifest
 
 
-@with_parameters
+@with_parameters(PARAMETERS)
 def infer(
     source: Annotated[
         Path | None, typer.Argument(help="A data set, or measurements.csv of `yeastfit measure`.", show_default=False)
@@ -104,7 +103,7 @@ def infer(
     which widens its posterior. Parameters that are not free are held at the values given here.
     """
     if print_prior:
-        sys.stdout.write(template(check_free(design_command.names(free)), bounded=Request(li=li).bounded))
+        sys.stdout.write(template(check_free(names_in(free)), bounded=Request(li=li).bounded))
         return
     if source is None or folder is None:
         raise InputError(f"{'SOURCE' if source is None else '--out'} is missing: yeastfit infer SOURCE --out FOLDER")
@@ -112,8 +111,8 @@ def infer(
         li,
         {
             "method": method or ("abc-mcmc" if li else "emulator"),
-            **({"statistics": design_command.names(statistics)} if statistics is not None else {}),
-            **{"free": check_free(design_command.names(free))},
+            **({"statistics": names_in(statistics)} if statistics is not None else {}),
+            **{"free": check_free(names_in(free))},
             **{"condition": condition, "prior": prior, "fixed": parameters, "distance": distance, "epsilon": tolerance},
             **{"share": pilot_quantile, "kernel": kernel, "move": move, "pilot": pilot, "steps": steps},
             **{"walkers": walkers, "population": population, "simulations": simulations, "colonies": colonies},
@@ -121,7 +120,7 @@ def infer(
             **{"measurement_error": measurement_error, "reuse": reuse},
         },
     )
-    known = fit_command.known_truth(source) if truth else None
+    known = truth_of(source) if truth else None
     try:
         with shown_progress("measuring micrographs") as advance:
             run = infer_command.Run.begin(request, source, folder, resume, jobs or available_processors(), advance)

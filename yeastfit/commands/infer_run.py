@@ -14,8 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from yeastfit.commands import measured_source as fit_command
 from yeastfit.commands.infer_config import BATCH, Request
+from yeastfit.commands.measured_source import Measurements, check_source, measure_source, recorded_warnings
 from yeastfit.commands.run_folder import RUN, RunFolder, inputs_of, read_run, run_versions
 from yeastfit.errors import InputError
 from yeastfit.inference.abc.distances import Distance, restored
@@ -36,6 +36,7 @@ from yeastfit.inference.targets import Targets
 from yeastfit.inference.targets_from_table import TABLE, read_measurements
 from yeastfit.model.parameters import Scales
 from yeastfit.progress import Progress
+from yeastfit.report.fit_files import write_targets
 from yeastfit.report.posterior_files import Results, photographs, write_results
 from yeastfit.storage import read_json, write_json, written_whole
 
@@ -70,7 +71,7 @@ class Run:
     request: Request
     source: Path
     folder: RunFolder
-    data: fit_command.Measurements
+    data: Measurements
     targets: Targets
     colonies: ColonySimulator
     tally: Tally = field(default_factory=Tally)
@@ -80,7 +81,7 @@ class Run:
         """Opens the folder, measures or reads the data. Raises `InputError`, before anything is simulated."""
         configuration = request.configuration()
         chosen = [] if request.condition is None else [request.condition]
-        fit_command.check_source(source, chosen)
+        check_source(source, chosen)
         request.check_numerics()
         if request.reuse and not (path / REUSED).is_file() and not (request.reuse / SIMULATIONS).is_file():
             raise InputError(f"--reuse: {request.reuse} holds no {SIMULATIONS}, need the folder of a run of infer")
@@ -88,11 +89,11 @@ class Run:
         measured = path / "measured"
         if (measured / TABLE).is_file():  # of these inputs, which have not changed; it is written after its masks
             rows = read_measurements(measured / TABLE)
-            data = fit_command.Measurements(rows, measured, [], fit_command.told(rows, measured))
+            data = Measurements(rows, measured, [], recorded_warnings(rows, measured))
         else:
-            data = fit_command.measurements(source, measured, jobs, progress)
+            data = measure_source(source, measured, jobs, progress)
         targets = data.targets(chosen, request.statistics, Scales(request.length, request.rate))
-        fit_command.write_targets(path, targets)
+        write_targets(path, targets)
         single = next(iter(targets.values()))
         resolution = Resolution(request.dt, request.spacing)
         simulator = ColonySimulator.of(single, request.free, request.fixed, resolution)

@@ -1,8 +1,8 @@
-"""Many micrographs measured, one after another or in several processes.
+"""Measure many micrographs, one after another or in several processes.
 
-`survey` reads, outlines and measures each file by itself, and writes its mask and overlay at once; a file that cannot
-be measured becomes an `Outcome` that says why, and the rest goes on. Results stand in the order of the tasks, and are
-the same whatever the number of processes.
+Each file is read, outlined and measured by itself, and its mask and overlay are written at once. A file that cannot be
+measured becomes an `Outcome` that says why, and the others are still measured. Outcomes are in the order of the tasks
+and do not depend on the number of processes.
 """
 
 import multiprocessing
@@ -31,20 +31,27 @@ from yeastfit.report.outcome import Outcome
 from yeastfit.simulation.synthetic_data import write_mask
 from yeastfit.storage import sha256_of, written_whole
 
-TASKS_A_PROCESS = 4  # fewer are measured sooner than another process has started
+TASKS_PER_PROCESS = 4  # fewer are measured sooner than another process has started
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
 
-def survey(tasks: Sequence[Task], folder: Path, *, jobs: int = 1, progress: Progress = silent) -> list[Outcome]:
-    """An `Outcome` for each task; masks/NAME.png and overlays/NAME.png in `folder` for each that was outlined.
+def measure_batch(tasks: Sequence[Task], folder: Path, *, jobs: int = 1, progress: Progress = silent) -> list[Outcome]:
+    """Measure files, and write the mask and the overlay of each that can be outlined.
 
-    jobs: the most processes to use. Each holds one image at a time and runs on one core; one that dies, of lack of
-    memory for instance, takes only its own image with it.
+    Arguments:
+        tasks: What to measure.
+        folder: Where to write masks/NAME.png and overlays/NAME.png.
+        jobs: The most processes to use. Each holds one image at a time and uses one processor. A process that dies, for
+            lack of memory for instance, costs only its own image.
+        progress: Told after each file.
+
+    Returns:
+        An outcome for each task.
     """
     for part in ("masks", "overlays"):
         (folder / part).mkdir(parents=True, exist_ok=True)
     outcomes: dict[int, Outcome] = {}
-    processes = min(jobs, -(-len(tasks) // TASKS_A_PROCESS))
+    processes = min(jobs, -(-len(tasks) // TASKS_PER_PROCESS))
     finished = _in_processes(tasks, folder, processes) if processes > 1 else _one_by_one(tasks, folder)
     for number, outcome in finished:
         outcomes[number] = outcome
@@ -58,16 +65,17 @@ def _one_by_one(tasks: Sequence[Task], folder: Path) -> Iterator[tuple[int, Outc
 
 
 def _in_processes(tasks: Sequence[Task], folder: Path, processes: int) -> Iterator[tuple[int, Outcome]]:
-    """Outcomes as they come. Once a process died, one at a time: then the first without outcome is the one to blame.
+    """Yield outcomes as they come.
 
-    Where no process can be had, as in a script that does its work while it is imported, all is done in this one.
+    Once a process has died, files are measured one at a time: then the first without an outcome is the one to blame.
+    Where no process can be started, as in a script that does its work while it is imported, this one does it all.
     """
     waiting = dict(enumerate(tasks))
     context = multiprocessing.get_context("spawn")  # JAX must not be forked
     while waiting:
         pool = ProcessPoolExecutor(processes, mp_context=context)
         try:
-            with _inherited():
+            with _settings_for_workers():
                 first = pool.submit(os.getpid)
                 futures = {pool.submit(run_task, task, folder): number for number, task in waiting.items()}
             if isinstance(first.exception(), BrokenProcessPool):
@@ -89,8 +97,8 @@ def _in_processes(tasks: Sequence[Task], folder: Path, processes: int) -> Iterat
 
 
 @contextmanager
-def _inherited() -> Iterator[None]:
-    """Processes started inside use one thread each, and leave Ctrl-C, which goes to all of them, to this one."""
+def _settings_for_workers() -> Iterator[None]:
+    """Let processes started inside use one thread each and ignore Ctrl-C, which reaches them as well as this one."""
     added = [name for name in THREADS if name not in os.environ]
     os.environ.update(dict.fromkeys(added, "1"))
     main = threading.current_thread() is threading.main_thread()  # only there can signals be set
@@ -105,7 +113,15 @@ def _inherited() -> Iterator[None]:
 
 
 def run_task(task: Task, folder: Path) -> Outcome:
-    """Measure one file and write its mask and overlay; these also where only the size of a pixel is missing."""
+    """Measure one file and write its mask and overlay.
+
+    Arguments:
+        task: What to measure.
+        folder: Where to write the mask and the overlay.
+
+    Returns:
+        The outcome, whatever goes wrong; a file that only lacks the size of a pixel is outlined all the same.
+    """
     try:
         digest = sha256_of(task.path) if task.path.is_file() else ""
     except OSError:
@@ -117,13 +133,14 @@ def run_task(task: Task, folder: Path) -> Outcome:
         return _outlined(replace(outcome, error=str(error)), folder)
     except InputError as error:
         return replace(outcome, error=str(error))
-    except Exception as error:  # a fault in one file must not cost the others; it is reported with its place
+    except Exception as error:  # a bug met in one file must not cost the others; it is reported with its place
         place = traceback.extract_tb(error.__traceback__)[-1]
         fault = f"{type(error).__name__}: {' '.join(str(error).split())} ({Path(place.filename).name}:{place.lineno})"
         return replace(outcome, error=f"{task.path}: a fault of yeastfit, please report it: {fault}")
 
 
 def _measured(outcome: Outcome, folder: Path) -> Outcome:
+    """The outcome with its row and thumbnail."""
     task = outcome.task
     measured = measure_file(task.path, task.pixel_size, task.overrule)
     doubts = measured.segmentation.warnings
@@ -136,7 +153,7 @@ def _measured(outcome: Outcome, folder: Path) -> Outcome:
 
 
 def _outlined(outcome: Outcome, folder: Path) -> Outcome:
-    """The outcome of an image without pixel size, with its pictures as far as it can be outlined."""
+    """The outcome of an image without pixel size, with its thumbnail where it can be outlined."""
     task = outcome.task
     try:
         pixels = read_image(task.path)
@@ -157,7 +174,7 @@ def _pictures(
     doubts: tuple[str, ...],
     folder: Path,
 ) -> bytes:
-    """Mask and overlay on disk, whole or not at all; the thumbnail."""
+    """Write mask and overlay, whole or not at all, and return the thumbnail."""
     with written_whole(folder / "masks" / f"{task.name}.png") as temporary:
         write_mask(temporary, mask)
     figure = plot.overlay(pixels, mask, title, pixel_size, [f"{doubt}: {DOUBTS[doubt]}" for doubt in doubts])

@@ -1,4 +1,4 @@
-"""What a survey leaves in its folder: tables, curves, a contact sheet and a page, each written whole or not at all."""
+"""The files of `yeastfit measure`: tables, curves, a contact sheet and a page, each written whole or not at all."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -12,9 +12,9 @@ from yeastfit.measure.reading.dataset import Dataset, find_manifest
 from yeastfit.measure.series import condition_curves
 from yeastfit.measure.statistics.filaments import SKELETON
 from yeastfit.measure.statistics.shape import MEANINGS, UNITS
-from yeastfit.report.measurement_page import survey_page
+from yeastfit.report.measurement_page import measurement_page
 from yeastfit.report.outcome import Outcome
-from yeastfit.storage import versions, write_json, write_table, written_whole
+from yeastfit.storage import remove_files, versions, write_json, write_table, written_whole
 
 FILES = (
     "measurements.csv",
@@ -40,15 +40,22 @@ PLACES = ("centroid_x", "centroid_y")  # where a colony lies in its image: no cu
 
 
 def refuse_mixed_folder(folder: Path, tasks: Sequence[Task]) -> None:
-    """Raises `InputError` where results would come to lie among the micrographs, and be measured the next time."""
+    """Check that results will not lie among the micrographs, where the next run would measure them.
+
+    Arguments:
+        folder: For the results.
+        tasks: What is to be measured.
+
+    Raises:
+        InputError: The folder holds micrographs or a data set.
+    """
     if folder.resolve() in {task.path.parent.resolve() for task in tasks} or find_manifest(folder):
         raise InputError(f"--out: {folder} holds the micrographs, need another folder for the results")
 
 
 def clear_results(folder: Path) -> None:
-    """Remove what an earlier survey left in `folder`, so that old and new are never taken for one. Masks stay."""
-    for name in FILES:
-        (folder / name).unlink(missing_ok=True)
+    """Remove the results of an earlier run; masks and overlays stay."""
+    remove_files(folder, FILES)
 
 
 def write_results(
@@ -60,11 +67,19 @@ def write_results(
     skipped: Sequence[Path] = (),
     settings: Mapping[str, Any] | None = None,
 ) -> None:
-    """Everything but masks and overlays, which `survey` writes, and the manifest of the run.
+    """Write everything but masks and overlays, which `measure_batch` writes, and the manifest.
 
-    measurements.csv, a row for each image that was measured; columns.json, units and meanings of its columns;
-    failures.csv where there are some; for a data set curves.csv and curves.png, mean and spread over replicates;
-    contact_sheet.png; and index.html, which shows it all.
+    measurements.csv has a row for each image that was measured, columns.json the units and meanings of its columns,
+    failures.csv the images that were not. A data set also has curves.csv and curves.png, mean and spread of colonies.
+    contact_sheet.png shows every outline, index.html everything.
+
+    Arguments:
+        folder: Where to.
+        title: Of the page.
+        outcomes: Of all micrographs.
+        dataset: The data set they come from, if they do.
+        skipped: Files that were passed over.
+        settings: Options to show on the page.
     """
     rows = [outcome.row for outcome in outcomes if outcome.row]
     failures = [{"file": outcome.task.label, "error": outcome.error} for outcome in outcomes if not outcome.row]
@@ -78,17 +93,17 @@ def write_results(
     made = {"yeastfit": versions()["yeastfit"], **(settings or {}), "skeleton": SKELETON}
     made |= {"versions": ", ".join(f"{name} {version}" for name, version in versions().items())}
     with written_whole(folder / "index.html") as temporary:
-        temporary.write_text(survey_page(title, outcomes, curves, skipped, made), encoding="utf-8")
+        temporary.write_text(measurement_page(title, outcomes, curves, skipped, made), encoding="utf-8")
 
 
 def _columns(row: Mapping[str, Any]) -> dict[str, dict[str, str]]:
-    """Unit and meaning of every column, to be kept beside the table."""
+    """Unit and meaning of every column."""
     known = OWN_COLUMNS | {name: (unit, MEANINGS[name]) for name, unit in UNITS.items()}
     return {name: dict(zip(("unit", "meaning"), known[name], strict=True)) for name in row}
 
 
 def _write_curves(folder: Path, rows: Sequence[Mapping[str, Any]]) -> bytes:
-    """curves.csv and curves.png, and the picture's bytes."""
+    """Write curves.csv and curves.png; return the picture's bytes."""
     units = {name: unit for name, unit in UNITS.items() if name not in PLACES}
     curves = condition_curves(rows, list(units))
     written = [
@@ -102,6 +117,7 @@ def _write_curves(folder: Path, rows: Sequence[Mapping[str, Any]]) -> bytes:
 
 
 def _write_contact_sheet(folder: Path, outcomes: Sequence[Outcome]) -> None:
+    """Write contact_sheet.png, with a column for each hour where that makes a good shape."""
     shown = [outcome for outcome in outcomes if outcome.thumbnail]
     if not shown:
         return

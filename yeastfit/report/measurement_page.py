@@ -1,4 +1,4 @@
-"""The page of a survey: doubts and failures first, then curves, every micrograph, the table, and how it was made."""
+"""The page of `yeastfit measure`: doubts and failures first, then curves, micrographs, the table, how it was made."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -13,10 +13,21 @@ from yeastfit.report.outcome import Outcome
 LINKED = 12  # images that a doubt names one by one; the others are counted
 
 
-def survey_page(
+def measurement_page(
     title: str, outcomes: Sequence[Outcome], curves: bytes, skipped: Sequence[Path], made: Mapping[str, Any]
 ) -> str:
-    """One HTML file that shows a survey. curves: a PNG or empty; made: versions and settings."""
+    """Write the page that shows all outcomes.
+
+    Arguments:
+        title: Of the page.
+        outcomes: Of all micrographs.
+        curves: A PNG of the conditions' curves; empty for none.
+        skipped: Files that were passed over.
+        made: Versions and settings to show.
+
+    Returns:
+        HTML.
+    """
     measured = [outcome for outcome in outcomes if outcome.row]
     doubtful = [outcome for outcome in measured if outcome.doubts]
     lead = page.facts(
@@ -44,6 +55,7 @@ def survey_page(
 
 
 def _troubles(outcomes: Sequence[Outcome], skipped: Sequence[Path]) -> str:
+    """Failures, doubts by name with the images they concern, and files passed over."""
     parts = []
     failed = [(k, outcome) for k, outcome in enumerate(outcomes) if not outcome.row]
     if failed:
@@ -64,11 +76,12 @@ def _troubles(outcomes: Sequence[Outcome], skipped: Sequence[Path]) -> str:
 
 
 def _reason(outcome: Outcome) -> str:
-    """The error without the path, which is nobody's business where a page is passed on."""
+    """The error without the path, which does not belong on a page that may be passed on."""
     return outcome.error.replace(f"{outcome.task.path}: ", "")
 
 
 def _link(number: int, outcome: Outcome) -> str:
+    """To the micrograph's card."""
     return f'<a href="#image{number}">{page.text(outcome.task.label)}</a>'
 
 
@@ -85,6 +98,7 @@ def _micrographs(outcomes: Sequence[Outcome]) -> str:
 
 
 def _card(number: int, outcome: Outcome) -> str:
+    """One micrograph with its outline, size and doubts."""
     task, row = outcome.task, outcome.row
     lines = [f"<b>{page.text(_name(outcome))}</b>"]
     if task.hours is not None:
@@ -100,11 +114,13 @@ def _card(number: int, outcome: Outcome) -> str:
 
 
 def _name(outcome: Outcome) -> str:
+    """How a reader calls a micrograph: replicate and time, or its file."""
     task = outcome.task
     return task.label if task.hours is None else f"replicate {task.replicate}, {task.hours:g} h"
 
 
 def _measurements(outcomes: Sequence[Outcome]) -> str:
+    """The table, and what its columns mean."""
     measured = {f"image{k}": outcome.row for k, outcome in enumerate(outcomes) if outcome.row}
     rows = list(measured.values())
     known = [name for name in ("condition", "replicate", "hours") if any(row[name] not in ("", None) for row in rows)]
@@ -123,6 +139,7 @@ def _measurements(outcomes: Sequence[Outcome]) -> str:
 
 
 def _made(outcomes: Sequence[Outcome], made: Mapping[str, Any]) -> str:
+    """Versions, settings and the hashes of all inputs."""
     hashes = page.pairs((outcome.task.label, outcome.sha256) for outcome in outcomes if outcome.sha256)
     inputs = f"<details><summary>SHA-256 of the {len(outcomes)} inputs</summary>{hashes}</details>"
     return page.pairs((name, value) for name, value in made.items()) + inputs

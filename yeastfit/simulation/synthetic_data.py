@@ -34,14 +34,14 @@ from yeastfit.measure.statistics.smooth_statistics import node_statistics
 from yeastfit.model.cells import Cells
 from yeastfit.model.model import Model
 from yeastfit.model.numerics import Numerics
-from yeastfit.model.parameters import Parameters, Scales
+from yeastfit.model.parameters import PARAMETERS, Parameters, Scales
 from yeastfit.model.relaxation import HARD
 from yeastfit.model.simulate import Snapshot
 from yeastfit.progress import Progress, silent
 from yeastfit.simulation.cell_coverage import coverage, true_mask
 from yeastfit.simulation.photograph import Optics, photograph, write_micrograph
 from yeastfit.simulation.simulate import member_keys, simulate
-from yeastfit.storage import versions, write_json, write_table
+from yeastfit.storage import read_json, versions, write_json, write_table
 
 MASK_COLUMNS = ("area", "perimeter", "outer_perimeter", "compactness", "outer_compactness", "radius", "max_radius")
 
@@ -89,6 +89,20 @@ class Recipe:
         plain = {name: value for name, value in asdict(self).items() if name != "model"}
         rules = self.model.asdict()
         return plain if rules == Model().asdict() else {**plain, "model": rules}
+
+
+def read_truth(source: str | Path) -> dict[str, float] | None:
+    """Read the parameters that a synthetic data set was made with.
+
+    Arguments:
+        source: The data set, or a file in its folder.
+
+    Returns:
+        Parameters by name; None where the data set has no truth/parameters.json.
+    """
+    source = Path(source)
+    path = (source.parent if source.is_file() else source) / "truth" / "parameters.json"
+    return {name: read_json(path)[name] for name in PARAMETERS} if path.is_file() else None
 
 
 def read_recipes(path: str | Path) -> dict[str, Recipe]:

@@ -1,0 +1,72 @@
+"""`yeastfit gradcheck`: check the derivatives that fits rely on."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.table import Table
+
+from yeastfit.commands.options import Seed, with_parameters
+from yeastfit.commands.terminal import out, shown_progress, warn
+from yeastfit.derivatives.check_colony import check_gradients
+from yeastfit.model.numerics import Numerics
+from yeastfit.model.parameters import PARAMETERS, Parameters
+from yeastfit.model.relaxation import Relaxation
+from yeastfit.storage import write_manifest, write_table
+
+
+@with_parameters(PARAMETERS)
+def gradcheck(
+    folder: Annotated[
+        Path | None,
+        typer.Option("--out", help="Folder for gradcheck.csv. By default, only print.", show_default=False),
+    ] = None,
+    time: Annotated[
+        float,
+        typer.Option(help="How long the colony grows, in units of 1/μ*. Statistics are checked then and half-way."),
+    ] = 3.0,
+    dt: Annotated[float, typer.Option(help="Time step, in units of 1/μ*.")] = 0.02,
+    spacing: Annotated[float, typer.Option(help="Spacing of the nutrient's grid, in cell lengths L0.")] = 0.2,
+    domain: Annotated[float, typer.Option(help="Side of the square dish, in cell lengths L0.")] = 12.0,
+    capacity: Annotated[int, typer.Option(help="Largest possible number of nodes in a colony (cells + 1).")] = 64,
+    contact: Annotated[
+        float,
+        typer.Option(help="Distance over which contact forces fade in, in cell lengths L0. 0 is the exact rule."),
+    ] = 0.2,
+    tolerance: Annotated[float, typer.Option(help="Largest relative difference that counts as agreement.")] = 5e-4,
+    seed: Seed = 0,
+    *,
+    parameters: dict[str, float],
+) -> None:
+    """Check the derivatives of a colony's statistics.
+
+    Compares automatic differentiation, forward and reverse, with finite differences: along every parameter, along the
+    widths of the smoothed rules, and along random changes of the initial positions, the nutrient and the budding
+    angles. The table shows the worst case of each. Ends with exit code 1 unless all agree.
+    """
+    chosen = Parameters(**parameters)
+    numerics = Numerics(domain=domain, spacing=spacing, dt=dt, capacity=capacity)
+    with shown_progress("comparing derivatives") as progress:
+        result = check_gradients(
+            chosen,
+            times=[time / 2, time],
+            key=seed,
+            numerics=numerics,
+            relaxation=Relaxation(contact=contact),
+            tolerance=tolerance,
+            progress=progress,
+        )
+    lines = result.summary()
+    table = Table(*lines[0])
+    for line in lines:
+        table.add_row(*line.values())
+    out.print(table)
+    if folder:
+        write_table(folder / "gradcheck.csv", result.rows())
+        configuration = {"parameters": chosen.asdict(), "contact": contact, "numerics": vars(numerics)}
+        more = {"configuration": configuration, "passed": result.passed}
+        write_manifest(folder, command="gradcheck", seed=seed, inputs=[], **more)
+    warn(result.warnings())
+    out.print(result.status + (f". Results in {folder}" if folder else ""))
+    if not result.passed:
+        raise typer.Exit(1)

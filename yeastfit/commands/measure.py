@@ -1,0 +1,73 @@
+"""`yeastfit measure`: outline the colony in each micrograph and measure it."""
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from yeastfit.commands.measure_batch import measure_batch
+from yeastfit.commands.options import Jobs, Out
+from yeastfit.commands.terminal import fail, out, shown_progress, warn
+from yeastfit.measure.reading.batch_inputs import find_tasks
+from yeastfit.measure.reading.dataset import given, read_overrule
+from yeastfit.processors import available_processors
+from yeastfit.report.measurement_files import clear_results, refuse_mixed_folder, write_results
+from yeastfit.storage import write_manifest
+
+
+def measure(
+    paths: Annotated[
+        list[Path],
+        typer.Argument(help="A data set, or micrographs (TIFF, PNG, JPEG) and folders of them.", show_default=False),
+    ],
+    folder: Out,
+    pixel_size: Annotated[
+        float | None, typer.Option(help="Size of a pixel in µm, for images that do not state it themselves.")
+    ] = None,
+    seed_point: Annotated[
+        str | None,
+        typer.Option(metavar="X,Y", help="A pixel inside the colony, where another object would be outlined."),
+    ] = None,
+    threshold: Annotated[
+        float | None,
+        typer.Option(help="Contrast with the background, in grey levels, above which a pixel belongs to the colony."),
+    ] = None,
+    roi: Annotated[
+        str | None,
+        typer.Option(
+            metavar="X0,Y0,X1,Y1", help="Region in which to look for the colony: left, top, right, bottom, in pixels."
+        ),
+    ] = None,
+    jobs: Jobs = None,
+) -> None:
+    """Outline the colony in each micrograph and measure its shape; lengths are in µm.
+
+    A folder with manifest.csv or manifest.toml is a data set: what the manifest says of an image takes precedence over
+    the options given here. In a folder without a manifest every image is measured.
+
+    Writes measurements.csv, masks, overlays to check the outlines by eye, contact_sheet.png, and index.html, a page
+    that shows everything; for a data set also the curves of each condition. A file that cannot be measured is reported
+    and the others are still measured; the exit code is then 2.
+    """
+    options: dict[str, Any] = {"seed_point": seed_point, "threshold": threshold, "roi": roi}
+    tasks, dataset, skipped = find_tasks(paths, pixel_size, read_overrule(options, "options"))
+    refuse_mixed_folder(folder, tasks)
+    clear_results(folder)
+    with shown_progress("measuring micrographs") as progress:
+        outcomes = measure_batch(tasks, folder, jobs=jobs or available_processors(), progress=progress)
+    measured = [outcome for outcome in outcomes if outcome.row]
+    options["pixel_size"] = pixel_size
+    settings = {name: value for name, value in options.items() if value is not None}
+    title = f"Micrographs of {(dataset.folder if dataset else paths[0] if len(paths) == 1 else folder).resolve().name}"
+    write_results(folder, title, outcomes, dataset=dataset, skipped=skipped, settings=settings)
+    inputs = ([dataset.manifest] if dataset else []) + [outcome.task.path for outcome in outcomes if outcome.sha256]
+    failed = [outcome.error for outcome in outcomes if not outcome.row]
+    overruled = {task.label: given(task.overrule) for task in tasks if given(task.overrule)}
+    more: dict[str, Any] = {"configuration": {**settings, "overruled": overruled}, "failed": failed}
+    write_manifest(folder, command="measure", inputs=inputs, **more)
+    warn([f"{outcome.task.label}: {doubt}" for outcome in measured for doubt in outcome.doubts])
+    if skipped:
+        warn([f"passed over, no images by their names: {', '.join(path.name for path in skipped)}"])
+    out.print(f"{len(measured)} of {len(tasks)} micrographs measured. Results in {folder}, on one page: index.html")
+    if failed:
+        fail(failed)

@@ -1,0 +1,42 @@
+"""`yeastfit synthesize`: make data sets of synthetic micrographs with known parameters."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from yeastfit.commands.options import Out
+from yeastfit.commands.terminal import out, shown_progress
+from yeastfit.errors import InputError
+from yeastfit.simulation.synthetic_data import read_recipes
+from yeastfit.simulation.synthetic_data import synthesize as make_dataset
+from yeastfit.storage import write_manifest
+
+
+def synthesize(
+    folder: Out,
+    recipe: Annotated[
+        Path, typer.Option(help="TOML file that describes the data sets, one table for each.", show_default=False)
+    ],
+    only: Annotated[
+        list[str] | None,
+        typer.Option(help="Name of a data set to make; repeat it for several. By default all are made."),
+    ] = None,
+    seed: Annotated[int | None, typer.Option(min=0, help="Seed to use instead of the one in the file.")] = None,
+) -> None:
+    """Make synthetic micrographs of simulated colonies.
+
+    Each data set is a folder below OUT with photographs, a manifest that `yeastfit fit` reads, and the folder truth,
+    which holds the parameters, outlines and curves that the photographs were made from.
+    """
+    recipes = read_recipes(recipe)
+    unknown = sorted(set(only or ()) - set(recipes))
+    if unknown:
+        raise InputError(f"{recipe}: no data set {unknown[0]!r}, there are {', '.join(recipes)}")
+    for name in only or recipes:
+        chosen = recipes[name] if seed is None else replace(recipes[name], seed=seed)
+        with shown_progress(f"growing {name}") as progress:
+            make_dataset(chosen, folder / name, progress)
+        write_manifest(folder / name / "truth", command="synthesize", seed=chosen.seed, inputs=[recipe])
+        out.print(f"{name}: {chosen.replicates} colonies at {len(chosen.hours)} times in {folder / name}")
