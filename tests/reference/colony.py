@@ -1,7 +1,7 @@
-"""The hard colony model of MODEL.md, sections 1 to 4, in double precision with NumPy and SciPy only.
+"""The hard colony model of docs/model.md, sections 1 to 4, in double precision with NumPy and SciPy only.
 
 It is written from the equations, for clarity, and shares no code with the package. Equation numbers are the
-source's, as in MODEL.md. All quantities are dimensionless. Fields are indexed [ix, iy] on the grid points
+source's, as in docs/model.md. All quantities are dimensionless. Fields are indexed [ix, iy] on the grid points
 x_i = -L/2 + i h, i = 0 .. L/h, boundary included; the nutrient, the level set and the biomass share them.
 """
 
@@ -33,7 +33,7 @@ TIE_TOLERANCE = 1e-9
 
 @dataclass(frozen=True)
 class Parameters:
-    """lambda_1 .. lambda_7 of MODEL.md section 1, in that order."""
+    """lambda_1 .. lambda_7 of docs/model.md, section 1, in that order."""
 
     diffusivity: float = 0.1
     elasticity: float = 5.0
@@ -310,7 +310,7 @@ def step(
     cg_tolerance: float = CG_TOLERANCE,
     tie_tolerance: float = TIE_TOLERANCE,
 ) -> tuple[Colony, dict[str, Any]]:
-    """One time step of MODEL.md section 3, in its order; the colony given is left as it was.
+    """One time step of docs/model.md, section 3, in its order; the colony given is left as it was.
 
     `angle_of(event, parents)` gives the budding angles of event 1, 2, ... for those parents in that order. The
     diagnostics are `growth_rate` (mu), `level_set` (g) and `biomass` (b) of this step's cells, `births` (parents
@@ -354,7 +354,7 @@ def step(
 def statistics(
     colony: Colony, g: Floats, numerics: Numerics, growth_rate: float | None = None
 ) -> dict[str, float | int]:
-    """The statistics of MODEL.md section 4, on the black-and-white image {g <= 0} at the nutrient's grid points.
+    """The statistics of docs/model.md, section 4, on the black-and-white image {g <= 0} at the nutrient's grid points.
 
     Area is the pixel count times h^2. Perimeter is `skimage.measure.perimeter` with 4-neighbourhood times h: the
     length of the chains through the centres of border pixels, holes included, with weights 1, sqrt(2) and their

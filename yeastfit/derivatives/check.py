@@ -7,7 +7,8 @@ Forward mode gives J d, the derivative of f at x along a direction d. Difference
 half the difference of the two one-sided slopes: what rounding, a kink or a jump between the three points can do to D_h,
 and more than curvature does. No one h suits all, and a simulated colony has a kink every 10⁻⁵ or so, where nodes pass
 lines of the grid. So D_h is as uncertain as the larger of E_h and the change to the next h, and the least uncertain one
-is taken. Steps between whose two sides the order of parents changes are left out: it is discrete (MODEL.md section 5).
+is taken. Steps between whose two sides the order of parents changes are left out: it is discrete
+(docs/model.md, section 5).
 
 Reverse mode gives Jᵀ v, and ⟨v, J d⟩ = ⟨Jᵀ v, d⟩ for every d, here for one random v, to rounding.
 
@@ -46,14 +47,26 @@ def check_derivatives(
     seed: int = 0,
     has_aux: bool = False,
 ) -> GradientCheck:
-    """Check jax's derivatives of any function of floating-point arrays, both ways, in double precision.
+    """Check JAX's derivatives of any function of floating-point arrays, both ways, in double precision.
 
-    function: of one pytree, to a pytree of arrays; with `has_aux`, to a pair of that and of its discrete decisions,
-    arrays that must be the same on both sides of a difference. directions: by name, pytrees like `inputs`; by default a
-    random one for each array of theirs, as large as its largest entry. steps: h, in units of a direction.
-    tolerance: relative, of differences; reverse and forward mode agree to 1e-9. Where value and derivative are both 0,
-    there is nothing to be relative to, and the verdict is likely "uncertain".
-    Raises `InputError` where inputs or directions are not floating-point arrays of the same shapes.
+    Where value and derivative are both 0 there is nothing to be relative to, and the verdict is likely "uncertain".
+
+    Arguments:
+        function: Of one pytree, to a pytree of arrays; with `has_aux`, to a pair of that and of its discrete decisions,
+            arrays that must be equal on both sides of a difference.
+        inputs: Where to differentiate.
+        directions: By name, pytrees like `inputs`; by default a random one for each of its arrays, as large as the
+            array's largest entry.
+        tolerance: Relative, of differences. Reverse and forward mode must agree to 1e-9.
+        steps: h, in units of a direction.
+        seed: Of random directions and of v.
+        has_aux: Whether `function` returns its discrete decisions too.
+
+    Returns:
+        A `GradientCheck` with every comparison.
+
+    Raises:
+        InputError: Inputs or directions are not floating-point arrays of the same shapes.
     """
     with jax.enable_x64(True):
         x = double(inputs, "inputs")

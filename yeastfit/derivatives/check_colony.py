@@ -1,6 +1,6 @@
-"""Are derivatives of a simulated colony right, with respect to all that it grows from? Checked as in `derivatives`."""
+"""Are derivatives of a simulated colony right, in everything that it grows from? Checked as in `derivatives.check`."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any, ClassVar
 
 import equinox as eqx
@@ -26,6 +26,8 @@ from yeastfit.simulation.simulate import Observer, schedule_of, simulate
 LARGEST = 100.0  # L0 per unit of log λ: one hundredth more λ would move a node by a whole cell
 WIDTHS = ("union", "contact", "boundary")
 POSITIONS = "positions of nodes"
+SAMPLES = 20  # times at which the growth of derivatives is seen
+Moves = dict[str, Array]  # how far a colony is moved, by kind of direction
 
 
 def check_gradients(
@@ -42,62 +44,55 @@ def check_gradients(
     draws: int = 2,
     progress: Progress = silent,
 ) -> GradientCheck:
-    """Check jax's derivatives of every statistic at every time through `simulate`, both ways, in double precision.
+    """Check JAX's derivatives of every statistic at every time through `simulate`, both ways, in double precision.
 
-    In log λ1..λ7 (where λ is 0, in λ / its default), the logarithms of the three widths, and in `draws` random
-    directions each of initial positions, of initial nutrient around the colony, and of budding angles, as large as 1.
-    Also how these derivatives grow with time.
+    Directions are the logarithm of each of the model's parameters (one that is 0 moves in units of its default) and of
+    the three widths, and `draws` random ones each of initial positions, of initial nutrient around the colony, and of
+    budding angles, whose largest entries are 1. The check also tells how these derivatives grow with time.
 
-    parameters: one value each. key: of the colony, or a seed. Double precision draws another colony from a key than
-    single precision does. numerics: by default a dish 12 L0 wide. relaxation: by default with a contact of 0.2.
-    tolerance: relative; the nutrient is solved to 1e-6, of which differences in λ1 were seen to make 1e-4.
-    Raises `InputError` for rules without a derivative, and where `simulate` does.
+    Arguments:
+        parameters: One value each.
+        times: When statistics are compared.
+        key: Of the colony, or a seed. Double precision draws another colony from a key than single precision does.
+        model: The rules; by default the source's.
+        numerics: By default a dish 12 L0 wide, with room for 64 nodes.
+        relaxation: By default with a contact of 0.2.
+        observe: What to check; by default all smooth statistics.
+        tolerance: Relative. The nutrient is solved to 1e-6, which was seen to change differences in λ1 by 1e-4.
+        steps: h, in units of a direction.
+        draws: Random directions of each kind.
+        progress: Told which of the directions is being compared.
+
+    Returns:
+        A `GradientCheck` with every comparison, the growth of derivatives and remarks on the model.
+
+    Raises:
+        InputError: A rule has no derivative, or `simulate` raises one.
     """
     relaxation = Relaxation(contact=0.2) if relaxation is None else relaxation
     numerics = numerics or Numerics(domain=12.0, spacing=0.2, capacity=64)
     observe = observe or SmoothStatistics(extent=numerics.domain, spacing=numerics.spacing)
     model = model or Model()
-    complete = model.complete(parameters or Parameters())
-    values = _values(complete)
+    values = model.complete(parameters or Parameters())
+    _check_scalars(values)
     _check_smooth(relaxation)
     if draws < 1:
         raise InputError(f"draws is {draws}, it must be at least 1")
     wanted = np.asarray(schedule_of(times, numerics).steps)
-    seen = np.union1d(np.linspace(0, wanted[-1], 21)[1:].round().astype(int), wanted)
+    seen = np.union1d(np.linspace(0, wanted[-1], SAMPLES + 1)[1:].round().astype(int), wanted)
     seen, asked = seen[seen > 0], np.isin(seen[seen > 0], wanted)
     with jax.enable_x64(True):
-        colony = model.start(jax.random.key(key) if isinstance(key, int | np.integer) else key, numerics)
-        relaxation, lam = double(relaxation, "relaxation"), jnp.array(list(values.values()))
-        usual = jnp.array([one.default or one.plausible[1] for one in model.parameters.parameters])
-        unit = jnp.where(lam > 0, lam, usual)
-        origin = {
-            "λ": jnp.zeros_like(lam),
-            "widths": jnp.zeros(len(WIDTHS)),
-            "positions": colony.positions,
-            "nutrient": colony.nutrient,
-            "budding": jnp.zeros(draws),
-        }
+        key = jax.random.key(key) if isinstance(key, int | np.integer) else key
+        colonies = _Colonies(model, values, key, numerics, double(relaxation, "relaxation"), observe, seen)
+        origin = colonies.origin(draws)
 
-        def grown(x: dict[str, Array]) -> Simulation:
-            widths = [getattr(relaxation, name) * (1 + x["widths"][k]) for k, name in enumerate(WIDTHS)]
-            return simulate(
-                # leaves are not checked, where values would be: a step may lead beyond the largest one
-                jax.tree.unflatten(jax.tree.structure(complete), [*(lam + unit * x["λ"])]),
-                model=eqx.tree_at(lambda m: m.budding, model, _Turned(x["budding"], model.budding)),
-                start=eqx.tree_at(lambda c: (c.positions, c.nutrient), colony, (x["positions"], x["nutrient"])),
-                times=seen * numerics.dt,
-                numerics=numerics,
-                relaxation=eqx.tree_at(lambda r: [getattr(r, name) for name in WIDTHS], relaxation, widths),
-                observe=_AndPositions(observe),
-            )
-
-        def curves(x: dict[str, Array]) -> tuple[PyTree, PyTree]:
-            run = grown(x)
+        def curves(x: Moves) -> tuple[PyTree, PyTree]:
+            run = colonies.grown(x)
             statistics = {name: values[asked] for name, values in run.statistics.items() if name != POSITIONS}
             return (statistics, run.statistics[POSITIONS]), _births(run)
 
-        remarks = grown(origin).warnings() + _chatter(values, relaxation, numerics)
-        along = _directions(origin, tuple(values), numerics, draws)
+        remarks = colonies.grown(origin).warnings() + _chatter(values, relaxation, numerics)
+        along = _directions(origin, values.values, numerics, draws)
         with np.errstate(all="ignore"):
             comparisons, tangents = compare(
                 curves, origin, along, tolerance, steps, 0, progress, of=lambda outputs: outputs[0]
@@ -109,12 +104,56 @@ def check_gradients(
     )
 
 
-def _directions(
-    origin: dict[str, Array], names: Sequence[str], numerics: Numerics, draws: int
-) -> dict[str, dict[str, Array]]:
+class _Colonies:
+    """One colony as a function of how far it is moved along every kind of direction."""
+
+    def __init__(
+        self,
+        model: Model,
+        parameters: Parameters,
+        key: Array,
+        numerics: Numerics,
+        relaxation: Relaxation,
+        observe: Observer,
+        seen: np.ndarray,
+    ) -> None:
+        self.model, self.numerics, self.relaxation = model, numerics, relaxation
+        self.observe, self.seen = _AndPositions(observe), seen
+        self.colony = model.start(key, numerics)
+        self.values, self.tree = jnp.array([float(value) for value in jax.tree.leaves(parameters)]), parameters
+        usual = jnp.array([one.default or one.plausible[1] for one in model.parameters.parameters])
+        self.unit = jnp.where(self.values > 0, self.values, usual)
+
+    def origin(self, draws: int) -> Moves:
+        """No move of parameters, widths and budding angles; positions and nutrient as they are."""
+        return {
+            "λ": jnp.zeros_like(self.values),
+            "widths": jnp.zeros(len(WIDTHS)),
+            "positions": self.colony.positions,
+            "nutrient": self.colony.nutrient,
+            "budding": jnp.zeros(draws),
+        }
+
+    def grown(self, x: Moves) -> Simulation:
+        """The colony with its curves and the positions of its nodes."""
+        widths = [getattr(self.relaxation, name) * (1 + x["widths"][k]) for k, name in enumerate(WIDTHS)]
+        return simulate(
+            # leaves are not checked, where values would be: a step may lead beyond the largest one
+            jax.tree.unflatten(jax.tree.structure(self.tree), [*(self.values + self.unit * x["λ"])]),
+            model=eqx.tree_at(lambda m: m.budding, self.model, _Turned(x["budding"], self.model.budding)),
+            start=eqx.tree_at(lambda c: (c.positions, c.nutrient), self.colony, (x["positions"], x["nutrient"])),
+            times=self.seen * self.numerics.dt,
+            numerics=self.numerics,
+            relaxation=eqx.tree_at(lambda r: [getattr(r, name) for name in WIDTHS], self.relaxation, widths),
+            observe=self.observe,
+        )
+
+
+def _directions(origin: Moves, names: Iterable[str], numerics: Numerics, draws: int) -> dict[str, Moves]:
     """Of every λ and width alone, and random ones of what a colony starts from, whose largest entry is 1."""
     zero, rng = jax.tree.map(jnp.zeros_like, origin), np.random.default_rng(0)
-    found = {f"log {name}": zero | {"λ": jnp.eye(len(names))[k]} for k, name in enumerate(names)}
+    units = jnp.eye(origin["λ"].size)
+    found = {f"log {name}": zero | {"λ": units[k]} for k, name in enumerate(names)}
     found |= {f"log {name} width": zero | {"widths": jnp.eye(len(WIDTHS))[k]} for k, name in enumerate(WIDTHS)}
     axis = np.asarray(numerics.axis())
     nodes, near = np.arange(numerics.capacity)[:, None] < 2, np.exp(-0.5 * (axis[:, None] ** 2 + axis**2))
@@ -125,11 +164,10 @@ def _directions(
     return found | {f"budding {k + 1}": zero | {"budding": jnp.eye(draws)[k]} for k in range(draws)}
 
 
-def _values(parameters: Parameters) -> dict[str, float]:
+def _check_scalars(parameters: Parameters) -> None:
     for name, value in parameters.values.items():
         if np.ndim(value):
             raise InputError(f"{name} has shape {value.shape}, a check is of one number each")
-    return {name: float(value) for name, value in parameters.values.items()}
 
 
 def _check_smooth(relaxation: Relaxation) -> None:
@@ -186,9 +224,9 @@ def _births(run: Simulation) -> tuple[Array, Array]:
     return colony.lineages[by_lineage], part[by_lineage]
 
 
-def _chatter(values: dict[str, float], relaxation: Relaxation, numerics: Numerics) -> list[str]:
+def _chatter(values: Parameters, relaxation: Relaxation, numerics: Numerics) -> list[str]:
     """A pair r apart, pushed for one step: r − λ4 shrinks by 1 − 2 Δt λ3 / w, which grows where that is below −1."""
-    ratio = numerics.dt * values["repulsivity"] / float(relaxation.contact)  # type: ignore[arg-type]
+    ratio = numerics.dt * float(values.repulsivity) / float(relaxation.contact)  # type: ignore[arg-type]
     if ratio <= 1.0:
         return []
     return [

@@ -47,7 +47,18 @@ def extent_of_change(nutrient: Float[Array, "x y"], spacing: float) -> Float[Arr
 def on_window(
     law: Callable[..., PyTree], extent: Float[Array, ""], spacing: float, points: int, *args: PyTree
 ) -> PyTree:
-    """`law(n, *args)` for the smallest of `windows(points)` of n points that reaches `extent` on all sides."""
+    """Apply a law on the smallest square that is large enough.
+
+    Arguments:
+        law: Called as `law(n, *args)` with the number of points along the square's side, which is static.
+        extent: Half the side that is needed.
+        spacing: Of the grid.
+        points: Of the whole grid, along its side.
+        *args: Arrays for the law.
+
+    Returns:
+        What the law returns for the smallest of `windows(points)` that reaches `extent` on all sides.
+    """
     sizes = windows(points)
     halves = spacing * 0.5 * (jnp.asarray(sizes) - 1)
     index: Int[Array, ""] = largest_in_ensemble(jnp.sum(halves[:-1] < jax.lax.stop_gradient(extent)))

@@ -37,9 +37,10 @@ class Cells(eqx.Module):
 
 
 def cells_of(colony: Colony, aspect_ratio: Float[Array, ""], shortest: float = 1e-3) -> Cells:
-    """The cells of a colony. Differentiable; half lengths below `shortest` (L0) are raised to it.
+    """The cells of a colony. Differentiable.
 
-    A newborn cell of length δ = 0.01 is longer than that; only coincident nodes are not, and theirs has no direction.
+    Half lengths below `shortest` (L0) are raised to it. A newborn cell of length δ = 0.01 is longer; only the cell of
+    coincident nodes is not, and it has no direction.
     """
     child = colony.positions[1:]
     parent = colony.positions[jnp.maximum(colony.parents[1:], 0)]
@@ -65,10 +66,18 @@ def level_set(
     spacing: Scalar,
     points: int,
 ) -> Float[Array, "x y"]:
-    """g on the square grid x_i = origin + i·spacing, i < points; negative inside the colony.
+    """g on a square grid. Differentiable in the cells; the hard union almost everywhere.
 
-    union: s, or None for the hard union. reach: r² = f + 1 up to which a cell counts; where none does, g is FAR.
-    Differentiable in the cells when relaxed; hard, almost everywhere.
+    Arguments:
+        cells: Ellipses with weights.
+        union: s, or None for the hard union.
+        reach: r² = f + 1 up to which a cell counts.
+        origin: Coordinate of the first grid point along either axis.
+        spacing: Of the grid.
+        points: Along its side.
+
+    Returns:
+        g, negative inside the colony; `FAR` where no cell reaches.
     """
     s = union
     first, counts = _patches(cells, reach, origin, spacing, points)

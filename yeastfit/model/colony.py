@@ -1,4 +1,4 @@
-"""The state of a colony: a tree of nodes in a nutrient field (MODEL.md section 2)."""
+"""The state of a colony: a tree of nodes in a nutrient field (docs/model.md, section 2)."""
 
 from collections.abc import Mapping
 
@@ -11,11 +11,21 @@ from yeastfit.model.numerics import Numerics
 
 
 class Colony(eqx.Module):
-    """Fixed capacity; slots from `count` on are empty (weight 0, position 0, parent -1).
+    """One colony, or an ensemble along a first axis, of fixed capacity.
 
     Cell k is the edge from node k to its parent; node 0 has none, so there is one cell fewer than nodes.
-    Lineages are random keys: the root's is the member's key, a child's is its parent's folded with the mitosis event,
-    so that a draw belongs to a lineage and not to an array slot. `step` counts time steps done.
+
+    Attributes:
+        positions: Of nodes, in L0.
+        parents: Slot of each node's parent; −1 for node 0.
+        weights: In [0, 1], fixed at birth; 1 in the hard model.
+        lineages: Data of random keys. A founder's is split from the member's key, a child's is its parent's folded with
+            the number of the event, so that a draw belongs to a lineage and not to a slot.
+        count: Slots in use; those from `count` on are empty (weight 0, position 0, parent −1).
+        nutrient: c on the grid, boundary included.
+        step: Time steps done.
+        problems: What went wrong so far.
+        node_state: What rules keep for each node, by name; see `Rule.node_state`.
     """
 
     positions: Float[Array, "*member node 2"]
@@ -35,7 +45,7 @@ class Colony(eqx.Module):
 
 
 class Problems(eqx.Module):
-    """What went wrong so far, sticky: each True once it has happened. A result carries and reports them."""
+    """What went wrong so far; each is True from when it happened. A result reports them in the words of `PROBLEMS`."""
 
     capacity_reached: Bool[Array, "*member"]
     left_domain: Bool[Array, "*member"]
@@ -49,7 +59,13 @@ class Problems(eqx.Module):
 
 
 def start(key: Array, numerics: Numerics, node_state: Mapping[str, float] | None = None) -> Colony:
-    """Two nodes at ±½(cos Θ, sin Θ), Θ uniform on [0, 2π), in nutrient c = 1 (source 2.9, 2.11)."""
+    """Place two nodes at ±½(cos Θ, sin Θ), Θ uniform on [0, 2π), in nutrient c = 1 (source 2.9, 2.11).
+
+    Arguments:
+        key: Of the colony; all its random numbers derive from it.
+        numerics: Grid and capacity.
+        node_state: Initial values of the state of nodes, by name.
+    """
     capacity, points = int(numerics.capacity), numerics.points
     angle_key, *roots = jax.random.split(key, 3)
     angle = jax.random.uniform(angle_key, maxval=2 * jnp.pi)

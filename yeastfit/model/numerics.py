@@ -16,11 +16,17 @@ MEMBER = "member"  # the name of the ensemble axis inside `trajectory`
 
 @dataclass(frozen=True)
 class Numerics:
-    """Resolution of one simulation; lengths in L0, times in 1/μ*. Defaults are the source's.
+    """Resolution of a simulation; lengths in L0, times in 1/μ*. Defaults are the source's. A change recompiles.
 
-    domain: side of the square, centred on the origin. spacing: h of the nutrient grid; domain / spacing is a whole
-    number. dt: Δt of forward Euler and Crank–Nicolson. capacity: largest number of nodes. bud_distance: δ, how far from
-    its parent a child appears. Hashable: a change recompiles.
+    Attributes:
+        domain: Side of the square dish, centred on the origin.
+        spacing: h of the nutrient grid; domain / spacing is a whole number.
+        dt: Δt of forward Euler and Crank–Nicolson.
+        capacity: Largest number of nodes.
+        bud_distance: δ, how far from its parent a child appears.
+
+    Raises:
+        InputError: A value is not positive, or domain / spacing is not a whole number.
     """
 
     domain: float = 40.0

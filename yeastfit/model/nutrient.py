@@ -1,4 +1,4 @@
-"""Nutrient: ∂c/∂t = λ1 ∇²c − b c, c = 1 on the boundary (source 2.7, 2.8; MODEL.md section 3.4).
+"""Nutrient: ∂c/∂t = λ1 ∇²c − b c, c = 1 on the boundary (source 2.7, 2.8; docs/model.md, section 3.4).
 
 One Crank–Nicolson step with the five-point Laplacian L/h² and b frozen, written for the increment δ = cⁿ⁺¹ − cⁿ, which
 is 0 on the boundary:
@@ -23,7 +23,11 @@ LARGEST_ALPHA = 8.0  # in single precision: above, rounding c alone leaves a lar
 
 
 def check_alpha(diffusivity: Float[Array, "*member"], numerics: Numerics) -> None:
-    """Raises `InputError` where single precision cannot hold the step to `TOLERANCE`; double holds it for every α."""
+    """Check that the step can be solved to `TOLERANCE`; double precision does for every α.
+
+    Raises:
+        InputError: α = λ1 Δt / h² is too large for single precision.
+    """
     alpha = float(np.max(diffusivity)) * numerics.dt / numerics.spacing**2
     if diffusivity.dtype == jnp.float32 and alpha > LARGEST_ALPHA:
         raise InputError(
@@ -35,7 +39,17 @@ def check_alpha(diffusivity: Float[Array, "*member"], numerics: Numerics) -> Non
 def nutrient_step(
     nutrient: Float[Array, "x y"], biomass: Float[Array, "x y"], diffusivity: Float[Array, ""], numerics: Numerics
 ) -> Float[Array, "x y"]:
-    """c one time step later. Differentiable both ways; the solve by the implicit function theorem."""
+    """Advance c by one time step. Differentiable both ways, the solve by the implicit function theorem.
+
+    Arguments:
+        nutrient: cⁿ; its boundary stays as it is.
+        biomass: b, the rate of uptake.
+        diffusivity: λ1.
+        numerics: Δt and h.
+
+    Returns:
+        cⁿ⁺¹.
+    """
     alpha = diffusivity * numerics.dt / numerics.spacing**2
     b = numerics.dt * biomass[1:-1, 1:-1]
     diagonal = 1.0 + 2.0 * alpha + 0.5 * b

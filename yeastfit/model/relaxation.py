@@ -1,4 +1,4 @@
-"""Every smoothing width of the model in one object, and the hard limit (MODEL.md section 5).
+"""Every smoothing width of the model in one object, and the hard limit (docs/model.md, section 5).
 
 | hard rule                   | relaxed rule                                   | width      |
 |-----------------------------|------------------------------------------------|------------|
@@ -27,17 +27,25 @@ def _as_width(value: float | Array | None) -> Array | None:
 
 
 class Relaxation(eqx.Module):
-    """Smoothing widths; a width of None (or 0) selects the hard rule for that law.
+    """Smoothing widths. A width of None (or 0) selects the hard rule for that law.
 
-    union: s of smoothmin, in units of the dimensionless f, at least 0.0125. contact: w of the contact ramp, in L0: it
-    does not chatter while Δt λ3 / w is at most 1. boundary: K of the smoothed indicator, in units of f. births:
-    "fractional" or "whole". The defaults keep the bias small (docs/convergence.md); derivatives want wider ones.
-    turning: share of the derivative of a contact's direction that derivatives see, in [0, 1]; no value depends on
-    it. None and 1 are exact; but a compressed contact is unstable across its direction, so exact derivatives of one
-    colony grow without bound, and an ensemble's mean derivative is estimated with far less scatter from a smaller
-    share, at some bias. overhang: o in [0, 1]. A ramp inside λ4 makes colonies tighter, the more the wider it is; a
-    quarter of it outside makes up for that: at w = 0.2 and 250 cells (λ = 0.1, 5, 5, 0.5, 1, 1, 0.7) d̄ and A come out
-    1 and 2 % short of the hard model's instead of 3 and 7 %.
+    The default widths keep the bias small (docs/convergence.md); derivatives need wider ones.
+
+    Attributes:
+        union: s of smoothmin, in units of the dimensionless f, at least 0.0125.
+        contact: w of the contact ramp, in L0. Contacts do not chatter while Δt λ3 / w is at most 1.
+        boundary: K of the smoothed indicator, in units of f.
+        births: "fractional" or "whole".
+        turning: Share of the derivative of a contact's direction that derivatives include, in [0, 1]; no value depends
+            on it. None and 1 are exact. A compressed contact is unstable across its direction, so exact derivatives of
+            one colony grow without bound; a smaller share gives an ensemble's mean derivative with far less scatter, at
+            some bias.
+        overhang: o in [0, 1]. A ramp inside λ4 makes colonies tighter, the wider the more; a quarter of it outside
+            compensates: at w = 0.2 and 250 cells (λ = 0.1, 5, 5, 0.5, 1, 1, 0.7) d̄ and A are 1 and 2 % below the hard
+            model's instead of 3 and 7 %.
+
+    Raises:
+        InputError: A width is not positive, a share not in [0, 1], or `births` neither of the two.
     """
 
     union: Float[Array, ""] | None
@@ -82,7 +90,7 @@ class Relaxation(eqx.Module):
             raise InputError(f"births is {self.births!r}, it must be 'fractional' or 'whole'")
 
     def contact_reach(self, radius: Float[Array, ""]) -> Float[Array, ""]:
-        """Distance from which on nodes do not push each other: λ4, and what overhangs."""
+        """Distance beyond which nodes do not push each other: λ4 + o w."""
         if self.contact is None or self.overhang is None:
             return radius
         return radius + self.overhang * self.contact

@@ -1,4 +1,9 @@
-"""One time step, and its repetition (MODEL.md section 3)."""
+"""One time step, and its repetition (docs/model.md, section 3).
+
+    cells → level set → uptake → nutrient → deaths → births → motion
+
+Which law holds at each of these is the model's business (`yeastfit.model.model`); this file only asks its rules.
+"""
 
 import dataclasses
 from collections.abc import Callable, Sequence
@@ -25,7 +30,15 @@ SOURCE = Model()
 
 
 class Snapshot(eqx.Module):
-    """What statistics of step n are taken from: the step's cells and μ, and the colony after its motion."""
+    """What statistics of a step are taken from.
+
+    Attributes:
+        cells: Of the step, before births and motion.
+        growth_rate: μ of the step.
+        colony: After the motion.
+        parameters: Values of the model's parameters.
+        relaxation: Smoothing widths.
+    """
 
     cells: Cells
     growth_rate: Float[Array, ""]
@@ -92,9 +105,11 @@ def eaten(context: Context, cells: Cells, uptake: UptakeRule) -> Float[Array, "x
 
 
 class Schedule(eqx.Module):
-    """The steps after which something is observed. Their values never recompile, as long as `longest` stays.
+    """The steps after which something is observed. Other steps do not recompile, as long as `longest` stays.
 
-    steps: rising. longest: at least the number of steps from one to the next, a power of two.
+    Attributes:
+        steps: Rising.
+        longest: A power of two, at least the number of steps from one to the next.
     """
 
     steps: Int[Array, " sample"]
@@ -102,7 +117,7 @@ class Schedule(eqx.Module):
 
     @staticmethod
     def of(steps: Sequence[int] | np.ndarray, since: int = 0) -> "Schedule":
-        """From step numbers, rising strictly from above `since`, the step the colony has done already."""
+        """From step numbers that rise strictly from above `since`, the steps that the colony has done already."""
         most = int(np.diff(steps, prepend=since).max())
         return Schedule(jnp.asarray(steps), 1 << (most - 1).bit_length())
 
@@ -116,10 +131,23 @@ def trajectory(
     observe: Observe,
     model: Model = SOURCE,
 ) -> tuple[Colony, PyTree]:
-    """One colony from a state on: the last state, and `observe` of the steps asked for, stacked along the first axis.
+    """Grow one colony from a given state.
 
-    λ, widths, the state and the schedule's steps are data and never recompile. Differentiable in all that is real, both
-    ways: backwards, states are kept at every sample, then at √n of the n steps to the next one, the rest is repeated.
+    Differentiable in everything real, forwards and backwards. Reverse mode keeps the state at every sample and at √n of
+    the n steps to the next one, and repeats the others. Other parameters, widths,
+    states and steps of the schedule do not recompile.
+
+    Arguments:
+        parameters: One value of each of the model's parameters.
+        colony: The state to start from.
+        schedule: Steps to observe.
+        relaxation: Smoothing widths.
+        numerics: Grid and time step.
+        observe: What to record, of a snapshot.
+        model: The rules.
+
+    Returns:
+        The last state, and what was observed, stacked along the first axis.
     """
 
     def advance(carry: tuple[Snapshot, Array, Array], _: None) -> tuple[tuple[Snapshot, Array, Array], None]:
@@ -147,9 +175,9 @@ def trajectory(
 
 
 def problems_of(colony: Colony, parameters: Parameters, numerics: Numerics) -> Problems:
-    """The colony's problems, with those that can be seen at a sample time: all of them, once there, stay.
+    """The colony's problems, with those that can be seen at a sample time. A problem stays once it has occurred.
 
-    A node's degree never falls, so the last sample misses no instability.
+    Seldom looking is enough: while nobody dies, a node's degree never falls, so the last sample shows any instability.
     """
     before = colony.problems
     limit = 0.5 * numerics.domain - 1.0
