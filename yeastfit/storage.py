@@ -1,4 +1,4 @@
-"""What is left on disk: tables, JSON and the manifest of a run, each written whole or not at all."""
+"""Files: tables, JSON and the manifest of a run, each written whole or not at all."""
 
 import csv
 import errno
@@ -27,13 +27,21 @@ BOOKKEEPING = 1 << 21  # bytes: a chunk of every dataset fits in
 
 
 def versions() -> dict[str, str]:
-    """Versions of Python and of the packages a result depends on."""
+    """Look up the versions of Python and of the packages that results depend on.
+
+    Returns:
+        Versions by name.
+    """
     return {"python": platform.python_version(), **{name: version(name) for name in PACKAGES}}
 
 
 @contextmanager
 def full_disks_told() -> Iterator[None]:
-    """The system's errors as `OSError`, where HDF5 makes a RuntimeError of them as a file was just being closed."""
+    """Raise the system's errors as `OSError`, which HDF5 turns into RuntimeError while it closes a file.
+
+    Raises:
+        OSError: The disk is full, for instance.
+    """
     try:
         yield
     except RuntimeError as error:
@@ -45,9 +53,14 @@ def full_disks_told() -> Iterator[None]:
 
 
 def check_room(path: Path, size: int = 0) -> None:
-    """Raises `OSError` where a disk has no room for so many bytes more in a file of HDF5's, and for its bookkeeping.
+    """Check that an HDF5 file may grow. HDF5 may crash the process once a write has failed, so that it must not begin.
 
-    HDF5 may crash the process once a write has failed: on a full disk it is not to begin.
+    Arguments:
+        path: The file.
+        size: Bytes to be added; room for HDF5's bookkeeping is asked for as well.
+
+    Raises:
+        OSError: The disk has less room.
     """
     if shutil.disk_usage(path.parent).free < size + BOOKKEEPING:
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(path))
@@ -55,7 +68,14 @@ def check_room(path: Path, size: int = 0) -> None:
 
 @contextmanager
 def written_whole(path: str | Path) -> Iterator[Path]:
-    """A temporary path beside `path` that takes its name once all went well, and is removed otherwise."""
+    """Write a file whole or not at all.
+
+    Arguments:
+        path: The file; folders on the way are made.
+
+    Yields:
+        A temporary path beside it, which takes its name where all goes well and is removed otherwise.
+    """
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
     handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.stem}-", suffix=path.suffix)
@@ -71,7 +91,14 @@ def written_whole(path: str | Path) -> Iterator[Path]:
 
 @contextmanager
 def hdf5_written_whole(path: str | Path) -> Iterator[BytesIO]:
-    """A file in memory, for HDF5 does not survive a full disk; `written_whole` once all went well."""
+    """Write an HDF5 file whole or not at all, by way of memory: HDF5 may not survive a full disk.
+
+    Arguments:
+        path: The file.
+
+    Yields:
+        A file in memory.
+    """
     image = BytesIO()
     yield image
     with written_whole(path) as temporary:
@@ -79,7 +106,12 @@ def hdf5_written_whole(path: str | Path) -> Iterator[BytesIO]:
 
 
 def write_table(path: str | Path, rows: Sequence[dict[str, Any]]) -> None:
-    """Rows as CSV with one header; all rows have the columns of the first."""
+    """Write a CSV file with one header.
+
+    Arguments:
+        path: The file.
+        rows: Values by column; all rows have the columns of the first.
+    """
     with written_whole(path) as temporary, temporary.open("w", newline="") as file:
         writer = csv.DictWriter(file, fieldnames=list(rows[0]), lineterminator="\n")
         writer.writeheader()
@@ -119,7 +151,7 @@ def read_json(path: str | Path) -> Any:
 
 
 def sha256_of(path: str | Path) -> str:
-    """Of a file's bytes."""
+    """Compute the SHA-256 of a file's bytes, in hexadecimal."""
     return hashlib.sha256(Path(path).read_bytes()).hexdigest()
 
 

@@ -1,7 +1,7 @@
-"""Web pages that need nothing but themselves: one HTML file, pictures inside, light or dark as its reader has it.
+"""Web pages in one HTML file, pictures included, light or dark as the reader's system is.
 
-Everything is text in and text out. Text that comes from a user or a file goes through `text`. The content policy of the
-page forbids any request, so that what it shows is all there is.
+All functions take and return text. Text that comes from a user or a file goes through `text`. The page's content
+security policy forbids every request, so that a page can be passed on and shows the same everywhere.
 """
 
 import base64
@@ -110,7 +110,13 @@ BLANK = "data:image/gif;base64,R0lGODlhAQABAAAAACH5BAEKAAEALAAAAAABAAEAAAICTAEAO
 
 @dataclass(frozen=True)
 class Column:
-    """A column of a table: its name, unit (may be empty), and whether it holds words instead of numbers."""
+    """A column of a table.
+
+    Attributes:
+        name: Its heading.
+        unit: Below the heading; may be empty.
+        words: Whether it holds words instead of numbers.
+    """
 
     name: str
     unit: str = ""
@@ -118,12 +124,12 @@ class Column:
 
 
 def text(value: object) -> str:
-    """Any text as HTML that shows it."""
+    """Escape any text for HTML."""
     return html.escape(str(value))
 
 
 def number(value: float) -> str:
-    """Four significant digits, thousands apart by a thin space; a dash for what is not finite."""
+    """Format a number with four significant digits and thin spaces between thousands; a dash if it is not finite."""
     if not math.isfinite(value):
         return "–"
     if value and not 1e-3 <= abs(value) < 1e9:
@@ -133,7 +139,17 @@ def number(value: float) -> str:
 
 
 def document(title: str, lead: str, sections: Sequence[tuple[str, str]], foot: str) -> str:
-    """A whole page. lead and foot are HTML, a section its heading and HTML."""
+    """Write a whole page.
+
+    Arguments:
+        title: Of the page.
+        lead: HTML below the title.
+        sections: Headings with their HTML.
+        foot: HTML at the end.
+
+    Returns:
+        HTML.
+    """
     links = "".join(f'<a href="#part{k}">{text(heading)}</a>' for k, (heading, _) in enumerate(sections))
     parts = "".join(
         f'<section id="part{k}" aria-labelledby="heading{k}"><h2 id="heading{k}">{text(heading)}</h2>{body}</section>\n'
@@ -152,31 +168,60 @@ def document(title: str, lead: str, sections: Sequence[tuple[str, str]], foot: s
 
 
 def picture(data: bytes, alt: str, width: int | None = None) -> str:
-    """An image inside the page, JPEG or PNG; alt says in words what it shows."""
+    """Write an image into the page.
+
+    Arguments:
+        data: A JPEG or PNG file.
+        alt: What it shows, in words.
+        width: In pixels; by default the image's own.
+
+    Returns:
+        HTML.
+    """
     kind = "jpeg" if data.startswith(b"\xff\xd8") else "png"
     size = f' width="{width}"' if width else ""
     return f'<img src="data:image/{kind};base64,{base64.b64encode(data).decode()}" alt="{text(alt)}"{size}>'
 
 
 def card(name: str, data: bytes, alt: str, caption: str) -> str:
-    """A small picture that grows when it is clicked, if there is one; name is its anchor, caption HTML."""
+    """Write a small picture that grows when it is clicked.
+
+    Arguments:
+        name: Its anchor.
+        data: A JPEG or PNG file; empty for none.
+        alt: What it shows, in words.
+        caption: HTML below it.
+
+    Returns:
+        HTML.
+    """
     shown = f'<button type="button" aria-label="Enlarge {text(alt)}">{picture(data, alt)}</button>'
     shown = shown if data else '<div class="none">no picture</div>'
     return f'<figure id="{text(name)}">{shown}<figcaption>{caption}</figcaption></figure>\n'
 
 
 def facts(pairs: Iterable[tuple[object, str]]) -> str:
-    """Numbers with what they count."""
+    """Write large numbers, each above what it counts."""
     return f'<ul class="facts">{"".join(f"<li><b>{text(n)}</b><span>{text(w)}</span></li>" for n, w in pairs)}</ul>'
 
 
 def pairs(values: Iterable[tuple[str, object]]) -> str:
-    """Terms and what they are."""
+    """Write terms beside what they stand for."""
     return f"<dl>{''.join(f'<dt>{text(name)}</dt><dd>{text(value)}</dd>' for name, value in values)}</dl>"
 
 
 def table(caption: str, columns: Sequence[Column], rows: Sequence[Sequence[Any]], links: Sequence[str]) -> str:
-    """A table that scrolls and sorts by any column; the first cell of row k links to the anchor links[k]."""
+    """Write a table that scrolls and sorts by any column.
+
+    Arguments:
+        caption: What it holds, for screen readers.
+        columns: Its columns.
+        rows: Values by column.
+        links: For each row the anchor that its first cell links to.
+
+    Returns:
+        HTML.
+    """
     head = "".join(
         f'<th scope="col"{_kind(column)}><button type="button">{text(column.name.replace("_", " "))}</button>'
         f"<small>{text(column.unit) or '&nbsp;'}</small></th>"
