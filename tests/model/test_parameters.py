@@ -10,6 +10,7 @@ from helpers import wrong_types
 
 from yeastfit.errors import InputError
 from yeastfit.model.parameters import NAMES, PARAMETERS, Parameters, Scales
+from yeastfit.parameter_set import Parameter
 
 
 def test_defaults_are_those_of_the_table_and_lie_in_the_plausible_range() -> None:
@@ -73,6 +74,28 @@ def test_differentiable_in_every_field(double: None) -> None:
 
     vector = jnp.array([info.default for info in PARAMETERS.values()])
     np.testing.assert_allclose(jax.jit(jax.grad(product))(vector), jnp.prod(vector) / vector, rtol=1e-14)
+
+
+def test_values_of_further_parameters_travel_along() -> None:
+    """Known to a model only: `within` checks them, fills in defaults, refuses others and keeps the set's order."""
+    further = Parameter("bias", "κ", "of buds", (0.1, 10.0), 2.0), Parameter("q", "q", "", (0.1, 1.0), 0.5)
+    both = PARAMETERS + further
+    given = Parameters(q=0.25, mobility=np.array([1.0, 3.0]))
+    assert float(given["q"]) == float(given.q) == 0.25
+    complete = given.within(both)
+    assert tuple(complete.values) == both.names
+    assert float(complete["bias"]) == 2.0
+    assert complete.within(both) is complete
+    assert complete.replace(bias=3.0).asdict()["bias"] == 3.0
+    table = complete.to_array(both.names)
+    assert table.shape == (2, 9)
+    assert Parameters.from_array(both.names, table).asdict()["mobility"] == [1.0, 3.0]
+    with pytest.raises(InputError, match="unknown parameter 'q', expected one of diffusivity"):
+        given.within(PARAMETERS)
+    with pytest.raises(InputError, match=r"bias \(κ\) is -1, it must be finite and at least 0"):
+        Parameters(bias=-1.0).within(both)
+    with pytest.raises(AttributeError, match="no value of a parameter 'bias'"):
+        _ = given.bias
 
 
 def test_scales_convert_and_refuse() -> None:

@@ -14,6 +14,7 @@ from helpers import wrong_types
 from jaxtyping import Array
 
 from yeastfit import (
+    HARD,
     RULES,
     BirthRule,
     Births,
@@ -29,6 +30,9 @@ from yeastfit import (
     member_keys,
     simulate,
 )
+from yeastfit.inference.colony_curves import ColonyCurves
+from yeastfit.measure.statistics.smooth_statistics import SmoothStatistics
+from yeastfit.model.simulate import Schedule
 from yeastfit.simulation.synthetic_data import Recipe, read_recipes, synthesize
 
 NUMERICS = Numerics(domain=8.0, spacing=0.2, dt=0.02, capacity=40)
@@ -200,6 +204,18 @@ def test_it_is_synthesised_from_python_and_by_name(tmp_path: Path, monkeypatch: 
     synthesize(read_recipes(file)["slow"], tmp_path / "file")
     for name in ("images/colony01_04.0h.tif", "truth/curves.csv", "truth/parameters.json"):
         assert (tmp_path / "file" / name).read_bytes() == (tmp_path / "python" / name).read_bytes()
+
+
+def test_curves_that_are_fitted_depend_on_its_parameter() -> None:
+    """As every sampler sees them: in log λ of all the model's parameters, where a bias of 0 is the source's rule."""
+    how = ("mean_radius", "cell_count"), NUMERICS, SmoothStatistics(8.0, 0.2), HARD, Schedule.of([60])
+    keys, values = member_keys(0, 3), Parameters(budding_bias=100.0)
+    z = jnp.log(values.to_array(MODEL.parameters.names))
+    source = ColonyCurves(*how).members(z[:-1], keys)
+    biased = ColonyCurves(*how, Model(budding=TowardsFood()))
+    assert np.abs(biased.members(z, keys)[:, 0] - source[:, 0]).min() > 1e-4
+    np.testing.assert_array_equal(biased.members(z, keys)[:, 1], source[:, 1])
+    assert np.isfinite(biased.members(z.at[-1].set(-jnp.inf), keys)).all()
 
 
 @pytest.mark.parametrize(

@@ -11,9 +11,10 @@ from jaxtyping import Array, Float
 
 from yeastfit.measure.statistics.model_as_mask import HardStatistics
 from yeastfit.measure.statistics.smooth_statistics import SmoothStatistics
-from yeastfit.model.colony import PROBLEMS, Colony, start
+from yeastfit.model.colony import PROBLEMS, Colony
+from yeastfit.model.model import Model
 from yeastfit.model.numerics import Numerics, map_members, on_one_device
-from yeastfit.model.parameters import NAMES, Parameters
+from yeastfit.model.parameters import Parameters
 from yeastfit.model.relaxation import Relaxation
 from yeastfit.model.simulate import Schedule, trajectory
 
@@ -32,11 +33,13 @@ class ColonyCurves(eqx.Module):
     observe: SmoothStatistics | HardStatistics
     relaxation: Relaxation
     schedule: Schedule
+    model: Model = Model()
 
     def grown(self, z: Float[Array, " parameter"], key: Array) -> tuple[Colony, dict[str, Array]]:
         """One colony at the end, and what was observed. z: log λ of all the model's parameters, in order."""
-        rules = self.schedule, self.relaxation, self.numerics, self.observe
-        return trajectory(Parameters.from_array(NAMES, jnp.exp(z)), start(key, self.numerics), *rules)
+        rules = self.schedule, self.relaxation, self.numerics, self.observe, self.model
+        parameters = Parameters.from_array(self.model.parameters.names, jnp.exp(z))
+        return trajectory(parameters, self.model.start(key, self.numerics), *rules)
 
     def member(self, z: Float[Array, " parameter"], key: Array) -> Float[Array, " value"]:
         """One colony's values, of smooth statistics; differentiable where the relaxation is."""

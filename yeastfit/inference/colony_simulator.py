@@ -6,7 +6,7 @@ that could be born by the last time.
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from operator import itemgetter
 
 import jax
@@ -21,6 +21,7 @@ from yeastfit.inference.targets import NODES, Targets
 from yeastfit.measure.statistics.model_as_mask import HardStatistics, mask_of
 from yeastfit.measure.statistics.smooth_statistics import SmoothStatistics
 from yeastfit.model.colony import PROBLEMS
+from yeastfit.model.model import Model
 from yeastfit.model.numerics import Numerics
 from yeastfit.model.parameters import PARAMETERS, Parameters
 from yeastfit.model.relaxation import HARD
@@ -76,6 +77,7 @@ class ColonySimulator:
         free: Sequence[str] = DEFAULT_FREE,
         fixed: Mapping[str, float] | None = None,
         resolution: Resolution | None = None,
+        model: Model | None = None,
     ) -> "ColonySimulator":
         """Colonies that are seen as the data of one condition are.
 
@@ -84,6 +86,7 @@ class ColonySimulator:
             free: Names of the free parameters.
             fixed: Values of others, by name; the default of those that are not named.
             resolution: By default Δt = 0.005 and a grid of 0.1 L0.
+            model: The rules of the colonies; by default the source's.
 
         Raises:
             InputError: A name or value is not admissible, or two times lie closer than a time step.
@@ -103,8 +106,9 @@ class ColonySimulator:
             shapes = tuple(name for name in targets.names if name not in NODES)
             observe = HardStatistics(seen, targets.spacing, shapes)
         curves = ColonyCurves(targets.names, numerics, observe, HARD, schedule_of(times, numerics))
-        values = parameter_values(fixed)
-        chosen = PARAMETERS.subset(free)
+        model = model or Model()
+        curves, values = replace(curves, model=model), parameter_values(fixed, model.parameters)
+        chosen = model.parameters.subset(free)
         held = {name: value for name, value in values.items() if name not in chosen}
         return ColonySimulator(chosen, held, targets.observables, curves, targets.measured.ravel())
 
@@ -118,7 +122,7 @@ class ColonySimulator:
 
     def logarithms(self, values: Values) -> np.ndarray:
         """Log λ of all the model's parameters [row, parameter], the free ones from the rows."""
-        names = PARAMETERS.names
+        names = self.curves.model.parameters.names
         with np.errstate(divide="ignore"):
             found = np.tile(np.log([self.fixed.get(name, 1.0) for name in names]), (len(values), 1))
             for k, name in enumerate(self.parameters.names):
@@ -128,14 +132,12 @@ class ColonySimulator:
     def outlines(self, values: Values, time: float, seed: int = 0) -> list[Bool[np.ndarray, "x y"]]:
         """Where the cells of one colony are, grown to `time`, at each row; `OUTLINE_PIXEL` a pixel."""
         numerics = self.curves.numerics
-        z = self.logarithms(values)
-        named = zip(PARAMETERS.names, z.T, strict=True)
-        parameters = Parameters(**{name: jnp.exp(jnp.asarray(column)) for name, column in named})
+        model, logs = self.curves.model, jnp.asarray(self.logarithms(values), jnp.result_type(float))
+        parameters = Parameters.from_array(model.parameters.names, jnp.exp(logs))
         observe = SmoothStatistics(extent=numerics.domain, spacing=numerics.spacing)
         keys = member_keys(seed, len(values))
-        grown = simulate(
-            parameters, keys, times=[time], numerics=numerics, relaxation=HARD, observe=observe, throw=False
-        ).colony
+        how = {"model": model, "numerics": numerics, "relaxation": HARD, "observe": observe, "throw": False}
+        grown = simulate(parameters, keys, times=[time], **how).colony  # type: ignore[arg-type]
         places = np.abs(np.asarray(grown.positions)[np.asarray(grown.alive)])
         farthest = places.max(where=np.isfinite(places), initial=0.0)  # what is not finite is not in the picture
         points = 2 * int(np.ceil((float(farthest) + 1.5) / OUTLINE_PIXEL)) + 1
@@ -147,11 +149,11 @@ class ColonySimulator:
         self.problems.update({PROBLEMS[name]: count for name, count in zip(PROBLEMS, met, strict=True) if count})
 
 
-def parameter_values(given: Mapping[str, float] | None) -> dict[str, float]:
-    """All the model's parameters by name: those given, and the defaults of the others."""
+def parameter_values(given: Mapping[str, float] | None, known: ParameterSet = PARAMETERS) -> dict[str, float]:
+    """All of a model's parameters by name: those given, and the defaults of the others."""
     values = dict(given or {})
-    PARAMETERS.check(values)
-    return {**PARAMETERS.defaults, **values}
+    known.check(values)
+    return {**known.defaults, **values}
 
 
 def keys_of(seeds: Seeds) -> Array:
