@@ -29,7 +29,7 @@ from yeastfit.errors import InputError
 from yeastfit.measure.outlining.segmentation import Segmentation, segment
 from yeastfit.measure.reading.dataset import read_dataset
 from yeastfit.measure.reading.images import read_image
-from yeastfit.measure.statistics.shape import measure_mask
+from yeastfit.measure.statistics.measure_mask import measure_mask
 
 Mask = Bool[np.ndarray, "row column"]
 

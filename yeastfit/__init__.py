@@ -22,6 +22,8 @@ from yeastfit.inference.sensitivity.result import Sensitivity
 from yeastfit.inference.targets import Targets
 from yeastfit.measure.reading.dataset import Dataset, read_dataset
 from yeastfit.measure.series import measure_dataset, measure_file
+from yeastfit.measure.statistics.registry import STATISTICS, register_statistic
+from yeastfit.measure.statistics.statistic import Statistic
 from yeastfit.model.model import RULES, Model
 from yeastfit.model.numerics import Numerics
 from yeastfit.model.parameters import PARAMETERS, Parameters, Scales
@@ -49,6 +51,7 @@ __all__ = [
     "HARD",
     "PARAMETERS",
     "RULES",
+    "STATISTICS",
     "BirthRule",
     "Births",
     "BuddingRule",
@@ -71,6 +74,7 @@ __all__ = [
     "Scales",
     "Sensitivity",
     "Simulation",
+    "Statistic",
     "Targets",
     "UptakeRule",
     "available_processors",
@@ -87,6 +91,7 @@ __all__ = [
     "plot",
     "read_dataset",
     "read_truth",
+    "register_statistic",
     "sensitivity",
     "simulate",
 ]

@@ -21,7 +21,7 @@ from yeastfit.commands.options import named_pairs_in
 from yeastfit.inference.fit.bootstrap_profile import Explored, _box
 from yeastfit.inference.fit.response_surface import study
 from yeastfit.inference.targets_from_table import NEEDED, TABLE
-from yeastfit.measure.statistics.shape import STATISTICS as KINDS
+from yeastfit.measure.statistics.registry import STATISTICS as KINDS
 from yeastfit.model.parameters import NAMES
 from yeastfit.report.fit_files import FILES
 from yeastfit.storage import write_json, write_table
@@ -41,7 +41,7 @@ def table(folder: Path, conditions: dict[str, Parameters], replicates: int = 6) 
                 known = (name, condition, colony, SCALES.hours(time), 0.75, f"masks/{name}", 3.0 * SCALES.length)
                 row = dict(zip(NEEDED, known, strict=True))
                 sizes = dict(zip(STATISTICS, values[:, k], strict=True))
-                lines.append(row | {n: v * SCALES.length ** KINDS[n].power for n, v in sizes.items()})
+                lines.append(row | {n: v * SCALES.length ** KINDS[n].unit_power for n, v in sizes.items()})
     write_table(folder / TABLE, lines)
     return folder / TABLE
 

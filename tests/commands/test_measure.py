@@ -12,8 +12,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from own_statistics import SIDE
 from PIL import Image
 
+from yeastfit import STATISTICS
 from yeastfit.commands import app as cli
 from yeastfit.commands.measure_batch import measure_batch
 from yeastfit.errors import InputError
@@ -101,7 +103,11 @@ def test_paths_that_cannot_be_meant_are_refused(tmp_path: Path) -> None:
 # ------------------------------------------------------------------------------------------------------------ processes
 
 
-def test_two_processes_find_what_one_finds_and_a_dead_one_takes_only_its_own_image(tmp_path: Path) -> None:
+def test_two_processes_find_what_one_finds_and_a_dead_one_takes_only_its_own_image(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Registered statistics too, which they import."""
+    monkeypatch.setitem(STATISTICS, SIDE.name, SIDE)
     files = [write_disc(tmp_path / f"{k}.png", radius=20 + k) for k in range(9)]
     tasks, _, _ = find_tasks(files, 0.5)
     environment = dict(os.environ)
@@ -116,6 +122,8 @@ def test_two_processes_find_what_one_finds_and_a_dead_one_takes_only_its_own_ima
             assert "4.png: its process died" in other.error
             continue
         assert one == other
+        assert one.row is not None
+        assert one.row["side"] == pytest.approx(one.row["area"] ** 0.5)
         mask = Path("masks") / f"{k}.png"
         assert (tmp_path / "alone" / mask).read_bytes() == (tmp_path / "together" / mask).read_bytes()
     assert dict(os.environ) == environment

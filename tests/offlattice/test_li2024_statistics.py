@@ -12,7 +12,7 @@ from shapes import disc, masks, wheel
 
 from yeastfit.errors import InputError
 from yeastfit.measure.reading.images import read_image
-from yeastfit.measure.statistics.shape import measure_mask
+from yeastfit.measure.statistics.measure_mask import measure_mask
 from yeastfit.offlattice.colony import OfflatticeColony, grow
 from yeastfit.offlattice.golay_skeleton import count_ends, skeleton
 from yeastfit.offlattice.li2024_mask import BinnedOutlines

@@ -15,8 +15,8 @@ from jaxtyping import Array, PyTree
 from reference import colony as plain
 from yeastfit import HARD, InputError, Numerics, Parameters, Relaxation, Scales, Simulation, member_keys, simulate
 from yeastfit.errors import SimulationError
+from yeastfit.measure.statistics.measure_mask import measure_mask
 from yeastfit.measure.statistics.model_as_mask import HardStatistics
-from yeastfit.measure.statistics.shape import measure_mask
 from yeastfit.measure.statistics.smooth_statistics import SmoothStatistics
 from yeastfit.model.colony import start
 from yeastfit.model.parameters import NAMES, PARAMETERS

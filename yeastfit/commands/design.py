@@ -15,6 +15,7 @@ from yeastfit.inference.information.design import design as make_design
 from yeastfit.inference.information.identifiability import percent
 from yeastfit.inference.sensitivity.estimate import sensitivity as estimate_sensitivity
 from yeastfit.inference.sensitivity.result import Sensitivity
+from yeastfit.measure.statistics.registry import known_statistics
 from yeastfit.model.numerics import Numerics
 from yeastfit.model.parameters import PARAMETERS, Parameters
 from yeastfit.progress import Progress
@@ -77,9 +78,7 @@ def design(
     ] = Colonies.times,
     statistics: Annotated[
         str,
-        typer.Option(
-            help="Statistics that could be measured, with commas: compactness, radius, area, mean_radius, cell_count."
-        ),
+        typer.Option(help=f"Statistics that could be measured, with commas: {', '.join(known_statistics('smooth'))}."),
     ] = Colonies.statistics,
     measured_times: Annotated[
         str | None,

@@ -10,6 +10,7 @@ from rich.table import Table
 
 from yeastfit.commands.measured_source import check_source, measure_source, truth_of
 from yeastfit.commands.options import (
+    SMOOTH,
     Jobs,
     Length,
     MeasurementError,
@@ -26,7 +27,8 @@ from yeastfit.inference.fit.bootstrap_profile import Bootstrap, Profile, explore
 from yeastfit.inference.fit.least_squares import DEFAULT_FREE
 from yeastfit.inference.fit.least_squares import fit as run_fit
 from yeastfit.inference.fit.result import Fit
-from yeastfit.inference.fit.settings import MEASUREMENT_ERROR, FitSettings
+from yeastfit.inference.fit.settings import FitSettings
+from yeastfit.measure.statistics.registry import measurement_errors
 from yeastfit.model.parameters import PARAMETERS, Parameters, Scales
 from yeastfit.processors import available_processors
 from yeastfit.report.fit_files import FILES, write_bootstrap, write_fit, write_profiles, write_targets
@@ -59,7 +61,7 @@ def fit(
     statistics: Annotated[
         str,
         typer.Option(
-            help="Statistics whose curves are fitted, with commas: compactness, radius, area, perimeter, or any other "
+            help=f"Statistics whose curves are fitted, with commas: {SMOOTH}, or any other "
             "column of measurements.csv that the model has."
         ),
     ] = "compactness,radius",
@@ -115,7 +117,7 @@ def fit(
         "bounds": named_pairs_in("--bounds", bounds or (), "the ends of a range"),
         "prior": named_pairs_in("--prior", prior or (), "its centre and width"),
     }
-    error = MEASUREMENT_ERROR if measurement_error is None else measurement_error
+    error = measurement_errors() if measurement_error is None else measurement_error
     settings = FitSettings(method=method, starts=starts, dt=dt, measurement_error=error)  # type: ignore[arg-type]
     check_source(source, condition or ())
     known = truth_of(source) if truth else None

@@ -9,7 +9,17 @@ import typer
 from yeastfit.commands import infer_run as infer_command
 from yeastfit.commands.infer_config import Request
 from yeastfit.commands.measured_source import truth_of
-from yeastfit.commands.options import Jobs, Length, MeasurementError, Rate, Seed, Truth, names_in, with_parameters
+from yeastfit.commands.options import (
+    SMOOTH,
+    Jobs,
+    Length,
+    MeasurementError,
+    Rate,
+    Seed,
+    Truth,
+    names_in,
+    with_parameters,
+)
 from yeastfit.commands.terminal import err, growing, out, shown_progress, warn
 from yeastfit.errors import InputError
 from yeastfit.inference.fit.least_squares import DEFAULT_FREE
@@ -36,7 +46,7 @@ def infer(
     statistics: Annotated[
         str | None,
         typer.Option(
-            help="Curves of the data, with commas: compactness,radius (by default), area, perimeter, or the table's.",
+            help=f"Curves of the data, with commas: {SMOOTH}, or the table's. By default compactness,radius.",
             show_default=False,
         ),
     ] = None,

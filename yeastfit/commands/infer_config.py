@@ -13,12 +13,12 @@ from yeastfit.inference.abc.mcmc_settings import McmcSettings, Move
 from yeastfit.inference.abc.pilot import DistanceName
 from yeastfit.inference.abc.smc import SmcSettings
 from yeastfit.inference.fit.least_squares import DEFAULT_FREE
-from yeastfit.inference.fit.settings import MEASUREMENT_ERROR, FitSettings
+from yeastfit.inference.fit.settings import FitSettings
 from yeastfit.inference.neural_likelihood.emulator import fewest
 from yeastfit.inference.neural_likelihood.settings import EmulatedSettings
 from yeastfit.inference.parameter_space import check_free
 from yeastfit.inference.posterior.prior import Prior, default_prior
-from yeastfit.inference.targets import known_statistics
+from yeastfit.measure.statistics.registry import known_statistics, measurement_errors
 from yeastfit.model.numerics import Numerics
 from yeastfit.model.nutrient import check_alpha
 from yeastfit.model.parameters import PARAMETERS, Scales
@@ -159,7 +159,7 @@ class Request:
 
     def numerics(self) -> FitSettings:
         """How colonies are grown, and what errors their measured means have."""
-        error = MEASUREMENT_ERROR if self.measurement_error is None else self.measurement_error
+        error = measurement_errors() if self.measurement_error is None else self.measurement_error
         return FitSettings(dt=self.dt, spacing=self.spacing, measurement_error=error)
 
     def check_numerics(self) -> None:

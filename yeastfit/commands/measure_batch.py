@@ -7,6 +7,7 @@ and do not depend on the number of processes.
 
 import multiprocessing
 import os
+import pickle
 import signal
 import threading
 import traceback
@@ -26,6 +27,8 @@ from yeastfit.measure.reading.batch_inputs import Task
 from yeastfit.measure.reading.dataset import given
 from yeastfit.measure.reading.images import read_image
 from yeastfit.measure.series import measure_file
+from yeastfit.measure.statistics.registry import register_missing, registered
+from yeastfit.measure.statistics.statistic import Statistic
 from yeastfit.progress import Progress, silent
 from yeastfit.report.outcome import Outcome
 from yeastfit.simulation.synthetic_data import write_mask
@@ -68,12 +71,13 @@ def _in_processes(tasks: Sequence[Task], folder: Path, processes: int) -> Iterat
     """Yield outcomes as they come.
 
     Once a process has died, files are measured one at a time: then the first without an outcome is the one to blame.
-    Where no process can be started, as in a script that does its work while it is imported, this one does it all.
+    This process does it all where no other can be started, as in a script that does its work while it is imported, and
+    where a registered statistic cannot be sent to another one, because its functions cannot be imported.
     """
     waiting = dict(enumerate(tasks))
     context = multiprocessing.get_context("spawn")  # JAX must not be forked
-    while waiting:
-        pool = ProcessPoolExecutor(processes, mp_context=context)
+    while waiting and _can_be_sent(registered()):
+        pool = ProcessPoolExecutor(processes, context, register_missing, (registered(),))
         try:
             with _settings_for_workers():
                 first = pool.submit(os.getpid)
@@ -94,6 +98,15 @@ def _in_processes(tasks: Sequence[Task], folder: Path, processes: int) -> Iterat
             pool.shutdown(cancel_futures=True)  # after the images at hand
     for number, task in waiting.items():
         yield number, run_task(task, folder)
+
+
+def _can_be_sent(statistics: Sequence[Statistic]) -> bool:
+    """Whether pickle takes them; a function is pickled by where it can be imported from."""
+    try:
+        pickle.dumps(statistics)
+    except (pickle.PicklingError, AttributeError, TypeError):
+        return False
+    return True
 
 
 @contextmanager

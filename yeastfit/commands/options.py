@@ -9,8 +9,11 @@ from typing import Annotated, Any
 import typer
 
 from yeastfit.errors import InputError
+from yeastfit.measure.statistics.registry import measurement_errors, most_telling_first, names_with
+from yeastfit.measure.statistics.statistic import Statistic
 from yeastfit.parameter_set import Parameter, ParameterSet
 
+SMOOTH = ", ".join(most_telling_first(names_with("smooth")))
 Out = Annotated[
     Path, typer.Option("--out", help="Folder for the results. It is made if it does not exist.", show_default=False)
 ]
@@ -32,12 +35,13 @@ Jobs = Annotated[
         min=1, help="How many micrographs to measure at once. By default one per processor.", show_default=False
     ),
 ]
+_ERRORS = ", ".join(f"{error:g} for {name}" for name, error in measurement_errors().items())
 MeasurementError = Annotated[
     float | None,
     typer.Option(
         min=0,
         help="Relative error of measuring a mean curve (0.02 is 2 %), in addition to the variation between colonies. "
-        "By default 0.02 for compactness and 0.01 for other statistics.",
+        f"By default {_ERRORS} and {Statistic.measurement_error:g} for other statistics.",
         show_default=False,
     ),
 ]

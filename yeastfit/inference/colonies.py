@@ -10,7 +10,7 @@ from jaxtyping import Array, Float
 
 from yeastfit.errors import InputError
 from yeastfit.inference.curves import Curves, without_problems
-from yeastfit.inference.targets import NODES, Targets
+from yeastfit.inference.targets import Targets
 from yeastfit.measure.statistics.model_as_mask import HardStatistics
 from yeastfit.measure.statistics.smooth_statistics import SmoothStatistics
 from yeastfit.model.numerics import Numerics
@@ -42,10 +42,11 @@ class Colonies:
         numerics = Numerics(domain=float(domain), spacing=spacing, dt=dt, capacity=room)
         seen = 2.6 * targets.extent
         if targets.estimator == "smooth":
-            observe: SmoothStatistics | HardStatistics = SmoothStatistics(seen, targets.spacing, targets.smoothing)
+            observe: SmoothStatistics | HardStatistics = SmoothStatistics(
+                seen, targets.spacing, targets.smoothing, statistics=targets.names
+            )
         else:
-            shapes = tuple(name for name in targets.names if name not in NODES)
-            observe = HardStatistics(seen, targets.spacing, shapes)
+            observe = HardStatistics(seen, targets.spacing, targets.names)
         curves = Curves(targets.names, numerics, observe, HARD, schedule_of(times, numerics))
         return Colonies(curves, targets.measured.ravel())
 

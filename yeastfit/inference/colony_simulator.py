@@ -17,7 +17,7 @@ from jaxtyping import Array, Bool
 from yeastfit.errors import InputError
 from yeastfit.inference.colony_curves import ColonyCurves
 from yeastfit.inference.simulator import Observable, Rows, Seeds, Values, once
-from yeastfit.inference.targets import NODES, Targets
+from yeastfit.inference.targets import Targets
 from yeastfit.measure.statistics.model_as_mask import HardStatistics, mask_of
 from yeastfit.measure.statistics.smooth_statistics import SmoothStatistics
 from yeastfit.model.colony import PROBLEMS
@@ -101,10 +101,11 @@ class ColonySimulator:
         numerics = Numerics(domain=float(domain), spacing=spacing, dt=dt, capacity=room)
         seen = 2.6 * targets.extent
         if targets.estimator == "smooth":
-            observe: SmoothStatistics | HardStatistics = SmoothStatistics(seen, targets.spacing, targets.smoothing)
+            observe: SmoothStatistics | HardStatistics = SmoothStatistics(
+                seen, targets.spacing, targets.smoothing, statistics=targets.names
+            )
         else:
-            shapes = tuple(name for name in targets.names if name not in NODES)
-            observe = HardStatistics(seen, targets.spacing, shapes)
+            observe = HardStatistics(seen, targets.spacing, targets.names)
         curves = ColonyCurves(targets.names, numerics, observe, HARD, schedule_of(times, numerics))
         model = model or Model()
         curves, values = replace(curves, model=model), parameter_values(fixed, model.parameters)

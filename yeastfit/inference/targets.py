@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
-from typing import Any, Literal, get_args
+from typing import Any, get_args
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -10,21 +10,13 @@ from jaxtyping import Bool, Float, Int
 from yeastfit.errors import InputError
 from yeastfit.inference.simulator import Observable
 from yeastfit.measure.reading.dataset import Dataset
-from yeastfit.measure.series import SMOOTH, Measured, replicate_curves, smooth_statistics
-from yeastfit.measure.statistics.shape import STATISTICS
+from yeastfit.measure.series import Measured, replicate_curves
+from yeastfit.measure.statistics.registry import STATISTICS, Estimator, known_statistics
+from yeastfit.measure.statistics.smooth_statistics import measure_mask_smoothly
 from yeastfit.model.parameters import Scales
 
 SPACING = 0.1  # L0, the grid on which shapes are compared: 0.75 µm for yeast
 SMOOTHING = 0.15  # L0, the blur both undergo, which makes them indifferent to how a pixel on the edge was called
-NODES = ("mean_radius", "cell_count")  # what an image does not show and somebody may have counted
-PLACES = ("centroid_x", "centroid_y")  # where a colony lies in its image, which no model tells
-MAY_VANISH = (  # of round colonies, whose indices may be below 0
-    *("hole_count", "filament_area", "filament_area_index", "filament_radius_index", "branch_count", "branch_length"),
-    *("radial_index", "angular_index", "wave_number", "fractal_dimension"),
-)
-REACH = 3.0  # times the mean distance from the centroid: farther out no colony reaches
-
-Estimator = Literal["smooth", "mask"]
 
 
 @dataclass(frozen=True)
@@ -74,7 +66,7 @@ class Targets:
         if not self.measured.any():
             raise InputError("targets: nothing is measured, replicates is 0 everywhere")
         self._refuse(~np.isfinite(self.mean), "mean", "it must be a finite number")
-        solid = np.array([name not in MAY_VANISH for name in self.names])[:, None]
+        solid = np.array([not STATISTICS[name].may_vanish for name in self.names])[:, None]
         self._refuse(solid & (self.mean <= 0), "mean", "it must be above 0")
         self._refuse((self.scatter < 0) | np.isinf(self.scatter), "scatter", "it must be above 0, or nan: not known")
         self._refuse(
@@ -209,7 +201,7 @@ class Targets:
         rows, extent = [], 0.0
         for one in measured:
             pixel = one.micrograph.pixel_size / scales.length
-            rows.append(smooth_statistics(one.segmentation.mask, pixel, spacing=spacing, smoothing=smoothing))
+            rows.append(measure_mask_smoothly(one.segmentation.mask, pixel, spacing=spacing, smoothing=smoothing))
             extent = max(extent, one.shape.max_radius / scales.length)
         curves, hours = replicate_curves(dataset, rows, names)
         times = scales.time(np.array(hours))
@@ -224,31 +216,24 @@ class Targets:
             )
 
 
-def known_statistics(estimator: Estimator) -> tuple[str, ...]:
-    """What targets of an estimator may name."""
-    return (*SMOOTH, *NODES) if estimator == "smooth" else (*(n for n in STATISTICS if n not in PLACES), *NODES)
-
-
 def _check_names(names: Sequence[str], estimator: str) -> None:
     if estimator not in get_args(Estimator):
         raise InputError(f"targets: estimator is {estimator!r}, it must be one of {', '.join(get_args(Estimator))}")
     known = known_statistics(estimator)  # type: ignore[arg-type]
     for name in names:
         if name not in known:
-            other = ' (measured on masks: estimator "mask")' if name in STATISTICS and name not in PLACES else ""
+            other = ' (measured on masks: estimator "mask")' if name in known_statistics("mask") else ""
             raise InputError(f"targets: statistic {name!r} is unknown{other}, expected some of {', '.join(known)}")
     if not names or len(set(names)) != len(names):
         raise InputError(f"targets: statistics are {list(names)}, need at least one, each once")
 
 
 def _extent(means: Mapping[str, np.ndarray]) -> float:
-    """How far colonies reach, from what is known of their size."""
-    for name, radius in (
-        ("max_radius", lambda x: x),
-        ("radius", lambda x: REACH * x),
-        ("mean_radius", lambda x: REACH * x),
-        ("area", lambda x: REACH * np.sqrt(x / np.pi)),
-    ):
-        if name in means and np.isfinite(means[name]).any():
-            return float(np.nanmax(radius(np.maximum(means[name], 0.0)))) + 1.0
+    """How far colonies reach, from what is known of their size; lengths tell more than areas."""
+    telling = (entry for name, entry in STATISTICS.items() if name in means and entry.reach is not None)
+    for entry in sorted(telling, key=lambda entry: (entry.unit_power, entry.reach)):
+        values = np.maximum(means[entry.name], 0.0)
+        if np.isfinite(values).any():
+            radii = values if entry.unit_power == 1 else np.sqrt(values / np.pi)
+            return float(np.nanmax(entry.reach * radii)) + 1.0
     raise InputError("targets: extent is missing, need how far from the start the colonies reach, in L0")

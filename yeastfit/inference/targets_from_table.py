@@ -14,10 +14,10 @@ from typing import Any
 import numpy as np
 
 from yeastfit.errors import InputError
-from yeastfit.inference.targets import SMOOTHING, SPACING, Estimator, Targets
+from yeastfit.inference.targets import SMOOTHING, SPACING, Targets
 from yeastfit.measure.reading.images import read_image
-from yeastfit.measure.series import SMOOTH, smooth_statistics
-from yeastfit.measure.statistics.shape import STATISTICS
+from yeastfit.measure.statistics.registry import STATISTICS, Estimator, most_telling_first, names_with
+from yeastfit.measure.statistics.smooth_statistics import measure_mask_smoothly
 from yeastfit.model.parameters import Scales
 
 TABLE = "measurements.csv"
@@ -51,7 +51,7 @@ def read_measurements(path: str | Path) -> list[dict[str, Any]]:
     if missing:
         what = f"no column {', '.join(missing)}" if rows else "no rows"
         raise InputError(f"{path}: {what}, need the {TABLE} of `yeastfit measure`")
-    numbers = [name for name in rows[0] if name in STATISTICS or name in ("hours", "um_per_pixel")]
+    numbers = [name for name in rows[0] if name in names_with("mask") or name in ("hours", "um_per_pixel")]
     for line, row in enumerate(rows, start=2):
         for name in numbers:
             try:
@@ -86,12 +86,12 @@ def targets_of(
                 raise InputError(f"{row['file']}: {name} is {row[name]:g}, it must be a number above 0")
     _refuse_twice(chosen)
     masks = [folder / str(row["mask"]) for row in chosen]
-    smooth = all(name in SMOOTH for name in statistics) and all(mask.is_file() for mask in masks)
+    smooth = all(name in names_with("smooth") for name in statistics) and all(mask.is_file() for mask in masks)
     estimator = estimator or ("smooth" if smooth else "mask")
     pixels = np.array([row["um_per_pixel"] for row in chosen], dtype=float) / scales.length
     if estimator == "smooth":
         values = [
-            smooth_statistics(read_image(mask) > 0, float(pixel), spacing=SPACING, smoothing=SMOOTHING)
+            measure_mask_smoothly(read_image(mask) > 0, float(pixel), spacing=SPACING, smoothing=SMOOTHING)
             for mask, pixel in zip(masks, pixels, strict=True)
         ]
         spacing, smoothing = SPACING, SMOOTHING
@@ -100,7 +100,7 @@ def targets_of(
             low, high = pixels.min() * scales.length, pixels.max() * scales.length
             raise InputError(
                 f"um_per_pixel runs from {low:g} to {high:g}: statistics of masks depend on it, "
-                f"{', '.join(SMOOTH)} with their masks do not"
+                f"{', '.join(most_telling_first(names_with('smooth')))} with their masks do not"
             )
         values = [_in_lengths(row, statistics, scales) for row in chosen]
         spacing, smoothing = float(pixels.mean()), 0.0
@@ -148,7 +148,7 @@ def _refuse_twice(rows: Sequence[Mapping[str, Any]]) -> None:
 def _in_lengths(row: Mapping[str, Any], statistics: Sequence[str], scales: Scales) -> dict[str, float]:
     """A row's statistics in L0 and L0²."""
     for name in statistics:
-        if name not in STATISTICS or name not in row:
-            known = ", ".join(name for name in STATISTICS if name in row)
+        if name not in names_with("mask") or name not in row:
+            known = ", ".join(name for name in names_with("mask") if name in row)
             raise InputError(f"statistics: {name!r} is not in the table, which has {known}")
-    return {name: float(row[name]) / scales.length ** STATISTICS[name].power for name in statistics}
+    return {name: float(row[name]) / scales.length ** STATISTICS[name].unit_power for name in statistics}

@@ -6,22 +6,16 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import jax
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Float
-from skimage.transform import rescale
+from jaxtyping import Float
 
 from yeastfit.errors import InputError
 from yeastfit.measure.outlining.segmentation import Segmentation, segment
 from yeastfit.measure.reading.dataset import NOTHING, Dataset, given
 from yeastfit.measure.reading.images import Micrograph, read_micrograph
 from yeastfit.measure.reading.segmentation_options import Overrule
-from yeastfit.measure.statistics.shape import Shape, measure_mask
-from yeastfit.measure.statistics.smooth_statistics import smooth_shape
+from yeastfit.measure.statistics.measure_mask import Shape, measure_mask
 from yeastfit.progress import Progress, silent
-
-SMOOTH = ("compactness", "radius", "area", "perimeter")  # what an image and a model can be compared in
 
 
 @dataclass(frozen=True)
@@ -33,13 +27,13 @@ class Measured:
     shape: Shape
 
     def row(self) -> dict[str, Any]:
-        """Tidy row of a table: the file, its pixel size, every statistic of `Shape.row`, and the doubts by name."""
+        """Tidy row of a table: the file, its pixel size, every statistic of the `Shape`, and the doubts by name."""
         image = self.micrograph
         return {
             "file": image.path.name,
             "um_per_pixel": image.pixel_size,
             "pixel_size_from": image.pixel_size_source,
-            **self.shape.row(),
+            **self.shape,
             "warnings": "; ".join(self.segmentation.warnings),
         }
 
@@ -59,29 +53,6 @@ def measure_dataset(dataset: Dataset, progress: Progress = silent) -> list[Measu
         count = len(dataset.frames)
         progress(f"measured {len(results)} of {count}", len(results) / count)
     return results
-
-
-def smooth_statistics(
-    mask: Bool[np.ndarray, "row column"], pixel_size: float, *, spacing: float, smoothing: float
-) -> dict[str, float]:
-    """The statistics of `smooth_shape` of a mask, resampled from pixels of `pixel_size` to a grid of `spacing`.
-
-    pixel_size, spacing and smoothing in one unit of length, which is the result's. A model measured on the same grid
-    with the same smoothing can be compared. Raises `InputError` where pixels are too coarse for that.
-    """
-    if pixel_size > 2.5 * spacing:
-        raise InputError(
-            f"pixel size is {pixel_size:.3g}, at most {2.5 * spacing:.3g} resolves a cell well enough to fit"
-        )
-    scale = pixel_size / spacing
-    phi = np.pad(mask, math.ceil(2 / scale)).astype(np.float32)
-    if abs(scale - 1) > 1e-3:
-        phi = rescale(phi, scale, order=1, anti_aliasing=scale < 1)
-    values = _smooth_shape(jnp.asarray(phi), spacing, smoothing)
-    return {name: float(values[name]) for name in SMOOTH}
-
-
-_smooth_shape = jax.jit(smooth_shape, static_argnums=(1, 2))
 
 
 def replicate_curves(

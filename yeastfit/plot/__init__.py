@@ -12,10 +12,9 @@ from yeastfit.plot.measured_curves import condition_curves
 from yeastfit.plot.micrographs import overlay, thumbnail, thumbnail_sheet
 from yeastfit.plot.posterior import colonies, held_out, predictive, ranks, traces
 from yeastfit.plot.simulations import colony, curves
-from yeastfit.plot.style import LABELS, save
+from yeastfit.plot.style import save
 
 __all__ = [
-    "LABELS",
     "bootstrap",
     "colonies",
     "colony",

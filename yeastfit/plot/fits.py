@@ -9,8 +9,9 @@ from matplotlib.figure import Figure
 
 from yeastfit.inference.fit.bootstrap_profile import Bootstrap, Profile
 from yeastfit.inference.fit.result import Condition, Fit
+from yeastfit.measure.statistics.registry import title_of
 from yeastfit.plot.information import draw_ellipse
-from yeastfit.plot.style import COLONY, CONDITIONS, LABELS
+from yeastfit.plot.style import COLONY, CONDITIONS
 
 
 def fit(result: Fit, truth: Mapping[str, float] | None = None) -> Figure:
@@ -32,7 +33,7 @@ def fit(result: Fit, truth: Mapping[str, float] | None = None) -> Figure:
             upper, lower = axes[:, names.index(name)]
             _draw_condition(upper, lower, each, row, color)
     for k, name in enumerate(names):
-        axes[0, k].set_title(LABELS.get(name, name.replace("_", " ")), fontsize=10)
+        axes[0, k].set_title(title_of(name), fontsize=10)
         axes[1, k].axhline(0, color="0.6", lw=1)
         axes[1, k].set(xlabel="hours", ylabel="residual / error" if not k else "")
     axes[0, 0].legend(fontsize=8, loc="best")

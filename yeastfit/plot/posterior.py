@@ -9,7 +9,8 @@ from matplotlib.figure import Figure
 
 from yeastfit.inference.posterior.samples import Samples
 from yeastfit.measure.outlining.segmentation import outline
-from yeastfit.plot.style import COLONY, CONDITIONS, LABELS, OUTLINE
+from yeastfit.measure.statistics.registry import title_of
+from yeastfit.plot.style import COLONY, CONDITIONS, OUTLINE
 
 if TYPE_CHECKING:
     from yeastfit.inference.posterior.diagnostics import Diagnostics
@@ -82,7 +83,7 @@ def predictive(found: "Predictive", targets: "Targets") -> Figure:
             hours, targets.mean[row, seen], error, fmt="o", ms=4, color="black", label="data ± standard error"
         )
         name = targets.names[row]
-        panel.set_title(LABELS.get(name, name.replace("_", " ")), fontsize=10)
+        panel.set_title(title_of(name), fontsize=10)
         panel.set_xlabel("hours")
     figure.axes[0].legend(fontsize=8)
     inside = found.inside(0.9).sum()

@@ -6,7 +6,8 @@ from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 
 from yeastfit.measure.statistics.model_as_mask import mask_of
-from yeastfit.plot.style import COLONY, LABELS
+from yeastfit.measure.statistics.registry import most_telling_first, title_of
+from yeastfit.plot.style import COLONY
 from yeastfit.simulation.result import Simulation
 
 EMPTY = "#f3efe6"  # the dish around the colony
@@ -56,17 +57,18 @@ def curves(simulation: Simulation) -> Figure:
         simulation: What `simulate` returned.
 
     Returns:
-        A figure with one panel for each statistic of `LABELS`.
+        A figure with one panel for each statistic.
     """
     hours = simulation.scales.hours(simulation.times)
-    names = [name for name in LABELS if name in simulation.statistics]
-    figure = Figure(figsize=(11, 5.5), layout="constrained")
-    axes = figure.subplots(2, 4).ravel()
+    names = most_telling_first(simulation.statistics)
+    lines = -(-len(names) // 4)
+    figure = Figure(figsize=(11, 2.75 * lines), layout="constrained")
+    axes = figure.subplots(lines, 4, squeeze=False).ravel()
     for name, panel in zip(names, axes, strict=False):
         values = np.atleast_2d(simulation.statistics[name])
         panel.plot(hours, values.T, color=COLONY, alpha=0.35, lw=0.8)
         panel.plot(hours, values.mean(axis=0), color=COLONY, lw=2)
-        panel.set(xlabel="hours", title=LABELS[name])
+        panel.set(xlabel="hours", title=title_of(name))
         panel.title.set_fontsize(9)
     for panel in axes[len(names) :]:
         panel.axis("off")

@@ -1,4 +1,4 @@
-"""What all figures share: colours, axis labels, and how a figure is written to a file."""
+"""What all figures share: colours, and how a figure is written to a file."""
 
 from pathlib import Path
 
@@ -9,15 +9,6 @@ from yeastfit.storage import written_whole
 
 COLONY, TRUTH, OUTLINE = "#7a5230", "#1b7837", "#ff4d00"
 CONDITIONS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#000000")  # Okabe and Ito
-LABELS = {
-    "compactness": "compactness P²/(4πA)",
-    "radius": "radius, mean distance from centroid (L0)",
-    "mean_radius": "mean radius of nodes d̄ (L0)",
-    "growth_rate": "growth rate μ",
-    "cell_count": "cells",
-    "area": "area (L0²)",
-    "perimeter": "perimeter (L0)",
-}
 
 
 def save(figure: Figure, path: str | Path) -> None:

@@ -11,7 +11,7 @@ from yeastfit.measure.reading.batch_inputs import Task
 from yeastfit.measure.reading.dataset import Dataset, find_manifest
 from yeastfit.measure.series import condition_curves
 from yeastfit.measure.statistics.filaments import SKELETON
-from yeastfit.measure.statistics.shape import MEANINGS, UNITS
+from yeastfit.measure.statistics.registry import STATISTICS, names_with
 from yeastfit.report.measurement_page import measurement_page
 from yeastfit.report.outcome import Outcome
 from yeastfit.storage import remove_files, versions, write_json, write_table, written_whole
@@ -36,7 +36,6 @@ OWN_COLUMNS = {
     "warnings": ("", "doubts by name, with semicolons; the page explains them"),
     "mask": ("", "what was measured"),
 }
-PLACES = ("centroid_x", "centroid_y")  # where a colony lies in its image: no curve of it
 
 
 def refuse_mixed_folder(folder: Path, tasks: Sequence[Task]) -> None:
@@ -98,13 +97,13 @@ def write_results(
 
 def _columns(row: Mapping[str, Any]) -> dict[str, dict[str, str]]:
     """Unit and meaning of every column."""
-    known = OWN_COLUMNS | {name: (unit, MEANINGS[name]) for name, unit in UNITS.items()}
+    known = OWN_COLUMNS | {name: (entry.unit(), entry.meaning) for name, entry in STATISTICS.items()}
     return {name: dict(zip(("unit", "meaning"), known[name], strict=True)) for name in row}
 
 
 def _write_curves(folder: Path, rows: Sequence[Mapping[str, Any]]) -> bytes:
     """Write curves.csv and curves.png; return the picture's bytes."""
-    units = {name: unit for name, unit in UNITS.items() if name not in PLACES}
+    units = {name: STATISTICS[name].unit() for name in names_with("mask") if STATISTICS[name].comparable}
     curves = condition_curves(rows, list(units))
     written = [
         {key: "" if isinstance(value, float) and math.isnan(value) else value for key, value in curve.items()}

@@ -6,7 +6,7 @@ from typing import Any
 
 from yeastfit.measure.outlining.segmentation import DOUBTS
 from yeastfit.measure.reading.dataset import given
-from yeastfit.measure.statistics.shape import MEANINGS, UNITS
+from yeastfit.measure.statistics.registry import STATISTICS, names_with
 from yeastfit.report import html as page
 from yeastfit.report.outcome import Outcome
 
@@ -128,12 +128,12 @@ def _measurements(outcomes: Sequence[Outcome]) -> str:
         page.Column("file", words=True),
         *(page.Column(name, "h" if name == "hours" else "", name != "hours") for name in known),
         page.Column("um_per_pixel", "µm"),
-        *(page.Column(name, unit) for name, unit in UNITS.items()),
+        *(page.Column(name, STATISTICS[name].unit()) for name in names_with("mask")),
         page.Column("warnings", words=True),
     ]
     cells = [[row[column.name] for column in columns] for row in rows]
     words = "<p>A heading sorts by its column. The same table is <code>measurements.csv</code>.</p>"
-    meanings = page.pairs((name.replace("_", " "), MEANINGS[name]) for name in UNITS)
+    meanings = page.pairs((name.replace("_", " "), STATISTICS[name].meaning) for name in names_with("mask"))
     table = page.table("Measurements of every micrograph", columns, cells, list(measured))
     return f"{words}{table}<details><summary>What the columns mean</summary>{meanings}</details>"
 

@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from yeastfit.errors import InputError
+from yeastfit.measure.statistics.registry import STATISTICS, most_telling_first
 from yeastfit.model.colony import PROBLEMS, Colony, Problems
 from yeastfit.model.model import Model
 from yeastfit.model.numerics import Numerics
@@ -54,16 +55,16 @@ class Simulation:
 
     def rows(self) -> list[dict[str, Any]]:
         """Tidy table: one row per member and sample time, lengths in L0 and in µm."""
-        length, areas = self.scales.length, ("area", "overlap_area")
-        units = {"radius": length, "mean_radius": length, "perimeter": length, **dict.fromkeys(areas, length**2)}
-        units = {name: unit for name, unit in units.items() if name in self.statistics}
+        powers = {name: STATISTICS[name].unit_power for name in most_telling_first(self.statistics)}
+        in_um = sorted((name for name, power in powers.items() if power), key=powers.__getitem__)
+        columns = {name: f"{name}_um{'2' * (powers[name] == 2)}" for name in in_um}
         curves = {name: np.atleast_2d(values) for name, values in self.statistics.items()}
         table = []
         for member in range(next(iter(curves.values())).shape[0]):
             for k, time in enumerate(self.times):
                 row: dict[str, Any] = {"member": member, "time": float(time), "hours": self.scales.hours(float(time))}
                 row |= {name: float(values[member, k]) for name, values in curves.items()}
-                row |= {f"{name}_um{'2' * (name in areas)}": row[name] * unit for name, unit in units.items()}
+                row |= {column: row[name] * self.scales.length ** powers[name] for name, column in columns.items()}
                 table.append(row)
         return table
 

@@ -29,7 +29,8 @@ import numpy as np
 from jaxtyping import Array
 
 from yeastfit.errors import InputError
-from yeastfit.measure.statistics.shape import measure_mask
+from yeastfit.measure.statistics.measure_mask import measure_mask
+from yeastfit.measure.statistics.registry import STATISTICS
 from yeastfit.measure.statistics.smooth_statistics import node_statistics
 from yeastfit.model.cells import Cells
 from yeastfit.model.model import Model
@@ -43,7 +44,8 @@ from yeastfit.simulation.photograph import Optics, photograph, write_micrograph
 from yeastfit.simulation.simulate import member_keys, simulate
 from yeastfit.storage import read_json, versions, write_json, write_table
 
-MASK_COLUMNS = ("area", "perimeter", "outer_perimeter", "compactness", "outer_compactness", "radius", "max_radius")
+OF_MASKS = ("area", "perimeter", "outer_perimeter", "compactness", "outer_compactness", "radius", "max_radius")
+OF_NODES = ("growth_rate", "cell_count", "mean_radius")  # with `OF_MASKS` the columns of truth/curves.csv, which stay
 
 
 @dataclass(frozen=True)
@@ -140,7 +142,7 @@ class _CellRecorder(eqx.Module):
     """Keeps the ellipses of every sampled step, to be photographed at any resolution."""
 
     def __call__(self, snapshot: Snapshot) -> tuple[Cells, dict[str, Array]]:
-        return snapshot.cells, node_statistics(snapshot)
+        return snapshot.cells, node_statistics(snapshot, OF_NODES)
 
     def finish(self, observed: tuple[Cells, dict[str, np.ndarray]]) -> dict[str, np.ndarray]:
         cells, nodes = observed
@@ -181,8 +183,8 @@ def synthesize(recipe: Recipe, folder: str | Path, progress: Progress = silent) 
         for k, hours in enumerate(recipe.hours):
             name = f"colony{member + 1:02d}_{hours:04.1f}h"
             shape = _photograph(recipe, run.statistics, member, k, partial, name)
-            nodes = {key: float(run.statistics[key][member, k]) for key in ("growth_rate", "cell_count", "mean_radius")}
-            nodes["mean_radius"] *= recipe.scales.length
+            units = {key: recipe.scales.length ** STATISTICS[key].unit_power for key in OF_NODES}
+            nodes = {key: float(run.statistics[key][member, k]) * unit for key, unit in units.items()}
             curves.append({"replicate": member + 1, "hours": hours, **shape, **nodes})
             file = f"images/{name}.tif"
             rows.append({"file": file, "replicate": member + 1, "hours": hours, "um_per_pixel": recipe.pixel_size})
@@ -221,8 +223,7 @@ def _photograph(
         (folder / part).mkdir(parents=True, exist_ok=True)
     write_micrograph(folder / "images" / f"{name}.tif", pixels, recipe.pixel_size, recipe.kind)
     write_mask(folder / "truth" / "masks" / f"{name}.png", mask)
-    shape = measure_mask(mask, recipe.pixel_size)
-    return {column: getattr(shape, column) for column in MASK_COLUMNS}
+    return dict(measure_mask(mask, recipe.pixel_size, OF_MASKS))
 
 
 def write_mask(path: Path, mask: np.ndarray) -> None:

@@ -9,7 +9,8 @@ from PIL import Image
 from yeastfit.errors import InputError
 from yeastfit.measure.reading.dataset import Frame, read_dataset
 from yeastfit.measure.reading.segmentation_options import Overrule
-from yeastfit.measure.series import measure_dataset, replicate_curves, smooth_statistics
+from yeastfit.measure.series import measure_dataset, replicate_curves
+from yeastfit.measure.statistics.smooth_statistics import measure_mask_smoothly
 
 DEMO = Path(__file__).parents[3] / "data" / "synthetic" / "demo"
 HEADER = "file,replicate,hours,um_per_pixel\n"
@@ -149,7 +150,7 @@ def test_smooth_statistics_of_a_disc_are_exact_and_do_not_depend_on_the_pixel() 
     for pixel, excess in ((0.05, 0.01), (0.1, 0.01), (0.2, 0.02)):
         x = (np.arange(round(10 / pixel)) + 0.5) * pixel - 5
         disc = np.hypot(x[:, None], x[None, :]) <= 3
-        values = smooth_statistics(disc, pixel, spacing=0.1, smoothing=0.15)
+        values = measure_mask_smoothly(disc, pixel, spacing=0.1, smoothing=0.15)
         assert values["area"] == pytest.approx(disc.sum() * pixel**2, rel=2e-3)
         assert values["compactness"] == pytest.approx(1, abs=excess)
         # blurring moves mass outwards: ∬|x| φ gains s²/2 · perimeter / R / A to first order, 0.2 % here
@@ -183,7 +184,7 @@ def check_against_true_masks(path: Path, every: int) -> None:
         with Image.open(data.folder / "truth" / "masks" / f"{frame.path.stem}.png") as image:
             truth = np.asarray(image)
         both = [
-            smooth_statistics(mask, one.micrograph.pixel_size / 7.5, spacing=0.1, smoothing=0.15)
+            measure_mask_smoothly(mask, one.micrograph.pixel_size / 7.5, spacing=0.1, smoothing=0.15)
             for mask in (one.segmentation.mask, truth)
         ]
         ratios.append([both[0][name] / both[1][name] for name in ("area", "radius", "compactness")])

@@ -10,8 +10,8 @@ from shapes import disc, masks, star, wheel
 from yeastfit.measure.outlining.segmentation import segment
 from yeastfit.measure.reading.images import read_image
 from yeastfit.measure.statistics.filaments import RING, Filaments, csr_radius
+from yeastfit.measure.statistics.measure_mask import measure_mask
 from yeastfit.measure.statistics.pixels import Pixels
-from yeastfit.measure.statistics.shape import mask_statistics, measure_mask
 
 PUBLISHED = {  # I_F, I_R, area in pixels, number of colonies: Li et al. 2024
     "awri796_50um": (0.2126, 0.1642, 573_920, 14),
@@ -98,7 +98,7 @@ def conditions(folder: Path) -> dict[str, list[dict[str, float]]]:
     for path in sorted(folder.glob("*.tif")):
         mask = segment(read_image(path), name=str(path)).mask
         names = ("filament_area_index", "filament_radius_index", "area")
-        found.setdefault(path.stem.rpartition("_")[0], []).append(dict(mask_statistics(mask, 1.0, names)))
+        found.setdefault(path.stem.rpartition("_")[0], []).append(dict(measure_mask(mask, 1.0, names)))
     return found
 
 

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 from scipy.integrate import quad
 
 from yeastfit.measure.statistics.overlap import MOST, intersection, overlap_area, smooth_area, smooth_step
+from yeastfit.measure.statistics.registry import recorded
 from yeastfit.measure.statistics.smooth_statistics import SmoothStatistics
 from yeastfit.model.cells import Cells, cells_of
 from yeastfit.model.numerics import Numerics
@@ -382,7 +383,7 @@ def test_the_statistic() -> None:
     parameters, relaxation = Parameters(aspect_ratio=0.6), Relaxation(union=0.1, boundary=0.3)
     cells = cells_of(colony, parameters.aspect_ratio)
     snapshot = Snapshot(cells, jnp.asarray(0.5), colony, parameters, relaxation)
-    found = eqx.filter_jit(SmoothStatistics(4.0, 0.4, overlap=True))(snapshot)
+    found = eqx.filter_jit(SmoothStatistics(4.0, 0.4, statistics=(*recorded("smooth"), "overlap_area")))(snapshot)
     assert {"overlap_area", "area", "cell_count"} < set(found)
     q = np.array([[0.5, 0.0, 0.0, 0.5, 0.6], [0.75, 0.3, np.arctan2(0.6, -0.5), 0.5 * np.hypot(0.6, 0.5), 0.6]])
     expected = formulas(q, 0.1, 0.3, np.linspace(-1.0, 2.0, 201))[0]

@@ -11,9 +11,9 @@ from jaxtyping import Array
 from shapes import disc, star, star_radius, wheel
 
 from yeastfit.errors import InputError
+from yeastfit.measure.statistics.measure_mask import measure_mask
 from yeastfit.measure.statistics.pixels import Pixels
 from yeastfit.measure.statistics.polar import Polar, polar_statistics
-from yeastfit.measure.statistics.shape import measure_mask
 from yeastfit.measure.statistics.smooth_statistics import (
     SmoothStatistics,
     gaussian_blur,

@@ -1,5 +1,6 @@
 """Hard statistics against closed forms and symmetries."""
 
+from collections.abc import Mapping
 from math import pi
 
 import jax.numpy as jnp
@@ -15,8 +16,9 @@ from skimage.measure import perimeter as chain_perimeter
 
 from yeastfit.errors import InputError
 from yeastfit.measure.statistics.filaments import SKELETON
-from yeastfit.measure.statistics.model_as_mask import SHAPE_STATISTICS, HardStatistics, mask_of
-from yeastfit.measure.statistics.shape import MEANINGS, UNITS, mask_statistics, measure_mask
+from yeastfit.measure.statistics.measure_mask import measure_mask
+from yeastfit.measure.statistics.model_as_mask import HardStatistics, mask_of
+from yeastfit.measure.statistics.registry import STATISTICS, names_with, recorded
 from yeastfit.model.numerics import Numerics
 from yeastfit.model.relaxation import HARD
 
@@ -99,15 +101,14 @@ def test_one_pixel():
 
 def test_the_border_of_the_array_is_boundary():
     mask = np.ones((20, 30), dtype=bool)
-    np.testing.assert_equal(measure_mask(mask).row(), measure_mask(mask.astype(np.uint8) * 255).row())
+    np.testing.assert_equal(dict(measure_mask(mask)), dict(measure_mask(mask.astype(np.uint8) * 255)))
     padded = measure_mask(np.pad(mask, 4))
     assert measure_mask(mask).perimeter == pytest.approx(padded.perimeter)
 
 
-def assert_same(one: dict[str, float], other: dict[str, float], scale: float = 1.0) -> None:
+def assert_same(one: Mapping[str, float], other: Mapping[str, float], scale: float = 1.0) -> None:
     """Equal up to rounding: every statistic is a sum of the same terms in another order."""
-    powers = {"": 0, "µm": 1, "µm²": 2}
-    expected = {name: value * scale ** powers[UNITS[name]] for name, value in one.items()}
+    expected = {name: value * scale ** STATISTICS[name].unit_power for name, value in one.items()}
     assert {n: v for n, v in other.items() if n not in CENTROID} == pytest.approx(
         {n: v for n, v in expected.items() if n not in CENTROID}, rel=1e-9, abs=1e-9 * scale, nan_ok=True
     )
@@ -118,14 +119,14 @@ def assert_same(one: dict[str, float], other: dict[str, float], scale: float = 1
 def test_rotation_by_quarter_turns_and_reflection(mask, turns, mirrored):
     """All statistics, those of the skeleton too, though thinning itself depends on orientation."""
     turned = np.rot90(mask[:, ::-1] if mirrored else mask, turns)
-    assert_same(measure_mask(mask).row(), measure_mask(turned).row())
+    assert_same(measure_mask(mask), measure_mask(turned))
 
 
 @settings(max_examples=60, deadline=None)
 @given(masks, st.integers(0, 5), st.integers(0, 5))
 def test_translation_moves_the_centroid_only(mask, down, right):
     one, other = measure_mask(mask), measure_mask(np.pad(mask, ((down, 1), (right, 2))))
-    assert_same(one.row(), other.row())
+    assert_same(one, other)
     assert other.centroid == pytest.approx((one.centroid[0] + right, one.centroid[1] + down))
 
 
@@ -133,14 +134,14 @@ def test_translation_moves_the_centroid_only(mask, down, right):
 @given(masks, st.floats(1e-3, 1e3))
 def test_scaling_with_the_pixel_size(mask, pixel_size):
     one, other = measure_mask(mask), measure_mask(mask, pixel_size)
-    assert_same(one.row(), other.row(), pixel_size)
+    assert_same(one, other, pixel_size)
     assert other.centroid == pytest.approx([each * pixel_size for each in one.centroid])
 
 
 @settings(max_examples=60, deadline=None)
 @given(masks)
 def test_bounds(mask):
-    row = measure_mask(mask).row()
+    row = measure_mask(mask)
     assert 0 < row["solidity"] <= 1 + 1e-12
     assert row["radius"] <= row["max_radius"]
     assert row["filament_area"] < row["area"]
@@ -236,30 +237,31 @@ NAN = {
     ids=["pixel", "square", "line", "diagonal", "full", "ring", "objects"],
 )
 def test_what_is_not_a_number_is_the_documented(mask, undefined):
-    row = measure_mask(mask).row()
+    row = measure_mask(mask)
     assert {name for name, value in row.items() if not np.isfinite(value)} == undefined
 
 
 def test_rows_have_units_and_meanings():
-    row = measure_mask(np.ones((40, 50)), 2.0).row()
-    assert list(row) == list(UNITS) == list(MEANINGS)
-    assert set(UNITS.values()) == {"", "µm", "µm²"}
+    row = measure_mask(np.ones((40, 50)), 2.0)
+    assert list(row) == [name for name, entry in STATISTICS.items() if entry.mask]
+    assert {entry.unit() for entry in STATISTICS.values()} == {"", "µm", "µm²"}
+    assert all(entry.meaning for entry in STATISTICS.values())
     assert row["centroid_x"] == 49.0
     assert row["centroid_y"] == 39.0
     assert isinstance(row["object_count"], int)
-    assert SKELETON in MEANINGS["branch_count"]
-    assert SKELETON in MEANINGS["branch_length"]
+    assert SKELETON in STATISTICS["branch_count"].meaning
+    assert SKELETON in STATISTICS["branch_length"].meaning
 
 
 def test_only_what_is_asked_for_is_computed(monkeypatch):
     mask = star(60, 0.3, 6)
-    whole = measure_mask(mask, 2.0).row()
+    whole = measure_mask(mask, 2.0)
     monkeypatch.setattr("yeastfit.measure.statistics.filaments._branches", None)
-    assert mask_statistics(mask, 2.0, ("radius", "csr_radius")) == {n: whole[n] for n in ("radius", "csr_radius")}
+    assert measure_mask(mask, 2.0, ("radius", "csr_radius")) == {n: whole[n] for n in ("radius", "csr_radius")}
     with pytest.raises(TypeError):
-        mask_statistics(mask, 2.0, ("branch_count",))
+        measure_mask(mask, 2.0, ("branch_count",))
     with pytest.raises(InputError, match=r"statistics: got 'size', need some of area, perimeter"):
-        mask_statistics(mask, 2.0, ("size",))
+        measure_mask(mask, 2.0, ("size",))
 
 
 @pytest.mark.parametrize("angle", [0.3, 1.9])
@@ -272,11 +274,11 @@ def test_the_mask_of_one_cell_is_its_ellipse(angle):
 
 def test_a_simulated_colony_has_the_same_statistics():
     seen = np.stack([star(40, 0.3, 6), star(40, 0.3, 9)])[None]
-    assert set(HardStatistics(4.0).finish({"mask": seen})) == set(SHAPE_STATISTICS)
-    found = HardStatistics(4.0, 0.1, tuple(UNITS)).finish({"mask": seen, "cell_count": np.ones((1, 2))})
+    assert set(HardStatistics(4.0).finish({"mask": seen})) == set(recorded("mask")) - set(names_with("nodes"))
+    found = HardStatistics(4.0, 0.1, names_with("mask")).finish({"mask": seen, "cell_count": np.ones((1, 2))})
     assert found.pop("cell_count").shape == (1, 2)
-    row = measure_mask(seen[0, 1], 0.1).row()
-    assert {name: values[0, 1] for name, values in found.items()} == pytest.approx(row)
+    row = measure_mask(seen[0, 1], 0.1)
+    assert {name: values[0, 1] for name, values in found.items()} == pytest.approx(dict(row))
     with pytest.raises(InputError, match="statistics: got 'mass'"):
         HardStatistics(4.0, 0.1, ("area", "mass"))
 

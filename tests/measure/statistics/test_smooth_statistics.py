@@ -13,9 +13,9 @@ from scipy.integrate import quad
 from scipy.special import ellipe
 from scipy.stats import ncx2
 
+from yeastfit.measure.statistics.indicator import gaussian_blur
 from yeastfit.measure.statistics.smooth_statistics import (
     SmoothStatistics,
-    gaussian_blur,
     indicator,
     node_statistics,
     smooth_shape,

@@ -5,8 +5,9 @@ from dataclasses import dataclass, field
 from typing import Literal, get_args
 
 from yeastfit.errors import InputError
+from yeastfit.measure.statistics.registry import STATISTICS, measurement_errors
+from yeastfit.measure.statistics.statistic import Statistic
 
-MEASUREMENT_ERROR = {"compactness": 0.02, "outer_compactness": 0.02}
 Method = Literal["levenberg-marquardt", "dogleg", "bfgs"]
 
 
@@ -25,8 +26,9 @@ class FitSettings:
     that end a stage, as a finite ensemble's mean is rough on the scale of its Monte-Carlo error.
 
     measurement_error: relative error of a measured mean that replicates do not average out, half of its variance common
-    to all times; one number, or by statistic, 0.01 for those not named. On 8 synthetic sets means of outlines were off
-    those of the colonies put in by 0.5 to 1.9 % in compactness (standard deviation), and by 0.4 % at most in radius.
+    to all times; one number, or by statistic, the registry's for those not named. On 8 synthetic sets means of outlines
+    were off those of the colonies put in by 0.5 to 1.9 % in compactness (standard deviation), and by 0.4 % at most in
+    radius.
     """
 
     method: Method = "levenberg-marquardt"
@@ -43,7 +45,7 @@ class FitSettings:
     tolerance: float = 0.3
     max_steps: int = 8
     patience: int = 2
-    measurement_error: float | Mapping[str, float] = field(default_factory=MEASUREMENT_ERROR.copy)
+    measurement_error: float | Mapping[str, float] = field(default_factory=measurement_errors)
 
     def __post_init__(self) -> None:
         if self.method not in get_args(Method):
@@ -68,6 +70,9 @@ class FitSettings:
                 )
 
     def error_of(self, statistic: str) -> float:
-        """The relative measurement error of one statistic, 0.01 where none is given for it."""
+        """The relative measurement error of one statistic, the registry's where none is given for it."""
         given = self.measurement_error
-        return float(given.get(statistic, 0.01) if isinstance(given, Mapping) else given)
+        if not isinstance(given, Mapping):
+            return float(given)
+        usual = STATISTICS[statistic].measurement_error if statistic in STATISTICS else Statistic.measurement_error
+        return float(given.get(statistic, usual))

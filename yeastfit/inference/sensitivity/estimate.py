@@ -37,6 +37,7 @@ from yeastfit.inference.curves import Curves, robust_mean, without_problems
 from yeastfit.inference.paired_regression import design, of_members, paired, pooled, regress
 from yeastfit.inference.sensitivity.result import Estimate, Method, Sensitivity
 from yeastfit.inference.sensitivity.shrinkage import combine
+from yeastfit.measure.statistics.registry import names_with
 from yeastfit.measure.statistics.smooth_statistics import SmoothStatistics
 from yeastfit.model.colony import PROBLEMS
 from yeastfit.model.numerics import Numerics
@@ -89,13 +90,13 @@ def sensitivity(
     path_numerics = path_numerics or _of_paths(numerics, parameters)
     relaxation = hard_but_smoothly_measured() if relaxation is None else relaxation
     path_relaxation = tame() if path_relaxation is None else path_relaxation
-    observe = observe or SmoothStatistics(numerics.domain, 0.1)
     _check(parameters, statistics, free, method, runs, paths, spread)
     log_values = np.log([float(getattr(parameters, name)) for name in NAMES])
     chosen = np.array([NAMES.index(name) for name in free])
     times = np.atleast_1d(np.asarray(times, dtype=float))
     shape = len(statistics), len(times)
     recorded = tuple(statistics) + (() if COUNT in statistics else (COUNT,))
+    observe = replace(observe or SmoothStatistics(numerics.domain, 0.1), statistics=recorded)
     say = progress or silent
 
     def curves(numerics: Numerics, relaxation: Relaxation, times: np.ndarray) -> Curves:
@@ -252,7 +253,7 @@ def _check(
         raise InputError(f"paths is {paths}, it must be at least 4")
     if not 0 < spread < 1:
         raise InputError(f"spread is {spread}, it must lie between 0 and 1")
-    known = (*STATISTICS, "perimeter", "growth_rate")
+    known = names_with("smooth", "nodes")
     for name in statistics:
         if name not in known:
             raise InputError(f"statistics holds {name!r}, expected any of {', '.join(known)}")

@@ -43,6 +43,7 @@ from jaxtyping import Bool, Float, Int
 from scipy import ndimage
 
 from yeastfit.measure.statistics.pixels import TIE, Mask, PerPixel, Pixels
+from yeastfit.measure.statistics.statistic import Statistic
 
 RING = 4
 """δ, pixels."""
@@ -109,6 +110,11 @@ class Filaments:
         return (nan, nan) if np.isnan(self.csr_radius) else _branches(self.pixels, self.csr_radius)
 
 
+def filaments(pixels: Pixels) -> Filaments:
+    """The `Filaments` of a colony, computed once."""
+    return pixels.derived(Filaments)
+
+
 def csr_radius(distance: PerPixel) -> float:
     """r_CSR from the distances of all pixels; nan where the largest is less than δ."""
     largest = float(distance.max())
@@ -171,3 +177,51 @@ def _around(skeleton: Mask, own: Mask) -> tuple[Int[np.ndarray, " own"], Float[n
         across = i != 0 and j != 0
         steps += _ACROSS * (there & ~near[i, 0] & ~near[0, j]) if across else _ALONG * there
     return np.sum(list(near.values()), axis=0, dtype=int), steps
+
+
+ENTRIES = (
+    Statistic(
+        "csr_radius", 1, "radius of the core (complete spatial randomness)", mask=lambda p: filaments(p).csr_radius
+    ),
+    Statistic(
+        "filament_area_index",
+        0,
+        "I_F: share of area beyond csr_radius, over 0.65",
+        mask=lambda p: filaments(p).area_index,
+        may_vanish=True,
+    ),
+    Statistic(
+        "filament_radius_index",
+        0,
+        "I_R: (max_radius / csr_radius − 1.1) / 1.7",
+        mask=lambda p: filaments(p).radius_index,
+        may_vanish=True,
+    ),
+    Statistic(
+        "perimeter_radius",
+        1,
+        "mean distance of the outline from the centroid",
+        mask=lambda p: filaments(p).perimeter_radius,
+    ),
+    Statistic(
+        "filament_area",
+        2,
+        "area beyond perimeter_radius",
+        mask=lambda p: float(filaments(p).outer_area),
+        may_vanish=True,
+    ),
+    Statistic(
+        "branch_count",
+        0,
+        f"ends of the skeleton beyond csr_radius, mean of four quadrants; {SKELETON}",
+        mask=lambda p: filaments(p).branches[0],
+        may_vanish=True,
+    ),
+    Statistic(
+        "branch_length",
+        1,
+        f"length of the skeleton beyond csr_radius, mean of four quadrants; {SKELETON}",
+        mask=lambda p: filaments(p).branches[1],
+        may_vanish=True,
+    ),
+)

@@ -21,6 +21,7 @@ from jaxtyping import Float, Int
 from scipy import ndimage
 
 from yeastfit.measure.statistics.pixels import Mask, Pixels
+from yeastfit.measure.statistics.statistic import Statistic
 
 MIN_SIZES = 3
 """Fewer sizes of box say nothing of a slope."""
@@ -58,3 +59,8 @@ def _twice_as_wide(dilated: Mask, size: int) -> Mask:
         wider[size:] |= dilated[:-size]
         dilated = wider.T
     return dilated
+
+
+ENTRIES = (
+    Statistic("fractal_dimension", 0, "box-counting dimension of the outline", mask=fractal_dimension, may_vanish=True),
+)

@@ -22,6 +22,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
+from yeastfit.measure.statistics.statistic import Statistic
 from yeastfit.model.cells import Cells
 from yeastfit.model.differentiable_sum import sum_of_terms
 from yeastfit.model.numerics import largest_in_ensemble
@@ -170,3 +171,14 @@ def _pairs(cells: Cells, reach: Float[Array, ""], room: int) -> tuple[Int[Array,
     trips = largest_in_ensemble((jnp.max(runs) + LANES - 1) // LANES)
     nothing = jnp.zeros((room, 2), order.dtype), jnp.zeros((), order.dtype)
     return jax.lax.fori_loop(0, trips, add_lane, nothing)
+
+
+ENTRIES = (
+    Statistic(
+        "overlap_area",
+        2,
+        "area in which cells overlap, summed over pairs of cells",
+        nodes=lambda s: overlap_area(s.cells, s.relaxation.union, s.relaxation.boundary),
+        comparable=False,
+    ),
+)

@@ -1,10 +1,13 @@
 """The pixels of one mask and what several statistics need of them, each computed once and only when asked for.
 
-All is in pixels, in the frame of the mask cropped to the colony: no statistic depends on where in the image it lies.
+Everything is in pixels, in the frame of the mask cropped to the colony, so that no statistic depends on where in the
+image the colony lies.
 """
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Any, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -15,6 +18,7 @@ from yeastfit.errors import InputError
 
 Mask = Bool[np.ndarray, "row column"]
 PerPixel = Float[np.ndarray, " pixel"]
+Derived = TypeVar("Derived")
 
 TIE = 1e-9
 """Distances are compared to within this many pixels: a colony turned by 90° has the same up to rounding."""
@@ -22,18 +26,34 @@ TIE = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class Pixels:
-    """A colony, cropped to a margin of one empty pixel all round; `corner` is (row, column) of the first."""
+    """The pixels of a colony.
+
+    Attributes:
+        colony: Which pixels are colony, cropped to a margin of one empty pixel all round.
+        corner: Row and column, in the whole image, of its first pixel.
+    """
 
     colony: Mask
     corner: tuple[int, int]
+    _derived: dict[Callable[..., Any], Any] = field(default_factory=dict, init=False, repr=False)
 
     @classmethod
     def of(cls, mask: npt.NDArray[np.generic]) -> "Pixels":
-        """Raises `InputError` for a mask that is not 2-D, holds NaN or has no colony pixel."""
+        """Crop a mask.
+
+        Raises:
+            InputError: It is not 2-D, holds NaN or has no colony pixel.
+        """
         colony = _checked(mask)
         rows, columns = (np.flatnonzero(colony.any(axis=axis)) for axis in (1, 0))
         cropped = colony[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
         return cls(np.pad(cropped, 1), (int(rows[0]) - 1, int(columns[0]) - 1))
+
+    def derived(self, make: "Callable[[Pixels], Derived]") -> Derived:
+        """`make(self)`, computed once however many statistics ask for it."""
+        if make not in self._derived:
+            self._derived[make] = make(self)
+        return self._derived[make]
 
     @cached_property
     def area(self) -> int:
@@ -42,7 +62,7 @@ class Pixels:
 
     @cached_property
     def filled(self) -> Mask:
-        """With its holes closed, which are 4-connected."""
+        """The colony with its holes closed, which are 4-connected."""
         return ndimage.binary_fill_holes(self.colony)
 
     @cached_property
@@ -59,29 +79,29 @@ class Pixels:
 
     @cached_property
     def distance(self) -> PerPixel:
-        """Of every colony pixel's centre from the centroid."""
+        """Distance of every colony pixel from the centroid."""
         (rows, columns), (row, column) = self.indices, self.centre
         return np.hypot(rows - row, columns - column)
 
     @cached_property
     def angle(self) -> PerPixel:
-        """Of every colony pixel as seen from the centroid, in radians, upwards positive."""
+        """Direction of every colony pixel as seen from the centroid, in radians, upwards positive."""
         (rows, columns), (row, column) = self.indices, self.centre
         return np.arctan2(row - rows, columns - column)
 
     @cached_property
     def max_radius(self) -> float:
-        """Distance of the furthest pixel."""
+        """Distance of the farthest pixel from the centroid."""
         return float(self.distance.max())
 
     @cached_property
     def perimeter(self) -> float:
-        """Crofton perimeter, holes included."""
+        """Length of all boundaries; see `shape` for the estimator."""
         return _crofton(self.colony)
 
     @cached_property
     def outer_perimeter(self) -> float:
-        """Crofton perimeter without the holes'."""
+        """Length of the boundary with holes closed."""
         return _crofton(self.filled)
 
 

@@ -1,72 +1,78 @@
-"""Statistics of a shape that a gradient can pass through (MODEL.md section 4).
+"""Statistics that a gradient passes through, of a simulated colony or of a mask, by one estimator.
 
-A shape is an indicator φ in [0, 1] on a square grid: of a level set, φ = ½ + ½ tanh(−g/K) (source A.2, equation 8), or
-of a micrograph, its mask. Both are blurred by one Gaussian of width `smoothing`, then
-
-    A = ∬ φ,    P = ∬ |∇φ| (co-area formula, all boundaries),    C = P² / (4πA),    radius = ∬ φ |x − x̄| / A.
-
-A perimeter depends on pixel size, blur and estimator; an image and a model that go through the same function at the
-same spacing and smoothing can be compared. Blurring closes gaps narrower than about 2 · `smoothing` in both.
+Both are an indicator φ in [0, 1] on a square grid (`indicator` has the equations): of a simulation ½ + ½ tanh(−g / K)
+of its level set g, of a micrograph its mask. Both are blurred by one Gaussian. A perimeter depends on pixel size, blur
+and estimator; an image and a model that go through the same function at the same spacing and smoothing can be compared.
+Blurring closes gaps narrower than about twice its width in both.
 """
+
+import math
+from collections.abc import Iterable
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
+from skimage.transform import rescale
 
-from yeastfit.measure.statistics.overlap import overlap_area, smooth_step
+from yeastfit.errors import InputError
+from yeastfit.measure.statistics.indicator import Indicator, gaussian_blur
+from yeastfit.measure.statistics.overlap import smooth_step
 from yeastfit.measure.statistics.polar import Polar, polar_statistics
+from yeastfit.measure.statistics.registry import STATISTICS, check_names, names_with, recorded
 from yeastfit.model.active_window import extent_of_cells, on_window
 from yeastfit.model.cells import level_set
 from yeastfit.model.simulate import Snapshot
 
 
 class SmoothStatistics(eqx.Module):
-    """Statistics of one step of the model, differentiable where the relaxation is; lengths in L0.
+    """Records smooth statistics of a simulation; differentiable where the relaxation is. Lengths are in L0.
 
-    extent: side of the square around the origin that is looked at. spacing: of its grid. smoothing: width of the
-    Gaussian. A boundary width of None in the relaxation takes the hard indicator, which blurring alone smooths.
-    overlap: whether to add "overlap_area", of all cells wherever they are and of the relaxation's widths, which takes
-    several times as long as the rest. polar: adds "max_radius", "radial_profile_0", … and "angular_spectrum_1", …
+    Attributes:
+        extent: Side of the square around the origin that is looked at.
+        spacing: Of its grid.
+        smoothing: Standard deviation of the blur.
+        polar: Adds "max_radius", "radial_profile_0", … and "angular_spectrum_1", … on these rings and waves.
+        statistics: Names of statistics with a smooth form or a form for nodes; by default `registry.recorded`.
+
+    A boundary width of None in the relaxation takes the hard indicator, which blurring alone smooths.
+
+    Raises:
+        InputError: A name is not such a statistic.
     """
 
     extent: float = eqx.field(static=True)
     spacing: float = eqx.field(static=True, default=0.1)
     smoothing: float = eqx.field(static=True, default=0.0)
-    overlap: bool = eqx.field(static=True, default=False)
     polar: Polar | None = eqx.field(static=True, default=None)
+    statistics: tuple[str, ...] = eqx.field(static=True, default_factory=lambda: recorded("smooth"))
+
+    def __check_init__(self) -> None:
+        check_names(self.statistics, "smooth", "nodes")
 
     def __call__(self, snapshot: Snapshot) -> dict[str, Float[Array, ""]]:
-        """Statistics by name (source table 3.1)."""
+        """Statistics of one step, by name."""
+        names = tuple(name for name in self.statistics if STATISTICS[name].smooth)
 
         def shape(points: int, snapshot: Snapshot) -> dict[str, Float[Array, ""]]:
             phi = indicator(snapshot, points, self.spacing)
-            found = smooth_shape(phi, self.spacing, self.smoothing)
+            found = smooth_shape(phi, self.spacing, self.smoothing, names)
             return found | (smooth_polar(phi, self.spacing, self.smoothing, self.polar) if self.polar else {})
 
-        cells, relaxation = snapshot.cells, snapshot.relaxation
-        extent = extent_of_cells(cells, relaxation.reach)
+        extent = extent_of_cells(snapshot.cells, snapshot.relaxation.reach)
         shapes = on_window(shape, extent, self.spacing, round(self.extent / self.spacing) + 1, snapshot)
-        found = {**shapes, **node_statistics(snapshot)}
-        if self.overlap:
-            found["overlap_area"] = overlap_area(cells, relaxation.union, relaxation.boundary)
-        return found
+        return {**shapes, **node_statistics(snapshot, self.statistics)}
 
     def finish(self, observed: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
         """Nothing is left to do."""
         return observed
 
 
-def node_statistics(snapshot: Snapshot) -> dict[str, Float[Array, ""]]:
-    """What only nodes tell: μ, the number of cells and d̄, the mean distance of nodes from the origin."""
-    weights = snapshot.colony.weights
-    total = jnp.sum(weights)
-    return {
-        "growth_rate": snapshot.growth_rate,
-        "mean_radius": jnp.sum(weights * _norm(*snapshot.colony.positions.T)) / total,
-        "cell_count": total - 1.0,
-    }
+def node_statistics(snapshot: Snapshot, names: Iterable[str] | None = None) -> dict[str, Float[Array, ""]]:
+    """Those of the named statistics that only nodes tell, in L0; by default those that simulations record."""
+    entries = (STATISTICS[name] for name in (recorded("smooth") if names is None else names))
+    return {entry.name: entry.nodes(snapshot) for entry in entries if entry.nodes}
 
 
 def indicator(snapshot: Snapshot, points: int, spacing: float) -> Float[Array, "x y"]:
@@ -76,37 +82,33 @@ def indicator(snapshot: Snapshot, points: int, spacing: float) -> Float[Array, "
     return smooth_step(g, relaxation.boundary)
 
 
-def smooth_shape(phi: Float[Array, "x y"], spacing: float, smoothing: float) -> dict[str, Float[Array, ""]]:
-    """area, perimeter, compactness and radius of an indicator, blurred by `smoothing`; all in the units of `spacing`.
+def smooth_shape(
+    phi: Float[Array, "x y"], spacing: float, smoothing: float, names: tuple[str, ...] | None = None
+) -> dict[str, Float[Array, ""]]:
+    """Measure an indicator, blurred.
 
-    |∇φ| is taken at the centres of the grid squares, with the error O(spacing² / smoothing²) of a second-order scheme.
-    Outside the array φ is 0. An empty φ has area 0 and nan for compactness and radius.
+    Arguments:
+        phi: φ on a square grid; 0 outside the array.
+        spacing: Of the grid, in any unit of length.
+        smoothing: Standard deviation of the blur, in the same unit.
+        names: Of statistics with a smooth form; all by default.
+
+    Returns:
+        The statistics by name, in the unit of `spacing`. An empty φ has area 0 and nan for compactness and radius.
     """
-    phi = gaussian_blur(jnp.pad(phi, 1), smoothing / spacing)
-    right = phi[1:, 1:] - phi[:-1, :-1]
-    left = phi[1:, :-1] - phi[:-1, 1:]
-    # the two diagonals of a grid square are perpendicular, each of length √2 h
-    slope = _norm(right, left) / (jnp.sqrt(2.0) * spacing)
-    area = jnp.sum(phi) * spacing**2
-    perimeter = jnp.sum(slope) * spacing**2
-    x = spacing * (jnp.arange(phi.shape[0]) - 0.5 * (phi.shape[0] - 1))[:, None]
-    y = spacing * (jnp.arange(phi.shape[1]) - 0.5 * (phi.shape[1] - 1))[None, :]
-    total = jnp.sum(phi)
-    distance = _norm(x - jnp.sum(x * phi) / total, y - jnp.sum(y * phi) / total)
-    return {
-        "area": area,
-        "perimeter": perimeter,
-        "compactness": perimeter**2 / (4 * jnp.pi * area),
-        "radius": jnp.sum(phi * distance) / total,
-    }
+    blurred = Indicator.blurred(phi, spacing, smoothing)
+    entries = (STATISTICS[name] for name in (names_with("smooth") if names is None else names))
+    return {entry.name: entry.smooth(blurred) for entry in entries if entry.smooth}
 
 
 def smooth_polar(
     phi: Float[Array, "x y"], spacing: float, smoothing: float, polar: Polar
 ) -> dict[str, Float[Array, ""]]:
-    """What `smooth_shape` leaves out, of the same blurred indicator, one number a name; see `polar`.
+    """Measure where the colony lies around its centroid, by the same blurred indicator; see `polar`.
 
-    max_radius, radial_profile_0 … (share of the plane that is colony, ring by ring), angular_spectrum_1 … (power).
+    Returns:
+        max_radius; radial_profile_0, …, the share of the plane that is colony, ring by ring; angular_spectrum_1, …,
+        the power of each wave.
     """
     found = polar_statistics(gaussian_blur(phi, smoothing / spacing), spacing, polar)
     named = {"max_radius": found["max_radius"]}
@@ -114,22 +116,40 @@ def smooth_polar(
     return named | {f"angular_spectrum_{k + 1}": found["angular_spectrum"][k] for k in range(polar.waves)}
 
 
-def gaussian_blur(phi: Float[Array, "x y"], sigma: float) -> Float[Array, "wide high"]:
-    """Separable Gaussian of `sigma` pixels, cut at 4 sigma, zero outside; the array grows by the cut on each side."""
-    if sigma == 0:
-        return phi
-    half = int(np.ceil(4 * sigma))
-    kernel = np.exp(-0.5 * (np.arange(-half, half + 1) / sigma) ** 2)
-    kernel /= kernel.sum()
-    for _ in range(2):
-        padded = jnp.pad(phi, ((2 * half, 2 * half), (0, 0)))
-        rows = phi.shape[0] + 2 * half
-        phi = sum(float(k) * jax.lax.slice_in_dim(padded, i, i + rows) for i, k in enumerate(kernel)).T  # type: ignore[union-attr]
-    return phi
+def measure_mask_smoothly(
+    mask: Bool[np.ndarray, "row column"],
+    pixel_size: float,
+    statistics: Iterable[str] | None = None,
+    *,
+    spacing: float,
+    smoothing: float,
+) -> dict[str, float]:
+    """Measure a mask as `SmoothStatistics` measures a simulation.
+
+    Arguments:
+        mask: True where the colony is.
+        pixel_size: In any unit of length, which is the result's.
+        statistics: Names of statistics with a smooth form; all by default.
+        spacing: Of the grid that the mask is resampled to.
+        smoothing: Standard deviation of the blur.
+
+    Returns:
+        The statistics by name.
+
+    Raises:
+        InputError: Pixels are too coarse for the grid, or a name is not such a statistic.
+    """
+    if pixel_size > 2.5 * spacing:
+        raise InputError(
+            f"pixel size is {pixel_size:.3g}, at most {2.5 * spacing:.3g} resolves a cell well enough to fit"
+        )
+    names = names_with("smooth") if statistics is None else check_names(statistics, "smooth")
+    scale = pixel_size / spacing
+    phi = np.pad(mask, math.ceil(2 / scale)).astype(np.float32)
+    if abs(scale - 1) > 1e-3:
+        phi = rescale(phi, scale, order=1, anti_aliasing=scale < 1)
+    values = _smooth_shape(jnp.asarray(phi), spacing, smoothing, names)
+    return {name: float(values[name]) for name in names}
 
 
-def _norm(x: Float[Array, "..."], y: Float[Array, "..."]) -> Float[Array, "..."]:
-    """√(x² + y²), with derivative 0 at 0."""
-    squared = x**2 + y**2
-    zero = squared == 0  # not `> 0`: nan stays nan
-    return jnp.where(zero, 0.0, jnp.sqrt(jnp.where(zero, 1.0, squared)))
+_smooth_shape = jax.jit(smooth_shape, static_argnums=(1, 2, 3))

@@ -40,7 +40,9 @@ lattice's. TAMMiCol transforms g over [0, π], so that its wave numbers count pe
 import numpy as np
 from jaxtyping import Float
 
+from yeastfit.measure.statistics.filaments import filaments
 from yeastfit.measure.statistics.pixels import TIE, PerPixel
+from yeastfit.measure.statistics.statistic import Statistic
 
 RINGS = 50
 SECTORS = 48
@@ -111,3 +113,28 @@ def _counts(angle: PerPixel, sectors: int) -> Float[np.ndarray, " sector"]:
     """How many pixels lie in each sector, the first centred on angle 0."""
     sector = np.rint(angle * (sectors / (2 * np.pi))).astype(int) % sectors
     return np.bincount(sector, minlength=sectors).astype(float)
+
+
+ENTRIES = (
+    Statistic(
+        "radial_index",
+        0,
+        "I_r: 1 − (radius of the core) / max_radius",
+        mask=lambda p: radial_index(p.distance),
+        may_vanish=True,
+    ),
+    Statistic(
+        "angular_index",
+        0,
+        "I_θ: spread of the area beyond csr_radius over directions, 0 to 1",
+        mask=lambda p: angular_index(filaments(p).angle),
+        may_vanish=True,
+    ),
+    Statistic(
+        "wave_number",
+        0,
+        "dominant wave number of the angular pair correlation beyond csr_radius, periods a turn",
+        mask=lambda p: dominant_wave_number(angular_spectrum(filaments(p).angle), filaments(p).finest_wave),
+        may_vanish=True,
+    ),
+)

@@ -1,0 +1,191 @@
+"""A statistic is added by its entry alone: everything that names statistics then knows it."""
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from helpers import wrong_types
+from own_statistics import SIDE, STEPS, side_of_pixels
+from PIL import Image
+
+from yeastfit import (
+    HARD,
+    STATISTICS,
+    FitSettings,
+    InputError,
+    Numerics,
+    Parameters,
+    Statistic,
+    Targets,
+    member_keys,
+    plot,
+    register_statistic,
+    sensitivity,
+    simulate,
+)
+from yeastfit.commands import app
+from yeastfit.commands.measure_batch import measure_batch
+from yeastfit.inference.colony_simulator import COARSE, ColonySimulator
+from yeastfit.inference.targets import Estimator
+from yeastfit.measure.reading.batch_inputs import find_tasks
+from yeastfit.measure.statistics.measure_mask import measure_mask
+from yeastfit.measure.statistics.registry import (
+    OTHER_COLUMNS,
+    RECORDED,
+    known_statistics,
+    measurement_errors,
+    recorded,
+    registered,
+    title_of,
+)
+from yeastfit.report.measurement_files import OWN_COLUMNS
+
+SMALL = Numerics(domain=8.0, spacing=0.2, dt=0.02, capacity=8)
+
+
+@pytest.fixture
+def own() -> Iterator[None]:
+    """Two statistics of a user's."""
+    register_statistic(SIDE)
+    register_statistic(STEPS)
+    yield
+    for name in ("side", "steps"):
+        del STATISTICS[name]
+
+
+def write_squares(folder: Path, count: int, side: int = 30) -> Path:
+    """Masks of a square."""
+    folder.mkdir()
+    for k in range(count):
+        Image.fromarray(np.pad(np.full((side, side), 255, np.uint8), 20)).save(folder / f"{k}.png")
+    return folder
+
+
+# --- the package's own -----------------------------------------------------------------------------------------------
+
+
+def test_entries_are_what_the_tables_before_them_said() -> None:
+    """Which were written down one by one in several places."""
+    assert recorded("smooth") == (
+        *("compactness", "radius", "mean_radius", "growth_rate", "cell_count", "area", "perimeter"),
+    )
+    assert recorded("mask") == RECORDED
+    assert known_statistics("smooth") == ("compactness", "radius", "mean_radius", "cell_count", "area", "perimeter")
+    incomparable = {name for name, entry in STATISTICS.items() if not entry.comparable}
+    assert incomparable == {"centroid_x", "centroid_y", "growth_rate", "overlap_area"}
+    assert set(known_statistics("mask")) == set(STATISTICS) - incomparable
+    assert measurement_errors() == {"compactness": 0.02, "outer_compactness": 0.02}
+    assert {name for name, entry in STATISTICS.items() if entry.may_vanish} == {
+        *("hole_count", "filament_area", "filament_area_index", "filament_radius_index", "branch_count"),
+        *("branch_length", "radial_index", "angular_index", "wave_number", "fractal_dimension"),
+    }
+    assert title_of("radius") == "radius, mean distance from centroid (L0)"
+    assert title_of("filament_area") == "filament area (L0²)"
+    assert title_of("size_of_something") == "size of something"
+    assert registered() == ()
+
+
+def test_names_are_not_those_of_other_columns() -> None:
+    assert set(OWN_COLUMNS) < set(OTHER_COLUMNS)
+    assert not set(STATISTICS) & set(OTHER_COLUMNS)
+
+
+@pytest.mark.parametrize(
+    ("means", "extent"),
+    [
+        ({"max_radius": 5.0, "radius": 3.0}, 6.0),
+        ({"mean_radius": 2.0, "area": np.pi, "radius": 3.0}, 10.0),
+        ({"mean_radius": 2.0, "area": 100.0}, 7.0),
+        ({"area": 4 * np.pi, "compactness": 2.0}, 7.0),
+    ],
+)
+def test_how_far_colonies_reach(means: dict[str, float], extent: float) -> None:
+    """Once the largest radius, three times a mean one, or three times that of the disc of the same area; and 1 L0."""
+    found = Targets.from_means({name: [value] for name, value in means.items()}, [3.0], estimator="mask")
+    assert found.extent == pytest.approx(extent, rel=1e-15)
+
+
+# --- one's own -------------------------------------------------------------------------------------------------------
+
+
+def test_masks_and_simulations_have_it(own: None) -> None:
+    assert registered() == (SIDE, STEPS)
+    square = measure_mask(np.ones((20, 20)), 0.5)
+    assert square.side == 10.0
+    assert list(square)[-1] == "side"
+    keys = member_keys(0, 2)
+    for relaxation in (None, HARD):
+        run = simulate(Parameters(), keys, times=[1.5, 2.5], numerics=SMALL, relaxation=relaxation)
+        np.testing.assert_allclose(run.statistics["side"], np.sqrt(run.statistics["area"]), rtol=1e-6)
+        np.testing.assert_array_equal(run.statistics["steps"], [[75, 125], [75, 125]])
+        row = run.rows()[-1]
+        assert row["side_um"] == pytest.approx(7.5 * row["side"])
+        assert "steps_um" not in row
+        titles = [axes.get_title() for axes in plot.curves(run).axes]
+        assert {"side (L0)", "steps done"} < set(titles)
+
+
+@pytest.mark.parametrize("estimator", ["smooth", "mask"])
+def test_fits_may_name_it(own: None, estimator: Estimator) -> None:
+    targets = Targets.from_means({"side": [2.0], "compactness": [1.5]}, [2.0], estimator=estimator)
+    assert targets.extent == 9.0
+    errors = [FitSettings().error_of(name) for name in ("side", "compactness", "area", "something else")]
+    assert errors == [0.005, 0.02, 0.01, 0.01]
+    simulator = ColonySimulator.of(targets, resolution=COARSE)
+    assert [str(one) for one in simulator.observables] == ["side at 2", "compactness at 2"]
+    assert simulator.curves.observe.statistics == ("side", "compactness")
+    with pytest.raises(InputError, match=r"statistic 'steps' is unknown, expected some of compactness.*, side"):
+        Targets.from_means({"steps": [2.0]}, [2.0], extent=3.0, estimator=estimator)
+
+
+def test_sensitivities_may_name_it(own: None) -> None:
+    with pytest.raises(InputError, match=r"statistics holds 'sides', expected any of .*perimeter.* side"):
+        sensitivity(times=[1.5], statistics=("side", "sides"), numerics=SMALL)
+
+
+def test_measure_has_a_column_and_says_what_it_is(own: None, undrawn: None, tmp_path: Path) -> None:
+    folder = write_squares(tmp_path / "squares", 1)
+    assert app.run(["measure", str(folder), "--out", str(tmp_path / "out"), "--pixel-size", "2", "--jobs", "1"]) == 0
+    columns = json.loads((tmp_path / "out" / "columns.json").read_text())
+    assert columns["side"] == {"unit": "µm", "meaning": "side of the square of the same area"}
+    header, row = (tmp_path / "out" / "measurements.csv").read_text().splitlines()
+    assert dict(zip(header.split(","), row.split(","), strict=True))["side"] == "60.0"
+    assert "side of the square of the same area" in (tmp_path / "out" / "index.html").read_text()
+
+
+def test_what_other_processes_cannot_import_is_measured_in_this_one(
+    monkeypatch: pytest.MonkeyPatch, undrawn: None, tmp_path: Path
+) -> None:
+    monkeypatch.setitem(STATISTICS, "local", Statistic("local", 0, "a number", mask=lambda pixels: 1.5))
+    tasks, _, _ = find_tasks([write_squares(tmp_path / "squares", 8)], 0.5)
+    outcomes = measure_batch(tasks, tmp_path / "out", jobs=2)
+    assert [outcome.row["local"] if outcome.row else None for outcome in outcomes] == [1.5] * 8
+
+
+# --- refused ---------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("changed", "message"),
+    [
+        ({"name": "area"}, r"statistic 'area': there is one of this name \(area\), choose another"),
+        ({"name": "hours"}, "statistic 'hours': tables have a column of this name"),
+        ({"name": "outer area"}, "name is 'outer area', it must be letters"),
+        ({"unit_power": 3}, "statistic 'mine': unit_power is 3, it must be 0, 1 or 2"),
+        ({"mask": None}, "statistic 'mine': no form is given, need mask, smooth or nodes"),
+        ({"nodes": side_of_pixels}, "nodes is for what no image shows, leave out mask"),
+        ({"mask": 3}, "statistic 'mine': mask is 3, it must be a function"),
+        ({"measurement_error": -0.1}, "measurement_error is -0.1, it must be finite and at least 0"),
+        ({"reach": 0.0}, "reach is 0.0, it is for lengths and areas, above 0"),
+        ({"unit_power": 0, "reach": 1.0}, "reach is 1.0, it is for lengths and areas"),
+    ],
+    ids=str,
+)
+def test_bad_entries_are_refused_in_words(changed: dict[str, Any], message: str) -> None:
+    values: dict[str, Any] = {"name": "mine", "unit_power": 1, "meaning": "of mine", "mask": side_of_pixels}
+    with wrong_types(), pytest.raises(InputError, match=message):
+        register_statistic(Statistic(**{**values, **changed}))
+    assert registered() == ()

@@ -1,0 +1,44 @@
+"""What only the state of a simulated colony tells. With w_i the weight of node i and x_i its position:
+
+    cells = Σ w_i − 1,    d̄ = Σ w_i |x_i| / Σ w_i,    μ the growth rate of the step
+
+(table 3.1 of "A Novel Algebraic Agent Based Model for Pseudohyphal Baker's Yeast Colony Morphology"). A whole node has
+the weight 1, an empty slot 0. All three can be differentiated.
+"""
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from yeastfit.measure.statistics.indicator import norm
+from yeastfit.measure.statistics.statistic import Statistic
+from yeastfit.model.simulate import Snapshot
+
+
+def growth_rate(snapshot: Snapshot) -> Float[Array, ""]:
+    """μ in μ*."""
+    return snapshot.growth_rate
+
+
+def mean_radius(snapshot: Snapshot) -> Float[Array, ""]:
+    """d̄, the mean distance of nodes from the origin, in L0."""
+    weights = snapshot.colony.weights
+    return jnp.sum(weights * norm(*snapshot.colony.positions.T)) / jnp.sum(weights)
+
+
+def cell_count(snapshot: Snapshot) -> Float[Array, ""]:
+    """Number of cells: one less than nodes."""
+    return jnp.sum(snapshot.colony.weights) - 1.0
+
+
+ENTRIES = (
+    Statistic("growth_rate", 0, "growth rate μ over μ*", "growth rate μ", nodes=growth_rate, comparable=False),
+    Statistic(
+        "mean_radius",
+        1,
+        "mean distance of nodes from where the colony began",
+        "mean radius of nodes d̄",
+        nodes=mean_radius,
+        reach=3.0,
+    ),
+    Statistic("cell_count", 0, "number of cells", "cells", nodes=cell_count),
+)

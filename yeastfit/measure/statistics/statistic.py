@@ -1,0 +1,91 @@
+"""What the package knows about one summary statistic: its name, unit and meaning, and how it is computed.
+
+A statistic has one or two of three forms. `mask` takes the black-and-white image of a colony, photographed or
+simulated. `smooth` takes a smooth indicator of either, and can be differentiated. `nodes` takes the state of a
+simulated colony: it is for what no image shows.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import KW_ONLY, dataclass
+from typing import Any, Literal, get_args
+
+from yeastfit.errors import InputError
+from yeastfit.measure.statistics.indicator import Indicator
+from yeastfit.measure.statistics.pixels import Pixels
+from yeastfit.model.simulate import Snapshot
+
+Form = Literal["mask", "smooth", "nodes"]
+
+
+@dataclass(frozen=True)
+class Statistic:
+    """One summary statistic.
+
+    Attributes:
+        name: In Python, in tables and on the command line.
+        unit_power: 1 for a length, 2 for an area, 0 for a number without unit.
+        meaning: One line for a reader of a table.
+        label: The title of a plot, without the unit; by default the name with spaces.
+        mask: Its value for the pixels of a black-and-white image, in pixels.
+        smooth: Its value for a smooth indicator, in the unit of the indicator's spacing. jax traces it.
+        nodes: Its value for one step of a simulated colony, in L0. jax traces it.
+        may_vanish: Whether it may be 0 or negative; the data of a fit are refused otherwise.
+        measurement_error: Relative error of a measured mean that does not average out over replicates.
+        is_count: Whether values of a mask are whole numbers.
+        comparable: Whether data and simulations can be compared in it. False for where a colony lies in its image,
+            and for what nobody can observe.
+        reach: No colony reaches farther from its start than this many times the value or, of an area A, √(A / π).
+            None where the value does not tell.
+
+    Raises:
+        InputError: No form is given, or `nodes` beside another one; or an attribute makes no sense.
+    """
+
+    name: str
+    unit_power: int
+    meaning: str
+    label: str = ""
+    _: KW_ONLY
+    mask: Callable[[Pixels], float] | None = None
+    smooth: Callable[[Indicator], Any] | None = None
+    nodes: Callable[[Snapshot], Any] | None = None
+    may_vanish: bool = False
+    measurement_error: float = 0.01
+    is_count: bool = False
+    comparable: bool = True
+    reach: float | None = None
+
+    def __post_init__(self) -> None:
+        if not self.name.isidentifier():
+            raise InputError(f"statistic: name is {self.name!r}, it must be letters, digits and underscores")
+        if self.unit_power not in (0, 1, 2):
+            raise InputError(f"statistic {self.name!r}: unit_power is {self.unit_power!r}, it must be 0, 1 or 2")
+        if not self.forms:
+            raise InputError(f"statistic {self.name!r}: no form is given, need mask, smooth or nodes")
+        if self.nodes and len(self.forms) > 1:
+            raise InputError(f"statistic {self.name!r}: nodes is for what no image shows, leave out {self.forms[0]}")
+        for form in self.forms:
+            if not callable(getattr(self, form)):
+                raise InputError(f"statistic {self.name!r}: {form} is {getattr(self, form)!r}, it must be a function")
+        if not (math.isfinite(self.measurement_error) and self.measurement_error >= 0):
+            error = self.measurement_error
+            raise InputError(f"statistic {self.name!r}: measurement_error is {error}, it must be finite and at least 0")
+        if self.reach is not None and not (self.unit_power and math.isfinite(self.reach) and self.reach > 0):
+            raise InputError(f"statistic {self.name!r}: reach is {self.reach}, it is for lengths and areas, above 0")
+        if not self.label:
+            object.__setattr__(self, "label", self.name.replace("_", " "))
+
+    @property
+    def forms(self) -> tuple[Form, ...]:
+        """The forms that it has."""
+        return tuple(form for form in get_args(Form) if getattr(self, form) is not None)
+
+    def unit(self, length: str = "µm") -> str:
+        """Its unit, in terms of a unit of length; empty where it has none."""
+        return ("", length, f"{length}²")[self.unit_power]
+
+    @property
+    def title(self) -> str:
+        """The label, with the unit of a simulation."""
+        return self.label + (f" ({self.unit('L0')})" if self.unit_power else "")
