@@ -18,10 +18,19 @@ VERDICTS = {
 
 @dataclass(frozen=True)
 class Comparison:
-    """One derivative by jax and by another way: of the number `output[index]` along a direction.
+    """One derivative by JAX and by another method.
 
-    by: "differences", or "transpose", ⟨v, J d⟩ beside ⟨Jᵀ v, d⟩. uncertainty: of both. scale: what the tolerance and
-    `error` refer to, the larger of both derivatives and `derivatives.FLOOR` times the value.
+    Attributes:
+        by: "differences", or "transpose", which compares ⟨v, J d⟩ with ⟨Jᵀ v, d⟩.
+        along: The direction.
+        output: Which output, "all" for a transpose.
+        index: Of the number within it.
+        forward: By forward mode.
+        other: By the other method.
+        uncertainty: Of both together.
+        scale: What tolerance and `error` are relative to: the larger of both derivatives and `check.FLOOR` times the
+            value.
+        verdict: One of `VERDICTS`.
     """
 
     by: str
@@ -42,10 +51,15 @@ class Comparison:
 
 @dataclass(frozen=True)
 class GradientCheck:
-    """Result of `check_derivatives` and `check_gradients`: every comparison, and what a user should see.
+    """Result of `check_derivatives` and `check_gradients`.
 
-    times: what the first index of an output stands for, if anything. growth: by direction and at `growth_times`, how
-    far a unit of the direction moves the node that it moves most, to first order. remarks: on the model itself.
+    Attributes:
+        comparisons: All of them.
+        tolerance: Relative, of differences.
+        times: What the first index of an output stands for, if anything.
+        growth_times: When `growth` was seen.
+        growth: By direction: how far a unit of it moves, to first order, the node that it moves most.
+        remarks: On the model itself.
     """
 
     comparisons: tuple[Comparison, ...]

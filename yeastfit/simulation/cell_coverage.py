@@ -24,17 +24,28 @@ def coverage(
     pixel_size: float,
     supersample: int = 5,
 ) -> tuple[Floats, Floats]:
-    """Per pixel, the part in the union of ellipses r² = (u/p)² + (v/q)² ≤ 1, and the mean of Σ √max(1 - r², 0).
+    """Share of each pixel in the union of ellipses r² = (u/p)² + (v/q)² ≤ 1, and its mean of Σ √max(1 − r², 0).
 
-    centres [n, 2] (x, y), half_lengths p [n], half_widths q [n], extent and pixel_size are in one unit (µm); directions
-    [n, 2] are unit vectors along p. A cell of no length or width covers nothing; what lies outside is cut off. Means
-    are over `supersample`² points a pixel; with an odd number of them no pixel is half covered exactly, a tie that
-    `true_mask` counts as colony and that makes a mask of single cells 2 % too large at 4² points.
+    The image is centred on the origin, rows downwards (along −y), columns along x. A pixel is exactly `pixel_size`
+    wide, so an `extent` that is no multiple of it changes by up to half a pixel. What lies outside is cut off.
 
-    Returns fraction, in [0, 1], and thickness, in cell layers. Both are [rows, columns], round(extent / pixel_size) a
-    side, centred on the origin, rows downwards (along -y), columns along x. A pixel is exactly `pixel_size` wide, so an
-    `extent` that is no multiple of it changes by up to half a pixel. Raises `InputError` where shapes differ, a value
-    is not finite or a length negative, directions are no unit vectors, or the image would be empty or enormous.
+    Arguments:
+        centres: (x, y) [n, 2]. All lengths are in one unit, µm.
+        directions: Unit vectors along p [n, 2].
+        half_lengths: p [n]. A cell without length or width covers nothing.
+        half_widths: q [n].
+        extent: Side of the image.
+        pixel_size: Of its pixels.
+        supersample: Means are over its square of points in a pixel. With an odd number no pixel is exactly half
+            covered, a tie that `true_mask` counts as colony: at 4² points a mask of single cells is 2 % too large.
+
+    Returns:
+        The fraction, in [0, 1], and the thickness in cell layers, both [rows, columns], round(extent / pixel_size) a
+        side.
+
+    Raises:
+        InputError: Shapes differ, a value is not finite, a length is negative, directions are no unit vectors, or the
+            image would be empty or enormous.
     """
     cells = _checked_cells(centres, directions, half_lengths, half_widths)
     side = _checked_side(extent, pixel_size, supersample)

@@ -48,23 +48,25 @@ LAMP = 0.3  # half sides: how far the lamp's centre may lie from the image's, al
 
 @dataclass(frozen=True)
 class Optics:
-    """Light, lens, sensor and dust (module docstring); plausible ranges in brackets.
+    """Light, lens, sensor and dust, as in the module's equations; plausible ranges in brackets.
 
-    background: mean grey level of an empty field, of 255 (120 to 200).
-    gradient: relative change of the light from one side of the image to the other (0 to 0.1).
-    curvature: relative fall of the light at half a side from the lamp's centre (0 to 0.05).
-    blur: standard deviation of the blur, µm (0.3 to 1.5).
-    base: absorbance wherever there is a cell, natural logarithm (0.2 to 0.8).
-    depth: absorbance of every cell layer on top of that (0 to 0.3).
-    rim: absorbance of the flanks of a single cell on top of those, at its edge (0 to 0.3).
-    texture: relative standard deviation of the absorbance inside cells, granular as cytoplasm is (0 to 0.3).
-    grain: width of that texture's grains, the standard deviation of a Gaussian, µm (0.3 to 1.5).
-    noise: standard deviation of a pixel, grey levels (1 to 4).
-    specks: mean number of specks of dust in an image, Poisson (0 to 4); none touches the colony.
-    speck_radius: smallest and largest radius of a speck, µm (0.5 to 2).
-    speck_darkness: smallest and largest part of the light that the middle of a speck takes, 0 to 1 (0.05 to 0.5).
+    Attributes:
+        background: Mean grey level of an empty field, of 255 (120 to 200).
+        gradient: Relative change of the light from one side of the image to the other (0 to 0.1).
+        curvature: Relative fall of the light at half a side from the lamp's centre (0 to 0.05).
+        blur: Standard deviation of the blur in µm (0.3 to 1.5).
+        base: Absorbance wherever there is a cell, natural logarithm (0.2 to 0.8).
+        depth: Further absorbance of every cell layer (0 to 0.3).
+        rim: Further absorbance of a single cell's flanks, at its edge (0 to 0.3).
+        texture: Relative standard deviation of the absorbance inside cells, whose cytoplasm is granular (0 to 0.3).
+        grain: Width of the grains, the standard deviation of a Gaussian, in µm (0.3 to 1.5).
+        noise: Standard deviation of a pixel in grey levels (1 to 4).
+        specks: Mean number of specks of dust in an image, Poisson (0 to 4); none touches the colony.
+        speck_radius: Smallest and largest radius of a speck in µm (0.5 to 2).
+        speck_darkness: Smallest and largest share of the light that a speck's centre takes (0.05 to 0.5).
 
-    Raises `InputError` where a value is not finite or is negative, or a range not smallest first.
+    Raises:
+        InputError: A value is not finite or negative, or a range does not rise.
     """
 
     background: float = 155.0
@@ -174,11 +176,19 @@ def _speck(
 
 
 def write_micrograph(path: str | Path, pixels: Array, pixel_size: float, kind: str = "tiff") -> None:
-    """An 8-bit image [rows, columns] as a TIFF file that states its `pixel_size`, in µm, in one of three ways.
+    """Write an image as a TIFF file that states its pixel size.
 
-    kind "tiff": resolution in pixels per centimetre, deflated; "imagej": ImageJ's unit and resolution; "ome": OME-XML
-    with PhysicalSizeX and PhysicalSizeY, deflated. The file appears whole or not at all, replaces one of that name, and
-    the same image makes the same bytes. Raises `InputError` for another kind, other pixels or a missing folder.
+    The file appears whole or not at all and replaces one of that name. The same image makes the same bytes.
+
+    Arguments:
+        path: The file; its folder exists.
+        pixels: 8 bits [rows, columns].
+        pixel_size: In µm.
+        kind: How the size is stated: "tiff", as pixels per centimetre, deflated; "imagej", in ImageJ's way; "ome", as
+            PhysicalSizeX and PhysicalSizeY in OME-XML, deflated.
+
+    Raises:
+        InputError: The kind is another one, pixels are no such image, or the folder is missing.
     """
     path = Path(path)
     require_positive("pixel_size", pixel_size)

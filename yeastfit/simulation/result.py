@@ -24,7 +24,16 @@ _COLONY_ARRAYS = ("positions", "parents", "weights", "lineages", "count", "nutri
 class Simulation:
     """Result of `simulate`. Arrays have the keys' batch axis first, if there was one, then the sample times.
 
-    times: model time, 1/μ*. statistics: by name, lengths in L0. colony: the last state of every member.
+    Attributes:
+        times: Model time, in 1/μ*.
+        statistics: By name, lengths in L0.
+        colony: The last state of every member.
+        parameters: Values of all parameters of the model.
+        relaxation: Smoothing widths.
+        numerics: Grid, time step and capacity.
+        model: The rules.
+        scales: Units of tables.
+        seconds: What it took, compiling included.
     """
 
     times: Float[np.ndarray, " sample"]
@@ -69,7 +78,7 @@ class Simulation:
         return table
 
     def save(self, path: str | Path) -> None:
-        """Curves, last states and configuration in one NumPy archive."""
+        """Save as a NumPy archive: curves, last states, parameters and configuration, with the names of the rules."""
         arrays: dict[str, Any] = {f"statistics/{name}": values for name, values in self.statistics.items()}
         arrays |= {f"colony/{name}": getattr(self.colony, name) for name in _COLONY_ARRAYS}
         arrays |= {f"problems/{name}": getattr(self.colony.problems, name) for name in PROBLEMS}
