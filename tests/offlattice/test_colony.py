@@ -86,6 +86,7 @@ def test_what_cannot_be_simulated_is_told_in_the_result(
 
 
 def test_memory_is_estimated_before_it_is_taken(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module, "LITTLE", 0)
     monkeypatch.setattr(module, "_free_memory", lambda: 1000 * module.BYTES_PER_CELL)
     assert grow(AWRI_50, cells=1001).status is Status.TOO_LARGE
     assert grow(AWRI_50, cells=1000).status is Status.GROWN

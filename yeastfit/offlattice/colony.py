@@ -30,6 +30,7 @@ MOST_ATTEMPTS = 1_000_000
 
 LARGEST = 2**31 - 1  # cells are numbered with 32 bits
 BYTES_PER_CELL = 128  # at most: 32 of the cell, 24 of the sets, 32 of the bins, 37 of the result
+LITTLE = 2**28  # bytes that are not asked for
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -118,7 +119,8 @@ def grow(
     numbers = seeded(seed) if stream is None else streamed(stream)
     if not in_range(rates):
         return _colony(rates, cells, Status.OUTSIDE, np.empty(0, CELL))
-    if cells > LARGEST or cells * BYTES_PER_CELL > _free_memory():
+    memory = cells * BYTES_PER_CELL
+    if cells > LARGEST or (memory > LITTLE and memory > _free_memory()):
         return _colony(rates, cells, Status.TOO_LARGE, np.empty(0, CELL))
     held, sated = np.empty(cells, CELL), last_sated(rates.transition, cells)
     code, born, attempts, sated_attempts = grow_cells(

@@ -5,7 +5,7 @@ from functools import cache, wraps
 from hashlib import sha256
 from inspect import unwrap
 from pathlib import Path
-from typing import ParamSpec, TypeVar
+from typing import Any, ParamSpec, TypeVar
 
 from yeastfit.errors import InputError
 
@@ -19,19 +19,36 @@ Result = TypeVar("Result")
 
 
 def kernel(function: Callable[Arguments, Result]) -> Callable[Arguments, Result]:
-    """Compile a function at its first call; the result is kept on disk, and threads run it side by side.
+    """Compile a function that makes no arrays, at its first call; the result is kept on disk, and threads share it.
 
-    Numba compiles again when the file of a kernel changes, but not when a kernel that it calls does, in another file.
-    So a digest of this folder's sources is part of the name under which it keeps a kernel.
+    References to arrays are not counted, which would take half the time of a growing colony. Numba refuses to compile a
+    function that makes an array all the same.
 
     Raises:
         InputError: When the function is called without numba installed.
+    """
+    return _compiled(function, _nrt=False)
+
+
+def array_kernel(function: Callable[Arguments, Result]) -> Callable[Arguments, Result]:
+    """Compile a function as `kernel` does; it may make arrays.
+
+    Raises:
+        InputError: When the function is called without numba installed.
+    """
+    return _compiled(function)
+
+
+def _compiled(function: Callable[Arguments, Result], **options: Any) -> Callable[Arguments, Result]:
+    """Compile lazily, under a name with a digest of this folder's sources.
+
+    Numba compiles again when the file of a kernel changes, but not when a kernel that it calls does, in another file.
     """
     plain = unwrap(function)  # of the tests' type checks, which numba cannot compile
     if njit is None:
         return _missing(plain)
     plain.__qualname__ += f"_{_sources()}"
-    return njit(cache=True, nogil=True)(plain)
+    return njit(**options, cache=True, nogil=True)(plain)
 
 
 def _missing(function: Callable[Arguments, Result]) -> Callable[Arguments, Result]:

@@ -22,7 +22,7 @@ neighbours holds exactly one run of pixels, or none. Order of passes and ends re
 import numpy as np
 from jaxtyping import Bool
 
-from yeastfit.offlattice.compiled import kernel
+from yeastfit.offlattice.compiled import array_kernel, kernel
 
 RING = ("NW", "N", "NE", "E", "SE", "S", "SW", "W")
 """Neighbours in the order of the bits of their code."""
@@ -75,7 +75,7 @@ def _is_end() -> Bool[np.ndarray, " code"]:
 REMOVES, IS_END = _removes(), _is_end()
 
 
-@kernel
+@array_kernel
 def _thin(image: Bool[np.ndarray, "row column"], removes: Bool[np.ndarray, "number code"]) -> None:
     """Thin, in place, an image with an empty margin of one pixel."""
     width = image.shape[1]
@@ -101,7 +101,7 @@ def _thin(image: Bool[np.ndarray, "row column"], removes: Bool[np.ndarray, "numb
             changed = changed or removed > 0
 
 
-@kernel
+@array_kernel
 def _count(image: Bool[np.ndarray, "row column"], is_end: Bool[np.ndarray, " code"]) -> int:
     flat = image.ravel()
     ends = 0

@@ -28,7 +28,7 @@ from jaxtyping import Bool, Float, Int, UInt8
 
 from yeastfit.errors import InputError
 from yeastfit.offlattice.colony import OfflatticeColony
-from yeastfit.offlattice.compiled import kernel
+from yeastfit.offlattice.compiled import array_kernel, kernel
 from yeastfit.offlattice.placing import DIRECTIONS, SEMI_AXES
 
 BIN = 4
@@ -82,7 +82,7 @@ def enlarged(occupied: Bool[np.ndarray, "row column"]) -> Bool[np.ndarray, "x y"
     return image
 
 
-@kernel
+@array_kernel
 def fill_holes(image: Bool[np.ndarray, "x y"], least: int) -> None:
     """Turn on, in place, the components of the background, 8-connected, that have fewer than so many pixels."""
     rows, columns = image.shape

@@ -24,7 +24,7 @@ import numpy as np
 from jaxtyping import Bool, Int
 
 from yeastfit.errors import InputError
-from yeastfit.offlattice.compiled import kernel
+from yeastfit.offlattice.compiled import array_kernel, kernel
 from yeastfit.offlattice.golay_skeleton import count_ends, skeleton
 
 RING = 4
@@ -72,7 +72,7 @@ def li2024_statistics(mask: Bool[np.ndarray, "row column"]) -> Li2024:
     return Li2024(area, max_radius, csr, share / 0.65, (max_radius / csr - 1.1) / 1.7, (ends - 25) / 575, ends)
 
 
-@kernel
+@array_kernel
 def centroid(mask: Bool[np.ndarray, "row column"]) -> tuple[float, float]:
     """Row and column of the centroid of the first component, 8-connected and column by column; it must have one."""
     runs = _runs(mask)
@@ -91,7 +91,7 @@ def centroid(mask: Bool[np.ndarray, "row column"]) -> tuple[float, float]:
     return rows / pixels, columns / pixels
 
 
-@kernel
+@array_kernel
 def _runs(mask: Bool[np.ndarray, "row column"]) -> Int[np.ndarray, "run 3"]:
     """Row, first column and the column after the last, of every horizontal run of pixels."""
     count = 0
@@ -115,7 +115,7 @@ def _runs(mask: Bool[np.ndarray, "row column"]) -> Int[np.ndarray, "run 3"]:
     return runs
 
 
-@kernel
+@array_kernel
 def _linked(runs: Int[np.ndarray, "run 3"]) -> Int[np.ndarray, " run"]:
     """Each run's way to the root of its component: runs that touch, at a corner too, are of one."""
     root = np.arange(len(runs))
@@ -139,7 +139,7 @@ def _root(root: Int[np.ndarray, " run"], run: int) -> int:
     return run
 
 
-@kernel
+@array_kernel
 def _rings(mask: Bool[np.ndarray, "row column"], row: float, column: float) -> tuple[int, float, Int[np.ndarray, " i"]]:
     """Number of pixels, largest distance from the centroid, and pixels of each ring; the centre's is in ring 0."""
     rows, columns = mask.shape
