@@ -1,0 +1,215 @@
+/* Growth of an off-lattice colony (Li et al. 2024), the algorithm of yeastfit/offlattice in C, to measure that against.
+
+   offlattice REPEATS CELLS DELAY n* p_ps p_sp gamma p_a STATE0 STATE1 STATE2 STATE3
+
+   prints the least time of one growth in seconds, attempts, the sums of x and of y, and the last direction: with the
+   same four words of the generator's state, yeastfit's colony to the last bit. Exits with 1 where a choice is empty. */
+
+#define _POSIX_C_SOURCE 200809L
+#include <math.h>
+#include <stdint.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <time.h>
+
+#define PI 3.14159265358979323846
+#define BIN 4.4
+#define RETIRED 4
+
+enum { SATED, PSEUDOHYPHAL, CHILDLESS };
+
+typedef struct {
+    double x, y;
+    int32_t below, direction, mother;
+    uint8_t form, count, bears;
+} Cell;
+
+static const int BUDDING[2][4] = {{7, -7, 23, 9}, {1, -1, 1, -1}};
+static double semi_axes[2][2], displacement[2][2][4][32][2], frame[2][32][4], reach2, cos15, sin15, cos45;
+
+static uint64_t state[4];
+static Cell *cells;
+static int32_t *bins, *members[3], *places[3], size[3], wrap;
+
+static void tables(void)
+{
+    const double um[2][2] = {{4.2, 3.0}, {6.7, 1.9}}, pixels = 323.0 / 500.0;
+    for (int form = 0; form < 2; form++)
+        for (int k = 0; k < 2; k++) semi_axes[form][k] = pixels * um[form][k];
+    reach2 = semi_axes[1][0] * semi_axes[1][0];
+    cos15 = cos(PI / 12), sin15 = sin(PI / 12), cos45 = cos(PI / 4);
+    for (int d = 0; d < 32; d++) {
+        double c = cos(PI / 16 * d), s = sin(PI / 16 * d);
+        for (int m = 0; m < 2; m++) {
+            double a = semi_axes[m][0], b = semi_axes[m][1];
+            double f[4] = {c / a, s / a, -s / b, c / b};
+            memcpy(frame[m][d], f, sizeof f);
+            for (int form = 0; form < 2; form++)
+                for (int k = 0; k < 4; k++) {
+                    double beta = PI / 16 * BUDDING[form][k], tangent = tan(beta);
+                    double phi = beta + atan((a - b) * tangent) / (b + a * (tangent * tangent));
+                    double u = a * cos(phi) + semi_axes[form][0] * cos(beta);
+                    double v = b * sin(phi) + semi_axes[form][0] * sin(beta);
+                    displacement[m][form][k][d][0] = u * c + v * -s;
+                    displacement[m][form][k][d][1] = u * s + v * c;
+                }
+        }
+    }
+}
+
+static inline uint64_t rotated(uint64_t word, int bits) { return word << bits | word >> (64 - bits); }
+
+static inline double uniform(void)
+{
+    uint64_t word = rotated(state[0] + state[3], 23) + state[0], shifted = state[1] << 17;
+    state[2] ^= state[0];
+    state[3] ^= state[1];
+    state[1] ^= state[2];
+    state[0] ^= state[3];
+    state[2] ^= shifted;
+    state[3] = rotated(state[3], 45);
+    return (double)(word >> 11) * (1.0 / 9007199254740992.0);
+}
+
+static inline int32_t below(int32_t count) { return (int32_t)(count * uniform()); }
+
+static inline void add(int set, int32_t cell)
+{
+    members[set][size[set]] = cell;
+    places[set][cell] = size[set]++;
+}
+
+static inline void take(int set, int32_t cell)
+{
+    int32_t place = places[set][cell], mover = members[set][--size[set]];
+    members[set][place] = mover;
+    places[set][mover] = place;
+}
+
+static inline int32_t one_of(int set)
+{
+    if (size[set] == 0) exit(1);
+    return members[set][below(size[set])];
+}
+
+static inline int32_t eligible(void)
+{
+    if (size[SATED] + size[PSEUDOHYPHAL] == 0) exit(1);
+    int32_t rank = below(size[SATED] + size[PSEUDOHYPHAL]);
+    return rank < size[SATED] ? members[SATED][rank] : members[PSEUDOHYPHAL][rank - size[SATED]];
+}
+
+static inline void count_on(int32_t index)
+{
+    Cell *cell = cells + index;
+    if (++cell->count == RETIRED) {
+        take(cell->form, index);
+        if (!cell->bears) take(CHILDLESS, index);
+    }
+}
+
+static inline int is_free(double x, double y)
+{
+    static const int near[3] = {0, -1, 1};
+    int32_t row = (int32_t)floor(x / BIN), column = (int32_t)floor(y / BIN);
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j < 3; j++) {
+            int32_t index = bins[(size_t)((row + near[i]) & wrap) * (wrap + 1) + ((column + near[j]) & wrap)];
+            while (index >= 0) {
+                const Cell *cell = cells + index;
+                double dx = x - cell->x, dy = y - cell->y;
+                if (dx * dx + dy * dy <= reach2) {
+                    const double *f = frame[cell->form][cell->direction & 31];
+                    double u = fabs(f[0] * dx + f[1] * dy), v = fabs(f[2] * dx + f[3] * dy);
+                    if (u * cos15 + v * sin15 <= cos15 && (u + v) * cos45 <= cos15 && u * sin15 + v * cos15 <= cos15)
+                        return 0;
+                }
+                index = cell->below;
+            }
+        }
+    return 1;
+}
+
+static void bear(int32_t index, int32_t mother, int form, double x, double y, int direction)
+{
+    int32_t *bin = bins + (size_t)((int32_t)floor(x / BIN) & wrap) * (wrap + 1) + ((int32_t)floor(y / BIN) & wrap);
+    cells[index] = (Cell){x, y, *bin, direction, mother, (uint8_t)form, 1, 0};
+    *bin = index;
+    add(form, index);
+    add(CHILDLESS, index);
+}
+
+static int64_t grow(int32_t count, int32_t sated, double late, const double *rates)
+{
+    double p_ps = rates[1], p_sp = rates[2], fork = rates[3], p_a = rates[4];
+    int64_t attempts = 0;
+    memset(size, 0, sizeof size);
+    memset(bins, 255, (size_t)(wrap + 1) * (wrap + 1) * sizeof *bins);
+    bear(0, -1, SATED, 0.0, 0.0, 0);
+    for (int32_t index = 1; index < count; index++) {
+        int32_t number = index + 1, mother;
+        int form, angle;
+        double x, y;
+        for (int tried = 1;; tried++) {
+            attempts++;
+            form = SATED;
+            mother = eligible();
+            if (number > sated) {
+                double u1 = uniform(), u2 = uniform(), u3 = uniform();
+                if (number >= late && u3 >= p_a) mother = one_of(PSEUDOHYPHAL);
+                else if (number < late && u3 < p_a) mother = one_of(SATED);
+                if (u2 > fork && cells[mother].bears && u1 > p_ps) mother = one_of(CHILDLESS);
+                if (cells[mother].form == SATED) form = u1 < p_sp ? PSEUDOHYPHAL : SATED;
+                else form = cells[mother].bears && u1 < p_ps ? SATED : PSEUDOHYPHAL;
+            }
+            if (number < sated && tried > 1) count_on(mother);
+            angle = below(4);
+            const double *step = displacement[cells[mother].form][form][angle][cells[mother].direction & 31];
+            x = cells[mother].x + step[0], y = cells[mother].y + step[1];
+            if (is_free(x, y)) break;
+        }
+        bear(index, mother, form, x, y, cells[mother].direction + BUDDING[form][angle]);
+        if (number >= sated) count_on(mother);
+        if (form == PSEUDOHYPHAL) {
+            if (!cells[mother].bears && cells[mother].count < RETIRED) take(CHILDLESS, mother);
+            cells[mother].bears = 1;
+        }
+    }
+    return attempts;
+}
+
+int main(int argc, char **argv)
+{
+    if (argc != 13) return 2;
+    int repeats = atoi(argv[1]);
+    int32_t count = atoi(argv[2]), side = 4;
+    double delay = atof(argv[3]), rates[5], least = INFINITY, sum_x = 0, sum_y = 0;
+    int64_t attempts = 0;
+    for (int k = 0; k < 5; k++) rates[k] = atof(argv[4 + k]);
+    while ((int64_t)side * side < 2 * (int64_t)count) side *= 2;
+    wrap = side - 1;
+    tables();
+    for (int k = 0; k < repeats; k++) {
+        struct timespec start, end;
+        clock_gettime(CLOCK_THREAD_CPUTIME_ID, &start);
+        cells = malloc((size_t)count * sizeof *cells);
+        bins = malloc((size_t)side * side * sizeof *bins);
+        for (int set = 0; set < 3; set++) {
+            members[set] = malloc((size_t)count * sizeof(int32_t));
+            places[set] = malloc((size_t)count * sizeof(int32_t));
+        }
+        for (int w = 0; w < 4; w++) state[w] = strtoull(argv[9 + w], NULL, 10);
+        attempts = grow(count, (int32_t)round(rates[0] * count), (rates[0] + delay) * count, rates);
+        clock_gettime(CLOCK_THREAD_CPUTIME_ID, &end);
+        double seconds = (double)(end.tv_sec - start.tv_sec) + 1e-9 * (double)(end.tv_nsec - start.tv_nsec);
+        if (seconds < least) least = seconds;
+        if (k < repeats - 1) {
+            free(cells), free(bins);
+            for (int set = 0; set < 3; set++) free(members[set]), free(places[set]);
+        }
+    }
+    for (int32_t k = 0; k < count; k++) sum_x += cells[k].x, sum_y += cells[k].y;
+    printf("%.9f %lld %.17g %.17g %d\n", least, (long long)attempts, sum_x, sum_y, cells[count - 1].direction);
+    return 0;
+}
