@@ -1,9 +1,12 @@
-"""What a long run says of its pace."""
+"""What the terminal shows of a long run: where it is, and its pace."""
+
+from io import StringIO
 
 import pytest
+from rich.console import Console
 
 from yeastfit.commands import terminal
-from yeastfit.commands.terminal import Pace
+from yeastfit.commands.terminal import Pace, shown_progress
 
 
 def test_the_time_that_is_left_follows_from_all_the_time_that_went_by(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -25,3 +28,12 @@ def test_the_time_that_is_left_follows_from_all_the_time_that_went_by(monkeypatc
     now[0] += 16.0
     again.grown += 64
     assert str(again) == "64 colonies, 4.0 a second, at most 0:04:00 left"
+
+
+@pytest.mark.parametrize("on_a_terminal", [True, False])
+def test_progress_is_shown_on_a_terminal_only(monkeypatch: pytest.MonkeyPatch, on_a_terminal: bool) -> None:
+    written = StringIO()
+    monkeypatch.setattr(terminal, "err", Console(file=written, force_terminal=on_a_terminal, width=80))
+    with shown_progress("measuring micrographs") as progress:
+        progress("measured 3 of 12", 0.25)
+    assert ("measured 3 of 12" in written.getvalue()) == on_a_terminal
