@@ -10,7 +10,8 @@ from scipy.stats import qmc
 from simulators import observables_named, parameters_named
 
 from yeastfit.inference.posterior.prior import Prior
-from yeastfit.inference.simulator import Observable, seed_of
+from yeastfit.inference.simulator import seed_of
+from yeastfit.observable import Observable
 from yeastfit.parameter_set import ParameterSet
 
 Moments = tuple[np.ndarray, np.ndarray]

@@ -11,7 +11,7 @@ from simulators import observables_named, parameters_named
 from yeastfit.inference.abc.distances import Distance, WeightedCurves
 from yeastfit.inference.posterior.prior import Prior
 from yeastfit.inference.posterior.samples import Samples, weighted_quantile
-from yeastfit.inference.simulator import Observable
+from yeastfit.observable import Observable
 from yeastfit.parameter_set import ParameterSet
 
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from yeastfit.inference.simulator import Observable
+from yeastfit.observable import Observable
 from yeastfit.parameter_set import Parameter, ParameterSet
 
 

@@ -19,7 +19,7 @@ from yeastfit.inference.abc.distances import WeightedCurves
 from yeastfit.inference.abc.population import Population
 from yeastfit.inference.polynomial import monomials
 from yeastfit.inference.posterior.prior import Prior
-from yeastfit.inference.simulator import Observable
+from yeastfit.observable import Observable
 from yeastfit.parameter_set import ParameterSet
 
 TRUTH = np.array([1.3, 0.8])

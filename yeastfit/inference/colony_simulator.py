@@ -16,7 +16,7 @@ from jaxtyping import Array, Bool
 
 from yeastfit.errors import InputError
 from yeastfit.inference.colony_curves import ColonyCurves
-from yeastfit.inference.simulator import Observable, Rows, Seeds, Values, once
+from yeastfit.inference.simulator import Rows, Seeds, Values, once
 from yeastfit.inference.targets import Targets
 from yeastfit.measure.statistics.model_as_mask import HardStatistics, mask_of
 from yeastfit.measure.statistics.smooth_statistics import SmoothStatistics
@@ -25,6 +25,7 @@ from yeastfit.model.model import Model
 from yeastfit.model.numerics import Numerics
 from yeastfit.model.parameters import PARAMETERS, Parameters
 from yeastfit.model.relaxation import HARD
+from yeastfit.observable import Observable
 from yeastfit.parameter_set import ParameterSet
 from yeastfit.simulation.simulate import member_keys, schedule_of, simulate
 

@@ -9,7 +9,6 @@ attributes are read where they exist:
 Wrappers count what is simulated, average replicates and add errors of measurement.
 """
 
-import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -21,6 +20,7 @@ import numpy as np
 from jaxtyping import Float, Shaped
 
 from yeastfit.errors import InputError
+from yeastfit.observable import Observable
 from yeastfit.parameter_set import ParameterSet
 from yeastfit.simulation.simulate import member_keys
 
@@ -28,17 +28,6 @@ BITS = 32  # of a run's seed
 Values = Float[np.ndarray, "row parameter"]
 Seeds = Shaped[np.ndarray, " row"]  # whole numbers from 0 to 2⁶⁴ − 1
 Rows = Float[np.ndarray, "row statistic"]
-
-
-@dataclass(frozen=True)
-class Observable:
-    """One column of a simulator's rows: a statistic, and the time at which it is taken where there is one."""
-
-    statistic: str
-    time: float = math.nan
-
-    def __str__(self) -> str:
-        return self.statistic if math.isnan(self.time) else f"{self.statistic} at {self.time:.3g}"
 
 
 @runtime_checkable

@@ -8,12 +8,12 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from yeastfit.errors import InputError
-from yeastfit.inference.simulator import Observable
 from yeastfit.measure.reading.dataset import Dataset
 from yeastfit.measure.series import Measured, replicate_curves
 from yeastfit.measure.statistics.registry import STATISTICS, Estimator, known_statistics
 from yeastfit.measure.statistics.smooth_statistics import measure_mask_smoothly
 from yeastfit.model.parameters import Scales
+from yeastfit.observable import Observable
 
 SPACING = 0.1  # L0, the grid on which shapes are compared: 0.75 µm for yeast
 SMOOTHING = 0.15  # L0, the blur both undergo, which makes them indifferent to how a pixel on the edge was called
