@@ -9,7 +9,7 @@ import pytest
 from helpers import colony_of, pair
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.spatial import ConvexHull
+from scipy.spatial import ConvexHull, Delaunay
 from scipy.special import ellipe
 from shapes import disc, masks, star, star_radius
 from skimage.measure import perimeter as chain_perimeter
@@ -210,6 +210,26 @@ def test_every_pixel_as_a_block_of_pixels(factor):
 def test_a_convex_shape_is_solid():
     assert measure_mask(np.ones((30, 50))).solidity == pytest.approx(1)
     assert measure_mask(disc(150)).solidity == pytest.approx(1, abs=0.01)
+
+
+def test_every_convex_shape_has_the_same_share_in_the_outer_tenth_of_its_hull():
+    """1 − 0.9² = 0.19; of pixels less, as the hull of their squares reaches half a pixel beyond a curve."""
+    assert measure_mask(np.ones((60, 80))).outer_hull_share == pytest.approx(0.19, rel=1e-12)
+    for radius in (20, 40, 80, 160):
+        for mask in (disc(radius), ellipse(2 * radius, 0.5, 0.4)):
+            share = measure_mask(mask, statistics=("outer_hull_share",)).outer_hull_share
+            assert 0.19 - 1.0 / radius < share < 0.19
+
+
+def test_filaments_fill_little_of_the_outer_tenth_of_the_hull():
+    """Of the star r = R (1 + a cos 12θ), by quadrature over points beyond the shrunk hull of its curve."""
+    angle, part = np.linspace(0, 2 * pi, 4_801)[:-1], (np.arange(500) + 0.5) / 500
+    reach, directions = star_radius(angle, 200, 0.35, 12), np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    hull = ConvexHull(reach[:, None] * directions)  # its centroid is the star's middle
+    points = (reach * np.sqrt(part)[:, None])[..., None] * directions
+    outer = Delaunay(0.9 * hull.points[hull.vertices]).find_simplex(points) < 0
+    exact = float((outer * reach**2).sum() / (500 * (reach**2).sum()))
+    assert measure_mask(star(200, 0.35, 12)).outer_hull_share == pytest.approx(exact, abs=0.002)
 
 
 NAN = {

@@ -8,9 +8,14 @@ With M the set of colony pixels, h the pixel size in µm and x_c their centroid:
     x_c     = (h / |M|) Σ_M (column, row)                   centroid (x, y), µm
     radius  = (1 / |M|) Σ_M |h x − x_c|                     mean distance of colony pixels from the centroid, µm
     r_max   = max_M |h x − x_c|                             µm
-    S       = |M| / (area of the convex hull of M's squares)    solidity, 1 for a convex M
+    S       = |M| / |H|                                     solidity, 1 for a convex M
+    E       = |M beyond x_H + 0.9 (H − x_H)| / |M|          share in the outer tenth of the hull, 0.19 for a convex M
 
-and P_outer, C_outer the same two of M with its holes filled (area included). C is defined in table 3.1 of "A Novel
+with H the convex hull of M's squares and x_H its centroid: the outer tenth lies beyond the hull shrunk by a tenth about
+x_H. E counts the pixels whose centres lie there. It is 1 − 0.9² for every convex M, and less for a colony whose hull is
+held up by thin filaments, as these fill little of its edge.
+
+P_outer and C_outer are the same two of M with its holes filled (area included). C is defined in table 3.1 of "A Novel
 Algebraic Agent Based Model for Pseudohyphal Baker's Yeast Colony Morphology". `indicator` has the smooth A, P and
 radius. `filaments` defines what lies beyond the core, `spatial_indices` where pixels lie around the centroid, `fractal`
 the dimension of the outline, `nodes` what only a simulation knows.
@@ -30,24 +35,49 @@ edge is its worst case: 5.2 % too short along an axis or a diagonal, up to 2.6 %
 """
 
 from math import pi
+from typing import TYPE_CHECKING
 
 import jax.numpy as jnp
 import numpy as np
 from scipy import ndimage
 
-from yeastfit.measure.statistics.pixels import Mask, Pixels
+from yeastfit.measure.statistics.pixels import TIE, Mask, Pixels
 from yeastfit.measure.statistics.statistic import Statistic
 
+if TYPE_CHECKING:
+    from scipy.spatial import ConvexHull
 
-def solidity(pixels: Pixels) -> float:
-    """S: the colony's area over that of its convex hull."""
+
+def convex_hull(pixels: Pixels) -> "ConvexHull":
+    """H, of the corners of the pixels' squares; coordinates are (row, column) of corners."""
     from scipy.spatial import ConvexHull
 
     rows = np.flatnonzero(pixels.colony.any(axis=1))
     colony = pixels.colony[rows]
     left, right = colony.argmax(axis=1), colony.shape[1] - colony[:, ::-1].argmax(axis=1)
     corners = [np.stack([rows + below, side], axis=1) for below in (0, 1) for side in (left, right)]
-    return float(pixels.area / ConvexHull(np.concatenate(corners)).volume)
+    return ConvexHull(np.concatenate(corners))
+
+
+def solidity(pixels: Pixels) -> float:
+    """S: the colony's area over that of its convex hull."""
+    return float(pixels.area / pixels.derived(convex_hull).volume)
+
+
+def outer_hull_share(pixels: Pixels) -> float:
+    """E: the share of the colony's area that lies in the outer tenth of its convex hull."""
+    hull = pixels.derived(convex_hull)
+    corners = hull.points[hull.vertices]
+    following = np.roll(corners, -1, axis=0)
+    triangles = corners[:, 0] * following[:, 1] - corners[:, 1] * following[:, 0]
+    centre = triangles @ (corners + following) / (3 * triangles.sum())
+    rows, columns = pixels.indices
+    down, right = rows + 0.5 - centre[0], columns + 0.5 - centre[1]
+    outer = np.zeros(pixels.area, dtype=bool)
+    for edge_down, edge_right, offset in hull.equations:  # edge · x + offset ≤ 0 inside
+        depth = -offset - edge_down * centre[0] - edge_right * centre[1]
+        outer |= edge_down * down + edge_right * right > 0.9 * depth + TIE
+    return float(outer.mean())
 
 
 def _objects(mask: Mask, *, diagonals: bool) -> int:
@@ -110,4 +140,11 @@ ENTRIES = (
         may_vanish=True,
     ),
     Statistic("solidity", 0, "area over that of the convex hull", mask=solidity),
+    Statistic(
+        "outer_hull_share",
+        0,
+        "share of area in the outer tenth of the convex hull, 0.19 where convex",
+        mask=outer_hull_share,
+        may_vanish=True,
+    ),
 )
