@@ -55,6 +55,7 @@ from yeastfit.errors import InputError
 from yeastfit.inference.abc.pilot import distance_of
 from yeastfit.inference.abc.smc import SmcSettings, abc_smc
 from yeastfit.inference.colony_simulator import ColonySimulator, Resolution
+from yeastfit.inference.imaging import Imaging
 from yeastfit.inference.neural_likelihood.emulator import Emulator, train
 from yeastfit.inference.neural_likelihood.network import EmulatorSettings
 from yeastfit.inference.neural_likelihood.sequential import emulated
@@ -121,7 +122,7 @@ class Part:
     def simulator(self) -> Simulator:
         """Of single colonies for the emulator, which knows of replicates; of means over them for ABC."""
         curves = {name: np.ones(len(self.times)) for name in STATISTICS}
-        targets = Targets.from_means(curves, self.times, extent=EXTENT, spacing=PIXEL)
+        targets = Targets.from_means(curves, self.times, imaging=Imaging(EXTENT, spacing=PIXEL))
         colonies = ColonySimulator.of(targets, PRIOR.free, resolution=MODEL)
         return colonies if self.emulator else Replicates(colonies, self.replicates)
 

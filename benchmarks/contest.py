@@ -4,17 +4,17 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import cma
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
-from scipy.linalg import solve_triangular
 from scipy.optimize import least_squares, minimize
 
-from yeastfit import FitSettings, InputError, Parameters, Targets, member_keys
-from yeastfit.inference.colonies import Colonies
+from yeastfit import ColonySimulator, FitSettings, SimulationError, Simulator, Targets
+from yeastfit.inference.colony_simulator import COARSE
+from yeastfit.inference.curve_covariance import Square, whitened
 from yeastfit.inference.fit.ensemble import Ensembles
-from yeastfit.inference.fit.response_surface import Surface, study
-from yeastfit.inference.parameter_space import ALONE, Space, Vector
+from yeastfit.inference.fit.response_surface import ResponseSurface, response_surface
+from yeastfit.inference.parameter_space import ONLY, ParameterSpace, Points, Vector
+from yeastfit.inference.simulator import Rows, member_seeds
 
 MARGIN = 2.0  # of χ² above its minimum that counts as the same residual
 REACH = 0.2  # of the surface around the truth, in log λ
@@ -29,10 +29,11 @@ class Contest:
     """Data, Σ = L Lᵀ, and the response surface that tells how far χ² is above its minimum, at θ `best`."""
 
     targets: Targets
-    space: Space
+    simulator: Simulator
+    space: ParameterSpace
     settings: FitSettings
-    factor: Float[np.ndarray, "curve curve"]
-    surface: Surface
+    root: Square
+    surface: ResponseSurface
     best: Vector
     least: float
 
@@ -41,37 +42,33 @@ class Contest:
         targets: Targets, truth: Mapping[str, float], free: Sequence[str], settings: FitSettings, judges: int
     ) -> "Contest":
         """With a surface around the true parameters, from `judges` colonies, and a quarter as many for Σ."""
-        space = Space.of(free, {ALONE: Parameters(**truth)})
+        simulator = ColonySimulator.of(targets, free, truth, COARSE)
+        space = ParameterSpace.of(simulator.parameters)
         centre = np.log([truth[name] for name in space.names])
-        ensembles = Ensembles.of({ALONE: targets}, space, JUDGES_SEED, settings)
-        (joint,) = ensembles.around([centre], judges // 4, 0.1, full=True)
-        if isinstance(joint, InputError):
-            raise joint
-        factor = np.linalg.cholesky(ensembles.sigma(joint))
-        surface = study(ensembles.alone, centre, np.full(len(centre), REACH), judges, JUDGES_SEED)
-        best, least = surface.minimise(factor, targets.values[None])
-        return Contest(targets, space, settings, factor, surface, best[0], float(least[0]))
+        ensembles = Ensembles({ONLY: targets}, {ONLY: simulator}, space, JUDGES_SEED, settings)
+        (model,) = ensembles.local_models([centre], judges // 4, 0.1, full=True)
+        if isinstance(model, SimulationError):
+            raise model
+        root, reach = np.linalg.cholesky(ensembles.covariance(model)), np.full(len(centre), REACH)
+        surface = response_surface(ensembles.single_simulations, centre, reach, judges, JUDGES_SEED)
+        found = surface.minimise(root, targets.values[None])
+        return Contest(targets, simulator, space, settings, root, surface, found.theta[0], float(found.chi_square[0]))
 
-    def colonies(self) -> Colonies:
-        """What simulates further colonies."""
-        settings = self.settings
-        return Colonies.of(self.targets, dt=settings.dt, spacing=settings.spacing, capacity=settings.capacity)
-
-    def whitened(self, mean: Float[np.ndarray, " curve"]) -> Float[np.ndarray, " curve"]:
+    def residuals(self, mean: Float[np.ndarray, " observable"]) -> Float[np.ndarray, " observable"]:
         """Residuals of variance 1."""
-        return solve_triangular(self.factor, mean - self.targets.values, lower=True)
+        return whitened(self.root, mean - self.targets.values)
 
     def rise(self, theta: Vector) -> float:
         """The exact χ² above its minimum; infinite off the surface."""
         if (np.abs(theta - self.surface.centre) > self.surface.reach * (1 + 1e-9)).any():
             return np.inf
-        return float(np.sum(self.whitened(self.surface.mean(theta)) ** 2)) - self.least
+        return float(np.sum(self.residuals(self.surface.mean(theta)) ** 2)) - self.least
 
     def directly(self, theta: Vector, members: int) -> float:
         """χ² of a large ensemble at a point."""
-        keys = member_keys(WITNESS_SEED, members)
-        grown = self.colonies().grow(self.space.log_parameters(ALONE, np.tile(theta, (members, 1))), keys)
-        return float(np.sum(self.whitened(grown.mean(axis=0)) ** 2))
+        values = self.space.values(ONLY, np.tile(theta, (members, 1)))
+        rows = self.simulator(values, member_seeds(WITNESS_SEED, members))
+        return float(np.sum(self.residuals(rows.mean(axis=0)) ** 2))
 
 
 class Stopped(Exception):
@@ -92,10 +89,10 @@ class Objective:
     arrived: bool = False
 
     def __post_init__(self) -> None:
-        self.grower, self.keys = self.contest.colonies(), member_keys(self.seed, self.members)
+        self.seeds = member_seeds(self.seed, self.members)
         self.known: dict[bytes, np.ndarray] = {}
 
-    def residuals(self, z: Vector) -> Float[np.ndarray, " curve"]:
+    def residuals(self, z: Vector) -> Float[np.ndarray, " observable"]:
         """Residuals at one point, a candidate for the best one."""
         return self.asked(np.atleast_2d(z))[0]
 
@@ -103,33 +100,38 @@ class Objective:
         """χ² at one point."""
         return float(np.sum(self.residuals(z) ** 2))
 
-    def differences(self, z: Vector) -> Float[np.ndarray, "curve entry"]:
+    def differences(self, z: Vector) -> Float[np.ndarray, "observable entry"]:
         """Forward differences in z, with steps of `DIFFERENCE` in log λ."""
-        step = DIFFERENCE / self.contest.space.slope(self.contest.space.of_z(z))
+        step = DIFFERENCE / self.contest.space.slope(self.contest.space.theta_of(z))
         here = self.known[z.tobytes()] if z.tobytes() in self.known else self.residuals(z)
-        return (self._grown(z + np.diag(step)) - here).T / step
+        return (self._simulated(z + np.diag(step)) - here).T / step
 
-    def asked(self, points: Float[np.ndarray, "point entry"]) -> Float[np.ndarray, "point curve"]:
+    def asked(self, points: Points) -> Rows:
         """Residuals at several points, all candidates for the best one. Raises `Stopped`."""
-        found = self._grown(points)
+        found = self._simulated(points)
         for z, residuals in zip(points, found, strict=True):
             self.known = {z.tobytes(): residuals}
             if (cost := float(residuals @ residuals)) < self.cost:
-                self.cost, self.theta = cost, self.contest.space.of_z(z)
+                self.cost, self.theta = cost, self.contest.space.theta_of(z)
         self.arrived = self.theta is not None and self.contest.rise(self.theta) < MARGIN
         if self.arrived:
             raise Stopped
         return found
 
-    def _grown(self, points: Float[np.ndarray, "point entry"]) -> Float[np.ndarray, "point curve"]:
+    def _simulated(self, points: Points) -> Rows:
         if self.spent + self.members * len(points) > self.budget:
             raise Stopped
         self.spent += self.members * len(points)
-        theta = np.repeat([self.contest.space.of_z(z) for z in points], self.members, axis=0)
-        keys = jnp.concatenate([self.keys] * len(points))
-        curves = self.grower.grow(self.contest.space.log_parameters(ALONE, theta), keys)
-        means = [part.mean(axis=0) for part in np.split(curves, len(points))]
-        return np.stack([self.contest.whitened(m) if np.isfinite(m).all() else np.full(len(m), NOWHERE) for m in means])
+        theta = np.repeat([self.contest.space.theta_of(z) for z in points], self.members, axis=0)
+        rows = self.contest.simulator(self.contest.space.values(ONLY, theta), np.tile(self.seeds, len(points)))
+        means = [part.mean(axis=0) for part in np.split(rows, len(points))]
+        whole = [np.isfinite(mean).all() for mean in means]
+        return np.stack(
+            [
+                self.contest.residuals(mean) if good else np.full(len(mean), NOWHERE)
+                for mean, good in zip(means, whole, strict=True)
+            ]
+        )
 
 
 def with_differences(objective: Objective, z: Vector, seed: int) -> None:

@@ -30,14 +30,15 @@ from matplotlib.figure import Figure
 from benchmarks.programs import LAMBDA, SOURCE, STEPS, Program, samples
 from benchmarks.report import Report, command
 from yeastfit import Numerics, Parameters, Relaxation, Sensitivity, member_keys, sensitivity, simulate
-from yeastfit.inference.curves import Curves, without_problems
-from yeastfit.inference.sensitivity.estimate import PATH_NODES, STATISTICS, hard_but_smoothly_measured, tame
+from yeastfit.inference.sensitivity.colonies import colonies_at, hard_but_smoothly_measured, tame
+from yeastfit.inference.sensitivity.estimate import STATISTICS
+from yeastfit.inference.sensitivity.pathwise import PATH_NODES
 from yeastfit.inference.sensitivity.result import Estimate
+from yeastfit.inference.simulator import member_seeds
 from yeastfit.measure.statistics.smooth_statistics import SmoothStatistics
 from yeastfit.model.colony import Colony, start
 from yeastfit.model.parameters import NAMES
 from yeastfit.model.simulate import trajectory
-from yeastfit.simulation.simulate import schedule_of
 
 SPREAD, PATHS, NODES = 0.1, 8, (20, 50, 110, 250)
 SIZES = (0, 35, 80, 160, 400)  # nodes, between the times
@@ -63,19 +64,17 @@ def times_of(parameters: Parameters, numerics: Numerics, counts: tuple[int, ...]
 
 def differences(parameters: Parameters, times: np.ndarray, numerics: Numerics, members: int) -> tuple[Estimate, int]:
     """Central differences of the hard ensemble's mean, and the number of colonies they took."""
-    model = Curves(STATISTICS, numerics, _observe(numerics), hard_but_smoothly_measured(), schedule_of(times, numerics))
+    relaxation = hard_but_smoothly_measured()
+    colonies = colonies_at(parameters, None, STATISTICS, times, numerics, relaxation, _observe(numerics))
     centre = np.log([float(getattr(parameters, name)) for name in NAMES])
-    keys = member_keys(7, members)
+    seeds = member_seeds(7, members)
     columns = []
     for k in range(len(NAMES)):
         away = SPREAD * np.eye(len(NAMES))[k]
-        up, down = (
-            without_problems(model.members(jnp.asarray(centre + sign * away, jnp.float32), keys))[0] for sign in (1, -1)
-        )
+        up, down = (colonies(np.tile(np.exp(centre + sign * away), (members, 1)), seeds) for sign in (1, -1))
         slopes = (up - down) / (2 * SPREAD)
         columns.append((slopes.mean(axis=0), slopes.std(axis=0, ddof=1) / np.sqrt(members)))
-    shape = len(STATISTICS), len(times), len(NAMES)
-    jacobian, error = (np.stack([column[i] for column in columns], axis=-1).reshape(shape) for i in (0, 1))
+    jacobian, error = (np.stack([column[i] for column in columns], axis=-1) for i in (0, 1))
     return Estimate(jacobian, error), 2 * members * len(NAMES)
 
 
@@ -89,7 +88,7 @@ def estimates(found: Sensitivity) -> dict[str, Estimate]:
 
 
 def compare(estimate: Estimate, truth: Estimate) -> dict[str, np.ndarray]:
-    """z-scores and relative differences, [statistic, time, parameter], and cosines, [statistic]; NaN is ignored."""
+    """z-scores and relative differences, [observable, parameter], and cosines, [statistic]; NaN is ignored."""
     both = np.hypot(estimate.error, truth.error)
     off = estimate.jacobian - truth.jacobian
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -141,29 +140,32 @@ def audit_of(
     members, runs = (16, 64) if quick else (32, 256)
     ask, times, numerics = asking(quick, repulsivity, mobility, aspect_ratio)
     found = ask(runs=runs, paths=PATHS, seed=seed)
-    truth, colonies = differences(found.parameters, times, numerics, members)
+    truth, colonies = differences(Parameters(**found.at), times, numerics, members)
     for warning in found.warnings:
         report.stage(warning)
+    counts = zip(found.observables, found.mean.tolist(), strict=True)
+    nodes = {one.time: count for one, count in counts if one.statistic == "cell_count"}
     rows = []
     for method, estimate in {"differences": truth, **estimates(found)}.items():
         beside = compare(estimate, truth)
-        for s, t, k in np.ndindex(estimate.jacobian.shape):
+        for row, k in np.ndindex(estimate.jacobian.shape):
+            one = found.observables[row]
             rows.append(
                 {
                     "repulsivity": repulsivity,
                     "mobility": mobility,
                     "aspect_ratio": aspect_ratio,
-                    "statistic": STATISTICS[s],
-                    "time": float(times[t]),
-                    "nodes": float(found.mean[STATISTICS.index("cell_count"), t]) + 1,
+                    "statistic": one.statistic,
+                    "time": one.time,
+                    "nodes": nodes[one.time] + 1,
                     "parameter": NAMES[k],
                     "method": method,
-                    "derivative": float(estimate.jacobian[s, t, k]),
-                    "error": float(estimate.error[s, t, k]),
-                    "z": float(beside["z"][s, t, k]),
-                    "relative": float(beside["relative"][s, t, k]),
-                    "cosine": float(beside["cosine"][s]),
-                    "share": float(found.pathwise_share[s, t]),
+                    "derivative": float(estimate.jacobian[row, k]),
+                    "error": float(estimate.error[row, k]),
+                    "z": float(beside["z"][row, k]),
+                    "relative": float(beside["relative"][row, k]),
+                    "cosine": float(beside["cosine"][STATISTICS.index(one.statistic)]),
+                    "share": float(found.pathwise_share[row]),
                     "colonies": {"differences": colonies, "pathwise": 0}.get(method, runs),
                     "paths": PATHS if method in ("combined", "pathwise") else 0,
                 }

@@ -46,8 +46,8 @@ from matplotlib.figure import Figure
 from benchmarks.contest import ALTERNATIVES, MARGIN, Contest, Objective, Stopped
 from benchmarks.report import Report, command
 from yeastfit import Fit, FitSettings, InputError, Targets, fit, measure_dataset, read_dataset
-from yeastfit.inference.fit.least_squares import DEFAULT_FREE
-from yeastfit.inference.parameter_space import ALONE, Vector
+from yeastfit.inference.colony_simulator import DEFAULT_FREE
+from yeastfit.inference.parameter_space import Vector
 from yeastfit.simulation.synthetic_data import read_truth
 
 DEMO = Path(__file__).parents[1] / "data" / "synthetic" / "demo"
@@ -99,7 +99,7 @@ def alternative(contest: Contest, size: Size, name: str, seed: int, start: Vecto
     """One run of an alternative."""
     objective, began = Objective(contest, size.members, seed, budget), time.perf_counter()
     try:
-        ALTERNATIVES[name](objective, contest.space.to_z(start), seed)
+        ALTERNATIVES[name](objective, contest.space.z_of(start), seed)
         ended = "stopped elsewhere"
     except Stopped:
         ended = "arrived" if objective.arrived else f"not within {budget:.0f}"
@@ -119,9 +119,8 @@ def ours(contest: Contest, seed: int, start: Vector | None = None) -> dict[str, 
     """A fit, from its own starts or from one: colonies until its best point arrives, and until it stops."""
     found = fit(
         contest.targets,
-        free=contest.space.names,
-        fixed=contest.space.fixed[ALONE],
-        start=None if start is None else contest.space.parameters(start)[ALONE],
+        contest.simulator,
+        start=None if start is None else dict(zip(contest.space.names, np.exp(start), strict=True)),
         seed=seed,
         settings=contest.settings,
     )
@@ -133,9 +132,9 @@ def ours(contest: Contest, seed: int, start: Vector | None = None) -> dict[str, 
         "colonies": spent,
         "seconds": found.seconds * spent / found.simulations,
         "arrived": bool(arrived),
-        "ended": "arrived" if arrived else found.status,
+        "ended": "arrived" if arrived else found.message,
         "theta": theta.tolist(),
-        "status": found.status,
+        "status": found.message,
         "whole": {"colonies": found.simulations, "seconds": found.seconds, "rise": contest.rise(found.theta)},
         "starts": [start.begin.tolist() for start in found.starts],
     }
@@ -170,7 +169,7 @@ def side_by_side(runs: Sequence[Mapping[str, Any]], what: str = "colonies") -> f
 def all_runs(report: Report, contest: Contest, size: Size) -> dict[str, list[dict[str, Any]]]:
     """All runs by method. Finished ones are kept and not repeated after an interruption."""
     report.stage("compiling")
-    Objective(contest, size.members, 0, np.inf).residuals(contest.space.to_z(contest.best) + 1.0)
+    Objective(contest, size.members, 0, np.inf).residuals(contest.space.z_of(contest.best) + 1.0)
     runs: dict[str, list[dict[str, Any]]] = {WHOLE: []}
     for seed in size.seeds:
         report.stage(f"{WHOLE}, seed {seed}")

@@ -37,12 +37,13 @@ from scipy.stats import binomtest
 from benchmarks.lines import append_line, read_lines
 from benchmarks.report import Report, command
 from yeastfit.commands.measured_source import measure_source
-from yeastfit.errors import InputError
-from yeastfit.inference.fit.least_squares import DEFAULT_FREE, fit
+from yeastfit.errors import InputError, SimulationError
+from yeastfit.inference.colony_simulator import DEFAULT_FREE
+from yeastfit.inference.fit.least_squares import fit
 from yeastfit.inference.fit.settings import FitSettings
-from yeastfit.inference.parameter_space import Space
+from yeastfit.inference.parameter_space import ParameterSpace
 from yeastfit.model.numerics import Numerics
-from yeastfit.model.parameters import Parameters
+from yeastfit.model.parameters import PARAMETERS
 from yeastfit.processors import available_processors
 from yeastfit.progress import silent
 from yeastfit.simulation.synthetic_data import Recipe, synthesize
@@ -73,7 +74,7 @@ class Study:
     @staticmethod
     def of(quick: bool, work: Path) -> "Study":
         """The full study, or a quick one in its own folder."""
-        truths = np.exp(Space.of(tuple(BOX), {"": Parameters()}, bounds=BOX).scattered(COUNT, SEED))
+        truths = np.exp(ParameterSpace.of(PARAMETERS.subset(tuple(BOX)), bounds=BOX).sobol_points(COUNT, SEED))
         recipes = tuple(
             Recipe(
                 parameters=dict(zip(BOX, truth.tolist(), strict=True)),
@@ -127,19 +128,19 @@ def recovered(study: Study, number: int, report: Report) -> Record:
     try:
         (targets,) = data.targets((), STATISTICS, recipe.scales).values()
         found = fit(targets, seed=number, settings=study.settings)
-    except InputError as error:
+    except (InputError, SimulationError) as error:
         nothing = dict.fromkeys(DEFAULT_FREE)
         failed = {"status": f"failed: {error}", "converged": False, "simulations": None, "warnings": []}
         return record | failed | {"seconds": time.perf_counter() - began, "log": nothing, "error": nothing}
     return record | {
-        "status": found.status,
+        "status": found.message,
         "converged": found.converged,
         "simulations": found.simulations,
         "seconds": time.perf_counter() - began,
         "chi_square": found.chi_square,
         "degrees_of_freedom": found.degrees_of_freedom,
         "log": dict(zip(found.free, found.theta.tolist(), strict=True)),
-        "error": {name: _or_none(value) for name, value in found.information.standard_errors.items()},
+        "error": {name: _or_none(value) for name, value in found.log_standard_errors.items()},
         "warnings": list(found.warnings),
     }
 

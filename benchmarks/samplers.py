@@ -47,7 +47,7 @@ from matplotlib.figure import Figure
 from benchmarks.agreement import moved
 from benchmarks.reference import Moments, Problem, Reference
 from benchmarks.report import Report, command
-from yeastfit import InputError, Targets
+from yeastfit import Imaging, InputError, Targets
 from yeastfit.inference.abc.distances import Distance
 from yeastfit.inference.abc.mcmc import abc_mcmc
 from yeastfit.inference.abc.mcmc_settings import McmcSettings
@@ -149,9 +149,8 @@ QUICK = Size(
 
 def the_problem(replicates: int) -> Problem:
     """Simulated data of young colonies, and their simulator."""
-    shape = Targets.from_means(
-        {name: np.ones(len(TIMES)) for name in STATISTICS}, TIMES, extent=EXTENT, spacing=PIXEL, smoothing=PIXEL
-    )
+    imaging = Imaging(EXTENT, spacing=PIXEL, smoothing=PIXEL)
+    shape = Targets.from_means({name: np.ones(len(TIMES)) for name in STATISTICS}, TIMES, imaging=imaging)
     simulator = ColonySimulator.of(shape, tuple(TRUTH), resolution=COARSE)
     truth = np.array([TRUTH[name] for name in simulator.parameters.names])
     return Problem.at(simulator, default_prior(simulator.parameters.names), truth, replicates)

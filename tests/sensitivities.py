@@ -4,8 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from yeastfit import Parameters, Sensitivity
-from yeastfit.model.parameters import NAMES
+from yeastfit import PARAMETERS, Observable, Sensitivity
 
 
 def made_up(
@@ -13,29 +12,28 @@ def made_up(
 ) -> Sensitivity:
     """Random slopes of the order of 1; scatter with correlations; as if from very many runs."""
     rng = np.random.default_rng(seed)
-    shape, count = (len(statistics), len(times)), len(statistics) * len(times)
-    jacobian = rng.normal(size=(*shape, len(free)))
+    count = len(statistics) * len(times)
+    jacobian = rng.normal(size=(count, len(free)))
     half = rng.normal(size=(count, 2 * count))
     values: dict[str, Any] = {
-        "parameters": Parameters(),
+        "at": PARAMETERS.defaults,
         "free": free,
-        "statistics": statistics,
-        "times": np.array(times, dtype=float),
+        "plausible": {name: PARAMETERS[name].plausible for name in free},
+        "observables": tuple(Observable(name, time) for name in statistics for time in times),
         "method": "regression",
-        "mean": 1.0 + rng.random(shape),
-        "mean_error": np.full(shape, 1e-3),
+        "mean": 1.0 + rng.random(count),
+        "mean_error": np.full(count, 1e-3),
         "jacobian": jacobian + error * rng.normal(size=jacobian.shape),
         "error": np.full(jacobian.shape, error),
-        "pathwise_share": np.zeros(shape),
+        "pathwise_share": np.zeros(count),
         "parts": {},
-        "tails": np.ones(shape),
+        "tails": np.ones(count),
         "scatter": half @ half.T / (2 * count),
         "correlation": np.eye(count),
         "runs": {"mean": 10**7, "regression": 10**7},
         "seconds": {},
         "seed": seed,
         "spread": 0.1,
-        "warnings": [],
+        "warnings": (),
     }
-    assert set(free) <= set(NAMES)
     return Sensitivity(**values)

@@ -1,30 +1,30 @@
-"""Colonies whose mean curves, covariance and Jacobian are known: fits are tested on them where physics is no matter."""
+"""A simulator whose means, covariance and Jacobian are known: fits are tested on it where physics is no matter."""
 
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 import jax
 import numpy as np
 from jaxtyping import Array
 
-from yeastfit import FitSettings, Parameters
-from yeastfit.inference.colonies import Colonies
-from yeastfit.inference.fit.ensemble import Ensembles
-from yeastfit.inference.fit.result import Fit
-from yeastfit.inference.fit.stages import Fitter
-from yeastfit.inference.parameter_space import ALONE, Bounds, Space
-from yeastfit.inference.targets import Targets
-from yeastfit.model.parameters import NAMES
+from yeastfit import Fit, FitSettings, Imaging, Observable, Parameters, Targets, fit
+from yeastfit.inference.colony_simulator import keys_of
+from yeastfit.inference.parameter_space import ONLY, Bounds
+from yeastfit.model.parameters import NAMES, PARAMETERS
+from yeastfit.parameter_set import ParameterSet
 
 STATISTICS = ("compactness", "radius", "area")
 TIMES = np.array([1.0, 2.0, 3.0, 4.0])
 CURVES = len(STATISTICS) * len(TIMES)
+OBSERVABLES = tuple(Observable(name, float(time)) for name in STATISTICS for time in TIMES)
 FREE = ("mobility", "metabolic_rate", "aspect_ratio")
 SETTINGS = FitSettings(screened=32, starts=2, members=(16, 64, 256), measurement_error=0.0)
 ROOT = 0.1 * np.linalg.cholesky(0.5 ** np.abs(np.subtract.outer(np.arange(CURVES), np.arange(CURVES))))
+IMAGING = Imaging(extent=5.0)
 
-QUIET = 1e-4 * ROOT  # colonies nearly without noise; Σ is then the data's, by their scatter
+QUIET = 1e-4 * ROOT  # simulations nearly without noise; Σ is then the data's, by their scatter
 
 Mean = Callable[[np.ndarray], np.ndarray]
 
@@ -34,39 +34,68 @@ def logs(parameters: Parameters) -> np.ndarray:
     return np.log([float(getattr(parameters, name)) for name in NAMES])
 
 
-CENTRE = logs(Parameters(aspect_ratio=0.5))
+HELD = Parameters(aspect_ratio=0.5)
+CENTRE = logs(HELD)
 SLOPES = 0.3 * np.random.default_rng(11).normal(size=(CURVES, len(NAMES)))
 
 
 def straight(away: np.ndarray) -> np.ndarray:
-    """Curves that are linear in log λ."""
+    """Means that are linear in log λ."""
     return 5.0 + (away - CENTRE) @ SLOPES.T
 
 
 def bent(away: np.ndarray) -> np.ndarray:
-    """Curves that are exponentials: nonlinear, above 0, and no two λ have the same."""
+    """Means that are exponentials: nonlinear, above 0, and no two λ have the same."""
     return np.exp((away - CENTRE) @ SLOPES.T)
 
 
-class StandIn(Colonies):
-    """In the place of `Colonies`: mean curves, and noise of the covariance `root` rootᵀ at every λ.
+@dataclass
+class StandIn:
+    """A `Simulator`: means, and noise of the covariance `root` rootᵀ at every λ.
 
-    mean: of log λ [member, 7], curves [member, curve]. turn: a key's noise is cos φ a + sin φ b with a and b of the key
-    and φ = turn · Σ log λ, so that it is Gaussian everywhere and changes with λ. batches: rows of every call.
+    mean: of log λ [row, 7]. turn: a seed's noise is cos φ a + sin φ b with a and b of the seed and φ = turn · Σ log λ,
+    so that it is Gaussian everywhere and changes with λ. free, held: names of the free parameters, and λ of the others.
+    batches: rows of every call.
     """
 
-    def __init__(self, mean: Mean = bent, root: np.ndarray = ROOT, turn: float = 0.5) -> None:
-        self.mean, self.root, self.turn = mean, root, turn
-        self.grown, self.problems, self.batches = 0, Counter[str](), list[int]()
+    mean: Mean = bent
+    root: np.ndarray = field(default_factory=lambda: ROOT)
+    turn: float = 0.5
+    free: Sequence[str] = FREE
+    held: Parameters = HELD
+    observables: tuple[Observable, ...] = OBSERVABLES
+    problems: Counter[str] = field(default_factory=Counter)
+    batches: list[int] = field(default_factory=list)
 
-    def grow(self, log_parameters: np.ndarray, keys: Array) -> np.ndarray:
-        assert log_parameters.shape == (len(keys), len(NAMES))
-        size = len(keys)
-        self.grown += size
+    @property
+    def parameters(self) -> ParameterSet:
+        return PARAMETERS.subset(self.free)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        return NAMES
+
+    @property
+    def fixed(self) -> dict[str, float]:
+        return {name: float(getattr(self.held, name)) for name in NAMES if name not in self.free}
+
+    @property
+    def simulated(self) -> int:
+        return sum(self.batches)
+
+    def logarithms(self, values: np.ndarray) -> np.ndarray:
+        """log λ1 … log λ7 of rows."""
+        found = np.tile(logs(self.held), (len(values), 1))
+        found[:, [NAMES.index(name) for name in self.parameters]] = np.log(values)
+        return found
+
+    def __call__(self, values: np.ndarray, seeds: np.ndarray) -> np.ndarray:
+        size, away = len(seeds), self.logarithms(values)
         self.batches.append(size)
-        phase = self.turn * log_parameters.sum(axis=1)[:, None]
-        one, other = np.asarray(_normals(_padded(keys), self.root.shape[1]), dtype=float)[:size].swapaxes(0, 1)
-        return self.mean(log_parameters) + (np.cos(phase) * one + np.sin(phase) * other) @ self.root.T
+        phase = self.turn * away.sum(axis=1)[:, None]
+        normals = _normals(_padded(keys_of(seeds)), self.root.shape[1])
+        one, other = np.asarray(normals, dtype=float)[:size].swapaxes(0, 1)
+        return self.mean(away) + (np.cos(phase) * one + np.sin(phase) * other) @ self.root.T
 
 
 def _padded(keys: Array) -> Array:
@@ -85,40 +114,38 @@ def drawn(
     replicates: int = 10,
     mean: Mean = bent,
     root: np.ndarray = ROOT,
-    **more: Any,
 ) -> Targets:
-    """Targets of replicates that are drawn around the truth's curves."""
+    """Targets of replicates that are drawn around the truth's means."""
     one = mean(logs(truth)[None])[0]
     curves = (one + rng.normal(size=(replicates, CURVES)) @ root.T).reshape(replicates, len(STATISTICS), len(TIMES))
-    by_name = {name: curves[:, k] for k, name in enumerate(STATISTICS)}
-    return Targets.from_replicates(by_name, TIMES, extent=5.0, **more)
+    return Targets.from_replicates({name: curves[:, k] for k, name in enumerate(STATISTICS)}, TIMES, imaging=IMAGING)
 
 
 def exact(truth: Parameters, mean: Mean = bent, replicates: int = 10, relative: float = 0.1) -> Targets:
-    """Targets that are the truth's curves themselves, with a scatter of a share of them."""
+    """Targets that are the truth's means themselves, with a scatter of a share of them."""
     table = mean(logs(truth)[None])[0].reshape(len(STATISTICS), len(TIMES))
     means = dict(zip(STATISTICS, table, strict=True))
     scatter = {name: relative * values for name, values in means.items()}
-    return Targets.from_means(means, TIMES, scatter=scatter, replicates=replicates, extent=5.0)
+    return Targets.from_means(means, TIMES, scatter=scatter, replicates=replicates, imaging=IMAGING)
 
 
 def fitted(
     targets: Targets | Mapping[str, Targets],
-    colonies: StandIn | Mapping[str, StandIn] | None = None,
+    simulator: StandIn | Mapping[str, StandIn] | None = None,
     *,
     free: Sequence[str] = FREE,
+    held: Mapping[str, Parameters] | None = None,
     own: Sequence[str] = (),
-    fixed: Mapping[str, Parameters] | None = None,
     bounds: Bounds | None = None,
-    pulls: Mapping[str, tuple[float, float]] | None = None,
-    start: np.ndarray | None = None,
+    prior: Mapping[str, tuple[float, float]] | None = None,
+    start: Mapping[str, float] | None = None,
     seed: int = 0,
     settings: FitSettings = SETTINGS,
+    **more: Any,
 ) -> Fit:
-    """A fit as `fit` makes it, of stand-ins. pulls: centre and width of priors in log λ."""
-    by_name = {ALONE: targets} if isinstance(targets, Targets) else dict(targets)
-    given = {name: StandIn() for name in by_name} if colonies is None else colonies
-    grown: dict[str, Colonies] = {ALONE: given} if isinstance(given, StandIn) else {**given}
-    space = Space.of(free, fixed or {name: Parameters(aspect_ratio=0.5) for name in by_name}, own, bounds)
-    ensembles = Ensembles(by_name, grown, space, seed, settings)
-    return Fitter(ensembles, dict(pulls or {}), lambda what, share: None).run(start)
+    """A fit of stand-ins; by default one for each condition, with these parameters free and held."""
+    names = (ONLY,) if isinstance(targets, Targets) else tuple(targets)
+    made = {name: StandIn(free=free, held=(held or {}).get(name, HELD)) for name in names}
+    chosen: Any = made if simulator is None else simulator
+    how: dict[str, Any] = {"own": own, "bounds": bounds, "prior": prior, "start": start, "seed": seed}
+    return fit(targets, chosen, settings=settings, **how, **more)

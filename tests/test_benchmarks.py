@@ -12,10 +12,9 @@ import pytest
 from benchmarks import contest, optimisers, recovery
 from benchmarks.programs import placed, samples
 from benchmarks.report import Figure, Report, command
-from yeastfit import FitSettings, InputError, Parameters, Targets
-from yeastfit.inference.fit.response_surface import study
-from yeastfit.inference.parameter_space import Space
-from yeastfit.model.parameters import NAMES
+from yeastfit import PARAMETERS, FitSettings, InputError, Observable, Targets
+from yeastfit.inference.fit.response_surface import response_surface
+from yeastfit.inference.parameter_space import ParameterSpace
 
 ROOT = Path(__file__).parents[1]
 
@@ -65,7 +64,7 @@ def test_exit_status_terminal_and_json(
     speed, load = written["figures"]
     assert speed == {
         "name": "speed",
-        "value": None if math.isnan(value) else value,
+        "value": "NaN" if math.isnan(value) else value,
         "unit": "×",
         "target": 12,
         "at_least": True,
@@ -73,7 +72,7 @@ def test_exit_status_terminal_and_json(
         "met": status == 0,
     }
     assert load["met"] is None
-    assert written["tables"] == {"behind it": [{"nodes": 100, "ms": 1.25}, {"nodes": 1000, "ms": None}]}
+    assert written["tables"] == {"behind it": [{"nodes": 100, "ms": 1.25}, {"nodes": 1000, "ms": "NaN"}]}
 
 
 def test_what_was_measured_before_a_failure_is_shown(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -203,43 +202,49 @@ def test_recovery_goes_on_after_the_last_whole_line_and_refuses_other_settings(t
 
 
 class Straight:
-    """In the place of colonies: curves that are affine in log λ of mobility and aspect ratio, and do not scatter."""
+    """A simulator whose means are affine in log λ of mobility and aspect ratio, and do not scatter."""
 
-    slopes = np.array([[20.0, 5.0], [-5.0, 30.0], [10.0, 10.0], [0.0, -20.0]])
-    middle = np.log([1.3, 0.65])
-    columns = (NAMES.index("mobility"), NAMES.index("aspect_ratio"))
+    parameters = PARAMETERS.subset(("mobility", "aspect_ratio"))
+    observables = tuple(Observable(name, time) for name in ("radius", "area") for time in (1.0, 2.0))
 
-    def grow(self, log_parameters: np.ndarray, keys: np.ndarray) -> np.ndarray:
-        assert len(log_parameters) == len(keys)
-        return 100.0 + (log_parameters[:, self.columns] - self.middle) @ self.slopes.T
+    def __call__(self, values: np.ndarray, seeds: np.ndarray) -> np.ndarray:
+        assert len(values) == len(seeds)
+        return 100.0 + (np.log(values) - MIDDLE) @ SLOPES.T
+
+
+SLOPES = np.array([[20.0, 5.0], [-5.0, 30.0], [10.0, 10.0], [0.0, -20.0]])
+MIDDLE = np.log([1.3, 0.65])
 
 
 @pytest.fixture
-def straight(monkeypatch: pytest.MonkeyPatch) -> contest.Contest:
-    monkeypatch.setattr(contest.Contest, "colonies", lambda self: Straight())
+def straight() -> contest.Contest:
     targets = Targets.from_means({"radius": [100.0, 100.0], "area": [100.0, 100.0]}, [1.0, 2.0])
-    space = Space.of(("mobility", "aspect_ratio"), {"": Parameters()})
-    surface = study(
-        lambda points: 100.0 + (points - Straight.middle) @ Straight.slopes.T, Straight.middle, np.full(2, 0.2), 64, 0
-    )
-    best, least = surface.minimise(np.eye(4), targets.values[None])
-    return contest.Contest(targets, space, FitSettings(), np.eye(4), surface, best[0], float(least[0]))
+    simulator = Straight()
+    space = ParameterSpace.of(simulator.parameters)
+
+    def simulate(points: np.ndarray) -> np.ndarray:
+        return simulator(np.exp(points), np.zeros(len(points)))
+
+    surface = response_surface(simulate, MIDDLE, np.full(2, 0.2), 64, 0)
+    found = surface.minimise(np.eye(4), targets.values[None])
+    best, least = found.theta[0], float(found.chi_square[0])
+    return contest.Contest(targets, simulator, space, FitSettings(), np.eye(4), surface, best, least)
 
 
 def test_what_judges_knows_the_minimum_and_the_rise_around_it(straight: contest.Contest) -> None:
-    np.testing.assert_allclose(straight.best, Straight.middle, atol=1e-3)
+    np.testing.assert_allclose(straight.best, MIDDLE, atol=1e-3)
     away = np.array([0.05, -0.02])
-    assert straight.rise(straight.best + away) == pytest.approx(np.sum((Straight.slopes @ away) ** 2), rel=0.02)
+    assert straight.rise(straight.best + away) == pytest.approx(np.sum((SLOPES @ away) ** 2), rel=0.02)
     assert straight.rise(straight.best + 0.3) == math.inf
     assert straight.directly(straight.best, 8) == pytest.approx(straight.least, abs=1e-2)
 
 
 def test_differences_are_the_derivatives_in_z_and_are_counted(straight: contest.Contest) -> None:
     objective = contest.Objective(straight, members=8, seed=1, budget=1000)
-    z = straight.space.to_z(np.log([3.0, 0.4]))
+    z = straight.space.z_of(np.log([3.0, 0.4]))
     objective.residuals(z)
-    slope = straight.space.slope(straight.space.of_z(z))
-    np.testing.assert_allclose(objective.differences(z), Straight.slopes * slope, rtol=0.1, atol=0.1)
+    slope = straight.space.slope(straight.space.theta_of(z))
+    np.testing.assert_allclose(objective.differences(z), SLOPES * slope, rtol=0.1, atol=0.1)
     assert objective.spent == 8 * (1 + 2)
 
 

@@ -7,11 +7,13 @@ from typing import TYPE_CHECKING
 from yeastfit.derivatives.check import check_derivatives
 from yeastfit.derivatives.check_colony import check_gradients
 from yeastfit.derivatives.result import GradientCheck
-from yeastfit.errors import InputError
+from yeastfit.errors import InputError, SimulationError
+from yeastfit.inference.colony_simulator import ColonySimulator, Resolution
 from yeastfit.inference.fit.bootstrap_profile import explore
 from yeastfit.inference.fit.least_squares import fit
-from yeastfit.inference.fit.result import Fit
+from yeastfit.inference.fit.result import Fit, FitStatus
 from yeastfit.inference.fit.settings import FitSettings
+from yeastfit.inference.imaging import Imaging
 from yeastfit.inference.information.design import design
 from yeastfit.inference.information.design_result import Design
 from yeastfit.inference.information.experiment import information_of
@@ -19,6 +21,7 @@ from yeastfit.inference.information.fisher import information
 from yeastfit.inference.information.result import Information
 from yeastfit.inference.sensitivity.estimate import sensitivity
 from yeastfit.inference.sensitivity.result import Sensitivity
+from yeastfit.inference.simulator import Simulator
 from yeastfit.inference.targets import Targets
 from yeastfit.measure.reading.dataset import Dataset, read_dataset
 from yeastfit.measure.series import measure_dataset, measure_file
@@ -37,6 +40,7 @@ from yeastfit.model.rules import (
     DeathRule,
     UptakeRule,
 )
+from yeastfit.observable import Observable
 from yeastfit.parameter_set import Parameter, ParameterSet
 from yeastfit.processors import available_processors
 from yeastfit.simulation.result import Simulation
@@ -55,6 +59,7 @@ __all__ = [
     "BirthRule",
     "Births",
     "BuddingRule",
+    "ColonySimulator",
     "ContactRule",
     "Context",
     "Dataset",
@@ -62,18 +67,24 @@ __all__ = [
     "Design",
     "Fit",
     "FitSettings",
+    "FitStatus",
     "GradientCheck",
+    "Imaging",
     "Information",
     "InputError",
     "Model",
     "Numerics",
+    "Observable",
     "Parameter",
     "ParameterSet",
     "Parameters",
     "Relaxation",
+    "Resolution",
     "Scales",
     "Sensitivity",
     "Simulation",
+    "SimulationError",
+    "Simulator",
     "Statistic",
     "Targets",
     "UptakeRule",

@@ -14,12 +14,12 @@ from known_colonies import photographed, write_measurements
 from PIL import Image
 from stand_in import ROOT, SETTINGS, STATISTICS, TIMES, StandIn, bent, fitted, logs
 
-from yeastfit import Fit, FitSettings, Parameters, Scales, Targets, read_truth
+from yeastfit import Fit, FitSettings, FitStatus, Parameters, Scales, Targets, read_truth
 from yeastfit.commands import app as cli
 from yeastfit.commands import fit as cli_fit
 from yeastfit.commands.options import named_pairs_in
 from yeastfit.inference.fit.bootstrap_profile import Explored, _box
-from yeastfit.inference.fit.response_surface import study
+from yeastfit.inference.fit.response_surface import response_surface
 from yeastfit.inference.targets_from_table import NEEDED, TABLE
 from yeastfit.measure.statistics.registry import STATISTICS as KINDS
 from yeastfit.model.parameters import NAMES
@@ -57,19 +57,20 @@ def quick(monkeypatch: pytest.MonkeyPatch) -> list[dict[str, Any]]:
     asked: list[dict[str, Any]] = []
 
     def run_fit(
-        targets: Targets | dict[str, Targets], *, settings: FitSettings, fixed: Parameters, **options: Any
+        targets: Targets | dict[str, Targets], *, settings: FitSettings, fixed: dict[str, float], **options: Any
     ) -> Fit:
         asked.append({"targets": targets, "settings": settings, "fixed": fixed, **options})
         options["progress"]("growing", 0.5)
         chosen = {name: options[name] for name in ("free", "own", "bounds", "seed")}
         several = {"": targets} if isinstance(targets, Targets) else targets
         short = replace(SETTINGS, members=(64,), spreads=(0.1,), measurement_error=settings.measurement_error)
-        colonies = {name: StandIn() for name in several}
-        return fitted(several, colonies, fixed=dict.fromkeys(several, fixed), settings=short, **chosen)
+        return fitted(several, held=dict.fromkeys(several, Parameters(**fixed)), settings=short, **chosen)
 
     def explore(result: Fit) -> Explored:
-        grow: Callable[[np.ndarray], np.ndarray] = lambda theta: bent(result.space.log_parameters("", theta))  # noqa: E731
-        return Explored(result, study(grow, *_box(result), 64, seed=0), 64)
+        held = Parameters(**result.parameters)
+        stand_in = StandIn(free=[entry.parameter for entry in result.space.entries], held=held)
+        simulate: Callable[[np.ndarray], np.ndarray] = lambda theta: bent(stand_in.logarithms(np.exp(theta)))  # noqa: E731
+        return Explored(result, response_surface(simulate, *_box(result), 64, seed=0), 64)
 
     monkeypatch.setattr(cli_fit, "run_fit", run_fit)
     monkeypatch.setattr(cli_fit, "explore", explore)
@@ -88,7 +89,7 @@ def test_a_table_becomes_a_fit_with_tables_pictures_and_a_manifest(
         with Image.open(picture) as image:
             assert min(image.size) > 200
     (asked,) = quick
-    assert asked["targets"].estimator == "mask"
+    assert asked["targets"].imaging.estimator == "mask"
     assert asked["targets"].mean.shape == (3, 4)
     result = Fit.load(out / "fit.json")
     assert result.seed == 3
@@ -103,7 +104,7 @@ def test_a_table_becomes_a_fit_with_tables_pictures_and_a_manifest(
     assert {row["parameter"] for row in rows(out / "profiles.csv")} == set(result.free)
     manifest = json.loads((out / "manifest.json").read_text())
     assert [Path(path).name for path in manifest["inputs"]] == [TABLE]
-    assert manifest["status"] == result.status
+    assert manifest["status"] == result.message
     said = " ".join(capsys.readouterr().out.split())
     for part in ("bootstrap of replicates: mobility", "profile of aspect_ratio", "converged", "true", "fixed"):
         assert part in said
@@ -125,7 +126,7 @@ def test_conditions_are_fitted_together_and_options_arrive(
     assert asked["bounds"] == {"mobility": (0.1, 10.0)}
     settings = asked["settings"]
     assert (settings.starts, settings.method, settings.measurement_error) == (2, "dogleg", 0.02)
-    assert float(asked["fixed"].metabolic_rate) == pytest.approx(0.7)
+    assert asked["fixed"]["metabolic_rate"] == pytest.approx(0.7)
     found = {(row["condition"], row["parameter"]): row for row in rows(tmp_path / "out" / "parameters.csv")}
     assert found["rich", "aspect_ratio"]["role"] == "shared"
     assert float(found["rich", "mobility"]["value"]) > float(found["poor", "mobility"]["value"])
@@ -137,11 +138,11 @@ def test_a_fit_that_did_not_converge_is_exit_code_1(
     quick: list[dict[str, Any]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     run_fit = cli_fit.run_fit
-    ended = "not converged: the limit of 8 steps was reached"
-    monkeypatch.setattr(cli_fit, "run_fit", lambda *a, **k: replace(run_fit(*a, **k), converged=False, status=ended))
+    ended: dict[str, Any] = {"status": FitStatus.NOT_CONVERGED, "detail": "the limit of 8 steps was reached"}
+    monkeypatch.setattr(cli_fit, "run_fit", lambda *a, **k: replace(run_fit(*a, **k), **ended))
     source = table(tmp_path, {"": TRUTH})
     assert cli.run(["fit", str(source), "--out", str(tmp_path / "out"), "--statistics", ",".join(STATISTICS)]) == 1
-    assert ended in " ".join(capsys.readouterr().out.split())
+    assert "not converged: the limit of 8 steps was reached" in " ".join(capsys.readouterr().out.split())
     assert (tmp_path / "out" / "fit.json").is_file()
 
 
@@ -236,7 +237,8 @@ def test_photographs_become_a_fit(tmp_path: Path) -> None:
     out, options = tmp_path / "fit", ["--free", "aspect-ratio", "--bootstrap", "20", "--profile", "--truth"]
     assert cli.run(["fit", str(small), "--out", str(out), *options]) == 0
     result = Fit.load(out / "fit.json")
-    assert result.targets.estimator == "smooth"
+    assert result.targets.imaging is not None
+    assert result.targets.imaging.estimator == "smooth"
     assert abs(result.values["aspect_ratio"] - 0.6) < 3 * result.standard_errors["aspect_ratio"]
     assert result.standard_errors["aspect_ratio"] < 0.15 * 0.6
     assert {*FILES, TABLE, "index.html", "masks"} <= {path.name for path in out.iterdir()}

@@ -7,15 +7,24 @@ import numpy as np
 import pytest
 from jaxtyping import Array
 
-from yeastfit import InputError
-from yeastfit.inference.paired_regression import Local, Scatter, design, of_members, order, paired, pooled, regress
+from yeastfit import SimulationError
+from yeastfit.inference.paired_regression import (
+    LocalModel,
+    Scatter,
+    hadamard_design,
+    hadamard_order,
+    paired_points,
+    pooled_covariance,
+    regress,
+    sample_scatter,
+)
 from yeastfit.simulation.simulate import member_keys
 
 
 @pytest.mark.parametrize("free", [1, 2, 3, 4, 7])
 @pytest.mark.parametrize("seed", range(3))
 def test_columns_of_the_design_are_orthogonal(free: int, seed: int) -> None:
-    units = design(32, free, np.random.default_rng(seed))
+    units = hadamard_design(32, free, np.random.default_rng(seed))
     assert units.shape == (32, free)
     assert (np.abs(units) == 1).all()
     np.testing.assert_array_equal(units.T @ units, 32 * np.eye(free))
@@ -38,9 +47,9 @@ class Toy:
         return away @ self.slopes.T + bent[:, None] + self.shared * of_key + self.own * own
 
 
-def pairs_of(toy: Toy, pairs: int, seed: int = 0) -> Local:
-    keys, units = member_keys(seed, pairs), design(pairs, 7, np.random.default_rng(seed))
-    halves = np.split(paired(np.zeros(7), units, 0.2), 2)
+def pairs_of(toy: Toy, pairs: int, seed: int = 0) -> LocalModel:
+    keys, units = member_keys(seed, pairs), hadamard_design(pairs, 7, np.random.default_rng(seed))
+    halves = np.split(paired_points(np.zeros(7), units, 0.2), 2)
     return regress(np.concatenate([toy.members(half, keys) for half in halves]), units, 0.2)
 
 
@@ -72,7 +81,7 @@ def test_scatter_is_that_of_one_colony_whatever_a_pair_has_in_common(own: float,
 
     toy = Straight(np.random.default_rng(0).normal(size=(2, 7)), own, shared)
     found = [pairs_of(toy, 32, seed) for seed in range(200)]
-    parts = [(local.common, local.apart) for local in found]
+    parts = [(local.between_pairs, local.within_pairs) for local in found]
     assert {(common.freedom, apart.freedom) for common, apart in parts} == {(31, 32 - 7)}
     variance = own**2 + shared**2
     whole = np.mean([local.scatter.covariance for local in found], axis=0)
@@ -84,10 +93,10 @@ def test_scatter_is_that_of_one_colony_whatever_a_pair_has_in_common(own: float,
 
 def test_parts_of_the_scatter_are_pooled_by_their_degrees_of_freedom() -> None:
     curves = np.array([[1.0, 2.0], [3.0, 2.0], [np.nan, 0.0], [2.0, 5.0]])
-    alone = of_members(curves)
+    alone = sample_scatter(curves)
     assert alone.freedom == 2
     np.testing.assert_allclose(alone.covariance, np.cov(curves[[0, 1, 3]].T))
-    found = pooled(alone, Scatter(np.eye(2), 4), Scatter(2 * np.eye(2), 2))
+    found = pooled_covariance(alone, Scatter(np.eye(2), 4), Scatter(2 * np.eye(2), 2))
     np.testing.assert_allclose(found, (2 * alone.covariance + 6 * 3 * np.eye(2)) / 8)
 
 
@@ -95,13 +104,13 @@ def test_errors_of_the_regression_are_correlated_as_stated() -> None:
     """Three curves that repeat each other's noise, over 200 repetitions."""
     mix = np.array([[1.0, 0.8, 0.0], [0.0, 0.6, 0.0], [0.0, 0.0, 0.0]])
 
-    def grow(seed: int) -> Local:
+    def grow(seed: int) -> LocalModel:
         rng = np.random.default_rng(seed)
-        return regress(rng.normal(size=(64, 3)) @ mix, design(32, 7, rng), 0.2)
+        return regress(rng.normal(size=(64, 3)) @ mix, hadamard_design(32, 7, rng), 0.2)
 
     found = [grow(seed) for seed in range(200)]
     errors = np.concatenate([local.jacobian.T for local in found])
-    stated = np.mean([local.apart.correlation for local in found], axis=0)
+    stated = np.mean([local.within_pairs.correlation for local in found], axis=0)
     np.testing.assert_allclose(stated[:2, :2], np.corrcoef(errors[:, :2].T), atol=0.03)
     np.testing.assert_array_equal(stated[2], [0.0, 0.0, 1.0])
 
@@ -112,7 +121,7 @@ def test_curvature_shifts_the_mean_and_nothing_else() -> None:
     slopes, hessian = rng.normal(size=(2, free)), rng.normal(size=(2, free, free))
     hessian = hessian + hessian.transpose(0, 2, 1)
     units = np.array(np.meshgrid(*[[-1.0, 1.0]] * free)).reshape(free, -1).T
-    away = paired(np.zeros(free), units, spread)
+    away = paired_points(np.zeros(free), units, spread)
     local = regress(4.0 + away @ slopes.T + 0.5 * np.einsum("pi,cij,pj->pc", away, hessian, away), units, spread)
     np.testing.assert_allclose(local.jacobian, slopes, atol=1e-12)
     np.testing.assert_allclose(local.mean, 4.0 + 0.5 * spread**2 * np.trace(hessian, axis1=1, axis2=2), atol=1e-12)
@@ -120,8 +129,8 @@ def test_curvature_shifts_the_mean_and_nothing_else() -> None:
 
 def test_linear_curves_are_found_exactly() -> None:
     slopes = np.random.default_rng(0).normal(size=(4, 7))
-    units = design(16, 7, np.random.default_rng(1))
-    local = regress(2.0 + paired(np.zeros(7), units, 0.1) @ slopes.T, units, 0.1)
+    units = hadamard_design(16, 7, np.random.default_rng(1))
+    local = regress(2.0 + paired_points(np.zeros(7), units, 0.1) @ slopes.T, units, 0.1)
     np.testing.assert_allclose(local.jacobian, slopes, atol=1e-12)
     np.testing.assert_allclose(local.mean, 2.0, atol=1e-12)
     assert np.abs(local.scatter.covariance).max() < 1e-24
@@ -130,9 +139,9 @@ def test_linear_curves_are_found_exactly() -> None:
 
 def test_errors_of_the_mean_are_those_of_many_repetitions() -> None:
     """200 repetitions with noise that a pair shares in part."""
-    units = design(32, 2, np.random.default_rng(0))
+    units = hadamard_design(32, 2, np.random.default_rng(0))
 
-    def grow(seed: int) -> Local:
+    def grow(seed: int) -> LocalModel:
         shared, *own = np.random.default_rng(seed).normal(size=(3, 32, 2))
         return regress(np.concatenate([shared + one for one in own]), units, 0.1)
 
@@ -144,17 +153,17 @@ def test_errors_of_the_mean_are_those_of_many_repetitions() -> None:
 
 def test_pairs_that_came_to_nothing_are_left_out_until_most_do() -> None:
     slopes = np.random.default_rng(0).normal(size=(3, 2))
-    units = design(16, 2, np.random.default_rng(1))
-    curves = paired(np.zeros(2), units, 0.1) @ slopes.T
+    units = hadamard_design(16, 2, np.random.default_rng(1))
+    curves = paired_points(np.zeros(2), units, 0.1) @ slopes.T
     curves[:7, 1] = np.nan
     local = regress(curves, units, 0.1)
     assert local.pairs == 9
     np.testing.assert_allclose(local.jacobian, slopes, atol=1e-12)
     curves[20:25, 0] = np.inf
-    with pytest.raises(InputError, match="9 of 16 pairs of colonies came to nothing"):
+    with pytest.raises(SimulationError, match="9 of 16 pairs of simulations came to nothing"):
         regress(curves, units, 0.1)
 
 
 @pytest.mark.parametrize(("free", "rows"), [(1, 2), (2, 4), (3, 4), (4, 8), (7, 8), (8, 16)])
 def test_a_hadamard_matrix_has_a_column_for_each_entry(free: int, rows: int) -> None:
-    assert order(free) == rows > free
+    assert hadamard_order(free) == rows > free

@@ -8,22 +8,31 @@ import pytest
 from helpers import wrong_types
 from stand_in import STATISTICS, TIMES, drawn
 
-from yeastfit import InputError, Parameters, Targets
+from yeastfit import Imaging, InputError, Parameters, Scales, Targets
 from yeastfit.storage import read_json, write_json
 
-GOOD: dict[str, Any] = {"means": {"radius": [1.0, 2.0], "compactness": [0.5, 0.4]}, "times": [1.0, 2.0]}
+GOOD: dict[str, Any] = {
+    "means": {"radius": [1.0, 2.0], "compactness": [0.5, 0.4]},
+    "times": [1.0, 2.0],
+    "imaging": Imaging(),
+}
 
 
 def test_means_are_taken_as_they_are() -> None:
     targets = Targets.from_means(
-        {"radius": [1.0, np.nan], "area": [2.0, 5.0]}, [1.0, 2.5], scatter={"area": [0.1, 0.2]}, replicates=[4, 6]
+        {"radius": [1.0, np.nan], "area": [2.0, 5.0]},
+        [1.0, 2.5],
+        scatter={"area": [0.1, 0.2]},
+        replicates=[4, 6],
+        imaging=Imaging(),
     )
     assert targets.names == ("radius", "area")
     np.testing.assert_array_equal(targets.replicates, [[4, 0], [4, 6]])
     np.testing.assert_array_equal(targets.values, [1.0, 2.0, 5.0])
     np.testing.assert_array_equal(targets.scatter, [[np.nan, np.nan], [0.1, 0.2]])
-    assert [targets.label(k) for k in range(3)] == ["radius at 1", "area at 1", "area at 2.5"]
-    assert targets.extent == pytest.approx(3 * 1.0 + 1)
+    assert [str(one) for one in targets.observables] == ["radius at 1", "area at 1", "area at 2.5"]
+    assert targets.imaging is not None
+    assert targets.imaging.extent == pytest.approx(3 * 1.0 + 1)
     assert targets.curves is None
 
 
@@ -51,12 +60,12 @@ def test_targets_are_again_what_was_written(missing: bool, tmp_path: Any) -> Non
     if missing:
         curves = np.array(targets.curves)
         curves[1, 2] = np.nan
-        targets = Targets.from_replicates({n: curves[:, k] for k, n in enumerate(STATISTICS)}, TIMES, extent=4.0)
+        targets = Targets.from_replicates({n: curves[:, k] for k, n in enumerate(STATISTICS)}, TIMES)
     write_json(tmp_path / "targets.json", targets.asdict())
     again = Targets.fromdict(read_json(tmp_path / "targets.json"))
     for name in ("times", "mean", "scatter", "replicates", "curves"):
         np.testing.assert_array_equal(getattr(again, name), getattr(targets, name))
-    for name in ("names", "spacing", "smoothing", "extent", "estimator", "scales"):
+    for name in ("names", "imaging"):
         assert getattr(again, name) == getattr(targets, name)
 
 
@@ -87,32 +96,46 @@ def test_a_bootstrap_needs_single_colonies() -> None:
         Targets.from_means(**GOOD),
         Targets.from_replicates({"radius": np.array([[1.0, 2.0]])}, np.array([1.0, 2.0])),
     ):
-        with pytest.raises(InputError, match="at least two single colonies, make a profile instead"):
+        with pytest.raises(InputError, match="at least two single replicates, make a profile instead"):
             targets.resampled(np.random.default_rng(0))
 
 
 def test_what_round_colonies_have_none_of_may_be_0_or_below() -> None:
     means = {"branch_count": np.array([0.0, 2.0]), "filament_radius_index": np.array([-0.05, 0.1])}
-    found = Targets.from_means(means, [1.0, 2.0], extent=3.0, estimator="mask")
+    found = Targets.from_means(means, [1.0, 2.0], imaging=Imaging(3.0, "mask"))
     np.testing.assert_array_equal(found.values, [0.0, 2.0, -0.05, 0.1])
 
 
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"times": [1.0, 1.0]}, "times must rise from above 0"),
+        ({"times": [1.0, 1.0]}, "times must rise"),
         ({"times": [0.0, 1.0]}, "times must rise from above 0"),
         ({"times": [1.0, np.nan]}, "times must rise"),
         ({"times": [1.0, 2.0, 3.0]}, r"mean has shape \(2, 2\)|shape"),
         ({"means": {"radius": [1.0, -2.0]}}, "mean of radius at time 2 is -2, it must be above 0"),
         ({"means": {"radius": [0.0, 2.0]}}, "mean of radius at time 1 is 0"),
-        ({"means": {"colour": [1.0, 2.0]}, "extent": 3.0}, "statistic 'colour' is unknown, expected some of compactne"),
-        ({"means": {"outer_compactness": [1.0, 2.0]}, "extent": 3.0}, 'measured on masks: estimator "mask"'),
+        (
+            {"means": {"colour": [1.0, 2.0]}, "imaging": Imaging(3.0)},
+            "statistic 'colour' is unknown, expected some of compactne",
+        ),
+        ({"means": {"outer_compactness": [1.0, 2.0]}, "imaging": Imaging(3.0)}, 'measured on masks: estimator "mask"'),
         ({"means": {"compactness": [1.0, 2.0]}}, "extent is missing"),
-        ({"means": {"radius": [np.nan, np.nan]}, "extent": 3.0}, "nothing is measured"),
+        ({"means": {"radius": [np.nan, np.nan]}, "imaging": Imaging(3.0)}, "nothing is measured"),
         ({"scatter": {"area": [1.0, 2.0]}}, "scatter of 'area', but there are means of radius, compactness only"),
         ({"scatter": {"radius": [0.1, 0.0]}, "replicates": 5}, "scatter of radius at time 2 is 0, so no error"),
         ({"scatter": {"radius": [0.1, -0.1]}}, "scatter of radius at time 2 is -0.1"),
+    ],
+    ids=str,
+)
+def test_bad_targets_are_refused_in_words(change: dict[str, Any], message: str) -> None:
+    with wrong_types(), pytest.raises(InputError, match=message):
+        Targets.from_means(**{**GOOD, **change})
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
         ({"spacing": 0.0}, "spacing is 0"),
         ({"smoothing": -0.1}, "smoothing -0.1"),
         ({"extent": -1.0}, "extent -1"),
@@ -120,9 +143,24 @@ def test_what_round_colonies_have_none_of_may_be_0_or_below() -> None:
     ],
     ids=str,
 )
-def test_bad_targets_are_refused_in_words(change: dict[str, Any], message: str) -> None:
+def test_imaging_that_cannot_be_is_refused(values: dict[str, Any], message: str) -> None:
     with wrong_types(), pytest.raises(InputError, match=message):
-        Targets.from_means(**{**GOOD, **change})
+        Imaging(**values)
+
+
+def test_without_imaging_names_times_and_signs_are_any() -> None:
+    targets = Targets.from_means({"height": [-1.0, 0.0]}, [0.0, 3.0], scatter={"height": [0.1, 0.2]}, replicates=4)
+    np.testing.assert_array_equal(targets.clock, [0.0, 3.0])
+    assert (targets.clock_label, targets.measurement_errors()) == ("time", {"height": 0.0})
+
+
+def test_imaged_colonies_have_hours_and_errors_of_measurement() -> None:
+    targets = Targets.from_means(**GOOD)
+    np.testing.assert_allclose(targets.clock, Scales().hours(np.array([1.0, 2.0])))
+    assert targets.clock_label == "hours"
+    assert targets.measurement_errors() == {"radius": 0.01, "compactness": 0.02}
+    assert targets.measurement_errors({"radius": 0.3}) == {"radius": 0.3, "compactness": 0.02}
+    assert targets.measurement_errors(0.0) == {"radius": 0.0, "compactness": 0.0}
 
 
 def test_shapes_that_disagree_and_repeated_names_are_refused() -> None:

@@ -10,7 +10,7 @@ import typer
 from yeastfit.commands.options import Out, Seed, names_in, numbers_in, with_parameters
 from yeastfit.commands.terminal import out, shown_progress, warn
 from yeastfit.errors import InputError
-from yeastfit.inference.fit.least_squares import DEFAULT_FREE
+from yeastfit.inference.colony_simulator import DEFAULT_FREE
 from yeastfit.inference.information.design import design as make_design
 from yeastfit.inference.information.identifiability import percent
 from yeastfit.inference.sensitivity.estimate import sensitivity as estimate_sensitivity
@@ -149,7 +149,7 @@ def design(
         "measured_statistics": measured_statistics and names_in(measured_statistics),
         "replicates": replicates,
         "added": added,
-        "new_colonies": not same_colonies,
+        "new_replicates": not same_colonies,
         "steps": steps,
         "by": by,
         "criterion": criterion,
@@ -157,14 +157,14 @@ def design(
     }
     result = make_design(found, free=names_in(free), **known)
     write_design(folder, result)
-    configuration = {"parameters": found.parameters.asdict(), "free": result.free, **known}
+    configuration = {"parameters": found.at, "free": result.free, **known}
     inputs = [sensitivity] if sensitivity else []
     write_manifest(folder, command="design", seed=found.seed, inputs=inputs, configuration=configuration)
-    warn(found.warnings)
+    warn(list(found.warnings))
     warn(result.before.sentences())
-    values_used = ", ".join(f"{name} {value:g}" for name, value in found.parameters.asdict().items())
+    values_used = ", ".join(f"{name} {value:g}" for name, value in found.at.items())
     out.print(f"at {values_used}", highlight=False)
-    errors = ", ".join(f"{name} {percent(error)}" for name, error in result.before.standard_errors.items())
+    errors = ", ".join(f"{name} {percent(error)}" for name, error in result.before.log_standard_errors.items())
     out.print(f"errors of log λ from what is measured: {errors}", highlight=False)
     for number, sentence in enumerate(result.sentences(), start=1):
         out.print(f"{number}. {sentence}", highlight=False)

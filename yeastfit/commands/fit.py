@@ -23,13 +23,12 @@ from yeastfit.commands.options import (
     with_parameters,
 )
 from yeastfit.commands.terminal import out, shown_progress, warn
+from yeastfit.inference.colony_simulator import COARSE, DEFAULT_FREE, Resolution
 from yeastfit.inference.fit.bootstrap_profile import Bootstrap, Profile, explore, profiles
-from yeastfit.inference.fit.least_squares import DEFAULT_FREE
 from yeastfit.inference.fit.least_squares import fit as run_fit
 from yeastfit.inference.fit.result import Fit
 from yeastfit.inference.fit.settings import FitSettings
-from yeastfit.measure.statistics.registry import measurement_errors
-from yeastfit.model.parameters import PARAMETERS, Parameters, Scales
+from yeastfit.model.parameters import PARAMETERS, Scales
 from yeastfit.processors import available_processors
 from yeastfit.report.fit_files import FILES, write_bootstrap, write_fit, write_profiles, write_targets
 from yeastfit.storage import remove_files, write_manifest
@@ -88,7 +87,7 @@ def fit(
     starts: Annotated[
         int, typer.Option(min=1, help="Number of places in the search range to start from. More find a better minimum.")
     ] = FitSettings.starts,
-    dt: Annotated[float, typer.Option(help="Time step of the simulations, in units of 1/μ*.")] = FitSettings.dt,
+    dt: Annotated[float, typer.Option(help="Time step of the simulations, in units of 1/μ*.")] = COARSE.dt,
     measurement_error: MeasurementError = None,
     bootstrap: Annotated[
         int,
@@ -117,8 +116,7 @@ def fit(
         "bounds": named_pairs_in("--bounds", bounds or (), "the ends of a range"),
         "prior": named_pairs_in("--prior", prior or (), "its centre and width"),
     }
-    error = measurement_errors() if measurement_error is None else measurement_error
-    settings = FitSettings(method=method, starts=starts, dt=dt, measurement_error=error)  # type: ignore[arg-type]
+    settings = FitSettings(method=method, starts=starts, measurement_error=measurement_error)  # type: ignore[arg-type]
     check_source(source, condition or ())
     known = truth_of(source) if truth else None
     remove_files(folder, FILES)
@@ -129,19 +127,20 @@ def fit(
     write_targets(folder, targets)
     single = next(iter(targets.values())) if len(targets) == 1 else targets
     with shown_progress("fitting") as progress:
+        coarse = Resolution(dt, COARSE.spacing)
         result = run_fit(
-            single, fixed=Parameters(**parameters), seed=seed, settings=settings, progress=progress, **options
+            single, fixed=parameters, resolution=coarse, seed=seed, settings=settings, progress=progress, **options
         )
     write_fit(folder, result, known)
     lines = _explored(folder, result, bootstrap, profile)
-    more = {"configuration": {"parameters": parameters, **options}, "seconds": result.seconds, "status": result.status}
+    more = {"configuration": {"parameters": parameters, **options}, "seconds": result.seconds, "status": result.message}
     write_manifest(folder, command="fit", seed=seed, inputs=data.inputs, **more)
     warn(list(result.warnings))
     out.print(_table(result, known))
     for line in lines:
         out.print(line, highlight=False)
     out.print(
-        f"{result.status}; chi-square {result.chi_square:.1f} on {result.degrees_of_freedom} degrees of freedom; "
+        f"{result.message}; chi-square {result.chi_square:.1f} on {result.degrees_of_freedom} degrees of freedom; "
         f"{result.simulations} simulated colonies in {result.seconds:.0f} s. Results in {folder}"
     )
     if not result.converged:
@@ -173,7 +172,7 @@ def _bootstrap_lines(found: Bootstrap) -> list[str]:
     ]
     if found.at_edge > MANY_AT_EDGE:
         lines.append(f"{found.at_edge:.0%} of the draws ended where the surface ends: these intervals are too narrow")
-    return lines
+    return lines + _unconverged_lines("the bootstrap", found.unconverged, len(found.values))
 
 
 def _profile_lines(found: Mapping[str, Profile]) -> list[str]:
@@ -181,7 +180,12 @@ def _profile_lines(found: Mapping[str, Profile]) -> list[str]:
     for name, each in found.items():
         low, high = (f"{end:.4g}" if np.isfinite(end) else "beyond the surface" for end in each.intervals["95%"])
         lines.append(f"profile of {name}: {low} to {high} (95 %)")
+        lines += _unconverged_lines(f"the profile of {name}", each.unconverged, len(each.values))
     return lines
+
+
+def _unconverged_lines(what: str, count: int, fits: int) -> list[str]:
+    return [f"{count} of {fits} fits of {what} ran into their limit of steps: do not trust it"] if count else []
 
 
 def _table(result: Fit, known: Mapping[str, float] | None) -> Table:

@@ -22,9 +22,7 @@ from yeastfit.commands.options import (
 )
 from yeastfit.commands.terminal import err, growing, out, shown_progress, warn
 from yeastfit.errors import InputError
-from yeastfit.inference.fit.least_squares import DEFAULT_FREE
-from yeastfit.inference.fit.settings import FitSettings
-from yeastfit.inference.parameter_space import check_free
+from yeastfit.inference.colony_simulator import DEFAULT_FREE, Resolution
 from yeastfit.inference.posterior.prior import template
 from yeastfit.model.parameters import PARAMETERS, Scales
 from yeastfit.processors import available_processors
@@ -88,8 +86,8 @@ def infer(
         ),
     ] = False,
     draws: Annotated[int, typer.Option(min=10, help="Of the posterior predictive check.")] = 40,
-    dt: Annotated[float, typer.Option(help="Time step.")] = FitSettings.fine_dt,
-    spacing: Annotated[float, typer.Option(help="Of the nutrient's grid, in L0.")] = FitSettings.fine_spacing,
+    dt: Annotated[float, typer.Option(help="Time step.")] = Resolution.dt,
+    spacing: Annotated[float, typer.Option(help="Of the nutrient's grid, in L0.")] = Resolution.spacing,
     measurement_error: MeasurementError = None,
     reuse: Annotated[
         Path | None,
@@ -113,7 +111,7 @@ def infer(
     which widens its posterior. Parameters that are not free are held at the values given here.
     """
     if print_prior:
-        sys.stdout.write(template(check_free(names_in(free)), bounded=Request(li=li).bounded))
+        sys.stdout.write(template(PARAMETERS.subset(names_in(free)).names, bounded=Request(li=li).bounded))
         return
     if source is None or folder is None:
         raise InputError(f"{'SOURCE' if source is None else '--out'} is missing: yeastfit infer SOURCE --out FOLDER")
@@ -122,7 +120,7 @@ def infer(
         {
             "method": method or ("abc-mcmc" if li else "emulator"),
             **({"statistics": names_in(statistics)} if statistics is not None else {}),
-            **{"free": check_free(names_in(free))},
+            **{"free": PARAMETERS.subset(names_in(free)).names},
             **{"condition": condition, "prior": prior, "fixed": parameters, "distance": distance, "epsilon": tolerance},
             **{"share": pilot_quantile, "kernel": kernel, "move": move, "pilot": pilot, "steps": steps},
             **{"walkers": walkers, "population": population, "simulations": simulations, "colonies": colonies},

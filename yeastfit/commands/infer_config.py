@@ -12,13 +12,11 @@ from yeastfit.inference.abc.distances import KernelName
 from yeastfit.inference.abc.mcmc_settings import McmcSettings, Move
 from yeastfit.inference.abc.pilot import DistanceName
 from yeastfit.inference.abc.smc import SmcSettings
-from yeastfit.inference.fit.least_squares import DEFAULT_FREE
-from yeastfit.inference.fit.settings import FitSettings
+from yeastfit.inference.colony_simulator import DEFAULT_FREE, Resolution
 from yeastfit.inference.neural_likelihood.emulator import fewest
 from yeastfit.inference.neural_likelihood.settings import EmulatedSettings
-from yeastfit.inference.parameter_space import check_free
 from yeastfit.inference.posterior.prior import Prior, default_prior
-from yeastfit.measure.statistics.registry import known_statistics, measurement_errors
+from yeastfit.measure.statistics.registry import known_statistics
 from yeastfit.model.numerics import Numerics
 from yeastfit.model.nutrient import check_alpha
 from yeastfit.model.parameters import PARAMETERS, Scales
@@ -53,7 +51,7 @@ class Request:
     whose mean is one simulated data set, of ABC; the emulator learns single colonies and takes R of them for the R
     replicates. draws: of the posterior predictive check. dt, spacing: of the model that is meant, as the data sets of
     data/synthetic are made; a coarser one is off in compactness by up to 5 %. measurement_error: relative, of the
-    means; None as `FitSettings` has it. reuse: another run's folder, whose colonies serve again: the emulator learns
+    means; None as the registry has it. reuse: another run's folder, whose colonies serve again: the emulator learns
     from all of them, ABC takes those it would grow.
     """
 
@@ -76,8 +74,8 @@ class Request:
     simulations: int | None = None
     colonies: int | None = None
     draws: int = 40
-    dt: float = FitSettings.fine_dt
-    spacing: float = FitSettings.fine_spacing
+    dt: float = Resolution.dt
+    spacing: float = Resolution.spacing
     measurement_error: float | None = None
     reuse: Path | None = None
     rate: float = Scales.rate
@@ -128,7 +126,7 @@ class Request:
 
     def the_prior(self) -> Prior:
         """As the file says, or over the plausible ranges."""
-        free = check_free(self.free)
+        free = PARAMETERS.subset(self.free).names
         return Prior.read(self.prior, free) if self.prior else default_prior(free, bounded=self.bounded)
 
     @property
@@ -157,14 +155,9 @@ class Request:
         chosen = {name: settings[name] for name in ("population", "simulations", "epsilon") if name in settings}
         return SmcSettings(**chosen, batch=BATCH)
 
-    def numerics(self) -> FitSettings:
-        """How colonies are grown, and what errors their measured means have."""
-        error = measurement_errors() if self.measurement_error is None else self.measurement_error
-        return FitSettings(dt=self.dt, spacing=self.spacing, measurement_error=error)
-
     def check_numerics(self) -> None:
         """Raises `InputError` where the prior reaches a diffusivity for which the time step is too long."""
-        free, numerics = check_free(self.free), self.numerics()
+        free, numerics = PARAMETERS.subset(self.free).names, Resolution(self.dt, self.spacing)
         largest = self.fixed.get("diffusivity", PARAMETERS["diffusivity"].default)
         if "diffusivity" in free:
             largest = self.the_prior().quantile(np.full((1, len(free)), FAR))[0, free.index("diffusivity")]

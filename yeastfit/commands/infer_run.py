@@ -24,10 +24,10 @@ from yeastfit.inference.abc.mcmc_settings import McmcSettings
 from yeastfit.inference.abc.pilot import distance_of
 from yeastfit.inference.abc.smc import abc_smc
 from yeastfit.inference.colony_simulator import ColonySimulator, Resolution
-from yeastfit.inference.fit.ensemble import measurement_covariance
+from yeastfit.inference.curve_covariance import Square, measurement_covariance
+from yeastfit.inference.imaging import Imaging
 from yeastfit.inference.neural_likelihood.sequential import emulated
 from yeastfit.inference.neural_likelihood.settings import EmulatedSettings, Given
-from yeastfit.inference.paired_regression import CurveSquare
 from yeastfit.inference.posterior.predictive_check import Predictive, predict
 from yeastfit.inference.posterior.samples import Samples
 from yeastfit.inference.posterior.simulation_store import Recorded, Store
@@ -122,16 +122,17 @@ class Run:
         return sampled + self.request.draws * self.replicates
 
     @property
-    def noise(self) -> CurveSquare:
+    def noise(self) -> Square:
         """Covariance of the means' errors of measurement."""
-        return measurement_covariance(self.targets, self.request.numerics())
+        errors = self.targets.measurement_errors(self.request.measurement_error)
+        return measurement_covariance(self.targets.observables, self.targets.values, errors)
 
     @property
     def about(self) -> str:
         """What decides over a simulated colony, beside λ and seed."""
-        targets, configuration = self.targets, self.folder.configuration
+        imaging, configuration = self.targets.imaging or Imaging(), self.folder.configuration
         named = {name: configuration[name] for name in ("fixed", "dt", "spacing", "rate", "length")}
-        named |= {"extent": targets.extent, "estimator": targets.estimator, "pixels": targets.spacing}
+        named |= {"extent": imaging.extent, "estimator": imaging.estimator, "pixels": imaging.spacing}
         return ", ".join(f"{name} {value}" for name, value in named.items())
 
     def sample(self, tell: Callable[[int], None], say: Progress) -> Samples:

@@ -92,27 +92,34 @@ class ColonySimulator:
         Raises:
             InputError: A name or value is not admissible, or two times lie closer than a time step.
         """
-        resolution = resolution or Resolution()
+        resolution, imaging = resolution or Resolution(), targets.imaging
+        if imaging is None or imaging.extent is None:
+            raise InputError("targets have no imaging: colonies need to know how shapes were measured, `Imaging`")
         dt, spacing, times = resolution.dt, resolution.spacing, targets.times
         if times[0] < dt or (np.diff(times) < dt).any():
             raise InputError(f"targets: times are {times}, they must be at least dt = {dt:g} apart: lower dt")
-        domain = 2 * spacing * np.ceil((1.3 * targets.extent + MARGIN) / spacing)
+        domain = 2 * spacing * np.ceil((1.3 * imaging.extent + MARGIN) / spacing)
         events = int(np.floor(times[-1] + 1e-6))  # a node buds once in a unit of time at most
         room = resolution.capacity or min(2 ** (events + 1), MOST_NODES)
         numerics = Numerics(domain=float(domain), spacing=spacing, dt=dt, capacity=room)
-        seen = 2.6 * targets.extent
-        if targets.estimator == "smooth":
+        seen = 2.6 * imaging.extent
+        if imaging.estimator == "smooth":
             observe: SmoothStatistics | HardStatistics = SmoothStatistics(
-                seen, targets.spacing, targets.smoothing, statistics=targets.names
+                seen, imaging.spacing, imaging.smoothing, statistics=targets.names
             )
         else:
-            observe = HardStatistics(seen, targets.spacing, targets.names)
+            observe = HardStatistics(seen, imaging.spacing, targets.names)
         curves = ColonyCurves(targets.names, numerics, observe, HARD, schedule_of(times, numerics))
         model = model or Model()
         curves, values = replace(curves, model=model), parameter_values(fixed, model.parameters)
         chosen = model.parameters.subset(free)
         held = {name: value for name, value in values.items() if name not in chosen}
         return ColonySimulator(chosen, held, targets.observables, curves, targets.measured.ravel())
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """All parameters of the model, free and held."""
+        return self.curves.model.parameters.names
 
     def __call__(self, values: Values, seeds: Seeds) -> Rows:
         """Curves, one row a proposal; nan throughout where any value is not finite."""

@@ -1,11 +1,12 @@
 """Free parameters of one or several conditions as one vector, with and without bounds.
 
-An entry θ of the vector is log λ of one parameter, in all conditions or in one of them. Between its bounds log a and
+An entry θ of the vector is log λ of one parameter λ, in all conditions or in one of them. Between its bounds log a and
 log b it is searched as z in ℝ,
 
     θ = log a + log(b/a) / (1 + e^−z),    dθ/dz = (θ − log a)(log b − θ) / log(b/a):
 
-smooth, one to one, scale-free in the middle of the range, and never outside it.
+smooth, one to one, scale-free in the middle of the range, and never outside it. What a condition holds fixed is its
+simulator's business.
 """
 
 from collections.abc import Mapping, Sequence
@@ -17,16 +18,25 @@ from scipy.special import expit
 
 from yeastfit.errors import InputError
 from yeastfit.inference.polynomial import sobol_points
-from yeastfit.model.parameters import NAMES, PARAMETERS, Parameters
+from yeastfit.inference.simulator import Values
+from yeastfit.parameter_set import Parameter, ParameterSet
 
-ALONE = ""  # the name of the only condition
+ONLY = ""  # the name of the only condition
+MARGIN = 1e-3  # of the range: how far inside its bounds a point is taken to be
 Bounds = Mapping[str, tuple[float, float]]
 Vector = Float[np.ndarray, " entry"]
+Points = Float[np.ndarray, "point entry"]
 
 
 @dataclass(frozen=True)
 class Entry:
-    """One free parameter; condition is None where all conditions share it."""
+    """One free parameter.
+
+    Attributes:
+        parameter: Its name.
+        condition: None where all conditions share it.
+        bounds: Of the parameter itself.
+    """
 
     parameter: str
     condition: str | None
@@ -39,42 +49,44 @@ class Entry:
 
 
 @dataclass(frozen=True)
-class Space:
-    """Which parameters are free, and where the others are held. fixed: by condition, in the order of the conditions."""
+class ParameterSpace:
+    """The box of the free parameters of all conditions."""
 
     entries: tuple[Entry, ...]
-    fixed: dict[str, Parameters]
 
     @staticmethod
     def of(
-        free: Sequence[str],
-        fixed: Mapping[str, Parameters],
+        parameters: ParameterSet,
+        conditions: Sequence[str] = (ONLY,),
         own: Sequence[str] = (),
         bounds: Bounds | None = None,
-    ) -> "Space":
-        """From names of λ, of which those in `own` differ from condition to condition.
+    ) -> "ParameterSpace":
+        """The space of a simulator's parameters, or of one simulator for each condition.
 
-        bounds: of λ, instead of the plausible ranges. Raises `InputError`.
+        Arguments:
+            parameters: The free ones.
+            conditions: Names.
+            own: Parameters that each condition has one of; the others are shared.
+            bounds: By parameter, instead of its plausible range.
+
+        Raises:
+            InputError: A name is not free, bounds do not rise or are not admissible, a range reaches 0, where log λ
+                ends, or there are own parameters of a single condition.
         """
-        free, given = check_free(free), dict(bounds or {})
+        given = dict(bounds or {})
         for what, names in (("own", own), ("bounds", given)):
             for name in names:
-                if name not in free:
-                    raise InputError(f"{what} names {name!r}, which is not free: {', '.join(free)} are")
-        if own and len(fixed) < 2:
+                if name not in parameters:
+                    raise InputError(f"{what} names {name!r}, which is not free: {', '.join(parameters)} are")
+        if own and len(conditions) < 2:
             raise InputError(f"own names {', '.join(own)}, but there is one condition only")
-        for name, (low, high) in given.items():
-            if not 0 < low < high <= PARAMETERS[name].largest:
-                raise InputError(
-                    f"bounds of {name} are {low:g}, {high:g}: they must rise, from above 0 to at most "
-                    f"{PARAMETERS[name].largest:g}"
-                )
+        ranges = {name: _range(one, given.get(name)) for name, one in parameters.items()}
         entries = [
-            Entry(name, condition, given.get(name, PARAMETERS[name].plausible))
-            for name in free
-            for condition in (fixed if name in own else (None,))
+            Entry(name, condition, ranges[name])
+            for name in parameters
+            for condition in (conditions if name in own else (None,))
         ]
-        return Space(tuple(entries), dict(fixed))
+        return ParameterSpace(tuple(entries))
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -83,21 +95,21 @@ class Space:
 
     @property
     def low(self) -> Vector:
-        """log a."""
+        """Log a."""
         return np.log([entry.bounds[0] for entry in self.entries])
 
     @property
     def high(self) -> Vector:
-        """log b."""
+        """Log b."""
         return np.log([entry.bounds[1] for entry in self.entries])
 
-    def of_z(self, z: Vector) -> Vector:
+    def theta_of(self, z: Vector) -> Vector:
         """θ."""
         return self.low + (self.high - self.low) * expit(np.asarray(z, dtype=float))
 
-    def to_z(self, theta: Vector) -> Vector:
-        """z; θ at or beyond a bound is taken for a thousandth of the range inside it."""
-        margin = 1e-3 * (self.high - self.low)
+    def z_of(self, theta: Vector) -> Vector:
+        """z; θ at or beyond a bound is taken to be `MARGIN` inside it."""
+        margin = MARGIN * (self.high - self.low)
         inside = np.clip(theta, self.low + margin, self.high - margin)
         return np.log(inside - self.low) - np.log(self.high - inside)
 
@@ -105,43 +117,50 @@ class Space:
         """dθ/dz."""
         return (theta - self.low) * (self.high - theta) / (self.high - self.low)
 
-    def theta(self, parameters: Mapping[str, Parameters]) -> Vector:
-        """θ of λ by condition; shared entries take the first condition's. Raises `InputError` outside the bounds."""
-        first = next(iter(self.fixed))
-        values = np.array([float(getattr(parameters[e.condition or first], e.parameter)) for e in self.entries])
-        for entry, value in zip(self.entries, values, strict=True):
+    def start(self, values: Mapping[str, float], parameters: ParameterSet) -> Vector:
+        """θ of given values.
+
+        Arguments:
+            values: By entry ("mobility of poor") or parameter.
+            parameters: The free ones, whose defaults those not given have.
+
+        Raises:
+            InputError: A name is unknown, or a value lies outside its bounds.
+        """
+        self.check_names("start", values)
+        found = []
+        for entry in self.entries:
+            value = float(values.get(entry.name, values.get(entry.parameter, parameters[entry.parameter].default)))
             low, high = entry.bounds
             if not low < value < high:
                 raise InputError(
                     f"start: {entry.name} is {value:g}, a free parameter starts inside ({low:g}, {high:g})"
                 )
-        return np.log(values)
+            found.append(value)
+        return np.log(found)
 
-    def scattered(self, count: int, seed: int) -> Float[np.ndarray, "point entry"]:
-        """Low-discrepancy points in the box (scrambled Sobol')."""
+    def check_names(self, what: str, names: Mapping[str, object]) -> None:
+        """Raise `InputError` for a name that is neither an entry nor a parameter of one."""
+        known = {entry.parameter for entry in self.entries} | set(self.names)
+        for name in names:
+            if name not in known:
+                raise InputError(f"{what} names {name!r}, which is not free: {', '.join(self.names)} are")
+
+    def sobol_points(self, count: int, seed: int) -> Points:
+        """Low-discrepancy points in the box."""
         return self.low + (self.high - self.low) * sobol_points(count, len(self.entries), seed)
 
     def columns(self, condition: str) -> list[int]:
-        """Numbers of the entries that a condition depends on."""
+        """Numbers of the entries that a condition depends on, in the order of its simulator's parameters."""
         return [k for k, entry in enumerate(self.entries) if entry.condition in (None, condition)]
 
-    def log_parameters(self, condition: str, theta: Float[np.ndarray, "point entry"]) -> Float[np.ndarray, "point 7"]:
-        """log λ1 … log λ7 of a condition at some θ."""
-        fixed = self.fixed[condition]
-        with np.errstate(divide="ignore"):
-            logs = np.log([float(getattr(fixed, name)) for name in NAMES])
-        found = np.tile(logs, (len(theta), 1))
-        for k in self.columns(condition):
-            found[:, NAMES.index(self.entries[k].parameter)] = theta[:, k]
-        return found
+    def values(self, condition: str, theta: Points) -> Values:
+        """Rows for the simulator of a condition."""
+        return np.exp(theta[:, self.columns(condition)])
 
-    def parameters(self, theta: Vector) -> dict[str, Parameters]:
-        """λ by condition."""
-        found = {}
-        for condition, fixed in self.fixed.items():
-            values = {self.entries[k].parameter: float(np.exp(theta[k])) for k in self.columns(condition)}
-            found[condition] = fixed.replace(**values)
-        return found
+    def described(self, theta: Vector) -> str:
+        """A point in words."""
+        return ", ".join(f"{name} {value:.3g}" for name, value in zip(self.names, np.exp(theta), strict=True))
 
     def at_a_bound(self, theta: Vector, share: float = 0.01) -> list[Entry]:
         """Entries within a share of their range of its end."""
@@ -149,11 +168,18 @@ class Space:
         return [entry for entry, one in zip(self.entries, near, strict=True) if one]
 
 
-def check_free(free: Sequence[str]) -> tuple[str, ...]:
-    """The names of free parameters in the model's order, or `InputError`."""
-    for name in free:
-        if name not in NAMES:
-            raise InputError(f"free parameter {name!r} is unknown, expected some of {', '.join(NAMES)}")
-    if not free or len(set(free)) != len(free):
-        raise InputError(f"free is {list(free)}, a fit needs at least one parameter, each once")
-    return tuple(name for name in NAMES if name in free)
+def _range(parameter: Parameter, bounds: tuple[float, float] | None) -> tuple[float, float]:
+    """Bounds or the plausible range. Raise `InputError` where they are not ones for log λ."""
+    name, least, most = parameter.name, parameter.smallest, parameter.largest
+    if bounds is None:
+        low, high = parameter.plausible
+        if not (low > 0 and np.isfinite(high)):
+            raise InputError(
+                f"{name} is plausible from {low:g} to {high:g}: a fit works with its logarithm, give bounds above 0"
+            )
+        return low, high
+    low, high = bounds
+    if not (0 < low < high <= most and low >= least and np.isfinite(high)):
+        below = f"at least {least:g}" if least > 0 else "above 0"
+        raise InputError(f"bounds of {name} are {low:g}, {high:g}: they must rise, from {below} to at most {most:g}")
+    return float(low), float(high)

@@ -1,9 +1,10 @@
 """What fits and samplers ask of a forward model: rows of parameters and seeds in, rows of statistics out.
 
-Anything with `parameters`, `observables` and this call is a `Simulator`; nothing has to inherit from it. Two further
+Anything with `parameters`, `observables` and this call is a `Simulator`; nothing has to inherit from it. Three further
 attributes are read where they exist:
 
     fixed      values of parameters that are held, by name: for tables
+    names      all parameters, free and held, in the order of tables
     problems   how often simulations ran into what, in words: for warnings (a `collections.Counter`)
 
 Wrappers count what is simulated, average replicates and add errors of measurement.
@@ -17,7 +18,7 @@ from typing import Any, Protocol, runtime_checkable
 
 import jax
 import numpy as np
-from jaxtyping import Float, Shaped
+from jaxtyping import Array, Float, Shaped
 
 from yeastfit.errors import InputError
 from yeastfit.observable import Observable
@@ -74,6 +75,11 @@ class Wrapper:
     def fixed(self) -> Mapping[str, float]:
         """Parameters that are held."""
         return fixed_of(self.simulator)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """All parameters, free and held."""
+        return names_of(self.simulator)
 
     @property
     def problems(self) -> Counter[str]:
@@ -143,9 +149,28 @@ def labels_of(simulator: Simulator) -> tuple[str, ...]:
     return tuple(map(str, simulator.observables))
 
 
+def same_observables(first: Sequence[Observable], second: Sequence[Observable]) -> bool:
+    """Whether two rows have the same columns; times may differ by rounding."""
+    names, others = ([one.statistic for one in each] for each in (first, second))
+    times, other_times = ([one.time for one in each] for each in (first, second))
+    return names == others and np.allclose(times, other_times, rtol=1e-6, atol=1e-9, equal_nan=True)
+
+
 def fixed_of(simulator: Simulator) -> Mapping[str, float]:
     """Parameters that a simulator holds, where it says so."""
     return getattr(simulator, "fixed", {})
+
+
+def names_of(simulator: Simulator) -> tuple[str, ...]:
+    """All parameters of a simulator: in its own order where it says so, else the free ones and then the held."""
+    found: Any = getattr(simulator, "names", None)
+    return (*simulator.parameters.names, *fixed_of(simulator)) if found is None else found
+
+
+def named_values(simulator: Simulator, values: Sequence[float] | np.ndarray) -> dict[str, float]:
+    """All parameters of a simulator by name, the free ones from a row of values."""
+    known = {**fixed_of(simulator), **dict(zip(simulator.parameters.names, map(float, values), strict=True))}
+    return {name: known[name] for name in names_of(simulator)}
 
 
 def problems_of(simulator: Simulator) -> Counter[str]:
@@ -190,10 +215,14 @@ def seed_of(seed: int, numbers: Sequence[int] | np.ndarray) -> Shaped[np.ndarray
     return np.array(words, dtype=np.uint64)
 
 
-def member_seeds(seed: int, members: int) -> Shaped[np.ndarray, " member"]:
+def member_seeds(seed: int | Array, members: int) -> Shaped[np.ndarray, " member"]:
     """Seeds of an ensemble, 64 bits each, whose member i is the same whatever the number of members.
 
     They are the bits of `yeastfit.member_keys`: a colony grown from one is the colony of that key.
+
+    Arguments:
+        seed: A number, or one of jax's keys.
+        members: How many.
     """
     words = np.asarray(jax.random.key_data(member_keys(seed, members))).astype(np.uint64)
     return (words[:, 0] << np.uint64(32)) | words[:, 1]

@@ -1,52 +1,50 @@
-"""What a fit aims at: mean curves over replicate colonies, with their scatter, and how shapes were measured."""
+"""What a fit aims at: means of statistics over replicates at some times, with their scatter."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields
-from typing import Any, get_args
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from yeastfit.errors import InputError
+from yeastfit.inference.imaging import SMOOTHING, SPACING, Imaging
 from yeastfit.measure.reading.dataset import Dataset
 from yeastfit.measure.series import Measured, replicate_curves
-from yeastfit.measure.statistics.registry import STATISTICS, Estimator, known_statistics
+from yeastfit.measure.statistics.registry import STATISTICS
 from yeastfit.measure.statistics.smooth_statistics import measure_mask_smoothly
 from yeastfit.model.parameters import Scales
 from yeastfit.observable import Observable
 
-SPACING = 0.1  # L0, the grid on which shapes are compared: 0.75 µm for yeast
-SMOOTHING = 0.15  # L0, the blur both undergo, which makes them indifferent to how a pixel on the edge was called
+Table = Float[np.ndarray, "statistic time"]
 
 
 @dataclass(frozen=True)
 class Targets:
-    """Curves of some statistics at some times, of several replicate colonies, or of one.
+    """Mean curves of some statistics at some times, over several replicates or of one.
 
-    names: statistics. times: model time, rising. mean, scatter: over replicates, lengths in L0; scatter is one colony's
-    standard deviation, nan where it is not known: then the model's is taken. replicates: colonies behind each mean, 0
-    where a statistic was not measured; its mean is nan there.
+    Attributes:
+        names: Statistics, as the simulator calls them.
+        times: Rising, in the simulator's unit.
+        mean: Over replicates; nan where a statistic was not measured.
+        scatter: Standard deviation of one replicate; nan where it is not known, and a fit takes the simulator's.
+        replicates: How many are behind each mean; 0 where a statistic was not measured.
+        curves: Of single replicates, where they are known; nan where one is missing. A bootstrap needs them.
+        imaging: How shapes of colonies were measured. Only simulators of colonies need it; lengths are in L0 then.
 
-    estimator: how shapes were measured, and simulated ones will be: "smooth" as `SmoothStatistics` on a grid of
-    `spacing` with `smoothing`; "mask" as `measure.statistics` on pixels of `spacing`. All in L0. extent: how far from
-    the start any colony reaches, in L0, at least. curves: of single colonies, where known, nan where one is missing.
-    scales: of the data, for hours and µm.
-
-    Raises `InputError` for shapes that disagree, times that do not rise, statistics that the estimator does not have,
-    means that are not above 0, and scatter that is 0 over several replicates.
+    Raises:
+        InputError: Shapes disagree, times do not rise, a name stands twice, a measured mean is not finite, or scatter
+            is 0 over several replicates. With `imaging` also where the estimator does not have a statistic, or a size
+            is not above 0.
     """
 
     names: tuple[str, ...]
     times: Float[np.ndarray, " time"]
-    mean: Float[np.ndarray, "statistic time"]
-    scatter: Float[np.ndarray, "statistic time"]
+    mean: Table
+    scatter: Table
     replicates: Int[np.ndarray, "statistic time"]
-    spacing: float
-    smoothing: float
-    extent: float
-    estimator: Estimator = "smooth"
     curves: Float[np.ndarray, "replicate statistic time"] | None = None
-    scales: Scales = field(default_factory=Scales)
+    imaging: Imaging | None = None
 
     def __post_init__(self) -> None:
         shape = (len(self.names), len(self.times))
@@ -54,61 +52,70 @@ class Targets:
             values = getattr(self, name)
             if values.shape != shape:
                 raise InputError(f"targets: {name} has shape {values.shape}, (statistics, times) is {shape}")
-        _check_names(self.names, self.estimator)
+        if not self.names or len(set(self.names)) != len(self.names):
+            raise InputError(f"targets: statistics are {list(self.names)}, need at least one, each once")
         times = self.times
-        if not len(times) or not np.isfinite(times).all() or (np.diff(times) <= 0).any() or times[0] <= 0:
-            raise InputError(f"targets: times must rise from above 0, got {times}")
-        if self.spacing <= 0 or self.smoothing < 0 or not self.extent > 0:
-            raise InputError(
-                f"targets: spacing is {self.spacing:g}, smoothing {self.smoothing:g} and extent {self.extent:g}, "
-                "need lengths in L0 above 0 (smoothing may be 0)"
-            )
+        if not len(times) or not np.isfinite(times).all() or (np.diff(times) <= 0).any():
+            raise InputError(f"targets: times must rise, got {times}")
         if not self.measured.any():
             raise InputError("targets: nothing is measured, replicates is 0 everywhere")
         self._refuse(~np.isfinite(self.mean), "mean", "it must be a finite number")
-        solid = np.array([not STATISTICS[name].may_vanish for name in self.names])[:, None]
-        self._refuse(solid & (self.mean <= 0), "mean", "it must be above 0")
         self._refuse((self.scatter < 0) | np.isinf(self.scatter), "scatter", "it must be above 0, or nan: not known")
         self._refuse(
             (self.scatter == 0) & (self.replicates > 1),
             "scatter",
             "so no error could be told: are the replicates copies of each other? Give nan to take the model's",
         )
+        if self.imaging is not None:
+            self._check_imaged(self.imaging)
 
     @property
     def measured(self) -> Bool[np.ndarray, "statistic time"]:
-        """Which of the curves' points there are; they are the fit's data, statistic by statistic."""
+        """Which points there are; they are the data of a fit, statistic by statistic."""
         return self.replicates > 0
 
     @property
-    def values(self) -> Float[np.ndarray, " curve"]:
-        """The means that are measured."""
+    def values(self) -> Float[np.ndarray, " observable"]:
+        """The measured means."""
         return self.mean[self.measured]
-
-    @property
-    def hours(self) -> Float[np.ndarray, " curve"]:
-        """When each of `values` was seen."""
-        return np.broadcast_to(self.scales.hours(self.times), self.measured.shape)[self.measured]
 
     @property
     def observables(self) -> tuple[Observable, ...]:
         """What each of `values` is."""
         return tuple(Observable(self.names[row], float(self.times[k])) for row, k in np.argwhere(self.measured))
 
-    def label(self, number: int) -> str:
-        """What the number-th of `values` is."""
-        statistic, time = np.argwhere(self.measured)[number]
-        return f"{self.names[statistic]} at {self.times[time]:.3g}"
+    @property
+    def clock(self) -> Float[np.ndarray, " time"]:
+        """Times for plots and tables: hours where the images tell the scales, else as they are."""
+        return self.times if self.imaging is None else self.imaging.scales.hours(self.times)
 
-    def resampled(self, rng: np.random.Generator) -> Float[np.ndarray, " curve"]:
-        """Means over replicates that are drawn with replacement, all points of a colony's curves together.
+    @property
+    def clock_label(self) -> str:
+        """What `clock` counts."""
+        return "time" if self.imaging is None else "hours"
 
-        Where a draw leaves a point without any colony, that point is drawn by itself. Raises `InputError` where single
-        colonies are not known, or only one.
+    def measurement_errors(self, given: float | Mapping[str, float] | None = None) -> dict[str, float]:
+        """Relative error of measurement of each statistic, which replicates do not average out.
+
+        Arguments:
+            given: One number for all, or by statistic. Those not given have what their imaging has, or none.
+        """
+        if isinstance(given, int | float):
+            return dict.fromkeys(self.names, float(given))
+        known = {} if self.imaging is None else {name: STATISTICS[name].measurement_error for name in self.names}
+        return {name: float((given or {}).get(name, known.get(name, 0.0))) for name in self.names}
+
+    def resampled(self, rng: np.random.Generator) -> Float[np.ndarray, " observable"]:
+        """Means over replicates that are drawn with replacement, all points of a replicate together.
+
+        Where a draw leaves a point without any replicate, that point is drawn by itself.
+
+        Raises:
+            InputError: Single replicates are not known, or there is one only.
         """
         if self.curves is None or len(self.curves) < 2:
             raise InputError(
-                "targets: a bootstrap needs curves of at least two single colonies, make a profile instead"
+                "targets: a bootstrap needs curves of at least two single replicates, make a profile instead"
             )
         drawn = self.curves[rng.integers(len(self.curves), size=len(self.curves))][:, self.measured]
         for column in np.flatnonzero(~np.isfinite(drawn).any(axis=0)):
@@ -119,17 +126,17 @@ class Targets:
 
     def asdict(self) -> dict[str, Any]:
         """Plain data."""
-        return {each.name: getattr(self, each.name) for each in fields(self) if each.name != "scales"} | {
-            "scales": {"length": self.scales.length, "rate": self.scales.rate}
-        }
+        imaging = None if self.imaging is None else self.imaging.asdict()
+        return {**{name: getattr(self, name) for name in self.__dataclass_fields__}, "imaging": imaging}
 
     @staticmethod
     def fromdict(data: Mapping[str, Any]) -> "Targets":
-        """What `asdict` gave, as JSON keeps it."""
-        arrays = {name: np.array(data[name], dtype=float) for name in ("times", "mean", "scatter")}
+        """Read what `asdict` gave, as JSON keeps it."""
+        mean, scatter, times = (np.array(data[name], dtype=float) for name in ("mean", "scatter", "times"))
         curves = None if data["curves"] is None else np.array(data["curves"], dtype=float)
-        rest = {"names": tuple(data["names"]), "replicates": np.array(data["replicates"], dtype=int), "curves": curves}
-        return Targets(**{**data, **arrays, **rest, "scales": Scales(**data["scales"])})
+        imaging = None if data["imaging"] is None else Imaging.fromdict(data["imaging"])
+        replicates = np.array(data["replicates"], dtype=int)
+        return Targets(tuple(data["names"]), times, mean, scatter, replicates, curves, imaging)
 
     @staticmethod
     def from_means(
@@ -138,16 +145,19 @@ class Targets:
         *,
         scatter: Mapping[str, Sequence[float] | np.ndarray] | None = None,
         replicates: int | Sequence[int] | np.ndarray = 1,
-        extent: float | None = None,
-        estimator: Estimator = "smooth",
-        spacing: float = SPACING,
-        smoothing: float = SMOOTHING,
-        scales: Scales | None = None,
+        imaging: Imaging | None = None,
     ) -> "Targets":
-        """From means, by statistic, with nan where one is missing; lengths in L0.
+        """Targets from means.
 
-        scatter: one colony's standard deviation, likewise; without it the model's is taken. replicates: one number, or
-        one for each time. extent: without it, guessed from the radius or the area.
+        Arguments:
+            means: By statistic, one for each time; nan where one is missing. Of imaged colonies, lengths in L0.
+            times: Rising.
+            scatter: Standard deviation of one replicate, likewise; the simulator's where none is given.
+            replicates: Behind each mean: one number, or one for each time.
+            imaging: How colonies were measured.
+
+        Raises:
+            InputError: As `Targets`; and scatter of a statistic that has no mean.
         """
         names, times = tuple(means), np.atleast_1d(np.asarray(times, dtype=float))
         mean = np.stack([np.atleast_1d(np.asarray(means[name], dtype=float)) for name in names])
@@ -158,22 +168,26 @@ class Targets:
         unknown = np.full(len(times), np.nan)
         spread = np.stack([np.atleast_1d(np.asarray(known.get(name, unknown), dtype=float)) for name in names])
         counts = np.broadcast_to(np.asarray(replicates, dtype=int), mean.shape) * np.isfinite(mean)
-        reach = _extent(dict(zip(names, mean, strict=True))) if extent is None else extent
-        rest: dict[str, Any] = {"estimator": estimator, "scales": scales or Scales()}
-        return Targets(names, times, mean, spread, counts, spacing, smoothing, reach, **rest)
+        return Targets(names, times, mean, spread, counts, None, _reaching(imaging, names, mean))
 
     @staticmethod
     def from_replicates(
         curves: Mapping[str, Float[np.ndarray, "replicate time"]],
-        times: Float[np.ndarray, " time"],
+        times: Sequence[float] | np.ndarray,
         *,
-        spacing: float = SPACING,
-        smoothing: float = SMOOTHING,
-        extent: float | None = None,
-        estimator: Estimator = "smooth",
-        scales: Scales | None = None,
+        imaging: Imaging | None = None,
     ) -> "Targets":
-        """Mean and scatter of replicate curves; nan marks a replicate that is missing. One replicate has no scatter."""
+        """Mean and scatter of replicate curves.
+
+        Arguments:
+            curves: By statistic; nan where a replicate is missing. One replicate has no scatter.
+            times: Rising.
+            imaging: How colonies were measured; lengths are in L0 then.
+
+        Raises:
+            InputError: As `Targets`.
+        """
+        names = tuple(curves)
         stacked = np.stack([np.asarray(values, dtype=float) for values in curves.values()], axis=1)
         known = np.isfinite(stacked)
         counts = known.sum(axis=0)
@@ -181,9 +195,8 @@ class Targets:
             mean = np.where(counts > 0, np.where(known, stacked, 0.0).sum(axis=0) / counts, np.nan)
             squares = np.where(known, stacked - mean, 0.0) ** 2
             scatter = np.where(counts > 1, np.sqrt(squares.sum(axis=0) / (counts - 1)), np.nan)
-        reach = _extent(dict(zip(curves, mean, strict=True))) if extent is None else extent
-        rest: dict[str, Any] = {"estimator": estimator, "curves": stacked, "scales": scales or Scales()}
-        return Targets(tuple(curves), np.asarray(times), mean, scatter, counts, spacing, smoothing, reach, **rest)
+        at = np.asarray(times, dtype=float)
+        return Targets(names, at, mean, scatter, counts, stacked, _reaching(imaging, names, mean))
 
     @staticmethod
     def from_dataset(
@@ -195,18 +208,39 @@ class Targets:
         spacing: float = SPACING,
         smoothing: float = SMOOTHING,
     ) -> "Targets":
-        """Curves of a data set's masks, measured as `SmoothStatistics` measures a simulation; lengths in L0."""
+        """Curves of a data set's masks, measured as `SmoothStatistics` measures a simulation; lengths in L0.
+
+        Arguments:
+            dataset: The data set.
+            measured: Its masks, from `measure_dataset`.
+            names: Statistics.
+            scales: Of the species.
+            spacing: Of the grid that masks and simulations are brought to.
+            smoothing: Width of the blur that both undergo.
+
+        Raises:
+            InputError: As `Targets`.
+        """
         scales = scales or Scales()
-        _check_names(names, "smooth")
+        Imaging().check(names)
         rows, extent = [], 0.0
         for one in measured:
             pixel = one.micrograph.pixel_size / scales.length
             rows.append(measure_mask_smoothly(one.segmentation.mask, pixel, spacing=spacing, smoothing=smoothing))
             extent = max(extent, one.shape.max_radius / scales.length)
         curves, hours = replicate_curves(dataset, rows, names)
-        times = scales.time(np.array(hours))
-        how: dict[str, Any] = {"spacing": spacing, "smoothing": smoothing, "extent": extent, "scales": scales}
-        return Targets.from_replicates(curves, times, **how)
+        imaging = Imaging(extent, "smooth", spacing, smoothing, scales)
+        return Targets.from_replicates(curves, scales.time(np.array(hours)), imaging=imaging)
+
+    def _check_imaged(self, imaging: Imaging) -> None:
+        """Raise `InputError` where colonies cannot have been measured so."""
+        imaging.check(self.names)
+        if imaging.extent is None:
+            raise InputError("targets: extent of the imaging is missing, in L0")
+        if self.times[0] <= 0:
+            raise InputError(f"targets: times must rise from above 0, got {self.times}")
+        size = np.array([not STATISTICS[name].may_vanish for name in self.names])[:, None]
+        self._refuse(size & (self.mean <= 0), "mean", "it must be above 0")
 
     def _refuse(self, bad: np.ndarray, what: str, why: str) -> None:
         for statistic, time in np.argwhere(bad & self.measured):
@@ -216,24 +250,6 @@ class Targets:
             )
 
 
-def _check_names(names: Sequence[str], estimator: str) -> None:
-    if estimator not in get_args(Estimator):
-        raise InputError(f"targets: estimator is {estimator!r}, it must be one of {', '.join(get_args(Estimator))}")
-    known = known_statistics(estimator)  # type: ignore[arg-type]
-    for name in names:
-        if name not in known:
-            other = ' (measured on masks: estimator "mask")' if name in known_statistics("mask") else ""
-            raise InputError(f"targets: statistic {name!r} is unknown{other}, expected some of {', '.join(known)}")
-    if not names or len(set(names)) != len(names):
-        raise InputError(f"targets: statistics are {list(names)}, need at least one, each once")
-
-
-def _extent(means: Mapping[str, np.ndarray]) -> float:
-    """How far colonies reach, from what is known of their size; lengths tell more than areas."""
-    telling = (entry for name, entry in STATISTICS.items() if name in means and entry.reach is not None)
-    for entry in sorted(telling, key=lambda entry: (entry.unit_power, entry.reach)):
-        values = np.maximum(means[entry.name], 0.0)
-        if np.isfinite(values).any():
-            radii = values if entry.unit_power == 1 else np.sqrt(values / np.pi)
-            return float(np.nanmax(entry.reach * radii)) + 1.0
-    raise InputError("targets: extent is missing, need how far from the start the colonies reach, in L0")
+def _reaching(imaging: Imaging | None, names: tuple[str, ...], mean: np.ndarray) -> Imaging | None:
+    """Imaging with an extent."""
+    return None if imaging is None else imaging.reaching(dict(zip(names, mean, strict=True)))

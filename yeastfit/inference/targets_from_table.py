@@ -14,7 +14,8 @@ from typing import Any
 import numpy as np
 
 from yeastfit.errors import InputError
-from yeastfit.inference.targets import SMOOTHING, SPACING, Targets
+from yeastfit.inference.imaging import SMOOTHING, SPACING, Imaging
+from yeastfit.inference.targets import Targets
 from yeastfit.measure.reading.images import read_image
 from yeastfit.measure.statistics.registry import STATISTICS, Estimator, most_telling_first, names_with
 from yeastfit.measure.statistics.smooth_statistics import measure_mask_smoothly
@@ -112,8 +113,7 @@ def targets_of(
         for name in statistics:
             curves[name][replicates.index(row["replicate"]), hours.index(float(row["hours"]))] = value[name]
     times = scales.time(np.array(hours))
-    how: dict[str, Any] = {"spacing": spacing, "smoothing": smoothing, "extent": extent, "estimator": estimator}
-    return Targets.from_replicates(curves, times, scales=scales, **how)
+    return Targets.from_replicates(curves, times, imaging=Imaging(extent, estimator, spacing, smoothing, scales))
 
 
 def conditions_of(rows: Sequence[Mapping[str, Any]]) -> tuple[str, ...]:

@@ -35,7 +35,7 @@ def fit(result: Fit, truth: Mapping[str, float] | None = None) -> Figure:
     for k, name in enumerate(names):
         axes[0, k].set_title(title_of(name), fontsize=10)
         axes[1, k].axhline(0, color="0.6", lw=1)
-        axes[1, k].set(xlabel="hours", ylabel="residual / error" if not k else "")
+        axes[1, k].set(xlabel=result.conditions[0].targets.clock_label, ylabel="residual / error" if not k else "")
     axes[0, 0].legend(fontsize=8, loc="best")
     figure.suptitle(_summary(result, truth), fontsize=9)
     return figure
@@ -73,7 +73,7 @@ def convergence(result: Fit) -> Figure:
         if np.isfinite(error):
             panel.axhspan(max(value - error, 1e-3 * value), value + error, color=COLONY, alpha=0.18, lw=0)
         panel.axhline(value, color=COLONY, lw=1)
-    lowest.set(yscale="log", xlabel="colonies grown", ylabel="weighted squares")
+    lowest.set(yscale="log", xlabel="simulations", ylabel="weighted squares")
     lowest.legend(fontsize=8, ncols=3)
     stages = [step.stage for step in result.history]
     for k in range(1, len(stages)):
@@ -81,7 +81,7 @@ def convergence(result: Fit) -> Figure:
             between = 0.5 * (result.history[k - 1].simulations + result.history[k].simulations)
             for panel in (*upper, lowest):
                 panel.axvline(between, color="0.8", lw=0.8)
-    upper[0].set_title(f"{result.status}; lines part the stages, bands are one standard error", fontsize=9)
+    upper[0].set_title(f"{result.message}; lines part the stages, bands are one standard error", fontsize=9)
     return figure
 
 
@@ -97,8 +97,8 @@ def profiles(results: Mapping[str, Profile]) -> Figure:
     figure = Figure(figsize=(1.2 + 3.1 * len(results), 3.3), layout="constrained")
     for panel, (name, each) in zip(figure.subplots(1, len(results), squeeze=False)[0], results.items(), strict=True):
         panel.plot(each.values, each.rise, "o-", ms=3, color=COLONY, label="profile")
-        if np.isfinite(each.standard_error):
-            away = np.log(each.values / each.estimate) / each.standard_error
+        if np.isfinite(each.log_standard_error):
+            away = np.log(each.values / each.estimate) / each.log_standard_error
             panel.plot(each.values, away**2, color="0.5", lw=1, ls="--", label="standard error")
         for level, share in ((1.0, "68 %"), (3.84, "95 %")):
             panel.axhline(level, color="0.8", lw=0.8)
@@ -128,7 +128,7 @@ def bootstrap(result: Bootstrap, fitted: Fit) -> Figure:
             panel.axis("off")
             continue
         x, y = column, row + 1
-        part = fitted.covariance[np.ix_([x, y], [x, y])]
+        part = fitted.log_covariance[np.ix_([x, y], [x, y])]
         if np.isfinite(part).all():
             draw_ellipse(panel, part)
         panel.plot(away[:, x], away[:, y], ".", ms=2.5, color="black", alpha=0.5)
@@ -147,21 +147,21 @@ def _draw_condition(upper: Any, lower: Any, each: Condition, row: int, color: st
     """Curve and residuals of one statistic of one condition."""
     targets = each.targets
     seen = targets.measured[row]
-    hours = targets.scales.hours(targets.times)[seen]
+    times = targets.clock[seen]
     error = np.full(targets.mean.shape, np.nan)
     error[targets.measured] = np.sqrt(np.diag(each.covariance))
     fitted, mean, spread = each.fitted[row, seen], targets.mean[row, seen], error[row, seen]
     of = f" of {each.name}" if each.name else ""
     if seen.sum() > 1:
-        upper.fill_between(hours, fitted - spread, fitted + spread, color=color, alpha=0.2, lw=0)
-        upper.plot(hours, fitted, color=color, lw=1.8, label=f"fitted model{of}, ± error of the comparison")
+        upper.fill_between(times, fitted - spread, fitted + spread, color=color, alpha=0.2, lw=0)
+        upper.plot(times, fitted, color=color, lw=1.8, label=f"fitted model{of}, ± error of the comparison")
     else:
-        upper.errorbar(hours, fitted, spread, fmt="_", ms=18, color=color, label=f"fitted model{of}, ± error")
+        upper.errorbar(times, fitted, spread, fmt="_", ms=18, color=color, label=f"fitted model{of}, ± error")
     scatter = targets.scatter[row, seen] / np.sqrt(targets.replicates[row, seen])
     known = np.where(np.isfinite(scatter), scatter, 0.0)
     dots = "black" if not each.name else color
-    upper.errorbar(hours, mean, known, fmt="o", ms=4, color=dots, label=f"data{of}, mean ± standard error")
-    lower.plot(hours, (mean - fitted) / spread, "o", ms=4, color=dots)
+    upper.errorbar(times, mean, known, fmt="o", ms=4, color=dots, label=f"data{of}, mean ± standard error")
+    lower.plot(times, (mean - fitted) / spread, "o", ms=4, color=dots)
 
 
 def _summary(result: Fit, truth: Mapping[str, float] | None) -> str:
@@ -172,4 +172,4 @@ def _summary(result: Fit, truth: Mapping[str, float] | None) -> str:
         known = f", true {truth[name]:.3g}" if truth and name in truth else ""
         parts.append(f"{name} {value:.3g}" + (f" ± {error:.2g}" if np.isfinite(error) else " (no error)") + known)
     lines = ["    ".join(parts[k : k + 3]) for k in range(0, len(parts), 3)]
-    return "\n".join([*lines, f"chi-square {result.chi_square:.1f} on {result.degrees_of_freedom}; {result.status}"])
+    return "\n".join([*lines, f"chi-square {result.chi_square:.1f} on {result.degrees_of_freedom}; {result.message}"])

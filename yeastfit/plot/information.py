@@ -82,7 +82,7 @@ def ellipses(result: Information) -> Figure:
             panel.axis("off")
             continue
         x, y = kept[column], kept[row + 1]
-        draw_ellipse(panel, result.covariance[np.ix_([x, y], [x, y])])
+        draw_ellipse(panel, result.log_covariance[np.ix_([x, y], [x, y])])
         panel.tick_params(labelsize=7)
         if row == cells - 1:
             panel.set_xlabel(result.free[x].replace("_", " ") + " (%)", fontsize=8)
@@ -109,19 +109,19 @@ def design(result: Design) -> Figure:
     rows = [*(name.replace("_", " ") for name in result.statistics), "whole image"]
     table = np.vstack([100 * result.table(), np.full((1, len(result.times)), np.nan)])
     for choice in result.images:
-        table[-1, np.argmin(np.abs(result.times - choice.time))] = 100 * choice.reduction
+        table[-1, result.column(choice)] = 100 * choice.reduction
     figure = Figure(figsize=(2.4 + 0.62 * len(result.times), 1.5 + 0.5 * len(rows)), layout="constrained")
     axes = figure.subplots()
     top = np.nanmax(table) if np.isfinite(table).any() else 1.0
     image = axes.imshow(np.ma.masked_invalid(table), cmap="YlGnBu", vmin=0, vmax=max(top, 1e-9), aspect="auto")
     _write_numbers(axes, table, "{:.1f}", lambda value: value > 0.6 * top)
     axes.axhline(len(result.statistics) - 0.5, color="white", lw=3)
-    axes.set(xticks=range(len(result.times)), yticks=range(len(rows)), yticklabels=rows, xlabel="time (1 / μ*)")
+    axes.set(xticks=range(len(result.times)), yticks=range(len(rows)), yticklabels=rows, xlabel="time")
     axes.set_xticklabels([f"{time:g}" for time in result.times])
     for number, choice in enumerate(result.sequence, start=1):
         single = len(choice.statistics) == 1 and len(result.statistics) > 1
         row = result.statistics.index(choice.statistics[0]) if single else len(rows) - 1
-        column = int(np.argmin(np.abs(result.times - choice.time)))
+        column = result.column(choice)
         axes.annotate(
             f"{number}",
             (column, row),
@@ -133,9 +133,10 @@ def design(result: Design) -> Figure:
             bbox={"boxstyle": "circle,pad=0.15", "facecolor": "#ff4d00", "edgecolor": "none"},
             color="white",
         )
-    who = f"{result.added:g} further colonies" if result.new_colonies else "the same colonies"
+    who = f"{result.added:g} further replicates" if result.new_replicates else "the same replicates"
     axes.set_title(
-        f"Measured next, in {who}: fall of the typical error ({percent(result.typical)} now) in percent", fontsize=9
+        f"Measured next, in {who}: fall of the typical error ({percent(result.typical_error)} now) in percent",
+        fontsize=9,
     )
     figure.colorbar(image, ax=axes, label="%", shrink=0.9, pad=0.02)
     return figure

@@ -67,24 +67,24 @@ def predictive(found: "Predictive", targets: "Targets") -> Figure:
     first = 0
     for row, panel in enumerate(figure.subplots(1, count, squeeze=False)[0]):
         seen = targets.measured[row]
-        hours = targets.scales.hours(targets.times[seen])
+        times = targets.clock[seen]
         part = slice(first, first + int(seen.sum()))
         first = part.stop
-        if len(hours) > 1:
-            panel.fill_between(hours, *wide[part].T, color=COLONY, alpha=0.2, lw=0, label="90 % of predictions")
-            panel.fill_between(hours, *narrow[part].T, color=COLONY, alpha=0.35, lw=0, label="50 % of predictions")
-            panel.plot(hours, middle[part], color=COLONY, lw=1.4)
+        if len(times) > 1:
+            panel.fill_between(times, *wide[part].T, color=COLONY, alpha=0.2, lw=0, label="90 % of predictions")
+            panel.fill_between(times, *narrow[part].T, color=COLONY, alpha=0.35, lw=0, label="50 % of predictions")
+            panel.plot(times, middle[part], color=COLONY, lw=1.4)
         else:
             for band, width, what in ((wide, 3, "90 %"), (narrow, 8, "50 %")):
-                panel.vlines(hours, *band[part].T, color=COLONY, lw=width, alpha=0.5, label=f"{what} of predictions")
+                panel.vlines(times, *band[part].T, color=COLONY, lw=width, alpha=0.5, label=f"{what} of predictions")
         error = targets.scatter[row, seen] / np.sqrt(targets.replicates[row, seen])
         error = np.where(np.isfinite(error), error, 0.0)
         panel.errorbar(
-            hours, targets.mean[row, seen], error, fmt="o", ms=4, color="black", label="data ± standard error"
+            times, targets.mean[row, seen], error, fmt="o", ms=4, color="black", label="data ± standard error"
         )
         name = targets.names[row]
         panel.set_title(title_of(name), fontsize=10)
-        panel.set_xlabel("hours")
+        panel.set_xlabel(targets.clock_label)
     figure.axes[0].legend(fontsize=8)
     inside = found.inside(0.9).sum()
     of = "one colony" if found.replicates == 1 else f"means of {found.replicates} colonies"

@@ -41,11 +41,11 @@ def write_targets(folder: Path, targets: Mapping[str, Targets]) -> None:
                 "condition": name,
                 "statistic": each.names[row],
                 "time": float(each.times[column]),
-                "hours": each.scales.hours(float(each.times[column])),
+                "hours": float(each.clock[column]),
                 "replicates": int(each.replicates[row, column]),
                 "mean": float(each.mean[row, column]),
                 "scatter": float(each.scatter[row, column]),
-                "estimator": each.estimator,
+                "estimator": "" if each.imaging is None else each.imaging.estimator,
             }
             for name, each in targets.items()
             for row, column in np.argwhere(each.measured)

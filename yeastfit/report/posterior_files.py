@@ -168,17 +168,17 @@ def write_results(
     samples, found = results.samples, results.predictive
     write_table(folder / "posterior.csv", results.rows())
     write_json(folder / "diagnostics.json", results.diagnostics())
-    rows = zip(found.rows(), targets.hours.tolist(), strict=True)
-    write_table(folder / "predictive.csv", [{"hours": round(hours, 6), **row} for row, hours in rows])
+    rows = zip(found.rows(), targets.clock[np.argwhere(targets.measured)[:, 1]].tolist(), strict=True)
+    write_table(folder / "predictive.csv", [{targets.clock_label: round(time, 6), **row} for row, time in rows])
     found.save(folder / "predictive.npz")
     figures = {"corner": plot.corner(samples, results.prior, results.truth)}
     figures["traces"] = plot.traces(samples)
     if results.chains and results.chains.chains > 1:
         figures["ranks"] = plot.ranks(results.chains)
     figures["predictive"] = plot.predictive(found, targets)
-    hours = targets.scales.hours(float(targets.times[-1]))
+    hours = targets.clock[-1]
     pairs = [
-        (f"{_described(found, k)}, {hours:.3g} h", one, OUTLINE_PIXEL * targets.scales.length)
+        (f"{_described(found, k)}, {hours:.3g} h", one, OUTLINE_PIXEL * targets.imaging.scales.length)
         for k, one in enumerate(grown)
     ]
     observed = [(one.title, one.pixels, one.mask, one.pixel_size) for one in seen]

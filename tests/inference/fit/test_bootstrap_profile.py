@@ -8,22 +8,23 @@ from stand_in import FREE, QUIET, StandIn, drawn, fitted, straight
 
 from yeastfit import Fit, InputError, Parameters
 from yeastfit.inference.fit.bootstrap_profile import Bootstrap, Explored, Profile, _box, profiles
-from yeastfit.inference.fit.response_surface import study
+from yeastfit.inference.fit.response_surface import response_surface
 
 TRUTH = Parameters(mobility=2.0, metabolic_rate=0.7, aspect_ratio=0.6)
+START = {"mobility": 2.0, "metabolic_rate": 0.7, "aspect_ratio": 0.6}
 
 
 @pytest.fixture(scope="module")
 def fit() -> Fit:
     targets = drawn(TRUTH, np.random.default_rng(0), mean=straight)
-    return fitted(targets, StandIn(straight, QUIET), start=np.log([2.0, 0.7, 0.6]))
+    return fitted(targets, StandIn(straight, QUIET), start=START)
 
 
 def explored(fit: Fit, narrower: float = 1.0) -> Explored:
     """As `explore` does, of curves without noise."""
     centre, reach = _box(fit)
-    grow: Callable[[np.ndarray], np.ndarray] = lambda theta: straight(fit.space.log_parameters("", theta))  # noqa: E731
-    return Explored(fit, study(grow, centre, narrower * reach, 64, seed=0), 64)
+    grow: Callable[[np.ndarray], np.ndarray] = lambda theta: straight(StandIn().logarithms(fit.space.values("", theta)))  # noqa: E731
+    return Explored(fit, response_surface(grow, centre, narrower * reach, 64, seed=0), 64)
 
 
 def test_a_bootstrap_is_the_scatter_of_replicates_propagated(fit: Fit) -> None:
@@ -37,12 +38,13 @@ def test_a_bootstrap_is_the_scatter_of_replicates_propagated(fit: Fit) -> None:
     weight, slopes = np.linalg.inv(fit.conditions[0].covariance), fit.jacobian
     gain = np.linalg.solve(slopes.T @ weight @ slopes, slopes.T @ weight)
     expected = np.sqrt(np.diag(gain @ means @ gain.T))
-    np.testing.assert_allclose([found.standard_errors[name] for name in FREE], expected, rtol=0.1)
+    np.testing.assert_allclose([found.log_standard_errors[name] for name in FREE], expected, rtol=0.1)
     np.testing.assert_allclose(np.log(found.values).mean(axis=0), fit.theta, atol=4 * expected.max() / np.sqrt(1000))
     for k, name in enumerate(FREE):
         low, high = found.intervals[name]
         assert np.log(high / low) == pytest.approx(3.92 * expected[k], rel=0.15)
     assert found.at_edge < 0.01
+    assert found.unconverged == 0
     assert found.simulations == 64
 
 
@@ -59,7 +61,7 @@ def test_the_profile_of_a_linear_problem_is_the_parabola(fit: Fit) -> None:
     found = profiles(explored(fit))
     assert tuple(found) == FREE
     for name, profile in found.items():
-        error, k = fit.information.standard_errors[name], FREE.index(name)
+        error, k = fit.log_standard_errors[name], FREE.index(name)
         assert isinstance(profile, Profile)
         assert np.log(profile.estimate) == pytest.approx(fit.theta[k], abs=0.05 * error)
         away = (np.log(profile.values) - fit.theta[k]) / error
@@ -81,10 +83,10 @@ def test_what_lies_beyond_the_surface_is_told_as_such(fit: Fit) -> None:
 
 def test_a_prior_bends_the_profile() -> None:
     targets = drawn(TRUTH, np.random.default_rng(0), mean=straight)
-    pulls = {"mobility": (np.log(1.8), 0.05)}
-    pulled = fitted(targets, StandIn(straight, QUIET), pulls=pulls, start=np.log([2.0, 0.7, 0.6]))
+    prior = {"mobility": (1.8, 0.05)}
+    pulled = fitted(targets, StandIn(straight, QUIET), prior=prior, start=START)
     low, high = np.log(explored(pulled).profile("mobility").intervals["68%"])
-    assert 0.5 * (high - low) == pytest.approx(pulled.information.standard_errors["mobility"], rel=0.1)
+    assert 0.5 * (high - low) == pytest.approx(pulled.log_standard_errors["mobility"], rel=0.1)
     assert 0.5 * (high - low) < 0.05
 
 

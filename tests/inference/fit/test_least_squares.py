@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from yeastfit import FitSettings, Numerics, Parameters, Targets, fit, member_keys, plot, simulate
-from yeastfit.inference.targets import Estimator
+from yeastfit import FitSettings, Imaging, Numerics, Parameters, Resolution, Targets, fit, member_keys, plot, simulate
+from yeastfit.inference.imaging import Estimator
 from yeastfit.measure.statistics.model_as_mask import HardStatistics
 from yeastfit.measure.statistics.smooth_statistics import SmoothStatistics
 from yeastfit.model.relaxation import HARD
@@ -14,9 +14,8 @@ from yeastfit.model.relaxation import HARD
 TRUTH = Parameters(mobility=1.5, aspect_ratio=0.6)
 FREE = ("mobility", "aspect_ratio")
 EXTENT = 2.2
-SMALL = FitSettings(
-    screened=32, starts=2, members=(16, 64), spreads=(0.2, 0.15), dt=0.02, spacing=0.25, refined=0, capacity=16
-)
+SMALL = FitSettings(screened=32, starts=2, members=(16, 64), spreads=(0.2, 0.15), refined=0)
+COARSE = Resolution(dt=0.02, spacing=0.25, capacity=16)
 
 
 def grown(names: tuple[str, ...], times: list[float], replicates: int, estimator: Estimator, seed: int) -> Targets:
@@ -27,15 +26,15 @@ def grown(names: tuple[str, ...], times: list[float], replicates: int, estimator
     keys = member_keys(seed, replicates)
     run = simulate(TRUTH, keys, times=times, numerics=numerics, relaxation=HARD, observe=observe)
     curves = {name: np.asarray(run.statistics[name], dtype=float) for name in names}
-    how = {"extent": EXTENT, "estimator": estimator, "spacing": 0.1, "smoothing": 0.15 if smooth else 0.0}
-    return Targets.from_replicates(curves, np.array(times), **how)  # type: ignore[arg-type]
+    imaging = Imaging(EXTENT, estimator, spacing=0.1, smoothing=0.15 if smooth else 0.0)
+    return Targets.from_replicates(curves, np.array(times), imaging=imaging)
 
 
 @pytest.mark.parametrize(
     ("names", "estimator"), [(("compactness", "radius", "area"), "smooth"), (("outer_compactness", "area"), "mask")]
 )
 def test_a_fit_recovers_what_colonies_were_grown_with(names: tuple[str, ...], estimator: Estimator) -> None:
-    result = fit(grown(names, [1.8, 2.5, 3.0], 10, estimator, 77), free=FREE, seed=2, settings=SMALL)
+    result = fit(grown(names, [1.8, 2.5, 3.0], 10, estimator, 77), free=FREE, seed=2, settings=SMALL, resolution=COARSE)
     for name in FREE:
         value, error = result.values[name], result.standard_errors[name]
         if estimator == "smooth" or np.isfinite(error):
@@ -52,7 +51,7 @@ def test_a_single_image_of_one_colony_is_enough_for_a_fit() -> None:
     assert image.mean.shape == (3, 1)
     settings = replace(SMALL, members=(16, 64), max_steps=5)
     prior = {"mobility": (1.0, 0.7)}  # one image does not tell both of them
-    result = fit(image, free=FREE, prior=prior, seed=3, settings=settings)
+    result = fit(image, free=FREE, prior=prior, seed=3, settings=settings, resolution=COARSE)
     ratio, error = result.values["aspect_ratio"], result.standard_errors["aspect_ratio"]
     assert np.isfinite(error)
     assert abs(np.log(ratio / 0.6)) < 3 * error / ratio

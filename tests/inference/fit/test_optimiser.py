@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from yeastfit.inference.fit.optimiser import Search
+from yeastfit.inference.fit.optimiser import Optimiser
 
 METHODS = ("levenberg-marquardt", "dogleg", "bfgs")
 A = np.random.default_rng(0).normal(size=(6, 3))
@@ -23,73 +23,73 @@ def rosenbrock(z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return np.array([10 * (y - x**2), 1 - x]), np.array([[-20 * x, 10.0], [-1.0, 0.0]])
 
 
-def walk(search: Search, problem: Problem, steps: int) -> list[tuple[np.ndarray, float, bool]]:
+def walk(optimiser: Optimiser, problem: Problem, steps: int) -> list[tuple[np.ndarray, float, bool]]:
     """Points that were asked for, with r · r there and whether the step was taken."""
     seen = []
     for _ in range(steps):
-        place = search.trial
+        place = optimiser.trial
         residuals, jacobian = problem(place)
-        seen.append((place, float(residuals @ residuals), search.tell(residuals, jacobian)))
+        seen.append((place, float(residuals @ residuals), optimiser.tell(residuals, jacobian)))
     return seen
 
 
 @pytest.mark.parametrize("method", METHODS)
-@pytest.mark.parametrize("careful", [False, True])
-def test_the_first_point_is_the_start_and_the_best_is_kept(method: str, careful: bool) -> None:
-    search = Search(method, np.array([-1.2, 1.0]), 2, careful)
-    seen = walk(search, rosenbrock, 25)
+@pytest.mark.parametrize("cautious", [False, True])
+def test_the_first_point_is_the_start_and_the_best_is_kept(method: str, cautious: bool) -> None:
+    optimiser = Optimiser(method, np.array([-1.2, 1.0]), 2, cautious)
+    seen = walk(optimiser, rosenbrock, 25)
     np.testing.assert_allclose(seen[0][0], [-1.2, 1.0], rtol=1e-6)
     assert seen[0][2]
     best = min(cost for _, cost, _ in seen)
-    assert search.cost == pytest.approx(best)
-    assert search.cost == pytest.approx(float(np.sum(rosenbrock(np.asarray(search.z, float))[0] ** 2)), rel=1e-3)
-    assert search.cost < 0.2 * seen[0][1]
-    assert not search.failure
+    assert optimiser.cost == pytest.approx(best)
+    assert optimiser.cost == pytest.approx(float(np.sum(rosenbrock(np.asarray(optimiser.z, float))[0] ** 2)), rel=1e-3)
+    assert optimiser.cost < 0.2 * seen[0][1]
+    assert not optimiser.failure
 
 
 @pytest.mark.parametrize("method", METHODS[:2])
 def test_the_bottom_of_a_valley_is_found(method: str) -> None:
-    search = Search(method, np.array([-1.2, 1.0]), 2)
-    walk(search, rosenbrock, 60)
-    np.testing.assert_allclose(np.asarray(search.z), [1.0, 1.0], atol=1e-2)
+    optimiser = Optimiser(method, np.array([-1.2, 1.0]), 2)
+    walk(optimiser, rosenbrock, 60)
+    np.testing.assert_allclose(np.asarray(optimiser.z), [1.0, 1.0], atol=1e-2)
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_steps_that_make_it_worse_are_refused_and_counted(method: str) -> None:
+def test_steps_that_make_it_worse_are_rejected_and_counted(method: str) -> None:
     def uphill(z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         residuals, jacobian = linear(z)
         return residuals + 100.0 * np.abs(z).sum(), jacobian  # whatever J says, 0 is the best place
 
-    search = Search(method, np.zeros(3), 6)
-    seen = walk(search, uphill, 4)
+    optimiser = Optimiser(method, np.zeros(3), 6)
+    seen = walk(optimiser, uphill, 4)
     assert [taken for _, _, taken in seen] == [True, False, False, False]
-    assert search.refused == 3
-    np.testing.assert_array_equal(search.z, 0.0)
-    np.testing.assert_array_equal(search.residuals, -B)
+    assert optimiser.rejected == 3
+    np.testing.assert_array_equal(optimiser.z, 0.0)
+    np.testing.assert_array_equal(optimiser.residuals, -B)
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_the_promise_is_the_fall_of_a_linear_problem(method: str) -> None:
+def test_the_predicted_reduction_is_the_fall_of_a_linear_problem(method: str) -> None:
     start = np.array([1.0, -2.0, 0.5])
-    search = Search(method, start, 6)
-    search.tell(*linear(search.trial))
+    optimiser = Optimiser(method, start, 6)
+    optimiser.tell(*linear(optimiser.trial))
     least = np.sum((A @ np.linalg.lstsq(A, B, rcond=None)[0] - B) ** 2)
-    assert search.promise == pytest.approx(search.cost - least, rel=1e-5)
-    walk(search, linear, 30)
-    assert search.promise < 0.05 * (search.cost + 1.0)
+    assert optimiser.predicted_reduction == pytest.approx(optimiser.cost - least, rel=1e-5)
+    walk(optimiser, linear, 30)
+    assert optimiser.predicted_reduction < 0.05 * (optimiser.cost + 1.0)
 
 
 def test_a_blind_column_promises_nothing() -> None:
-    search = Search("levenberg-marquardt", np.zeros(3), 6)
-    search.tell(np.ones(6), np.zeros((6, 3)))
-    assert search.promise == 0.0
+    optimiser = Optimiser("levenberg-marquardt", np.zeros(3), 6)
+    optimiser.tell(np.ones(6), np.zeros((6, 3)))
+    assert optimiser.predicted_reduction == 0.0
 
 
-def test_a_careful_search_begins_with_shorter_steps() -> None:
+def test_a_cautious_optimiser_begins_with_shorter_steps() -> None:
     lengths = []
-    for careful in (False, True):
-        search = Search("levenberg-marquardt", np.zeros(3), 6, careful)
-        residuals, jacobian = linear(search.trial)
-        search.tell(1e3 * residuals, 1e3 * jacobian)
-        lengths.append(float(np.linalg.norm(search.trial)))
+    for cautious in (False, True):
+        optimiser = Optimiser("levenberg-marquardt", np.zeros(3), 6, cautious)
+        residuals, jacobian = linear(optimiser.trial)
+        optimiser.tell(1e3 * residuals, 1e3 * jacobian)
+        lengths.append(float(np.linalg.norm(optimiser.trial)))
     assert lengths[1] < lengths[0]

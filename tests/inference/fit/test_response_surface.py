@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from yeastfit import InputError
-from yeastfit.inference.fit.response_surface import study
+from yeastfit import InputError, SimulationError
+from yeastfit.inference.fit.response_surface import response_surface
 
 CENTRE, REACH = np.array([0.1, -0.4]), np.array([0.5, 0.3])
 SLOPES = np.array([[1.0, 0.2], [0.5, -1.0], [0.3, 0.8], [-0.2, 0.4]])
@@ -21,7 +21,7 @@ def linear(theta: np.ndarray) -> np.ndarray:
 
 
 def test_a_quadratic_surface_is_recovered_exactly() -> None:
-    surface = study(quadratic, CENTRE + 0.05, REACH, 64, seed=0)
+    surface = response_surface(quadratic, CENTRE + 0.05, REACH, 64, seed=0)
     for point in CENTRE + np.array([[0.2, -0.05], [-0.4, 0.2], [0.0, 0.0]]):
         np.testing.assert_allclose(surface.mean(point), quadratic(point[None])[0], atol=1e-9)
     assert np.abs(surface.scatter.covariance).max() < 1e-20
@@ -37,7 +37,7 @@ def test_errors_of_the_mean_and_scatter_are_those_of_repetitions() -> None:
         def grow(x: np.ndarray, rng: np.random.Generator = rng) -> np.ndarray:
             return quadratic(x) + NOISE * rng.normal(size=(len(x), 4))
 
-        surface = study(grow, CENTRE, REACH, 64, seed)
+        surface = response_surface(grow, CENTRE, REACH, 64, seed)
         away = surface.mean(point) - quadratic(point[None])[0]
         pulls.append(away / np.sqrt(np.diag(surface.mean_covariance(point))))
         scatter.append(surface.scatter.covariance)
@@ -46,50 +46,63 @@ def test_errors_of_the_mean_and_scatter_are_those_of_repetitions() -> None:
 
 
 def test_minima_of_many_data_sets_are_found_at_once() -> None:
-    surface = study(quadratic, CENTRE, REACH, 64, seed=0)
+    surface = response_surface(quadratic, CENTRE, REACH, 64, seed=0)
     truths = CENTRE + REACH * np.random.default_rng(0).uniform(-0.8, 0.8, (20, 2))
-    found, squares = surface.minimise(np.diag(NOISE), quadratic(truths))
-    np.testing.assert_allclose(found, truths, atol=2e-3)
-    assert squares.max() < 1e-2
+    found = surface.minimise(np.diag(NOISE), quadratic(truths))
+    np.testing.assert_allclose(found.theta, truths, atol=2e-3)
+    assert found.chi_square.max() < 1e-2
+    assert found.converged.all()
 
 
 def test_the_minimum_stays_in_the_box() -> None:
-    surface = study(linear, CENTRE, REACH, 64, seed=0)
-    found, _ = surface.minimise(np.eye(4), linear(CENTRE + np.array([[3.0, 0.0]])))
-    assert (np.abs(found - CENTRE) <= REACH * (1 + 1e-6)).all()
-    assert found[0, 0] == pytest.approx(CENTRE[0] + REACH[0], abs=5e-3)
+    surface = response_surface(linear, CENTRE, REACH, 64, seed=0)
+    found = surface.minimise(np.eye(4), linear(CENTRE + np.array([[3.0, 0.0]])))
+    assert (np.abs(found.theta - CENTRE) <= REACH * (1 + 1e-6)).all()
+    assert found.theta[0, 0] == pytest.approx(CENTRE[0] + REACH[0], abs=5e-3)
 
 
 def test_with_priors_and_without_the_minimum_is_the_closed_form() -> None:
-    surface = study(linear, CENTRE, REACH, 64, seed=0)
+    surface = response_surface(linear, CENTRE, REACH, 64, seed=0)
     values = linear(CENTRE + np.array([[0.1, 0.05]])) + np.array([0.05, -0.02, 0.03, 0.1])
     weight, aim, pull = np.diag(NOISE**-2), CENTRE + np.array([0.0, -0.1]), np.array([0.0, 20.0])
     for precision in (np.zeros(2), pull):
         curvature = SLOPES.T @ weight @ SLOPES + np.diag(precision**2)
         expected = np.linalg.solve(curvature, SLOPES.T @ weight @ (values[0] - 5) + precision**2 * (aim - CENTRE))
-        found, _ = surface.minimise(np.diag(NOISE), values, centre=aim, pull=precision)
-        np.testing.assert_allclose(found[0] - CENTRE, expected, atol=1e-3)
+        found = surface.minimise(np.diag(NOISE), values, centre=aim, pull=precision)
+        np.testing.assert_allclose(found.theta[0] - CENTRE, expected, atol=1e-3)
 
 
 def test_a_held_entry_stays_and_the_other_follows() -> None:
-    surface = study(linear, CENTRE, REACH, 64, seed=0)
+    surface = response_surface(linear, CENTRE, REACH, 64, seed=0)
     values = np.tile(linear(CENTRE[None]), (3, 1))
     held = CENTRE[0] + np.array([-0.3, 0.0, 0.2])
-    found, squares = surface.minimise(np.eye(4), values, held=(0, held))
-    np.testing.assert_allclose(found[:, 0], held, atol=1e-6)
+    found = surface.minimise(np.eye(4), values, held=(0, held))
+    np.testing.assert_allclose(found.theta[:, 0], held, atol=1e-6)
     ratio = -(SLOPES[:, 0] @ SLOPES[:, 1]) / (SLOPES[:, 1] @ SLOPES[:, 1])
-    np.testing.assert_allclose(found[:, 1], CENTRE[1] + ratio * (held - CENTRE[0]), atol=1e-3)
+    np.testing.assert_allclose(found.theta[:, 1], CENTRE[1] + ratio * (held - CENTRE[0]), atol=1e-3)
     rest = SLOPES[:, 0] + ratio * SLOPES[:, 1]
-    np.testing.assert_allclose(squares, (held - CENTRE[0]) ** 2 * (rest @ rest), atol=1e-3)
+    np.testing.assert_allclose(found.chi_square, (held - CENTRE[0]) ** 2 * (rest @ rest), atol=1e-3)
 
 
-def test_too_few_colonies_and_colonies_that_came_to_nothing_are_refused() -> None:
-    with pytest.raises(InputError, match="runs is 8: a quadratic surface in 2 parameters needs at least 12 colonies"):
-        study(linear, CENTRE, REACH, 8, seed=0)
-    with pytest.raises(InputError, match="64 of 64 colonies around the estimate came to nothing"):
-        study(lambda x: np.full((len(x), 4), np.nan), CENTRE, REACH, 64, seed=0)
+def test_minima_that_the_optimiser_did_not_reach_are_told() -> None:
+    surface = response_surface(quadratic, CENTRE, REACH, 64, seed=0)
+    values = quadratic(CENTRE + REACH * np.array([[0.0, 0.0], [0.7, -0.7]]))
+    found = surface.minimise(np.diag(NOISE), values, max_steps=2)
+    assert found.converged.tolist() == [True, False]
+    assert found.chi_square[1] > 0.01
 
 
-def test_a_few_colonies_that_came_to_nothing_are_left_out() -> None:
-    surface = study(lambda x: np.where(x[:, :1] > CENTRE[0] + 0.4, np.nan, quadratic(x)), CENTRE, REACH, 64, seed=0)
+def test_too_few_simulations_and_simulations_that_came_to_nothing_are_refused() -> None:
+    with pytest.raises(InputError, match="runs is 8: a quadratic surface in 2 parameters needs at least 12"):
+        response_surface(linear, CENTRE, REACH, 8, seed=0)
+    with pytest.raises(SimulationError, match="64 of 64 simulations around the estimate came to nothing"):
+        response_surface(lambda x: np.full((len(x), 4), np.nan), CENTRE, REACH, 64, seed=0)
+
+
+def test_a_few_simulations_that_came_to_nothing_are_left_out() -> None:
+
+    def torn(theta: np.ndarray) -> np.ndarray:
+        return np.where(theta[:, :1] > CENTRE[0] + 0.4, np.nan, quadratic(theta))
+
+    surface = response_surface(torn, CENTRE, REACH, 64, seed=0)
     np.testing.assert_allclose(surface.mean(CENTRE), quadratic(CENTRE[None])[0], atol=1e-9)

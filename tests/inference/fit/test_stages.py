@@ -4,14 +4,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from jaxtyping import Array
 from stand_in import CENTRE, CURVES, FREE, QUIET, ROOT, SETTINGS, STATISTICS, Mean, StandIn, bent, drawn, exact, fitted
 
-from yeastfit import FitSettings, InputError, Parameters, Targets, fit, member_keys
+from yeastfit import FitSettings, FitStatus, Imaging, InputError, Parameters, SimulationError, Targets, fit
+from yeastfit.inference.simulator import member_seeds
 from yeastfit.model.parameters import NAMES
 
 TRUTH = Parameters(mobility=2.0, metabolic_rate=0.7, aspect_ratio=0.6)
-NEAR = np.log([1.5, 0.9, 0.5])
+NEAR = {"mobility": 1.5, "metabolic_rate": 0.9, "aspect_ratio": 0.5}
 MOBILITY = NAMES.index("mobility")
 
 
@@ -20,17 +20,17 @@ def targets() -> Targets:
     return drawn(TRUTH, np.random.default_rng(0))
 
 
-def test_every_colony_is_counted_and_starts_go_in_batches(targets: Targets) -> None:
-    colonies = StandIn()
-    result = fitted(targets, colonies)
-    assert result.simulations == colonies.grown == sum(colonies.batches)
-    assert result.history[-1].simulations == colonies.grown
+def test_every_simulation_is_counted_and_starts_go_in_batches(targets: Targets) -> None:
+    simulator = StandIn()
+    result = fitted(targets, simulator)
+    assert result.simulations == simulator.simulated
+    assert result.history[-1].simulations == simulator.simulated
     assert len(result.starts) == 2
-    screening, first, *_ = colonies.batches
+    screening, first, *_ = simulator.batches
     assert screening == SETTINGS.screened
     assert first == 2 * SETTINGS.members[0]  # both starts in one call
     steps = {step.simulations for step in result.history}  # one number for all that were grown together
-    assert len(colonies.batches) == 1 + len(steps)
+    assert len(simulator.batches) == 1 + len(steps)
     counts = [step.simulations for step in result.history]
     assert counts == sorted(counts)
 
@@ -45,21 +45,21 @@ def test_ensembles_grow_from_stage_to_stage(targets: Targets) -> None:
 
 
 def test_the_last_ensemble_is_large_enough_for_the_covariance(targets: Targets) -> None:
-    """Four colonies for each curve, whatever `members` says."""
-    colonies = StandIn()
-    fitted(targets, colonies, settings=replace(SETTINGS, members=(16,), spreads=(0.1,)), start=NEAR)
-    assert set(colonies.batches) == {4 * CURVES}
+    """Four simulations for each curve, whatever `members` says."""
+    simulator = StandIn()
+    fitted(targets, simulator, settings=replace(SETTINGS, members=(16,), spreads=(0.1,)), start=NEAR)
+    assert set(simulator.batches) == {4 * CURVES}
 
 
 def test_same_seed_same_result_bit_for_bit(targets: Targets) -> None:
     first, again, other = (fitted(targets, seed=seed) for seed in (3, 3, 4))
     np.testing.assert_array_equal(first.theta, again.theta)
-    np.testing.assert_array_equal(first.covariance, again.covariance)
+    np.testing.assert_array_equal(first.log_covariance, again.log_covariance)
     assert first.history == again.history
     for start, same in zip(first.starts, again.starts, strict=True):
         np.testing.assert_array_equal(start.begin, same.begin)
     assert (first.theta != other.theta).all()
-    errors = np.sqrt(np.diag(first.covariance))
+    errors = np.sqrt(np.diag(first.log_covariance))
     assert (np.abs(first.theta - other.theta) < 1.5 * errors).all()
 
 
@@ -97,10 +97,10 @@ class Dying(StandIn):
 
     everywhere = False
 
-    def grow(self, log_parameters: np.ndarray, keys: Array) -> np.ndarray:
-        curves = super().grow(log_parameters, keys)
-        dead = (log_parameters[:, MOBILITY] < 0) | self.everywhere
-        return np.where(dead[:, None] & (len(self.batches) > 1), np.nan, curves)
+    def __call__(self, values: np.ndarray, seeds: np.ndarray) -> np.ndarray:
+        rows = super().__call__(values, seeds)
+        dead = (values[:, FREE.index("mobility")] < 1) | self.everywhere
+        return np.where(dead[:, None] & (len(self.batches) > 1), np.nan, rows)
 
 
 def test_a_start_that_comes_to_nothing_does_not_stop_the_others() -> None:
@@ -116,32 +116,38 @@ def test_a_start_that_comes_to_nothing_does_not_stop_the_others() -> None:
     assert any("came to nothing" in warning for warning in result.warnings)
 
 
-def test_colonies_that_come_to_nothing_everywhere_end_the_fit(targets: Targets) -> None:
-    colonies = Dying()
-    colonies.everywhere = True
-    with pytest.raises(InputError, match=r"no start led anywhere: mobility .* pairs of colonies came to nothing"):
-        fitted(targets, colonies)
-    with pytest.raises(InputError, match="32 colonies all over the box came to nothing"):
+def test_simulations_that_come_to_nothing_everywhere_end_the_fit(targets: Targets) -> None:
+    simulator = Dying()
+    simulator.everywhere = True
+    with pytest.raises(SimulationError, match=r"no start led anywhere: mobility .* pairs of simulations came to"):
+        fitted(targets, simulator)
+    with pytest.raises(SimulationError, match="32 simulations all over the box came to nothing"):
         fitted(targets, StandIn(lambda away: np.full((len(away), CURVES), np.nan)))
 
 
-def test_what_colonies_ran_into_is_said(targets: Targets) -> None:
+def test_what_simulations_ran_into_is_said(targets: Targets) -> None:
     class Full(StandIn):
-        def grow(self, log_parameters: np.ndarray, keys: Array) -> np.ndarray:
+        def __call__(self, values: np.ndarray, seeds: np.ndarray) -> np.ndarray:
             self.problems["unstable"] += 5
-            return super().grow(log_parameters, keys)
+            return super().__call__(values, seeds)
 
     result = fitted(targets, Full(), start=NEAR)
     steps = len([step for step in result.history if step.stage == "stage 3"])
-    assert any(f"{5 * steps} colonies of the last stage: " in warning for warning in result.warnings)
+    assert any(f"{5 * steps} simulations of the last stage: unstable" in warning for warning in result.warnings)
 
 
 def test_a_limit_of_steps_is_said_with_what_is_left() -> None:
     short = replace(SETTINGS, members=(64,), spreads=(0.1,), max_steps=1)
-    result = fitted(exact(TRUTH), StandIn(root=QUIET), start=np.log([0.3, 3.0, 0.3]), settings=short)
+    result = fitted(
+        exact(TRUTH),
+        StandIn(root=QUIET),
+        start={"mobility": 0.3, "metabolic_rate": 3.0, "aspect_ratio": 0.3},
+        settings=short,
+    )
     assert not result.converged
-    assert result.status.startswith("not converged: the limit of 1 steps was reached")
-    assert "standard errors from the last point" in result.status
+    assert result.status is FitStatus.NOT_CONVERGED
+    assert result.message.startswith("not converged: the limit of 1 steps was reached")
+    assert "standard errors from the last point" in result.detail
 
 
 def test_data_out_of_reach_are_said_with_the_worst_curve() -> None:
@@ -153,7 +159,7 @@ def test_data_out_of_reach_are_said_with_the_worst_curve() -> None:
     residuals = result.conditions[0].residuals
     worst = int(np.abs(residuals).argmax())
     side = "above" if residuals[worst] > 0 else "below"
-    named = f"{result.targets.label(worst)} is {abs(residuals[worst]):.1f} errors {side} it"
+    named = f"{result.targets.observables[worst]} is {abs(residuals[worst]):.1f} errors {side} it"
     assert f"chi-square {result.chi_square:.0f} on 9 degrees of freedom; {named}" in said
 
 
@@ -165,18 +171,12 @@ def test_a_parameter_that_runs_to_its_bound_is_said(targets: Targets) -> None:
 
 
 def test_progress_goes_from_nothing_to_all(targets: Targets) -> None:
-    from yeastfit.inference.fit.ensemble import Ensembles
-    from yeastfit.inference.fit.stages import Fitter
-    from yeastfit.inference.parameter_space import ALONE, Space
-
     told: list[tuple[str, float]] = []
-    space = Space.of(FREE, {ALONE: Parameters(aspect_ratio=0.5)})
-    ensembles = Ensembles({ALONE: targets}, {ALONE: StandIn()}, space, 0, SETTINGS)
-    Fitter(ensembles, {}, lambda what, share: told.append((what, share))).run(None)
+    fitted(targets, progress=lambda what, share: told.append((what, share)))
     shares = [share for _, share in told]
     assert shares == sorted(shares)
     assert 0 <= shares[0] < shares[-1] <= 1
-    assert told[0][0] == "looking at the box"
+    assert told[0][0] == "screening the box"
     assert told[-1][0].startswith("stage 3 of 3, step ")
 
 
@@ -189,15 +189,16 @@ def test_progress_goes_from_nothing_to_all(targets: Targets) -> None:
         ({"prior": {"elasticity": (5.0, 0.1)}}, "prior names 'elasticity', which is not free: mobility"),
         ({"prior": {"mobility": (1.0, 0.0)}}, "prior of mobility is 1, 0"),
         ({"prior": {"mobility": (-1.0, 0.1)}}, "prior of mobility is -1, 0.1"),
-        ({"start": Parameters(mobility=500.0)}, "start: mobility is 500"),
-        ({"fixed": {"rich": Parameters()}}, "fixed is for 'rich', the conditions are ''"),
+        ({"start": {"mobility": 500.0}}, "start: mobility is 500"),
+        ({"start": {"elasticity": 5.0}}, "start names 'elasticity', which is not free: mobility"),
+        ({"fixed": {"rich": {"elasticity": 5.0}}}, "fixed is for 'rich', the conditions are ''"),
         ({"own": ["mobility"]}, "there is one condition only"),
         ({"free": NAMES, "targets": exact(TRUTH, replicates=3)}, None),
     ],
     ids=lambda value: str(value)[:40],
 )
 def test_bad_arguments_are_named(arguments: dict, message: str | None, targets: Targets) -> None:
-    few = Targets.from_means({"radius": np.arange(1.0, 8.0)}, np.arange(1.0, 8.0))
+    few = Targets.from_means({"radius": np.arange(1.0, 8.0)}, np.arange(1.0, 8.0), imaging=Imaging())
     if message is None:
         arguments, message = {"targets": few, "free": NAMES}, "7 target values cannot determine 7 free parameters"
     with pytest.raises(InputError, match=message):
@@ -213,7 +214,7 @@ def test_no_condition_is_refused() -> None:
     ("values", "message"),
     [
         ({"starts": 0}, "starts is 0, it must be at least 1"),
-        ({"dt": 0.0}, "dt is 0.0, it must be above 0"),
+        ({"tolerance": 0.0}, "tolerance is 0.0, it must be above 0"),
         ({"members": (16,)}, "each stage has one of both"),
         ({"members": (9,), "spreads": (0.1,)}, "a stage has members 9 and spread 0.1"),
         ({"members": (16,), "spreads": (1.5,)}, "a stage has members 16 and spread 1.5"),
@@ -225,8 +226,9 @@ def test_settings_are_checked(values: dict, message: str) -> None:
         FitSettings(**values)
 
 
-def test_the_noise_of_keys_is_what_a_fit_sees_at_its_centre() -> None:
+def test_the_noise_of_seeds_is_what_a_fit_sees_at_its_centre() -> None:
     """The stand-in itself: its covariance is the one it states, at any λ."""
-    away = np.tile(CENTRE + 0.3, (4000, 1))
-    curves = StandIn().grow(away, member_keys(0, 4000)) - bent(away)
-    np.testing.assert_allclose(np.cov(curves.T), ROOT @ ROOT.T, atol=0.1 * 0.01)
+    stand_in = StandIn()
+    values = np.tile(np.exp(CENTRE[[NAMES.index(name) for name in FREE]] + 0.3), (4000, 1))
+    rows = stand_in(values, member_seeds(0, 4000)) - bent(stand_in.logarithms(values))
+    np.testing.assert_allclose(np.cov(rows.T), ROOT @ ROOT.T, atol=0.1 * 0.01)

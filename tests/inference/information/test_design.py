@@ -14,7 +14,7 @@ from sensitivities import made_up
 from yeastfit import InputError, Sensitivity, plot
 from yeastfit.commands import app as cli
 from yeastfit.inference.information.design import By, design
-from yeastfit.inference.information.design_result import Choice, Criterion, Design
+from yeastfit.inference.information.design_result import Candidate, Criterion, Design
 from yeastfit.inference.information.result import Information
 from yeastfit.model.parameters import NAMES, PARAMETERS
 
@@ -27,7 +27,7 @@ WIDTHS = np.array([np.log(high / low) for low, high in (PARAMETERS[name].plausib
 def by_hand(groups: list[tuple[float, list[int]]]) -> np.ndarray:
     """F of independent groups of colonies without measurement error: a sum."""
     total = np.diag(WIDTHS**-2.0)
-    slopes = FOUND.jacobian.reshape(6, 3)
+    slopes = FOUND.jacobian
     for count, seen in groups:
         total = total + count * slopes[seen].T @ np.linalg.solve(FOUND.scatter[np.ix_(seen, seen)], slopes[seen])
     return total
@@ -47,16 +47,16 @@ EVERY = {"image": [[0, 3], [1, 4], [2, 5]], "statistic": [[k] for k in range(6)]
 def test_every_step_is_the_best_of_all_single_additions(by: By, criterion: Criterion) -> None:
     found = design(FOUND, by=by, criterion=criterion, replicates=4, added=7, steps=3, measurement_error=0.0)
     groups: list[tuple[float, list[int]]] = [(4.0, list(range(6)))]
-    assert found.typical == pytest.approx(typical(by_hand(groups), criterion), rel=1e-4)
+    assert found.typical_error == pytest.approx(typical(by_hand(groups), criterion), rel=1e-4)
     assert len(found.sequence) == 3
     for step in found.sequence:
         tried = [typical(by_hand([*groups, (7.0, seen)]), criterion) for seen in EVERY[by]]
         best = EVERY[by][int(np.argmin(tried))]
         groups.append((7.0, best))
         assert [STATISTICS.index(name) * 3 + TIMES.index(step.time) for name in step.statistics] == best
-        assert step.typical == pytest.approx(min(tried), rel=1e-4)
+        assert step.typical_error == pytest.approx(min(tried), rel=1e-4)
         variances = np.diag(np.linalg.inv(by_hand(groups)))
-        assert list(step.errors.values()) == pytest.approx(np.sqrt(variances), rel=1e-4)
+        assert list(step.log_standard_errors.values()) == pytest.approx(np.sqrt(variances), rel=1e-4)
 
 
 def test_a_sequence_of_two_is_near_the_best_pair() -> None:
@@ -65,39 +65,43 @@ def test_a_sequence_of_two_is_near_the_best_pair() -> None:
     base = (4.0, list(range(6)))
     pairs = combinations_with_replacement(EVERY["statistic"], 2)
     best = min(typical(by_hand([base, (7.0, a), (7.0, b)]), "mean") for a, b in pairs)
-    assert best * (1 - 1e-4) <= found.sequence[-1].typical < 1.01 * best
+    assert best * (1 - 1e-4) <= found.sequence[-1].typical_error < 1.01 * best
 
 
 def test_the_same_colonies_seen_once_more() -> None:
     """Two curves of four known; the third joins with its correlations."""
     found = design(
-        FOUND, measured_statistics=["area"], measured_times=[1, 3], new_colonies=False, steps=9, measurement_error=0.0
+        FOUND, measured_statistics=["area"], measured_times=[1, 3], new_replicates=False, steps=9, measurement_error=0.0
     )
-    offered = [(c.statistics, c.time) for c in found.curves]
+    offered = [(c.statistics, c.time) for c in found.singles]
     assert offered == [(("compactness",), t) for t in TIMES] + [(("area",), 2.0)]
     assert [c.statistics for c in found.images] == [("compactness",), STATISTICS, ("compactness",)]
-    for choice, new in zip(found.curves, (0, 1, 2, 4), strict=True):
-        assert choice.typical == pytest.approx(typical(by_hand([(10.0, [3, 5, new])]), "mean"), rel=1e-4)
+    for choice, new in zip(found.singles, (0, 1, 2, 4), strict=True):
+        assert choice.typical_error == pytest.approx(typical(by_hand([(10.0, [3, 5, new])]), "mean"), rel=1e-4)
     assert len(found.sequence) == 3  # then nothing is left
-    assert found.sequence[-1].typical == pytest.approx(typical(by_hand([(10.0, list(range(6)))]), "mean"), rel=1e-4)
+    assert found.sequence[-1].typical_error == pytest.approx(
+        typical(by_hand([(10.0, list(range(6)))]), "mean"), rel=1e-4
+    )
     table = found.table()
     assert np.isnan(table[1, [0, 2]]).all()
     assert (table[0] > 0).all()
 
 
-@pytest.mark.parametrize("new_colonies", [True, False])
+@pytest.mark.parametrize("new_replicates", [True, False])
 @pytest.mark.parametrize("error", [0.0, 0.5])
-def test_adding_never_raises_errors(error: float, new_colonies: bool) -> None:
+def test_adding_never_raises_errors(error: float, new_replicates: bool) -> None:
     """Also where derivatives are mostly noise, and with a measurement error that all colonies share."""
     for seed in range(5):
         noisy = made_up(STATISTICS, TIMES, FREE, seed, error)
-        found = design(noisy, measured_times=[2.0], steps=4, by="statistic", new_colonies=new_colonies)
-        states = [found.errors, *(step.errors for step in found.sequence)]
+        found = design(noisy, measured_times=[2.0], steps=4, by="statistic", new_replicates=new_replicates)
+        states = [found.log_standard_errors, *(step.log_standard_errors for step in found.sequence)]
         for before, after in pairwise(states):
             assert all(after[name] <= before[name] * (1 + 1e-9) for name in FREE)
-        for choice in (*found.images, *found.curves):
+        for choice in (*found.images, *found.singles):
             assert choice.reduction > -1e-9
-            assert all(choice.errors[name] <= found.errors[name] * (1 + 1e-9) for name in FREE)
+            assert all(
+                choice.log_standard_errors[name] <= found.log_standard_errors[name] * (1 + 1e-9) for name in FREE
+            )
 
 
 def test_an_image_tells_at_least_as_much_as_each_of_its_statistics() -> None:
@@ -108,12 +112,12 @@ def test_an_image_tells_at_least_as_much_as_each_of_its_statistics() -> None:
 def test_from_nothing_the_plausible_range_is_where_errors_start() -> None:
     """One parameter, then one image: variance 1 / (1/τ² + R jᵀS⁻¹j)."""
     found = design(FOUND, free=["mobility"], measured_times=[], added=10, steps=1, measurement_error=0.0)
-    assert found.errors["mobility"] == pytest.approx(WIDTHS[0])
+    assert found.log_standard_errors["mobility"] == pytest.approx(WIDTHS[0])
     assert found.before.undetermined == ("mobility",)
-    slopes = FOUND.jacobian.reshape(6, 3)[:, 0]
+    slopes = FOUND.jacobian[:, 0]
     for choice, seen in zip(found.images, EVERY["image"], strict=True):
         gained = 10 * slopes[seen] @ np.linalg.solve(FOUND.scatter[np.ix_(seen, seen)], slopes[seen])
-        assert choice.errors["mobility"] == pytest.approx((WIDTHS[0] ** -2 + gained) ** -0.5, rel=1e-4)
+        assert choice.log_standard_errors["mobility"] == pytest.approx((WIDTHS[0] ** -2 + gained) ** -0.5, rel=1e-4)
 
 
 def test_a_measurement_error_that_replicates_share_sets_a_limit() -> None:
@@ -128,30 +132,30 @@ def test_a_measurement_error_that_replicates_share_sets_a_limit() -> None:
     sigma = np.array([[scatter / 4 + e2, e2], [e2, scatter / 16 + e2]])
     gained = slope**2 * np.linalg.inv(sigma).sum()
     expected = (WIDTHS[0] ** -2 + gained) ** -0.5
-    assert found.sequence[0].errors["mobility"] == pytest.approx(expected, rel=1e-4)
+    assert found.sequence[0].log_standard_errors["mobility"] == pytest.approx(expected, rel=1e-4)
 
 
 def test_a_statistic_that_alone_sees_a_parameter_is_taken_first() -> None:
     jacobian = FOUND.jacobian.copy()
-    jacobian[..., 2] = 0.0
-    jacobian[1, 2, 2] = 3.0
+    jacobian[:, 2] = 0.0
+    jacobian[5, 2] = 3.0
     only = replace(FOUND, jacobian=jacobian)
     found = design(only, measured_statistics=["compactness"], by="statistic", steps=1)
     assert (found.sequence[0].statistics, found.sequence[0].time) == (("area",), 3.0)
     assert found.before.undetermined == ("aspect_ratio",)
     (sentence,) = found.sentences()
-    assert sentence.startswith("measure area at 3 in 10 further colonies: the typical error falls from ")
+    assert sentence.startswith("measure area at 3 in 10 further replicates: the typical error falls from ")
 
 
 def test_results_are_kept_and_drawn(tmp_path: Path) -> None:
     for by in ("image", "statistic"):
-        found = design(FOUND, measured_times=[2], new_colonies=by == "image", by=by, prior={"mobility": 0.5})
+        found = design(FOUND, measured_times=[2], new_replicates=by == "image", by=by, prior={"mobility": 0.5})
         found.save(tmp_path / "design.json")
         again = Design.load(tmp_path / "design.json")
         assert again.sequence == found.sequence
         assert again.rows() == found.rows()
         assert again.sentences() == found.sentences()
-        assert isinstance(again.images[0], Choice)
+        assert isinstance(again.images[0], Candidate)
         np.testing.assert_array_equal(again.table(), found.table())
         assert again.before.sentences() == found.before.sentences()
         plot.save(plot.design(found), tmp_path / f"{by}.png")
@@ -162,10 +166,10 @@ def test_results_are_kept_and_drawn(tmp_path: Path) -> None:
 
 def test_infinite_errors_are_kept(tmp_path: Path) -> None:
     found = design(FOUND, measured_times=[2], steps=1)
-    found = replace(found, typical=np.inf, errors=dict.fromkeys(found.errors, np.inf))
+    found = replace(found, typical_error=np.inf, log_standard_errors=dict.fromkeys(found.free, np.inf))
     found.save(tmp_path / "design.json")
     again = Design.load(tmp_path / "design.json")
-    assert (again.typical, again.errors) == (found.typical, found.errors)
+    assert (again.typical_error, again.log_standard_errors) == (found.typical_error, found.log_standard_errors)
 
 
 @pytest.mark.parametrize(
@@ -219,7 +223,7 @@ def test_the_command_grows_colonies(tmp_path: Path) -> None:
     found = Sensitivity.load(first / "sensitivity.json")
     assert found.free == NAMES
     assert (found.method, found.seed, found.runs) == ("regression", 3, {"mean": 8, "regression": 32})
-    assert float(found.parameters.aspect_ratio) == pytest.approx(0.6)
+    assert found.at["aspect_ratio"] == pytest.approx(0.6)
     again = ["--sensitivity", str(first / "sensitivity.json"), "--free", "aspect_ratio"]
     assert cli.run(["design", "--out", str(second), *again]) == 0
     assert (first / "design.csv").read_bytes() == (second / "design.csv").read_bytes()

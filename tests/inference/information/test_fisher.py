@@ -7,8 +7,9 @@ import pytest
 from helpers import wrong_types
 from sensitivities import made_up
 
-from yeastfit import InputError, plot
-from yeastfit.inference.information.experiment import curve_covariance, information_of, systematic
+from yeastfit import InputError, Observable, plot
+from yeastfit.inference.curve_covariance import mean_covariance, measurement_covariance
+from yeastfit.inference.information.experiment import information_of
 from yeastfit.inference.information.fisher import information
 from yeastfit.inference.information.identifiability import blind_sentence, combination, percent, power_law, sparse_basis
 from yeastfit.inference.information.result import Information
@@ -26,8 +27,8 @@ FREE = ("mobility", "metabolic_rate", "aspect_ratio")
 def test_two_curves_with_independent_errors() -> None:
     """y1 = a, y2 = a + b: var a = σ1², var b = σ1² + σ2², covariance −σ1²."""
     found = information(np.array([[1.0, 0.0], [1.0, 1.0]]), np.diag([0.04, 0.09]), free=FREE[:2])
-    np.testing.assert_allclose(found.covariance, [[0.04, -0.04], [-0.04, 0.13]])
-    assert found.standard_errors == pytest.approx({"mobility": 0.2, "metabolic_rate": np.sqrt(0.13)})
+    np.testing.assert_allclose(found.log_covariance, [[0.04, -0.04], [-0.04, 0.13]])
+    assert found.log_standard_errors == pytest.approx({"mobility": 0.2, "metabolic_rate": np.sqrt(0.13)})
     assert not found.blind.any()
     assert found.sentences() == []
     assert found.best_fixed is None
@@ -35,16 +36,17 @@ def test_two_curves_with_independent_errors() -> None:
 
 def test_generalised_least_squares_scatters_as_the_covariance_says() -> None:
     found = information(SLOPES, SIGMA, free=FREE)
-    np.testing.assert_allclose(found.covariance, np.linalg.inv(SLOPES.T @ np.linalg.inv(SIGMA) @ SLOPES), rtol=1e-9)
+    np.testing.assert_allclose(found.log_covariance, np.linalg.inv(SLOPES.T @ np.linalg.inv(SIGMA) @ SLOPES), rtol=1e-9)
     noise = np.random.default_rng(1).multivariate_normal(np.zeros(6), SIGMA, size=20000)
     whiten = np.linalg.inv(np.linalg.cholesky(SIGMA))
     estimates = np.linalg.lstsq(whiten @ SLOPES, whiten @ noise.T, rcond=None)[0]
-    np.testing.assert_allclose(estimates.std(axis=1), list(found.standard_errors.values()), rtol=0.03)
+    np.testing.assert_allclose(estimates.std(axis=1), list(found.log_standard_errors.values()), rtol=0.03)
 
 
 def test_errors_fall_as_one_over_the_root_of_replicates() -> None:
     five, twenty = (
-        information(SLOPES, curve_covariance(SIGMA, replicates=count), free=FREE).standard_errors for count in (5, 20)
+        information(SLOPES, mean_covariance(SIGMA, replicates=count), free=FREE).log_standard_errors
+        for count in (5, 20)
     )
     assert five == pytest.approx({name: 2 * error for name, error in twenty.items()})
 
@@ -52,7 +54,7 @@ def test_errors_fall_as_one_over_the_root_of_replicates() -> None:
 def test_directions_are_eigenvectors_and_errors_along_them() -> None:
     found = information(SLOPES, SIGMA, free=FREE)
     np.testing.assert_allclose(found.directions @ found.directions.T, np.eye(3), atol=1e-12)
-    along = found.directions @ found.covariance @ found.directions.T
+    along = found.directions @ found.log_covariance @ found.directions.T
     np.testing.assert_allclose(along, np.diag(found.direction_errors**2), atol=1e-12)
     assert (np.diff(found.eigenvalues) < 0).all()
 
@@ -60,7 +62,7 @@ def test_directions_are_eigenvectors_and_errors_along_them() -> None:
 def test_a_prior_alone_comes_back() -> None:
     widths = {"mobility": 0.3, "metabolic_rate": 0.5, "aspect_ratio": 0.1}
     found = information(np.zeros((6, 3)), SIGMA, free=FREE, prior=widths)
-    assert found.standard_errors == pytest.approx(widths)
+    assert found.log_standard_errors == pytest.approx(widths)
     assert not found.blind.any()
 
 
@@ -74,9 +76,9 @@ def test_curves_that_never_vary_tell_nothing() -> None:
     slopes, sigma = np.vstack([SLOPES, np.zeros(3)]), np.zeros((7, 7))
     sigma[:6, :6] = SIGMA
     found = information(slopes, sigma, free=FREE)
-    np.testing.assert_allclose(found.covariance, information(SLOPES, SIGMA, free=FREE).covariance)
+    np.testing.assert_allclose(found.log_covariance, information(SLOPES, SIGMA, free=FREE).log_covariance)
     slopes[6, 1] = 1.0
-    with pytest.raises(InputError, match="curve 6 has no variance but depends on λ"):
+    with pytest.raises(InputError, match="mean 6 has no variance but depends on λ"):
         information(slopes, sigma, free=FREE)
 
 
@@ -127,8 +129,10 @@ def test_one_blind_direction_among_noise() -> None:
         f"{percent(1 / np.sqrt(found.noise_floor[-1]))}): fix one"
     )
     exact = information(np.column_stack([SLOPES[:, 0], SLOPES[:, 1]]), SIGMA, free=("mobility", "aspect_ratio"))
-    assert found.standard_errors["aspect_ratio"] == pytest.approx(exact.standard_errors["aspect_ratio"], rel=0.15)
-    assert np.isnan(found.standard_errors["mobility"])
+    assert found.log_standard_errors["aspect_ratio"] == pytest.approx(
+        exact.log_standard_errors["aspect_ratio"], rel=0.15
+    )
+    assert np.isnan(found.log_standard_errors["mobility"])
 
 
 # --- what is refused, in words ----------------------------------------------------------------------------------------
@@ -154,9 +158,9 @@ def test_two_parameters_that_only_enter_as_a_product(power: float, words: str) -
     assert found.sentences()[0] == f"repulsivity and repulsion_radius only enter as {words}: fix one"
     said = "no standard error of repulsivity, repulsion_radius; those of the others hold where this point lies along "
     assert found.sentences()[1].startswith(said)
-    assert np.isnan(found.covariance[:2]).all()
+    assert np.isnan(found.log_covariance[:2]).all()
     two = information(SLOPES[:, :2], SIGMA, free=("repulsivity", "mobility"))
-    assert found.standard_errors["mobility"] == pytest.approx(two.standard_errors["mobility"])
+    assert found.log_standard_errors["mobility"] == pytest.approx(two.log_standard_errors["mobility"])
 
 
 def test_the_parameter_best_fixed_leaves_least_error() -> None:
@@ -165,7 +169,7 @@ def test_the_parameter_best_fixed_leaves_least_error() -> None:
     assert product(0.3).best_fixed == "repulsion_radius"
     fixed = product(1.4).without("repulsivity")
     alone = information(SLOPES[:, :2] * [1.4, 1.0], SIGMA, free=("repulsion_radius", "mobility"))
-    assert fixed.standard_errors == pytest.approx(alone.standard_errors)
+    assert fixed.log_standard_errors == pytest.approx(alone.log_standard_errors)
     assert product(1.4).sentences()[2].startswith("best fixed: repulsivity; then the errors are: repulsion_radius ")
 
 
@@ -176,7 +180,7 @@ def test_a_parameter_that_nothing_depends_on() -> None:
     assert found.sentences()[0] == "the data do not see metabolic_rate: fix it"
     assert found.undetermined == ("metabolic_rate",)
     assert found.best_fixed == "metabolic_rate"
-    assert np.isfinite(found.covariance[np.ix_([0, 2], [0, 2])]).all()
+    assert np.isfinite(found.log_covariance[np.ix_([0, 2], [0, 2])]).all()
 
 
 def test_two_blind_directions_are_told_apart_by_name() -> None:
@@ -194,7 +198,7 @@ def test_the_limit_decides_what_is_blind(limit: float, refused: bool) -> None:
     """One curve, σ = 0.2, slope 1: the error of log λ is 0.2."""
     found = information(np.ones((1, 1)), np.array([[0.04]]), free=FREE[:1], limit=limit)
     assert found.blind[0] == refused
-    assert np.isnan(found.standard_errors["mobility"]) == refused
+    assert np.isnan(found.log_standard_errors["mobility"]) == refused
     words = "the data do not see mobility (the rest is known to 20 % only): fix it"
     assert found.sentences() == ([words, "no standard error of mobility"] if refused else [])
 
@@ -237,7 +241,7 @@ def test_covariance_of_means_over_fewer_of_the_same_colonies() -> None:
     scatter = SIGMA[:2, :2]
     colonies = np.random.default_rng(6).multivariate_normal(np.zeros(2), scatter, size=(40000, 10))
     means = np.column_stack([colonies[:, :, 0].mean(axis=1), colonies[:, :4, 1].mean(axis=1)])
-    sigma = curve_covariance(scatter, replicates=np.array([10.0, 4.0]))
+    sigma = mean_covariance(scatter, replicates=np.array([10.0, 4.0]))
     np.testing.assert_allclose(sigma, np.cov(means.T), atol=0.03 * sigma.max())
 
 
@@ -247,20 +251,23 @@ def test_an_estimated_covariance_does_not_tell_too_much() -> None:
     inverses = []
     for _ in range(4000):
         drawn = rng.normal(size=(20, 6)) @ root.T
-        inverses.append(np.linalg.inv(curve_covariance(drawn.T @ drawn / 20, replicates=1, freedom=20)))
+        inverses.append(np.linalg.inv(mean_covariance(drawn.T @ drawn / 20, replicates=1, freedom=20)))
     beside = root.T @ np.mean(inverses, axis=0) @ root
     np.testing.assert_allclose(beside, np.eye(6), atol=0.06)
 
 
 def test_the_error_of_an_ensemble_adds_to_that_of_the_data() -> None:
-    both = curve_covariance(SIGMA, replicates=10, members=40)
+    both = mean_covariance(SIGMA, replicates=10, members=40)
     np.testing.assert_allclose(both, SIGMA * (0.1 + 0.025))
 
 
 def test_measurement_error_is_half_common_to_the_times_of_a_statistic() -> None:
-    sigma = systematic(np.array([[1.0, 2.0], [10.0, 10.0]]), 0.1)
+    observables = [Observable(name, time) for name in ("radius", "area") for time in (1.0, 2.0)]
+    sigma = measurement_covariance(observables, np.array([1.0, 2.0, 10.0, 10.0]), 0.1)
     np.testing.assert_allclose(np.diag(sigma), [0.01, 0.04, 1.0, 1.0])
     np.testing.assert_allclose(sigma[0], [0.01, 0.01, 0.0, 0.0])
+    by_name = measurement_covariance(observables, np.array([1.0, 2.0, 10.0, 10.0]), {"radius": 0.1, "area": 0.0})
+    np.testing.assert_allclose(np.diag(by_name), [0.01, 0.04, 0.0, 0.0])
 
 
 # --- from a sensitivity -----------------------------------------------------------------------------------------------
@@ -270,11 +277,13 @@ def test_information_of_a_sensitivity_is_that_of_its_curves() -> None:
     found = made_up(("compactness", "area"), [1.0, 2.0, 3.0], FREE)
     chosen = information_of(found, free=["aspect_ratio", "mobility"], statistics=["area"], times=[3, 1], replicates=40)
     rows = [3, 5]
-    slopes, sigma = found.jacobian.reshape(6, 3)[rows][:, [0, 2]], found.scatter[np.ix_(rows, rows)] / 40
+    slopes, sigma = found.jacobian[rows][:, [0, 2]], found.scatter[np.ix_(rows, rows)] / 40
     assert chosen.free == ("mobility", "aspect_ratio")
-    np.testing.assert_allclose(chosen.covariance, np.linalg.inv(slopes.T @ np.linalg.solve(sigma, slopes)), rtol=1e-5)
+    np.testing.assert_allclose(
+        chosen.log_covariance, np.linalg.inv(slopes.T @ np.linalg.solve(sigma, slopes)), rtol=1e-5
+    )
     wider = information_of(found, measurement_error=0.05)
-    assert (np.diag(wider.covariance) > np.diag(information_of(found).covariance)).all()
+    assert (np.diag(wider.log_covariance) > np.diag(information_of(found).log_covariance)).all()
 
 
 def test_results_are_kept_and_drawn(tmp_path: Path) -> None:
@@ -300,7 +309,7 @@ def test_results_are_kept_and_drawn(tmp_path: Path) -> None:
         ({"free": ("mobility",) * 3}, "each once"),
         ({"jacobian": SLOPES * np.nan}, "jacobian holds 18 values that are not finite"),
         ({"covariance": SIGMA + np.triu(np.ones((6, 6)), 1)}, "not symmetric"),
-        ({"covariance": np.ones((6, 6))}, "smallest eigenvalue of the correlations of 6 curves"),
+        ({"covariance": np.ones((6, 6))}, "smallest eigenvalue of the correlations of 6 means"),
         ({"error": -np.ones((6, 3))}, "error holds -1"),
         ({"prior": {"speed": 1.0}}, "prior names 'speed'"),
         ({"prior": {"mobility": 0.0}}, "prior of mobility is 0"),
@@ -333,4 +342,4 @@ def test_bad_choices_from_a_sensitivity_are_named(values: dict, message: str) ->
 
 def test_too_few_runs_for_so_many_curves_are_an_error() -> None:
     with pytest.raises(InputError, match="needs more than 7 degrees of freedom, so more runs, or fewer"):
-        curve_covariance(SIGMA, replicates=10, freedom=7)
+        mean_covariance(SIGMA, replicates=10, freedom=7)

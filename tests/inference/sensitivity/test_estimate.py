@@ -10,10 +10,12 @@ from helpers import wrong_types
 
 from benchmarks.gradients import compare, differences, estimates
 from yeastfit import InputError, Numerics, Parameters, Relaxation, Sensitivity, sensitivity
-from yeastfit.inference.sensitivity import estimate as module
+from yeastfit.inference.sensitivity import pathwise as module
 from yeastfit.inference.sensitivity.estimate import STATISTICS
+from yeastfit.inference.sensitivity.estimator import doubts
 from yeastfit.inference.sensitivity.result import Estimate
 from yeastfit.inference.sensitivity.shrinkage import combine
+from yeastfit.observable import Observable
 
 SMALL = Numerics(domain=12.0, spacing=0.25, dt=0.02, capacity=64)
 
@@ -28,7 +30,7 @@ def test_the_blend_is_never_worse_than_the_regression(quiet: float, bias: float)
     rng = np.random.default_rng(1)
     off = rng.normal(size=7)
     off *= bias * np.sqrt(7) / np.linalg.norm(off)
-    ones = np.ones((1, 20000, 7))
+    ones = np.ones((20000, 7))
     unbiased = Estimate(rng.normal(size=ones.shape), ones)
     pathwise = Estimate(off + quiet * rng.normal(size=ones.shape), quiet * ones)
     jacobian, error, share = combine(unbiased, pathwise)
@@ -43,16 +45,16 @@ def test_the_blend_is_never_worse_than_the_regression(quiet: float, bias: float)
 
 
 def test_the_blend_leaves_alone_what_it_cannot_better() -> None:
-    unbiased = Estimate(np.ones((1, 1, 7)), np.full((1, 1, 7), 0.5))
-    ones = np.ones((1, 1, 7))
+    unbiased = Estimate(np.ones((1, 7)), np.full((1, 7), 0.5))
+    ones = np.ones((1, 7))
     for useless in (Estimate(np.nan * ones, ones), Estimate(ones, np.inf * ones)):
         jacobian, error, share = combine(unbiased, useless)
         assert share == 0
         np.testing.assert_array_equal(jacobian, unbiased.jacobian)
         np.testing.assert_array_equal(error, unbiased.error)
-    known = Estimate(np.ones((1, 1, 7)), np.zeros((1, 1, 7)))  # the count before the first event
-    assert combine(known, Estimate(np.zeros((1, 1, 7)), np.ones((1, 1, 7))))[2] == 0
-    two = Estimate(np.ones((1, 1, 2)), np.ones((1, 1, 2)))  # fewer than three parameters
+    known = Estimate(np.ones((1, 7)), np.zeros((1, 7)))  # the count before the first event
+    assert combine(known, Estimate(np.zeros((1, 7)), np.ones((1, 7))))[2] == 0
+    two = Estimate(np.ones((1, 2)), np.ones((1, 2)))  # fewer than three parameters
     assert combine(two, two)[2] == 0
 
 
@@ -66,14 +68,17 @@ def found() -> Sensitivity:
 
 
 def test_a_result_is_whole(found: Sensitivity, tmp_path: Path) -> None:
-    assert found.jacobian.shape == found.error.shape == (5, 2, 7)
-    assert found.mean.shape == found.mean_error.shape == found.pathwise_share.shape == found.tails.shape == (5, 2)
+    for one in (found.jacobian, found.error):
+        assert found.on_grid(one).shape == (5, 2, 7)
+        np.testing.assert_array_equal(found.on_grid(one).reshape(10, 7), one)
+    for one in (found.mean, found.mean_error, found.pathwise_share, found.tails):
+        assert found.on_grid(one).shape == (5, 2)
     assert (found.pathwise_share >= 0).all()
     assert found.scatter.shape == found.correlation.shape == (10, 10)
     np.testing.assert_array_equal(found.scatter, found.scatter.T)
     assert np.linalg.eigvalsh(found.scatter).min() > -1e-9 * np.trace(found.scatter)
-    alone = np.sqrt(32) * found.mean_error[:4]  # of 32 colonies at λ, known to 13 %; of the count it may be 0
-    beside = np.sqrt(np.diag(found.scatter)).reshape(5, 2)[:4] / alone
+    alone = np.sqrt(32) * found.mean_error[:8]  # of 32 colonies at λ, known to 13 %; of the count it may be 0
+    beside = np.sqrt(np.diag(found.scatter))[:8] / alone
     assert (np.abs(beside - 1) < 0.45).all()
     assert found.runs == {"mean": 32, "regression": 128, "pathwise": 8}
     rows = found.rows()
@@ -84,13 +89,13 @@ def test_a_result_is_whole(found: Sensitivity, tmp_path: Path) -> None:
     for name in ("times", "mean", "jacobian", "error", "pathwise_share", "tails", "scatter", "correlation"):
         np.testing.assert_array_equal(getattr(again, name), getattr(found, name))
     assert again.rows() == rows
-    assert again.parameters.asdict() == found.parameters.asdict()
+    assert (again.at, again.plausible, again.observables) == (found.at, found.plausible, found.observables)
     assert again.warnings == found.warnings
 
 
 def test_every_estimator_beside_central_differences(found: Sensitivity) -> None:
     """The audit, reduced: the hard model at 16 and 31 nodes, 32 colonies on each side of the differences."""
-    truth, _ = differences(found.parameters, found.times, SMALL, 32)
+    truth, _ = differences(Parameters(**found.at), found.times, SMALL, 32)
     for method, estimate in estimates(found).items():
         beside = compare(estimate, truth)
         outside = (np.abs(beside["z"]) > 4) & (beside["relative"] > 0.15)
@@ -128,8 +133,8 @@ def test_pathwise_and_regression_agree_where_both_are_right() -> None:
 def test_what_colonies_run_into_is_said() -> None:
     """Eight slots are too few at t = 3.5, for both parts."""
     found = sensitivity(times=[3.5, 4.5], numerics=replace(SMALL, capacity=8), runs=16, paths=8, statistics=["area"])
-    met = [warning for warning in found.warnings if " colonies: " in warning]
-    assert [warning.partition(" colonies: ")[0] for warning in met] == ["regression and mean: 24", "pathwise: 8"]
+    met = [warning for warning in found.warnings if " simulations: " in warning]
+    assert [warning.partition(" simulations: ")[0] for warning in met] == ["regression and mean: 24", "pathwise: 8"]
     assert all("raise capacity" in warning for warning in met)
 
 
@@ -138,25 +143,26 @@ def test_paths_end_where_they_are_of_no_use(monkeypatch: pytest.MonkeyPatch, tmp
     ask = partial(sensitivity, times=[2.5, 3.5], numerics=SMALL, runs=16, paths=4, statistics=["area", "radius"])
     monkeypatch.setattr(module, "PATH_NODES", 12)  # 8 nodes at 2.5, 16 at 3.5
     found = ask()
-    assert np.isfinite(found.parts["pathwise"].jacobian[:, 0]).all()
-    assert np.isnan(found.parts["pathwise"].jacobian[:, 1]).all()
-    np.testing.assert_array_equal(found.pathwise_share[:, 1], 0)
-    np.testing.assert_array_equal(found.jacobian[:, 1], found.parts["regression"].jacobian[:, 1])
+    first, second = np.array([0, 2]), np.array([1, 3])  # two statistics at either time
+    assert np.isfinite(found.parts["pathwise"].jacobian[first]).all()
+    assert np.isnan(found.parts["pathwise"].jacobian[second]).all()
+    np.testing.assert_array_equal(found.pathwise_share[second], 0)
+    np.testing.assert_array_equal(found.jacobian[second], found.parts["regression"].jacobian[second])
     found.save(tmp_path / "found.json")
     again = Sensitivity.load(tmp_path / "found.json").parts["pathwise"]
     np.testing.assert_array_equal(again.jacobian, found.parts["pathwise"].jacobian)
     whole = ask(method="pathwise").parts["pathwise"]
-    np.testing.assert_allclose(whole.jacobian[:, 0], found.parts["pathwise"].jacobian[:, 0], rtol=1e-4)
+    np.testing.assert_allclose(whole.jacobian[first], found.parts["pathwise"].jacobian[first], rtol=1e-4)
     assert np.isfinite(whole.jacobian).all()
     monkeypatch.setattr(module, "PATH_NODES", 4)
     none = ask()
     assert set(none.parts) == {"regression"}
-    assert (none.carried_by() == "regression").all()
+    assert set(none.carried_by) == {"regression"}
 
 
 def test_exploded_tails_are_said() -> None:
-    tails = np.array([[1.0, 50.0], [1.0, 1.1]])
-    (warning,) = module._doubts(tails, ["area", "radius"], np.array([3.0, 6.0]), "pathwise")
+    observables = tuple(Observable(name, time) for name in ("area", "radius") for time in (3.0, 6.0))
+    (warning,) = doubts(np.array([1.0, 50.0, 1.0, 1.1]), observables, "pathwise")
     assert warning.startswith("area from t = 6")
     assert "use the regression" in warning
 
@@ -164,16 +170,18 @@ def test_exploded_tails_are_said() -> None:
 @pytest.mark.parametrize(
     ("values", "message"),
     [
-        ({"free": ["speed"]}, "free holds 'speed'"),
-        ({"free": []}, "at least one parameter"),
-        ({"free": ["mobility", "mobility"]}, "each once"),
+        ({"free": ["speed"]}, "'speed' is unknown"),
+        ({"free": []}, "need at least one, each once"),
+        ({"free": ["mobility", "mobility"]}, "need at least one, each once"),
         ({"method": "guess"}, "method is 'guess'"),
         ({"runs": 20}, "runs is 20, it must be a multiple of 16"),
         ({"paths": 2}, "paths is 2"),
         ({"spread": 1.5}, "spread is 1.5"),
-        ({"statistics": ["colour"]}, "statistics holds 'colour'"),
+        ({"statistics": ["colour"]}, "statistics: got 'colour'"),
         ({"parameters": Parameters(mobility=0.0)}, "mobility is 0.0, derivatives in log λ"),
         ({"times": [2.0, 1.0]}, "times is"),
+        ({"times": None}, "times are missing"),
+        ({"at": {"mobility": 1.0}}, "at is given without simulator"),
     ],
     ids=str,
 )

@@ -14,7 +14,7 @@ from PIL import Image
 from yeastfit import (
     HARD,
     STATISTICS,
-    FitSettings,
+    Imaging,
     InputError,
     Numerics,
     Parameters,
@@ -29,12 +29,12 @@ from yeastfit import (
 from yeastfit.commands import app
 from yeastfit.commands.measure_batch import measure_batch
 from yeastfit.inference.colony_simulator import COARSE, ColonySimulator
-from yeastfit.inference.targets import Estimator
 from yeastfit.measure.reading.batch_inputs import find_tasks
 from yeastfit.measure.statistics.measure_mask import measure_mask
 from yeastfit.measure.statistics.registry import (
     OTHER_COLUMNS,
     RECORDED,
+    Estimator,
     known_statistics,
     measurement_errors,
     recorded,
@@ -102,8 +102,8 @@ def test_names_are_not_those_of_other_columns() -> None:
 )
 def test_how_far_colonies_reach(means: dict[str, float], extent: float) -> None:
     """Once the largest radius, three times a mean one, or three times that of the disc of the same area; and 1 L0."""
-    found = Targets.from_means({name: [value] for name, value in means.items()}, [3.0], estimator="mask")
-    assert found.extent == pytest.approx(extent, rel=1e-15)
+    curves = {name: np.array([value]) for name, value in means.items()}
+    assert Imaging(estimator="mask").reaching(curves).extent == pytest.approx(extent, rel=1e-15)
 
 
 # --- one's own -------------------------------------------------------------------------------------------------------
@@ -128,19 +128,20 @@ def test_masks_and_simulations_have_it(own: None) -> None:
 
 @pytest.mark.parametrize("estimator", ["smooth", "mask"])
 def test_fits_may_name_it(own: None, estimator: Estimator) -> None:
-    targets = Targets.from_means({"side": [2.0], "compactness": [1.5]}, [2.0], estimator=estimator)
-    assert targets.extent == 9.0
-    errors = [FitSettings().error_of(name) for name in ("side", "compactness", "area", "something else")]
-    assert errors == [0.005, 0.02, 0.01, 0.01]
+    means = {"side": [2.0], "compactness": [1.5], "area": [4.0]}
+    targets = Targets.from_means(means, [2.0], imaging=Imaging(estimator=estimator))
+    assert targets.imaging is not None
+    assert targets.imaging.extent == 9.0
+    assert targets.measurement_errors() == {"side": 0.005, "compactness": 0.02, "area": 0.01}
     simulator = ColonySimulator.of(targets, resolution=COARSE)
-    assert [str(one) for one in simulator.observables] == ["side at 2", "compactness at 2"]
-    assert simulator.curves.observe.statistics == ("side", "compactness")
+    assert [str(one) for one in simulator.observables] == ["side at 2", "compactness at 2", "area at 2"]
+    assert simulator.curves.observe.statistics == ("side", "compactness", "area")
     with pytest.raises(InputError, match=r"statistic 'steps' is unknown, expected some of compactness.*, side"):
-        Targets.from_means({"steps": [2.0]}, [2.0], extent=3.0, estimator=estimator)
+        Targets.from_means({"steps": [2.0]}, [2.0], imaging=Imaging(3.0, estimator))
 
 
 def test_sensitivities_may_name_it(own: None) -> None:
-    with pytest.raises(InputError, match=r"statistics holds 'sides', expected any of .*perimeter.* side"):
+    with pytest.raises(InputError, match=r"statistics: got 'sides', need some of .*perimeter.* side"):
         sensitivity(times=[1.5], statistics=("side", "sides"), numerics=SMALL)
 
 

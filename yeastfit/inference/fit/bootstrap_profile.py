@@ -1,11 +1,11 @@
 """Errors of a fit beyond its covariance: a bootstrap over replicates, and profiles of the likelihood.
 
 Both take hundreds of fits. They are made on a response surface around the estimate (`response_surface`), from fine
-colonies of their own, with the fit's Σ. Its box reaches three and a half standard errors from the estimate, at least
-`NEAREST` and at most `FARTHEST` in log λ, and not beyond the bounds: what lies at its edge is told as such.
+simulations of its own, with the fit's Σ. Its box reaches `REACH` standard errors from the estimate, at least `NEAREST`
+and at most `FARTHEST` in log λ, and not beyond the bounds: what lies at its edge is reported as such.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 
@@ -15,27 +15,39 @@ from scipy.linalg import block_diag
 
 from yeastfit.errors import InputError
 from yeastfit.inference.fit.ensemble import Ensembles
-from yeastfit.inference.fit.response_surface import Surface, study
+from yeastfit.inference.fit.response_surface import Minima, ResponseSurface, response_surface
 from yeastfit.inference.fit.result import Fit
+from yeastfit.inference.fit.simulators import Simulators, colony_simulators, given_simulators
 from yeastfit.inference.parameter_space import Vector
+from yeastfit.inference.simulator import Simulator
 
-NEAREST, FARTHEST, ERRORS = 0.1, 0.7, 3.5
+REACH = 3.5  # standard errors: 1 draw of a bootstrap in 2000 lies beyond
+NEAREST = 0.1  # of log λ, the spread of the last stage's pairs: nearer, Monte-Carlo errors hide the slopes
+FARTHEST = 0.7  # of log λ, a factor of 2: farther, curves are not quadratic
 AT_EDGE = 0.98  # of the box's half width
+LEVELS = {"68%": 1.0, "95%": 3.84}  # rises of χ² for one parameter (Wilks 1938, doi:10.1214/aoms/1177732360)
 
 
 @dataclass(frozen=True)
 class Bootstrap:
     """Estimates from replicates drawn with replacement.
 
-    values: λ [draw, entry]. standard_errors: deviation of log λ, by entry. intervals: 95 %, by percentiles of λ.
-    at_edge: share of the draws that ended at the edge of the surface: then errors are too small.
+    Attributes:
+        free: Names of the entries.
+        values: λ.
+        log_standard_errors: Standard deviation of log λ, by entry.
+        intervals: 95 %, by percentiles of λ.
+        at_edge: Share of the draws that ended at the edge of the surface: then errors are too small.
+        unconverged: Fits that ran into their limit of steps.
+        simulations: Made for the surface.
     """
 
     free: tuple[str, ...]
     values: Float[np.ndarray, "draw entry"]
-    standard_errors: dict[str, float]
+    log_standard_errors: dict[str, float]
     intervals: dict[str, tuple[float, float]]
     at_edge: float
+    unconverged: int
     simulations: int
 
 
@@ -43,88 +55,145 @@ class Bootstrap:
 class Profile:
     """χ² with one parameter held and the others at their best.
 
-    values: λ; rise: of χ² above its least. intervals: of λ, where the rise is below 1 (68 %) and 3.84 (95 %);
-    nan for an end that the surface does not reach. standard_error: of log λ, from the covariance.
+    Attributes:
+        name: Of the entry.
+        estimate: λ where χ² is least.
+        log_standard_error: Of log λ, from the covariance.
+        values: λ.
+        rise: Of χ² above its least.
+        intervals: Of λ, where the rise is below `LEVELS`; nan for an end that the surface does not reach.
+        unconverged: Fits that ran into their limit of steps.
     """
 
     name: str
     estimate: float
-    standard_error: float
+    log_standard_error: float
     values: Float[np.ndarray, " point"]
     rise: Float[np.ndarray, " point"]
     intervals: dict[str, tuple[float, float]] = field(default_factory=dict)
+    unconverged: int = 0
 
 
 @dataclass(frozen=True)
 class Explored:
-    """A fit with the surface around it. simulations: colonies grown for that."""
+    """A fit with the surface around it.
+
+    Attributes:
+        fit: The fit.
+        surface: Around its estimate.
+        simulations: Made for that.
+    """
 
     fit: Fit
-    surface: Surface
+    surface: ResponseSurface
     simulations: int
 
     def bootstrap(self, draws: int = 500, seed: int = 0) -> Bootstrap:
-        """Fits of resampled replicates. Raises `InputError` where single colonies are not known, or only one."""
+        """Fit resampled replicates.
+
+        Arguments:
+            draws: Fits.
+            seed: Of the draws.
+
+        Raises:
+            InputError: Single replicates are not known, or only one, or there are fewer than two draws.
+        """
         rng, free = np.random.default_rng(seed), self.fit.free
         if draws < 2:
             raise InputError(f"draws is {draws}, a bootstrap needs at least 2")
         targets = [each.targets for each in self.fit.conditions]
         samples = np.stack([np.concatenate([each.resampled(rng) for each in targets]) for _ in range(draws)])
-        theta = self._least(samples)[0]
-        low, high = np.percentile(np.exp(theta), (2.5, 97.5), axis=0)
-        away = np.abs(theta - self.surface.centre) > AT_EDGE * self.surface.reach
+        found = self._minimise(samples)
+        low, high = np.percentile(np.exp(found.theta), (2.5, 97.5), axis=0)
+        away = np.abs(found.theta - self.surface.centre) > AT_EDGE * self.surface.reach
         return Bootstrap(
             free,
-            np.exp(theta),
-            dict(zip(free, theta.std(axis=0, ddof=1).tolist(), strict=True)),
+            np.exp(found.theta),
+            dict(zip(free, found.theta.std(axis=0, ddof=1).tolist(), strict=True)),
             dict(zip(free, zip(low.tolist(), high.tolist(), strict=True), strict=True)),
             float(away.any(axis=1).mean()),
+            int((~found.converged).sum()),
             self.simulations,
         )
 
     def profile(self, name: str, points: int = 41) -> Profile:
-        """Over the width of the surface. Raises `InputError` for a name that is not free."""
+        """Profile χ² over the width of the surface.
+
+        Arguments:
+            name: Of an entry.
+            points: At which it is held.
+
+        Raises:
+            InputError: The name is not free.
+        """
         if name not in self.fit.free:
             raise InputError(f"profile of {name!r}, which is not free: {', '.join(self.fit.free)} are")
         k, surface = self.fit.free.index(name), self.surface
         data = np.concatenate([each.targets.values for each in self.fit.conditions])
-        theta, least = (one[0] for one in self._least(data[None]))
+        best = self._minimise(data[None])
+        theta = best.theta[0]
         grid = np.unique(np.append(surface.centre[k] + surface.reach[k] * np.linspace(-1, 1, points), theta[k]))
-        squares = self._least(np.tile(data, (len(grid), 1)), held=(k, grid))[1]
-        rise = np.maximum(squares - min(float(least), float(squares.min())), 0.0)
-        intervals = {label: _interval(grid, rise, level) for label, level in (("68%", 1.0), ("95%", 3.84))}
-        error = self.fit.information.standard_errors[name]
-        return Profile(name, float(np.exp(theta[k])), error, np.exp(grid), rise, intervals)
+        found = self._minimise(np.tile(data, (len(grid), 1)), held=(k, grid))
+        least = min(float(best.chi_square[0]), float(found.chi_square.min()))
+        rise = np.maximum(found.chi_square - least, 0.0)
+        intervals = {label: _interval(grid, rise, level) for label, level in LEVELS.items()}
+        error, unconverged = self.fit.log_standard_errors[name], int((~found.converged).sum())
+        return Profile(name, float(np.exp(theta[k])), error, np.exp(grid), rise, intervals, unconverged)
 
-    def _least(
-        self, values: Float[np.ndarray, "fit curve"], held: tuple[int, np.ndarray] | None = None
-    ) -> tuple[np.ndarray, np.ndarray]:
+    def _minimise(self, values: Float[np.ndarray, "fit observable"], held: tuple[int, Vector] | None = None) -> Minima:
         sigma = block_diag(*(each.covariance for each in self.fit.conditions))
-        pulls = [self.fit.prior.get(name, (0.0, np.inf)) for name in self.fit.free]
-        centre, width = np.array(pulls).T
+        priors = [self.fit.prior.get(name, (0.0, np.inf)) for name in self.fit.free]
+        centre, width = np.array(priors).T
         return self.surface.minimise(np.linalg.cholesky(sigma), values, centre=centre, pull=1.0 / width, held=held)
 
 
-def explore(fit: Fit, *, runs: int = 512) -> Explored:
-    """Grow colonies around a fit's estimate, for `Explored.bootstrap` and `Explored.profile`.
+def explore(
+    fit: Fit,
+    simulator: Simulator | Mapping[str, Simulator] | None = None,
+    *,
+    fine: Simulator | Mapping[str, Simulator] | None = None,
+    runs: int = 512,
+) -> Explored:
+    """Simulate around a fit's estimate, for `Explored.bootstrap` and `Explored.profile`. Same fit, same result.
 
-    runs: colonies of each condition. Same fit, same result.
+    Arguments:
+        fit: The fit.
+        simulator: That the fit was made with, where one was handed in.
+        fine: Likewise.
+        runs: Simulations of each condition.
+
+    Raises:
+        InputError: The fit is of a simulator that is not given, or there are too few runs.
+        SimulationError: Most simulations came to nothing.
     """
     targets = {each.name: each.targets for each in fit.conditions}
-    ensembles = Ensembles.of(targets, fit.space, fit.seed + 1, fit.settings)
-    surface = study(partial(ensembles.alone, refined=True), *_box(fit), runs, fit.seed)
-    return Explored(fit, surface, ensembles.grown)
+    both = _colonies_of(fit) if simulator is None else given_simulators(targets, simulator, fine)
+    finer = both[1] if fit.settings.refined else {}
+    ensembles = Ensembles(targets, both[0], fit.space, fit.seed + 1, fit.settings, finer)
+    surface = response_surface(partial(ensembles.single_simulations, refined=True), *_box(fit), runs, fit.seed)
+    return Explored(fit, surface, ensembles.tally.simulated)
 
 
 def profiles(explored: Explored, names: Sequence[str] | None = None) -> dict[str, Profile]:
-    """Of several parameters, all free ones by default."""
+    """Profiles of several parameters, all free ones by default."""
     return {name: explored.profile(name) for name in (explored.fit.free if names is None else names)}
+
+
+def _colonies_of(fit: Fit) -> tuple[Simulators, Simulators]:
+    """Coarse and fine simulators of a fit of colonies."""
+    if fit.resolutions is None:
+        raise InputError("simulator is missing: this fit is of one that was handed in, give it here, too")
+    free = dict.fromkeys(entry.parameter for entry in fit.space.entries)
+    targets = {each.name: each.targets for each in fit.conditions}
+    return colony_simulators(
+        targets, tuple(free), {each.name: each.parameters for each in fit.conditions}, fit.resolutions
+    )
 
 
 def _box(fit: Fit) -> tuple[Vector, Vector]:
     """Centre and reach: the box is moved inward where a bound is nearer than its width."""
-    relative = np.array([fit.information.standard_errors[name] for name in fit.free])
-    reach = np.clip(ERRORS * np.nan_to_num(relative, nan=np.inf), NEAREST, FARTHEST)
+    relative = np.array([fit.log_standard_errors[name] for name in fit.free])
+    reach = np.clip(REACH * np.nan_to_num(relative, nan=np.inf), NEAREST, FARTHEST)
     low, high = fit.space.low, fit.space.high
     reach = np.minimum(reach, 0.5 * (high - low))
     return np.clip(fit.theta, low + reach, high - reach), reach

@@ -1,207 +1,242 @@
-"""What all conditions' colonies say about a point θ: mean curves, derivatives, and the covariance of the comparison.
+"""What simulations of all conditions say about a point θ: means, derivatives, and the covariance of the comparison.
 
-For each condition an ensemble is grown in pairs around the point (`paired_regression`), with the same keys wherever it
-is, so that two points are compared by the same chance. One colony's curves have the covariance S. The data, means over
-R replicates, scatter with S too, scaled statistic by statistic to the measured scatter, where that is known. So
+For each condition an ensemble is simulated in pairs around the point (`paired_regression`), with the same seeds
+wherever it is, so that two points are compared by the same chance. One simulation has the covariance S. The data, means
+over R replicates, scatter with S too, scaled statistic by statistic to the measured scatter where that is known. So
 
     Σ = h (S_scaled / R + cov m) + measurement error,
 
-h for S being an estimate (`experiment.curve_covariance`), cov m the Monte-Carlo error of the ensemble's mean. Where the
-ensemble is too small to tell correlations, and to begin with, `rough` stands for Σ: variances only, with a twentieth of
-the mean as a tolerance, under which the problem is less curved.
+h for S being an estimate (`curve_covariance.mean_covariance`), cov m the Monte-Carlo error of the ensemble's mean.
+Where the ensemble is too small to tell correlations, and to begin with, `screening_covariance` stands for Σ: variances
+only, with a tolerance proportional to the mean, under which the problem is less curved.
 
-**Refinement.** Ensembles are grown with a coarse time step and grid, and around θ, not at it. What both change is told
-by colonies of the model that is meant, fine and at θ, each with the key of a pair: d = mean of (fine − the pair's mean)
-is a second level of the ensemble's mean (multilevel Monte Carlo: Giles 2008, doi:10.1287/opre.1070.0496), which takes
-out the shift of ½ s² tr H, too. Its covariance joins Σ.
+**Refinement.** Ensembles are of a coarse simulator, and around θ, not at it. Simulations of the fine one at θ, each
+with the seed of a pair, tell what both change: d = mean of (fine − the pair's mean) is a second level of the ensemble's
+mean (multilevel Monte Carlo: Giles 2008, doi:10.1287/opre.1070.0496), which takes out the shift of ½ s² tr H, too. Its
+covariance joins Σ.
 """
 
-from collections.abc import Mapping
+from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 from scipy.linalg import block_diag
 
-from yeastfit.errors import InputError
-from yeastfit.inference.colonies import Colonies
+from yeastfit.errors import InputError, SimulationError
+from yeastfit.inference.curve_covariance import Square, mean_covariance, measurement_covariance
 from yeastfit.inference.fit.settings import FitSettings
-from yeastfit.inference.information.experiment import curve_covariance, systematic
-from yeastfit.inference.paired_regression import CurveSquare, Local, design, of_members, order, paired, regress_together
-from yeastfit.inference.parameter_space import Space, Vector
+from yeastfit.inference.paired_regression import (
+    LocalModel,
+    Units,
+    hadamard_design,
+    hadamard_order,
+    paired_points,
+    regress_averaged,
+    sample_scatter,
+)
+from yeastfit.inference.parameter_space import ParameterSpace, Points, Vector
+from yeastfit.inference.simulator import (
+    Counted,
+    Rows,
+    Simulator,
+    Tally,
+    labels_of,
+    member_seeds,
+    problems_of,
+    same_observables,
+)
 from yeastfit.inference.targets import Targets
-from yeastfit.simulation.simulate import member_keys
 
-SCATTER = 0.2  # of the mean: one colony's scatter where nobody knows it, to begin with
-ROUGH = 0.05  # of the mean: tolerance of a rough comparison
-
-
-def measurement_covariance(targets: Targets, settings: FitSettings) -> CurveSquare:
-    """Of the measured means' errors that replicates do not average out."""
-    error = np.array([[settings.error_of(name)] for name in targets.names])
-    measured = targets.measured.ravel()
-    return systematic(np.nan_to_num(targets.mean), error)[np.ix_(measured, measured)]
+SCATTER = 0.2  # of the mean: scatter of one replicate where nobody knows it, at screening only
+TOLERANCE = 0.05  # of the mean, at screening: the error of a mean of 16 with that scatter, those of the first stage
+FEWEST_FINE = 4  # fine simulations that tell a covariance at all
 
 
 @dataclass(frozen=True)
-class Grown:
-    """Curves of the colonies of one ensemble, and the rows of the design that its pairs were grown at."""
+class Ensemble:
+    """Rows of one ensemble's simulations, and the rows of the design that its pairs were simulated at."""
 
-    curves: Float[np.ndarray, "colony curve"]
-    units: Float[np.ndarray, "pair entry"]
+    rows: Rows
+    units: Units
 
 
 @dataclass(frozen=True)
-class Joint:
-    """Curves of all conditions around a point, one condition after the other. locals, grown: by condition."""
+class JointModel:
+    """Means of all conditions around a point, one condition after the other.
+
+    Attributes:
+        theta: The point.
+        mean: The means.
+        jacobian: Their derivatives.
+        error: Standard errors of these.
+        correlation: Of these errors, over the means.
+        conditions: By condition.
+        ensembles: That it was made from, by condition.
+    """
 
     theta: Vector
-    mean: Float[np.ndarray, " curve"]
-    jacobian: Float[np.ndarray, "curve entry"]
-    error: Float[np.ndarray, "curve entry"]
-    correlation: CurveSquare
-    locals: dict[str, Local]
-    grown: dict[str, Grown]
+    mean: Float[np.ndarray, " observable"]
+    jacobian: Float[np.ndarray, "observable entry"]
+    error: Float[np.ndarray, "observable entry"]
+    correlation: Square
+    conditions: dict[str, LocalModel]
+    ensembles: dict[str, Ensemble]
 
 
 @dataclass(frozen=True)
-class Defect:
-    """What finer numerics change in the mean curves, and the covariance of that."""
+class Correction:
+    """What the fine simulators change in the means, and the covariance of that."""
 
-    mean: Float[np.ndarray, " curve"]
-    covariance: CurveSquare
+    mean: Float[np.ndarray, " observable"]
+    covariance: Square
 
 
 @dataclass(frozen=True)
 class Ensembles:
-    """The conditions of a fit: their targets and their colonies, coarse and, where they are refined, fine."""
+    """The conditions of a fit: targets and simulators.
+
+    Attributes:
+        targets: By condition.
+        simulators: Those that ensembles are made of.
+        space: Of the free parameters.
+        seed: Of all ensembles.
+        settings: Of the fit.
+        fine: Simulators of the model that is meant, where there are others than `simulators`.
+        tally: How many simulations were made.
+    """
 
     targets: dict[str, Targets]
-    colonies: dict[str, Colonies]
-    space: Space
+    simulators: dict[str, Simulator]
+    space: ParameterSpace
     seed: int
     settings: FitSettings
-    fine: dict[str, Colonies] = field(default_factory=dict)
+    fine: dict[str, Simulator] = field(default_factory=dict)
+    tally: Tally = field(default_factory=Tally)
 
-    @staticmethod
-    def of(targets: Mapping[str, Targets], space: Space, seed: int, settings: FitSettings) -> "Ensembles":
-        """Colonies for each condition's targets."""
-
-        def colonies(dt: float, spacing: float) -> dict[str, Colonies]:
-            room = settings.capacity
-            return {name: Colonies.of(each, dt=dt, spacing=spacing, capacity=room) for name, each in targets.items()}
-
-        coarse = colonies(settings.dt, settings.spacing)
-        fine = colonies(settings.fine_dt, settings.fine_spacing) if settings.refined else {}
-        return Ensembles(dict(targets), coarse, space, seed, settings, fine)
+    def __post_init__(self) -> None:
+        for simulators in (self.simulators, self.fine):
+            for name, simulator in simulators.items():
+                self._check(name, simulator)
 
     @property
-    def values(self) -> Float[np.ndarray, " curve"]:
+    def values(self) -> Float[np.ndarray, " observable"]:
         """All data."""
         return np.concatenate([each.values for each in self.targets.values()])
 
     @property
-    def everyone(self) -> tuple[Colonies, ...]:
-        """All conditions' colonies, coarse and fine."""
-        return (*self.colonies.values(), *self.fine.values())
-
-    @property
-    def grown(self) -> int:
-        """Colonies so far."""
-        return sum(each.grown for each in self.everyone)
+    def problems(self) -> Counter[str]:
+        """What simulations ran into so far."""
+        different = {id(one): one for one in (*self.simulators.values(), *self.fine.values())}
+        return sum((problems_of(one) for one in different.values()), Counter())
 
     def pairs(self, condition: str, members: int, full: bool) -> int:
-        """Pairs of an ensemble: whole Hadamard matrices, and enough to know the covariance of the curves in full."""
-        rows = order(len(self.space.columns(condition)))
+        """Pairs of an ensemble: whole Hadamard matrices, and enough to know the covariance of the data in full."""
+        rows = hadamard_order(len(self.space.columns(condition)))
         wanted = max(members // 2, 2 * len(self.targets[condition].values) if full else 0)
         return rows * -(-wanted // rows)
 
-    def alone(
-        self, points: Float[np.ndarray, "point entry"], *, refined: bool = False
-    ) -> Float[np.ndarray, "point curve"]:
-        """One colony at each point, each with a key of its own; fine ones where the fit is refined, if asked for."""
-        keys = member_keys(self.seed + 1, len(points))
-        chosen = self.colonies | (self.fine if refined else {})
-        grown = [colonies.grow(self.space.log_parameters(name, points), keys) for name, colonies in chosen.items()]
-        return np.concatenate(grown, axis=1)
+    def single_simulations(self, points: Points, *, refined: bool = False) -> Float[np.ndarray, "point observable"]:
+        """One simulation of each condition at each point, each with a seed of its own.
 
-    def around(
-        self, places: list[Vector], members: int, spread: float, full: bool = False
-    ) -> "list[Joint | InputError]":
-        """A `Joint` for each place, in one batch a condition; an error where colonies came to nothing."""
-        found: list[dict[str, Grown]] = [{} for _ in places]
-        for condition, colonies in self.colonies.items():
+        Arguments:
+            points: θ.
+            refined: Whether to take the fine simulators where there are some.
+        """
+        seeds = member_seeds(self.seed + 1, len(points))
+        chosen = self.simulators | (self.fine if refined else {})
+        found = [self._simulate(one, self.space.values(name, points), seeds) for name, one in chosen.items()]
+        return np.concatenate(found, axis=1)
+
+    def local_models(
+        self, places: Sequence[Vector], members: int, spread: float, full: bool = False
+    ) -> "list[JointModel | SimulationError]":
+        """The means around several places, whose simulations run in one batch a condition.
+
+        Arguments:
+            places: θ.
+            members: Simulations around each.
+            spread: Of log λ.
+            full: Whether to take enough for the covariance of all data.
+
+        Returns:
+            For each place its model, or an error where simulations came to nothing.
+        """
+        found: list[dict[str, Ensemble]] = [{} for _ in places]
+        for condition, simulator in self.simulators.items():
             columns, count = self.space.columns(condition), self.pairs(condition, members, full)
-            units = design(count, len(columns), np.random.default_rng(self.seed))
+            units = hadamard_design(count, len(columns), np.random.default_rng(self.seed))
             points = np.repeat(np.stack(places), 2 * count, axis=0)
-            points[:, columns] = np.concatenate([paired(place[columns], units, spread) for place in places])
-            keys = jnp.concatenate([member_keys(self.seed, count)] * (2 * len(places)))
-            grown = colonies.grow(self.space.log_parameters(condition, points), keys)
-            for each, curves in zip(found, np.split(grown, len(places)), strict=True):
-                each[condition] = Grown(curves, units)
-        joints: list[Joint | InputError] = []
+            points[:, columns] = np.concatenate([paired_points(place[columns], units, spread) for place in places])
+            seeds = np.tile(member_seeds(self.seed, count), 2 * len(places))
+            rows = self._simulate(simulator, self.space.values(condition, points), seeds)
+            for each, some in zip(found, np.split(rows, len(places)), strict=True):
+                each[condition] = Ensemble(some, units)
+        models: list[JointModel | SimulationError] = []
         for place, each in zip(places, found, strict=True):
             try:
-                joints.append(self._joint(place, [each], spread))
-            except InputError as error:
-                joints.append(InputError(f"{self.described(place)}: {error}"))
-        return joints
+                models.append(self._joint(place, [each], spread))
+            except SimulationError as error:
+                models.append(SimulationError(f"{self.space.described(place)}: {error}{self._why()}"))
+        return models
 
-    def together(self, joints: list[Joint], spread: float) -> Joint:
-        """One `Joint` of several, whose points are close to each other and whose ensembles have the same size."""
-        theta = np.mean([joint.theta for joint in joints], axis=0)
-        return self._joint(theta, [joint.grown for joint in joints], spread)
+    def averaged(self, models: Sequence[JointModel], spread: float) -> JointModel:
+        """One model of several whose points are close to each other and whose ensembles have the same size."""
+        theta = np.mean([model.theta for model in models], axis=0)
+        return self._joint(theta, [model.ensembles for model in models], spread)
 
-    def defect(self, joint: Joint) -> Defect:
-        """Of refinement at a point around which an ensemble has been grown; nothing where the fit is not refined."""
+    def correction(self, model: JointModel) -> Correction:
+        """What the fine simulators change at the point of a model; nothing where there are none.
+
+        Raises:
+            SimulationError: Fine simulations came to nothing.
+        """
         means, covariances = list[np.ndarray](), list[np.ndarray]()
-        for condition, grown in joint.grown.items():
+        for condition, ensemble in model.ensembles.items():
             if condition not in self.fine:
-                count = grown.curves.shape[1]
+                count = ensemble.rows.shape[1]
                 means.append(np.zeros(count))
                 covariances.append(np.zeros((count, count)))
                 continue
-            pairs = np.mean(np.split(grown.curves, 2), axis=0)[: self.settings.refined]
-            points = np.tile(joint.theta, (len(pairs), 1))
-            keys = member_keys(self.seed, len(pairs))
-            change = self.fine[condition].grow(self.space.log_parameters(condition, points), keys) - pairs
+            pairs = np.mean(np.split(ensemble.rows, 2), axis=0)[: self.settings.refined]
+            values = self.space.values(condition, np.tile(model.theta, (len(pairs), 1)))
+            change = self._simulate(self.fine[condition], values, member_seeds(self.seed, len(pairs))) - pairs
             known = change[np.isfinite(change).all(axis=1)]
-            if len(known) < 4:
-                raise InputError(f"{self.described(joint.theta)}: refined colonies came to nothing: lower fine_dt")
+            if len(known) < FEWEST_FINE:
+                where = self.space.described(model.theta)
+                raise SimulationError(f"{where}: fine simulations came to nothing (not finite){self._why()}")
             means.append(known.mean(axis=0))
-            covariances.append(of_members(known).covariance / len(known))
-        return Defect(np.concatenate(means), block_diag(*covariances))
+            covariances.append(sample_scatter(known).covariance / len(known))
+        return Correction(np.concatenate(means), block_diag(*covariances))
 
-    def described(self, theta: Vector) -> str:
-        """A point in words."""
-        return ", ".join(f"{name} {value:.3g}" for name, value in zip(self.space.names, np.exp(theta), strict=True))
-
-    def rough(self, members: int) -> CurveSquare:
+    def screening_covariance(self, members: int) -> Square:
         """Variances of data and ensemble, as far as the data alone tell them."""
         parts = []
         for targets in self.targets.values():
             mean, scatter = targets.values, targets.scatter[targets.measured]
             variance = np.where(np.isfinite(scatter), scatter, SCATTER * mean) ** 2
             share = 1.0 / targets.replicates[targets.measured] + 2.0 / members
-            parts.append(variance * share + (ROUGH * mean) ** 2)
+            total = variance * share + (TOLERANCE * mean) ** 2
+            parts.append(np.where(total > 0, total, (TOLERANCE * (np.abs(mean).max() or 1.0)) ** 2))
         return np.diag(np.concatenate(parts))
 
-    def sigma(self, joint: Joint) -> CurveSquare:
-        """Σ (see above)."""
-        return block_diag(*(self.sigma_of(name, joint.locals[name]) for name in self.targets))
+    def covariance(self, model: JointModel) -> Square:
+        """Σ."""
+        return block_diag(*(self.condition_covariance(name, model.conditions[name]) for name in self.targets))
 
-    def sigma_of(self, condition: str, local: Local) -> CurveSquare:
+    def condition_covariance(self, condition: str, local: LocalModel) -> Square:
         """Σ of one condition."""
-        targets = self.targets[condition]
-        chance, replicates = self.scatter_of(condition, local), targets.replicates[targets.measured].astype(float)
+        targets, settings = self.targets[condition], self.settings
+        replicates = targets.replicates[targets.measured].astype(float)
         freedom = float(local.scatter.freedom)
-        data = curve_covariance(chance, replicates=replicates, freedom=freedom)
-        monte_carlo = curve_covariance(local.mean_covariance, replicates=1.0, freedom=freedom)
-        return data + monte_carlo + measurement_covariance(targets, self.settings)
+        data = mean_covariance(self.scaled_scatter(condition, local), replicates=replicates, freedom=freedom)
+        monte_carlo = mean_covariance(local.mean_covariance, replicates=1.0, freedom=freedom)
+        errors = targets.measurement_errors(settings.measurement_error)
+        return data + monte_carlo + measurement_covariance(targets.observables, targets.values, errors)
 
-    def scatter_of(self, condition: str, local: Local) -> CurveSquare:
-        """One colony's covariance, scaled statistic by statistic to the measured scatter where that is known."""
+    def scaled_scatter(self, condition: str, local: LocalModel) -> Square:
+        """Covariance of one replicate, scaled statistic by statistic to the measured scatter where that is known."""
         targets, chance = self.targets[condition], local.scatter.covariance
         rows = np.argwhere(targets.measured)[:, 0]
         spread = targets.scatter[targets.measured]
@@ -212,24 +247,47 @@ class Ensembles:
                 ratio[rows == row] = np.sqrt((spread[known] ** 2).mean() / np.diag(chance)[known].mean())
         return chance * np.outer(ratio, ratio)
 
-    def _joint(self, theta: Vector, grown: list[dict[str, Grown]], spread: float) -> Joint:
+    def _simulate(self, simulator: Simulator, values: np.ndarray, seeds: np.ndarray) -> Rows:
+        return Counted(simulator, self.tally)(values, seeds)
+
+    def _joint(self, theta: Vector, ensembles: Sequence[dict[str, Ensemble]], spread: float) -> JointModel:
         """Of ensembles at one place, or at several close to θ."""
-        entries, locals_ = len(self.space.entries), dict[str, Local]()
+        entries, conditions = len(self.space.entries), dict[str, LocalModel]()
         jacobians, errors = list[np.ndarray](), list[np.ndarray]()
         for condition in self.targets:
-            columns, units = self.space.columns(condition), grown[0][condition].units
-            local = regress_together([each[condition].curves for each in grown], units, spread)
+            columns, units = self.space.columns(condition), ensembles[0][condition].units
+            local = regress_averaged([each[condition].rows for each in ensembles], units, spread)
             for part, whole in ((local.jacobian, jacobians), (local.error, errors)):
                 wide = np.zeros((len(part), entries))
                 wide[:, columns] = part
                 whole.append(wide)
-            locals_[condition] = local
-        return Joint(
+            conditions[condition] = local
+        return JointModel(
             theta,
-            np.concatenate([local.mean for local in locals_.values()]),
+            np.concatenate([local.mean for local in conditions.values()]),
             np.concatenate(jacobians),
             np.concatenate(errors),
-            block_diag(*(local.apart.correlation for local in locals_.values())),
-            locals_,
-            grown[0],
+            block_diag(*(local.within_pairs.correlation for local in conditions.values())),
+            conditions,
+            ensembles[0],
         )
+
+    def _why(self) -> str:
+        """What simulations ran into, for an error."""
+        met = "; ".join(self.problems)
+        return f": {met}" if met else ""
+
+    def _check(self, condition: str, simulator: Simulator) -> None:
+        """Raise `InputError` where a simulator does not go with the targets or the space."""
+        of, targets = f" of {condition!r}" if condition else "", self.targets[condition]
+        if not same_observables(simulator.observables, targets.observables):
+            raise InputError(
+                f"simulator{of} gives {', '.join(labels_of(simulator))}; the targets are "
+                f"{', '.join(map(str, targets.observables))}"
+            )
+        names = tuple(self.space.entries[k].parameter for k in self.space.columns(condition))
+        if simulator.parameters.names != names:
+            raise InputError(
+                f"simulator{of} takes {', '.join(simulator.parameters.names)}; the parameters of the fit are "
+                f"{', '.join(names)}"
+            )

@@ -5,13 +5,14 @@ from collections.abc import Mapping
 import numpy as np
 from jaxtyping import Float
 
-from yeastfit.inference.fit.result import Condition
+from yeastfit.inference.curve_covariance import Square
+from yeastfit.inference.fit.result import Condition, FitStatus
 from yeastfit.inference.information.result import Information
-from yeastfit.inference.paired_regression import CurveSquare
-from yeastfit.inference.parameter_space import Space, Vector
+from yeastfit.inference.parameter_space import ParameterSpace, Vector
+from yeastfit.inference.simulator import Simulator, named_values
 from yeastfit.inference.targets import Targets
 
-FARTHEST = 0.5  # of log λ: the longest last step
+FARTHEST = 0.5  # of log λ: the longest last step; the affine function is known over the spread of the pairs, 0.1
 
 
 def last_step(
@@ -20,15 +21,22 @@ def last_step(
     jacobian: Float[np.ndarray, "row free"],
     count: int,
     theta: Vector,
-    space: Space,
+    space: ParameterSpace,
 ) -> Vector:
-    """To the minimum of the affine function, in the directions that are seen, not far and inside the bounds.
+    """Step to the minimum of the affine function, in the directions that are seen, not far and inside the bounds.
 
-    residuals, jacobian: at θ, of variance 1; the first `count` rows are the data's, the others the priors'. Where the
-    data see nothing, their gradient is noise, and must not pull against a prior.
+    Where the data see nothing, their gradient is noise, and must not pull against a prior.
+
+    Arguments:
+        known: Information at θ.
+        residuals: At θ, of variance 1; the data's, then the priors'.
+        jacobian: Their derivatives in θ.
+        count: How many of them are the data's.
+        theta: θ.
+        space: Its bounds.
     """
-    _, told = known.told_apart
-    data = told.T @ (told @ (jacobian[:count].T @ residuals[:count]))
+    _, rows = known.significant
+    data = rows.T @ (rows @ (jacobian[:count].T @ residuals[:count]))
     gradient = -data - jacobian[count:].T @ residuals[count:]
     seen = known.eigenvalues > 0
     rows = known.directions[seen]
@@ -37,33 +45,51 @@ def last_step(
     return np.clip(theta + step, space.low, space.high) - theta
 
 
-def verdict(ended: str, failed: bool, away: Vector, known: Information) -> tuple[bool, str]:
-    """Whether the fit converged, and how it ended in words.
+def verdict(converged: bool, ended: str, failed: bool, away: Vector, known: Information) -> tuple[FitStatus, str]:
+    """Status of a fit, and its detail.
 
-    ended, failed: the best run's. Where the optimiser did not say so, it has if the estimate, which all ensembles near
-    its last point make together, is within one standard error of that point, `away` from it.
+    Where the optimiser did not say that it converged, the fit has if the estimate, which all ensembles near its last
+    point make together, is within one standard error of that point.
+
+    Arguments:
+        converged: Whether the best descent's last stage did.
+        ended: How it ended, in words.
+        failed: Whether the optimiser failed.
+        away: From that point to the estimate.
+        known: Information.
     """
-    if ended == "converged":
-        return True, ended
+    if converged:
+        return FitStatus.CONVERGED, ""
     apart = float(np.sqrt(away @ known.matrix @ away))
     if apart < 1 and not failed:
-        return True, f"converged within the noise of the ensemble: {ended}"
-    return False, f"not converged: {ended}, and the estimate is {apart:.1f} standard errors from the last point"
+        return FitStatus.WITHIN_NOISE, ended
+    return FitStatus.NOT_CONVERGED, f"{ended}, and the estimate is {apart:.1f} standard errors from the last point"
 
 
 def conditions(
-    space: Space,
+    space: ParameterSpace,
     targets: Mapping[str, Targets],
+    simulators: Mapping[str, Simulator],
     theta: Vector,
-    fitted: Float[np.ndarray, " curve"],
-    sigma: CurveSquare,
+    fitted: Float[np.ndarray, " observable"],
+    sigma: Square,
 ) -> tuple[Condition, ...]:
-    """Each condition's part of the result. fitted, sigma: of all measured values, condition by condition."""
-    parameters, found, first = space.parameters(theta), list[Condition](), 0
+    """Each condition's part of the result.
+
+    Arguments:
+        space: Of the free parameters.
+        targets: By condition.
+        simulators: Likewise.
+        theta: The estimate.
+        fitted: Means there of all measured values, condition by condition.
+        sigma: Σ of these.
+    """
+    found, first = list[Condition](), 0
     for name, one in targets.items():
         here = slice(first, first + len(one.values))
         table = np.full(one.mean.shape, np.nan)
         table[one.measured] = fitted[here]
-        found.append(Condition(name, one, parameters[name], table, sigma[here, here]))
+        parameters = named_values(simulators[name], space.values(name, theta[None])[0])
+        found.append(Condition(name, one, parameters, table, sigma[here, here]))
         first = here.stop
     return tuple(found)

@@ -1,19 +1,19 @@
-"""λ from target curves by weighted least squares, with errors.
+"""Parameters from mean curves by weighted least squares, with errors.
 
-The mean curves m(θ) of hard colonies, with keys that stay the same, are fitted to target means y in θ, the entries of
-log λ that are free in one condition or several (`parameter_space`):
+The means m(θ) of a stochastic simulator, with seeds that stay the same, are fitted to target means y in θ, the
+logarithms of the free parameters of one condition or several (`parameter_space`):
 
     minimise χ²(θ) = (m(θ) − y)ᵀ Σ⁻¹ (m(θ) − y) + Σ_k (θ_k − μ_k)² / τ_k²,
 
-the last term where there are Gaussian priors. m and its Jacobian J come from one ensemble, grown in pairs around θ
-(`paired_regression`); no colony is differentiated. Σ holds the data's scatter, the ensemble's own Monte-Carlo error and
-a measurement error (`ensemble`). The stages:
+the last term where there are Gaussian priors. m and its Jacobian J come from one ensemble, simulated in pairs around θ
+(`paired_regression`); no simulation is differentiated. Σ holds the data's scatter, the ensemble's own Monte-Carlo error
+and a measurement error (`ensemble`). The stages:
 
-1. one colony at each of some low-discrepancy points of the box; the best of them are the starts;
-2. small ensembles, all starts in one batch, the comparison blunted (`Ensembles.rough`); the best start goes on, and
-   another one if it is about as good and ended elsewhere;
-3. larger and larger ensembles, with Σ as it is at the stage's first point; in the last stage, what finer numerics and
-   the width of the pairs change is added to m. Each stage lets optimistix's solver step (`optimiser`) until another
+1. one simulation at each of some low-discrepancy points of the box; the best of them are the starts;
+2. small ensembles, all starts in one batch, compared with a tolerance (`Ensembles.screening_covariance`); the best
+   start goes on, and another one if it is about as good and ended elsewhere;
+3. larger and larger ensembles, with Σ as it is at the stage's first point; in the last stage, what a fine simulator
+   and the width of the pairs change is added to m. Each stage lets optimistix's solver step (`optimiser`) until another
    step promises to lower χ² by less than a tolerance.
 
 The estimate is the minimum of one more affine function, that of the last stage's ensembles near its best point taken
@@ -22,86 +22,112 @@ that the data do not see (`information.result`).
 """
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
 from yeastfit.errors import InputError
+from yeastfit.inference.colony_simulator import COARSE, DEFAULT_FREE, Resolution
 from yeastfit.inference.fit.ensemble import Ensembles
 from yeastfit.inference.fit.result import Fit
 from yeastfit.inference.fit.settings import FitSettings
+from yeastfit.inference.fit.simulators import Fixed, colony_simulators, common_parameters, given_simulators
 from yeastfit.inference.fit.stages import Fitter
-from yeastfit.inference.parameter_space import ALONE, Bounds, Space
+from yeastfit.inference.parameter_space import ONLY, Bounds, ParameterSpace
+from yeastfit.inference.simulator import Simulator
 from yeastfit.inference.targets import Targets
-from yeastfit.model.parameters import Parameters
 from yeastfit.progress import Progress, silent
 
-Prior = Mapping[str, tuple[float, float]]
+GaussianPriors = Mapping[str, tuple[float, float]]
 """By name: λ at the centre, and the standard deviation of log λ."""
-
-DEFAULT_FREE = ("mobility", "metabolic_rate", "aspect_ratio")
 
 
 def fit(
     targets: Targets | Mapping[str, Targets],
+    simulator: Simulator | Mapping[str, Simulator] | None = None,
     *,
-    free: Sequence[str] = DEFAULT_FREE,
+    fine: Simulator | Mapping[str, Simulator] | None = None,
+    free: Sequence[str] | None = None,
     own: Sequence[str] = (),
-    fixed: Parameters | Mapping[str, Parameters] | None = None,
-    start: Parameters | Mapping[str, Parameters] | None = None,
+    fixed: Fixed | None = None,
+    start: Mapping[str, float] | None = None,
     bounds: Bounds | None = None,
-    prior: Prior | None = None,
+    prior: GaussianPriors | None = None,
     seed: int = 0,
     settings: FitSettings | None = None,
+    resolution: Resolution | None = None,
+    fine_resolution: Resolution | None = None,
     progress: Progress | None = None,
 ) -> Fit:
-    """Fit the free parameters to the targets, the others held at `fixed` (default: the source's values).
+    """Fit the free parameters of a simulator to the targets. Same seed, same result.
 
-    targets: of one condition, or of several by name; then free parameters are shared by all but for those in `own`, of
-    which each condition has one. fixed and start likewise, one for all or by condition. start: where to begin; without
-    it, low-discrepancy points of the box. bounds: of λ by parameter, instead of the plausible ranges. prior: by
-    parameter or entry ("mobility", "mobility of 50 µM"), its centre and the standard deviation of log λ; with one the
-    estimate is that of the largest posterior density.
+    Arguments:
+        targets: Data of one condition, or of several by name.
+        simulator: Of what the data are of; one for each condition, or one for all. Its parameters are the free ones.
+            By default colonies, imaged as the data were.
+        fine: A more exact simulator that corrects the ensembles of the last stage; for colonies by default one of
+            `fine_resolution`, for others none.
+        free: Names of a colony's free parameters; by default mobility, metabolic rate and aspect ratio.
+        own: Those of the free parameters that each condition has one of; the others are shared.
+        fixed: Values of a colony's other parameters, by name, for all conditions or by condition; defaults else.
+        start: Where to begin, by parameter or entry ("mobility of 50 µM"); defaults else. Without it, low-discrepancy
+            points of the box.
+        bounds: By parameter, instead of the plausible ranges.
+        prior: By parameter or entry: its centre, and the standard deviation of its logarithm. With one the estimate is
+            that of the largest posterior density.
+        seed: Of all random numbers.
+        settings: How to compute.
+        resolution: Of the colonies that ensembles are made of.
+        fine_resolution: Of those that correct them.
+        progress: Is told of every step.
 
-    Same seed, same result. Returns a `Fit`, whose `status` says in words how it ended. Raises `InputError`.
+    Returns:
+        A `Fit`, whose `status` says how it ended.
+
+    Raises:
+        InputError: Arguments that make no sense; parameters whose range reaches 0, where logarithms end.
+        SimulationError: Simulations came to nothing wherever the fit began.
     """
-    by_name = {ALONE: targets} if isinstance(targets, Targets) else dict(targets)
-    held = _by_condition("fixed", fixed or Parameters(), by_name)
-    space = Space.of(free, held, own, bounds)
-    begin = None if start is None else space.theta(_by_condition("start", start, by_name))
-    pulls = _priors(prior or {}, space)
-    _check(by_name, space, pulls)
-    ensembles = Ensembles.of(by_name, space, seed, settings or FitSettings())
-    return Fitter(ensembles, pulls, progress or silent).run(begin)
+    settings = settings or FitSettings()
+    by_name = {ONLY: targets} if isinstance(targets, Targets) else dict(targets)
+    if not by_name:
+        raise InputError("targets: there is no condition")
+    if simulator is None and fine is not None:
+        raise InputError("fine is given without simulator: give both, or fine_resolution for colonies")
+    if simulator is None:
+        resolutions = resolution or COARSE, fine_resolution or Resolution()
+        simulators, finer = colony_simulators(by_name, DEFAULT_FREE if free is None else free, fixed or {}, resolutions)
+    else:
+        resolutions = None
+        _refuse_for_simulators(free=free, fixed=fixed, resolution=resolution, fine_resolution=fine_resolution)
+        simulators, finer = given_simulators(by_name, simulator, fine)
+    space = ParameterSpace.of(common_parameters(simulators), tuple(by_name), own, bounds)
+    begin = None if start is None else space.start(start, next(iter(simulators.values())).parameters)
+    priors = _priors(prior or {}, space)
+    _check_count(by_name, space, priors)
+    ensembles = Ensembles(by_name, simulators, space, seed, settings, finer if settings.refined else {})
+    return Fitter(ensembles, priors, progress or silent, resolutions).run(begin)
 
 
-def _by_condition(
-    what: str, given: Parameters | Mapping[str, Parameters], targets: Mapping[str, Targets]
-) -> dict[str, Parameters]:
-    """One for each condition."""
-    if isinstance(given, Parameters):
-        return dict.fromkeys(targets, given)
-    if set(given) != set(targets):
-        raise InputError(
-            f"{what} is for {', '.join(map(repr, given))}, the conditions are {', '.join(map(repr, targets))}"
-        )
-    return {name: given[name] for name in targets}
+def _refuse_for_simulators(**given: Any) -> None:
+    """Raise `InputError` where something is said of colonies beside a simulator."""
+    for name, value in given.items():
+        if value is not None:
+            raise InputError(f"{name} is of colonies, the simulator that is given has its own: leave it out")
 
 
-def _priors(prior: Prior, space: Space) -> dict[str, tuple[float, float]]:
+def _priors(prior: GaussianPriors, space: ParameterSpace) -> dict[str, tuple[float, float]]:
     """Centre and width in θ of every entry that has one."""
-    names = {entry.parameter for entry in space.entries}
+    space.check_names("prior", prior)
     for name, (centre, width) in prior.items():
-        if name not in names | set(space.names):
-            raise InputError(f"prior names {name!r}, which is not free: {', '.join(space.names)} are")
         if not (np.isfinite([centre, width]).all() and centre > 0 and width > 0):
             raise InputError(f"prior of {name} is {centre:g}, {width:g}: need λ above 0 and a width of log λ above 0")
     found = {entry.name: prior.get(entry.name, prior.get(entry.parameter)) for entry in space.entries}
     return {name: (float(np.log(one[0])), float(one[1])) for name, one in found.items() if one is not None}
 
 
-def _check(targets: Mapping[str, Targets], space: Space, pulls: Mapping[str, tuple[float, float]]) -> None:
-    if not targets:
-        raise InputError("targets: there is no condition")
-    count, free = sum(len(each.values) for each in targets.values()), len(space.entries) - len(pulls)
+def _check_count(targets: Mapping[str, Targets], space: ParameterSpace, priors: Mapping[str, object]) -> None:
+    """Raise `InputError` where there are too few data."""
+    count, free = sum(len(each.values) for each in targets.values()), len(space.entries) - len(priors)
     if count <= free:
         raise InputError(f"{count} target values cannot determine {free} free parameters: measure more, or fix some")

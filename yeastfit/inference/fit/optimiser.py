@@ -1,8 +1,8 @@
-"""One start of a fit: optimistix's steps on a problem that answers with values and Jacobians.
+"""Steps of optimistix's optimisers on a problem that answers with values and Jacobians.
 
-At each point where the optimiser wants to know, an ensemble is grown, which gives residuals r and their Jacobian J at
-once. optimistix is shown the affine function r + J (z − z₀): at z₀, the only place where it looks, that has the right
-value and the right derivative, and nothing is traced through a colony.
+At each point that the optimiser asks for, an ensemble is simulated, which gives residuals r and their Jacobian J at
+once. optimistix is shown the affine function r + J (z − z₀): at z₀, the only place where it evaluates it, that has the
+right value and the right derivative, and nothing is traced through a simulation.
 """
 
 from typing import Any, ClassVar
@@ -15,18 +15,26 @@ import optimistix as optx
 from jaxtyping import Array, Float
 
 OPTIONS = {"jac": "bwd"}  # the Jacobian as a matrix
-STIFFEST = 100.0  # largest eigenvalue of c² JᵀJ at the first point of a careful search
+STIFFEST = (
+    100.0  # largest eigenvalue of c² JᵀJ at a cautious first point: directions of eigenvalues below 1 hardly move
+)
 
 Residuals = Float[np.ndarray, " residual"]
 Jacobian = Float[np.ndarray, "residual entry"]
 
 
-class Search:
-    """A point, what is known there, and where the optimiser wants to look next.
+class Optimiser:
+    """An optimiser that is asked for a point and told residuals and Jacobian there.
 
-    z: the best point so far. trial: the one to be evaluated next. cost: r · r at z; refused: steps in a row. careful:
-    the first steps are short. The optimiser sees r times a constant c: Levenberg–Marquardt begins with the damping 1,
-    BFGS with the Hessian 1, which must be something beside c² JᵀJ.
+    It sees r times a constant c: Levenberg–Marquardt begins with the damping 1, BFGS with the Hessian 1, which must be
+    something beside c² JᵀJ.
+
+    Attributes:
+        z: The best point so far.
+        trial: The point to be evaluated next.
+        cost: r · r at z.
+        rejected: Steps in a row that were not taken.
+        failure: Why it cannot go on; empty where it can.
     """
 
     SOLVERS: ClassVar[dict[str, Any]] = {
@@ -35,15 +43,23 @@ class Search:
         "bfgs": optx.BFGS,
     }
 
-    def __init__(self, method: str, z: Float[np.ndarray, " entry"], size: int, careful: bool = False) -> None:
+    def __init__(self, method: str, z: Float[np.ndarray, " entry"], size: int, cautious: bool = False) -> None:
+        """Begin at z.
+
+        Arguments:
+            method: A name out of `SOLVERS`.
+            z: The start.
+            size: Residuals.
+            cautious: Whether the first steps are short.
+        """
         scalar = method == "bfgs"
         self.size = size
-        self.stiffest = STIFFEST if careful else 1.0 if scalar else None
+        self.stiffest = STIFFEST if cautious else 1.0 if scalar else None
         self.scale = 1.0
         self.solver, self.function = self.SOLVERS[method](rtol=1e-6, atol=1e-6), _half_square if scalar else _affine
         self.z = jnp.asarray(z)
         self.residuals, self.jacobian = np.zeros(size), np.zeros((size, len(z)))
-        self.cost, self.refused, self.failure = np.inf, 0, ""
+        self.cost, self.rejected, self.failure = np.inf, 0, ""
         shape = jax.ShapeDtypeStruct(() if scalar else (size,), self.z.dtype)
         at = self._known(self.z, self.residuals, self.jacobian)
         self.state = self.solver.init(self.function, self.z, at, OPTIONS, shape, None, frozenset())
@@ -54,7 +70,7 @@ class Search:
         return np.asarray(self.state.y_eval, dtype=float)
 
     def tell(self, residuals: Residuals, jacobian: Jacobian) -> bool:
-        """Residuals and their Jacobian at `trial`; whether the step there is taken."""
+        """Take residuals and their Jacobian at `trial`; whether the step there is taken."""
         trial = self.state.y_eval
         if self.stiffest and not np.isfinite(self.cost):
             self.scale = float(np.sqrt(self.stiffest) / max(np.linalg.norm(jacobian, 2), 1e-12))
@@ -63,9 +79,9 @@ class Search:
         taken = bool(jnp.all(self.z == trial))
         if taken:
             self.residuals, self.jacobian = residuals, jacobian
-            self.cost, self.refused = float(residuals @ residuals), 0
+            self.cost, self.rejected = float(residuals @ residuals), 0
         else:
-            self.refused += 1
+            self.rejected += 1
         if result != optx.RESULTS.successful:
             self.failure = f"the optimiser failed: {optx.RESULTS[result]}"  # type: ignore[misc]
         elif not np.isfinite(self.trial).all():
@@ -73,7 +89,7 @@ class Search:
         return taken
 
     @property
-    def promise(self) -> float:
+    def predicted_reduction(self) -> float:
         """By how much r · r would fall at the minimum of the affine function around z."""
         scale = np.abs(self.jacobian).max(axis=0)
         basis = np.linalg.qr(self.jacobian[:, scale > 1e-9 * max(1.0, scale.max())])[0]

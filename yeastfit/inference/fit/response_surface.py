@@ -1,6 +1,6 @@
-"""Response surfaces: mean curves around an estimate as quadratic functions of θ, by regression over colonies.
+"""Response surfaces: means around an estimate as quadratic functions of θ, by regression over simulations.
 
-One ensemble, spread over a box, gives the mean everywhere in it, and its error (Box & Wilson 1951,
+One set of simulations, spread over a box, gives the mean everywhere in it, and its error (Box & Wilson 1951,
 doi:10.1111/j.2517-6161.1951.tb00067.x). On it a fit costs nothing, so thousands can be made: of resampled data, or with
 one parameter held (`bootstrap_profile`). Cubic terms would cost most of the precision of the slopes, with which they
 are correlated.
@@ -15,55 +15,85 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import optimistix as optx
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
-from yeastfit.errors import InputError
-from yeastfit.inference.paired_regression import CurveSquare, Scatter
-from yeastfit.inference.parameter_space import Vector
+from yeastfit.errors import InputError, SimulationError
+from yeastfit.inference.curve_covariance import Square, whitened
+from yeastfit.inference.paired_regression import Scatter
+from yeastfit.inference.parameter_space import Points, Vector
 from yeastfit.inference.polynomial import PolynomialRegression, monomials, sobol_points
 
-Grow = Callable[[Float[np.ndarray, "point entry"]], Float[np.ndarray, "point curve"]]
-"""One colony's curves, or one of each condition, at each point."""
+MOST_STEPS = 100  # of Levenberg–Marquardt on a quadratic, which takes about ten
+
+Simulate = Callable[[Points], Float[np.ndarray, "point observable"]]
+"""One simulation of each condition at each point."""
 
 
 @dataclass(frozen=True)
-class Surface:
-    """Mean curves over the box centre ± reach, as a polynomial in u = (θ − centre) / reach.
+class Minima:
+    """Minima of χ² on a surface, one for each set of values.
 
-    scatter: covariance of one colony's curves. inverse: (XᵀX)⁻¹ of the regression.
+    Attributes:
+        theta: Where.
+        chi_square: How much.
+        converged: False where the optimiser ran into its limit of steps.
+    """
+
+    theta: Float[np.ndarray, "fit entry"]
+    chi_square: Float[np.ndarray, " fit"]
+    converged: Bool[np.ndarray, " fit"]
+
+
+@dataclass(frozen=True)
+class ResponseSurface:
+    """Means over the box centre ± reach, as a polynomial in u = (θ − centre) / reach.
+
+    Attributes:
+        centre: Of the box.
+        reach: Half its width.
+        coefficients: Of the polynomial.
+        scatter: Of one simulation.
+        inverse: (TᵀT)⁻¹ of the regression's terms.
     """
 
     centre: Vector
     reach: Vector
-    coefficients: Float[np.ndarray, "feature curve"]
+    coefficients: Float[np.ndarray, "term observable"]
     scatter: Scatter
-    inverse: Float[np.ndarray, "feature feature"]
+    inverse: Float[np.ndarray, "term term"]
 
-    def mean(self, theta: Vector) -> Float[np.ndarray, " curve"]:
-        """The mean curves at a point."""
-        return self._features(theta) @ self.coefficients
+    def mean(self, theta: Vector) -> Float[np.ndarray, " observable"]:
+        """The means at a point."""
+        return self._terms(theta) @ self.coefficients
 
-    def mean_covariance(self, theta: Vector) -> CurveSquare:
-        """Of that mean's errors."""
-        x = self._features(theta)
-        return float(x @ self.inverse @ x) * self.scatter.covariance
+    def mean_covariance(self, theta: Vector) -> Square:
+        """Of the errors of `mean`."""
+        t = self._terms(theta)
+        return float(t @ self.inverse @ t) * self.scatter.covariance
 
     def minimise(
         self,
-        factor: CurveSquare,
-        values: Float[np.ndarray, "fit curve"],
+        root: Square,
+        values: Float[np.ndarray, "fit observable"],
         *,
         centre: Vector | None = None,
         pull: Vector | None = None,
         held: tuple[int, Float[np.ndarray, " fit"]] | None = None,
-    ) -> tuple[Float[np.ndarray, "fit entry"], Float[np.ndarray, " fit"]]:
-        """θ in the box where χ² is least, and χ² there, for many sets of values at once.
+        max_steps: int = MOST_STEPS,
+    ) -> Minima:
+        """Minimise χ² in the box for many sets of values at once.
 
-        factor: L of Σ = L Lᵀ. centre, pull: of Gaussian priors, μ and 1/τ. held: an entry, and where it is held in each
-        fit. Levenberg–Marquardt in v, u = sin v, from the middle of the box.
+        Levenberg–Marquardt in v, u = sin v, from the middle of the box.
+
+        Arguments:
+            root: L of Σ = L Lᵀ.
+            values: Data.
+            centre: μ of Gaussian priors.
+            pull: Their 1/τ.
+            held: An entry, and where it is held in each fit.
+            max_steps: Of the optimiser.
         """
         count, size = len(values), len(self.reach)
-        whiten = np.linalg.inv(factor)
         units = np.zeros((count, size))
         moving = np.ones(size)
         if held is not None:
@@ -72,26 +102,28 @@ class Surface:
         none = np.zeros(size)
         aim = none if centre is None else (centre - self.centre) / self.reach
         weight = none if pull is None else pull * self.reach
-        rest = (jnp.asarray(x) for x in (self.coefficients @ whiten.T, moving, aim, weight))
-        found, squares = _descend(jnp.asarray(units), jnp.asarray(values @ whiten.T), *rest)
-        return self.centre + self.reach * np.asarray(found, dtype=float), np.asarray(squares, dtype=float)
+        data, coefficients = whitened(root, values.T).T, whitened(root, self.coefficients.T).T
+        arrays = [jnp.asarray(each) for each in (units, data, coefficients, moving, aim, weight)]
+        u, squares, converged = (np.asarray(each) for each in _minimise(max_steps, *arrays))
+        return Minima(self.centre + self.reach * u.astype(float), squares.astype(float), converged)
 
-    def _features(self, theta: Vector) -> Float[np.ndarray, " feature"]:
+    def _terms(self, theta: Vector) -> Float[np.ndarray, " term"]:
         return np.asarray(monomials(((theta - self.centre) / self.reach)[None])[0], dtype=float)
 
 
 @eqx.filter_jit
-def _descend(
+def _minimise(
+    max_steps: int,
     units: Float[Array, "fit entry"],
-    values: Float[Array, "fit curve"],
-    coefficients: Float[Array, "feature curve"],
+    values: Float[Array, "fit observable"],
+    coefficients: Float[Array, "term observable"],
     moving: Float[Array, " entry"],
     aim: Float[Array, " entry"],
     weight: Float[Array, " entry"],
-) -> tuple[Float[Array, "fit entry"], Float[Array, " fit"]]:
+) -> tuple[Float[Array, "fit entry"], Float[Array, " fit"], Bool[Array, " fit"]]:
     """u of the lowest χ² in the box for each set of values; an entry of `moving` 0 stays where it is."""
 
-    def one(unit: Array, value: Array) -> tuple[Array, Array]:
+    def one(unit: Array, value: Array) -> tuple[Array, Array, Array]:
         def place(v: Array) -> Array:
             return unit + moving * jnp.sin(v)
 
@@ -99,27 +131,41 @@ def _descend(
             return jnp.concatenate([monomials(place(v)[None])[0] @ coefficients - value, weight * (place(v) - aim)])
 
         solver: Any = optx.LevenbergMarquardt(rtol=1e-5, atol=1e-5)
-        v = optx.least_squares(residuals, solver, jnp.zeros(unit.size), max_steps=100, throw=False).value
-        return place(v), jnp.sum(residuals(v, None) ** 2)
+        found: Any = optx.least_squares(residuals, solver, jnp.zeros(unit.size), max_steps=max_steps, throw=False)
+        v = found.value
+        return place(v), jnp.sum(residuals(v, None) ** 2), found.result == optx.RESULTS.successful
 
     return jax.vmap(one)(units, values)
 
 
-def study(grow: Grow, centre: Vector, reach: Vector, runs: int, seed: int) -> Surface:
-    """The surface over a box, from colonies at low-discrepancy points of it, one each.
+def response_surface(simulate: Simulate, centre: Vector, reach: Vector, runs: int, seed: int) -> ResponseSurface:
+    """Learn a surface from simulations at low-discrepancy points of a box, one each.
 
-    Raises `InputError` where there are too few, and where most of them came to nothing.
+    Arguments:
+        simulate: Gives a row for each point.
+        centre: Of the box.
+        reach: Half its width.
+        runs: Simulations.
+        seed: Of the points.
+
+    Raises:
+        InputError: There are too few simulations.
+        SimulationError: Most of them came to nothing.
     """
     size = len(centre)
     needed = 2 * (1 + size) * (2 + size) // 2
     if runs < needed:
-        raise InputError(f"runs is {runs}: a quadratic surface in {size} parameters needs at least {needed} colonies")
+        raise InputError(
+            f"runs is {runs}: a quadratic surface in {size} parameters needs at least {needed} simulations"
+        )
     units = 2.0 * sobol_points(runs, size, seed) - 1.0
-    values = grow(centre + reach * units)
+    values = simulate(centre + reach * units)
     good = np.isfinite(values).all(axis=1)
     if good.sum() < max(0.5 * runs, needed):
-        raise InputError(f"{runs - good.sum()} of {runs} colonies around the estimate came to nothing: lower dt")
+        raise SimulationError(
+            f"{runs - good.sum()} of {runs} simulations around the estimate came to nothing (not finite)"
+        )
     terms = np.asarray(monomials(units[good]))
     found = PolynomialRegression.of(terms, values[good])
     scatter = Scatter(found.covariance, found.freedom)
-    return Surface(centre, reach, found.coefficients, scatter, np.linalg.inv(terms.T @ terms))
+    return ResponseSurface(centre, reach, found.coefficients, scatter, np.linalg.inv(terms.T @ terms))

@@ -1,7 +1,8 @@
 """Result of a fit: values, errors, status, and all it takes to repeat and to plot it."""
 
-from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from enum import StrEnum
 from pathlib import Path
 from typing import Any
 
@@ -9,29 +10,46 @@ import numpy as np
 from jaxtyping import Float
 
 from yeastfit.errors import InputError
+from yeastfit.inference.colony_simulator import Resolution
+from yeastfit.inference.curve_covariance import Square
 from yeastfit.inference.fit.settings import FitSettings
 from yeastfit.inference.information.result import Information
-from yeastfit.inference.paired_regression import CurveSquare
-from yeastfit.inference.parameter_space import Entry, Space, Vector
+from yeastfit.inference.parameter_space import Entry, ParameterSpace, Vector
 from yeastfit.inference.targets import Targets
-from yeastfit.model.parameters import NAMES, Parameters
 from yeastfit.storage import read_json, versions, write_json
 
-WORST = 3  # curves that a misfit names
+WORST = 3  # data that a misfit names
+MISFIT = 4.0  # standard deviations of χ², √(2 ν), above its mean ν: by chance 1 fit in 10 000 for ν = 20
+
+
+class FitStatus(StrEnum):
+    """How a fit ended; the values are messages."""
+
+    CONVERGED = "converged"
+    WITHIN_NOISE = "converged within the noise of the ensemble"
+    NOT_CONVERGED = "not converged"
 
 
 @dataclass(frozen=True)
 class Condition:
-    """One condition's part: its targets, λ, the model's mean curves at the estimate, and Σ of its measured points."""
+    """One condition's part of a fit.
+
+    Attributes:
+        name: Empty where there is one only.
+        targets: Its data.
+        parameters: All by name, free and fixed.
+        fitted: Means at the estimate; nan where nothing was measured.
+        covariance: Σ of the measured points.
+    """
 
     name: str
     targets: Targets
-    parameters: Parameters
+    parameters: dict[str, float]
     fitted: Float[np.ndarray, "statistic time"]
-    covariance: CurveSquare
+    covariance: Square
 
     @property
-    def residuals(self) -> Float[np.ndarray, " curve"]:
+    def residuals(self) -> Float[np.ndarray, " observable"]:
         """(target − fitted) / error of the comparison, of the measured points."""
         measured = self.targets.measured
         return (self.targets.values - self.fitted[measured]) / np.sqrt(np.diag(self.covariance))
@@ -39,7 +57,16 @@ class Condition:
 
 @dataclass(frozen=True)
 class Start:
-    """Where a start began and ended its first stage, in θ; cost: its rough χ² there; carried: whether it went on."""
+    """One start of a fit.
+
+    Attributes:
+        number: From 1.
+        begin: θ where it began.
+        end: θ where its first stage ended.
+        cost: χ² there, with the screening covariance; infinite where simulations came to nothing.
+        ended: Why, in words.
+        carried: Whether it went on.
+    """
 
     number: int
     begin: Vector
@@ -51,7 +78,17 @@ class Start:
 
 @dataclass(frozen=True)
 class Step:
-    """One evaluation. members: of each ensemble there; simulations: colonies grown so far; values: λ by entry."""
+    """One evaluation.
+
+    Attributes:
+        stage: Its name.
+        start: Number of the start.
+        members: Of each ensemble there.
+        simulations: Made so far.
+        cost: χ².
+        taken: Whether the step was taken.
+        values: Free parameters by entry.
+    """
 
     stage: str
     start: int
@@ -66,27 +103,53 @@ class Step:
 class Fit:
     """Result of `fit`.
 
-    theta: log λ of the entries of `space`. information: Fisher's, of the data and the priors. jacobian: of all measured
-    points, condition by condition. chi_square: priors included. prior: centre and width in log λ by entry. status: how
-    it ended, in words.
+    Attributes:
+        conditions: Each with its data and parameters.
+        space: Of the free parameters; an entry is a parameter of all conditions or of one.
+        theta: log λ of the entries.
+        information: Fisher's, of the data and the priors.
+        jacobian: Derivatives of all measured means in θ, condition by condition.
+        chi_square: At the estimate, priors included.
+        status: How it ended.
+        detail: More about that, in words; may be empty.
+        starts: Where it began.
+        history: All evaluations.
+        simulations: How many were made.
+        seed: Of all random numbers.
+        settings: How it was computed.
+        prior: Centre and width of θ, by entry.
+        resolutions: Coarse and fine, of colonies; None where simulators were handed in.
+        seconds: That it took.
+        warnings: What is to be doubted, in words.
     """
 
     conditions: tuple[Condition, ...]
-    space: Space
+    space: ParameterSpace
     theta: Vector
     information: Information
-    jacobian: Float[np.ndarray, "curve entry"]
+    jacobian: Float[np.ndarray, "observable entry"]
     chi_square: float
-    converged: bool
-    status: str
+    status: FitStatus
+    detail: str
     starts: tuple[Start, ...]
     history: tuple[Step, ...]
     simulations: int
     seed: int
     settings: FitSettings
     prior: dict[str, tuple[float, float]]
+    resolutions: tuple[Resolution, Resolution] | None
     seconds: float
     warnings: tuple[str, ...]
+
+    @property
+    def converged(self) -> bool:
+        """Whether it did."""
+        return self.status is not FitStatus.NOT_CONVERGED
+
+    @property
+    def message(self) -> str:
+        """Status and detail in one."""
+        return f"{self.status}: {self.detail}" if self.detail else str(self.status)
 
     @property
     def free(self) -> tuple[str, ...]:
@@ -94,46 +157,65 @@ class Fit:
         return self.space.names
 
     @property
-    def parameters(self) -> Parameters:
-        """λ of the only condition; raises `InputError` where there are several."""
+    def parameters(self) -> dict[str, float]:
+        """All parameters of the only condition by name, free and fixed.
+
+        Raises:
+            InputError: There are several conditions.
+        """
         return self._only().parameters
 
     @property
     def targets(self) -> Targets:
-        """Of the only condition; raises `InputError` where there are several."""
+        """Of the only condition.
+
+        Raises:
+            InputError: There are several conditions.
+        """
         return self._only().targets
 
     @property
     def values(self) -> dict[str, float]:
-        """λ of the free entries."""
+        """Estimates λ of the free entries."""
         return dict(zip(self.free, np.exp(self.theta).tolist(), strict=True))
-
-    @property
-    def covariance(self) -> Float[np.ndarray, "entry entry"]:
-        """Of log λ; nan for entries that the data do not determine."""
-        return self.information.covariance
 
     @property
     def standard_errors(self) -> dict[str, float]:
         """Of λ, to first order; nan where the data do not determine one."""
-        relative = self.information.standard_errors
+        relative = self.log_standard_errors
         return {name: value * relative[name] for name, value in self.values.items()}
 
     @property
+    def log_standard_errors(self) -> dict[str, float]:
+        """Of log λ; nan where the data do not determine one."""
+        return self.information.log_standard_errors
+
+    @property
+    def log_covariance(self) -> Float[np.ndarray, "entry entry"]:
+        """Of log λ; nan for entries that the data do not determine."""
+        return self.information.log_covariance
+
+    @property
     def degrees_of_freedom(self) -> int:
-        """Number of target values, and of priors, less that of free entries."""
+        """Number of data, and of priors, less that of free entries."""
         data = sum(len(each.targets.values) for each in self.conditions)
         return data + len(self.prior) - len(self.free)
 
+    @property
+    def statistics(self) -> dict[str, float]:
+        """What a table of runs shows."""
+        named = ("chi_square", "degrees_of_freedom", "simulations", "seconds")
+        return {name: getattr(self, name) for name in named}
+
     def misfit(self) -> list[str]:
-        """In words, where the model does not reach the data: χ² more than four deviations above its mean."""
+        """In words, where the model does not reach the data: χ² far above its mean."""
         freedom = max(1, self.degrees_of_freedom)
-        if self.chi_square <= freedom + 4 * np.sqrt(2 * freedom):
+        if self.chi_square <= freedom + MISFIT * np.sqrt(2 * freedom):
             return []
         off = [
-            (float(value), each.targets.label(k) + (f" of {each.name}" if each.name else ""))
+            (float(value), f"{observable}" + (f" of {each.name}" if each.name else ""))
             for each in self.conditions
-            for k, value in enumerate(each.residuals)
+            for observable, value in zip(each.targets.observables, each.residuals, strict=True)
         ]
         worst = sorted(off, key=lambda one: -abs(one[0]))[:WORST]
         named = ", ".join(f"{where} is {abs(x):.1f} errors {'above' if x > 0 else 'below'} it" for x, where in worst)
@@ -146,48 +228,31 @@ class Fit:
         """Tidy table: a row for each parameter of each condition."""
         table = []
         for each in self.conditions:
-            values = each.parameters.asdict()
-            columns = {self.space.entries[k].parameter: k for k in self.space.columns(each.name)}
-            for name in NAMES:
-                entry = self.free[columns[name]] if name in columns else None
-                error = None if entry is None else self.standard_errors[entry]
-                shared = entry is not None and self.space.entries[columns[name]].condition is None
-                role = "fixed" if entry is None else "shared" if shared and len(self.conditions) > 1 else "free"
-                row = {"parameter": name, "value": values[name], "standard_error": error, "role": role}
+            entries = {self.space.entries[k].parameter: self.space.entries[k] for k in self.space.columns(each.name)}
+            for name, value in each.parameters.items():
+                entry = entries.get(name)
+                error = None if entry is None else self.standard_errors[entry.name]
+                shared = entry is not None and entry.condition is None and len(self.conditions) > 1
+                role = "fixed" if entry is None else "shared" if shared else "free"
+                row = {"parameter": name, "value": value, "standard_error": error, "role": role}
                 table.append({"condition": each.name, **row} if len(self.conditions) > 1 else row)
         return table
 
-    def with_warnings(self, warnings: Sequence[str]) -> "Fit":
-        """The same with warnings."""
-        return replace(self, warnings=tuple(warnings))
-
     def asdict(self) -> dict[str, Any]:
-        """Plain data."""
-        conditions = [
-            {
-                "name": each.name,
-                "parameters": each.parameters.asdict(),
-                "targets": each.targets.asdict(),
-                "fitted": each.fitted,
-                "covariance": each.covariance,
-            }
-            for each in self.conditions
-        ]
-        fixed = {name: held.asdict() for name, held in self.space.fixed.items()}
+        """Plain data, derived values included."""
+        conditions = [{**vars(each), "targets": each.targets.asdict()} for each in self.conditions]
         return {
             "parameters": self.rows(),
-            "status": self.status,
-            "converged": self.converged,
-            "chi_square": self.chi_square,
-            "degrees_of_freedom": self.degrees_of_freedom,
+            "status": str(self.status),
+            "detail": self.detail,
+            **self.statistics,
             "warnings": self.warnings,
-            "simulations": self.simulations,
-            "seconds": self.seconds,
             "seed": self.seed,
             "settings": asdict(self.settings),
-            "space": {"entries": [asdict(entry) for entry in self.space.entries], "fixed": fixed},
+            "resolutions": None if self.resolutions is None else [asdict(one) for one in self.resolutions],
+            "space": [asdict(entry) for entry in self.space.entries],
             "theta": self.theta,
-            "covariance_of_logarithms": {"names": self.free, "matrix": self.covariance},
+            "log_covariance": {"names": self.free, "matrix": self.log_covariance},
             "information": self.information.asdict(),
             "jacobian": self.jacobian,
             "prior": self.prior,
@@ -203,38 +268,29 @@ class Fit:
 
     @staticmethod
     def load(path: str | Path) -> "Fit":
-        """What `save` wrote."""
+        """Read what `save` wrote."""
         data = read_json(path)
-        space = Space(
-            tuple(Entry(one["parameter"], one["condition"], tuple(one["bounds"])) for one in data["space"]["entries"]),
-            {name: Parameters(**held) for name, held in data["space"]["fixed"].items()},
-        )
-        conditions = tuple(
-            Condition(
-                one["name"],
-                Targets.fromdict(one["targets"]),
-                Parameters(**one["parameters"]),
-                np.array(one["fitted"], dtype=float),
-                np.array(one["covariance"], dtype=float),
-            )
-            for one in data["conditions"]
-        )
-        vectors = ("begin", "end")
-        starts = [{**one, **{name: np.array(one[name], dtype=float) for name in vectors}} for one in data["starts"]]
         settings: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in data["settings"].items()}
-        plain = ("chi_square", "converged", "status", "simulations", "seed", "seconds")
         return Fit(
-            conditions=conditions,
-            space=space,
-            theta=np.array(data["theta"], dtype=float),
+            conditions=tuple(_condition(one) for one in data["conditions"]),
+            space=ParameterSpace(tuple(Entry(**{**one, "bounds": tuple(one["bounds"])}) for one in data["space"])),
+            theta=_array(data["theta"]),
             information=Information.fromdict(data["information"]),
-            jacobian=np.array(data["jacobian"], dtype=float),
-            starts=tuple(Start(**one) for one in starts),
+            jacobian=_array(data["jacobian"]),
+            chi_square=data["chi_square"],
+            status=FitStatus(data["status"]),
+            detail=data["detail"],
+            starts=tuple(
+                Start(**{**one, "begin": _array(one["begin"]), "end": _array(one["end"])}) for one in data["starts"]
+            ),
             history=tuple(Step(**one) for one in data["history"]),
+            simulations=data["simulations"],
+            seed=data["seed"],
             settings=FitSettings(**settings),
             prior={name: (one[0], one[1]) for name, one in data["prior"].items()},
+            resolutions=_resolutions(data["resolutions"]),
+            seconds=data["seconds"],
             warnings=tuple(data["warnings"]),
-            **{name: data[name] for name in plain},
         )
 
     def _only(self) -> Condition:
@@ -242,3 +298,16 @@ class Fit:
             names = ", ".join(repr(each.name) for each in self.conditions)
             raise InputError(f"the fit has the conditions {names}: take one of `conditions`")
         return self.conditions[0]
+
+
+def _condition(data: Mapping[str, Any]) -> Condition:
+    arrays = {name: _array(data[name]) for name in ("fitted", "covariance")}
+    return Condition(**{**data, **arrays, "targets": Targets.fromdict(data["targets"])})
+
+
+def _resolutions(data: Any) -> tuple[Resolution, Resolution] | None:
+    return None if data is None else (Resolution(**data[0]), Resolution(**data[1]))
+
+
+def _array(data: Any) -> np.ndarray:
+    return np.array(data, dtype=float)

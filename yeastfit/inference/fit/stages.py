@@ -1,50 +1,75 @@
 """The stages of a fit, as `fit` describes them: screening, steps of ensembles that grow, the estimate."""
 
 import time as clock
-from dataclasses import dataclass, field
+from collections import Counter
+from dataclasses import dataclass, field, replace
 
 import numpy as np
-from scipy.linalg import solve_triangular
 
-from yeastfit.errors import InputError
-from yeastfit.inference.fit.ensemble import Defect, Ensembles, Joint
+from yeastfit.errors import SimulationError
+from yeastfit.inference.colony_simulator import Resolution
+from yeastfit.inference.curve_covariance import Square, whitened
+from yeastfit.inference.fit.ensemble import Correction, Ensembles, JointModel
 from yeastfit.inference.fit.final_estimate import conditions, last_step, verdict
-from yeastfit.inference.fit.optimiser import Search
+from yeastfit.inference.fit.optimiser import Optimiser
 from yeastfit.inference.fit.result import Fit, Start, Step
 from yeastfit.inference.information.fisher import information
 from yeastfit.inference.information.result import Information
 from yeastfit.inference.parameter_space import Vector
-from yeastfit.model.colony import PROBLEMS
 from yeastfit.progress import Progress
 
-APART = 0.3  # of log λ, in one entry at least, between two places that are not the same
-ABOUT_AS_GOOD = 9.0  # of the rough χ²: what a start may lag behind the best and still go on; later, of χ²,
-NEARLY_AS_GOOD = 4.0
+APART = 0.3  # of log λ, in one entry at least, between two places that are not the same: three spreads of the pairs
+NEAR_AT_FIRST = 9.0  # of χ², three standard errors: what a start may lag behind the best and still go on
+NEAR_LATER = 4.0  # two standard errors
 WITHIN_NOISE = 1.0  # of χ²: a fall by less is one standard error in one direction, at most
-CARRIED = 2  # starts that go on, at most
+CARRIED = 2  # starts that go on, at most: a second one tells of another minimum, more would cost as much again
+NOWHERE = 1e6  # a residual where simulations came to nothing: every optimiser rejects such a step
+CONVERGED = "converged"
 
 
 @dataclass
-class Run:
-    """One start on its way. joint: at the best point of its stage; seen: all of its stage's."""
+class Descent:
+    """One start on its way.
+
+    Attributes:
+        number: Of the start.
+        theta: Its best point.
+        cost: χ² there.
+        ended: How its stage ended, in words; empty as long as it goes on.
+        model: At its best point in this stage.
+        seen: All models of this stage.
+        failed: Whether the optimiser failed.
+        correction: By the fine simulators.
+    """
 
     number: int
     theta: Vector
     cost: float = np.inf
     ended: str = ""
-    joint: Joint | None = None
-    seen: list[Joint] = field(default_factory=list)
+    model: JointModel | None = None
+    seen: list[JointModel] = field(default_factory=list)
     failed: bool = False
-    defect: Defect | None = None
+    correction: Correction | None = None
 
 
 @dataclass
 class Fitter:
-    """The stages of one fit."""
+    """The stages of one fit.
+
+    Attributes:
+        ensembles: Data and simulators.
+        priors: Centre and width in θ, by entry.
+        progress: Is told of every step.
+        resolutions: For the result.
+        history: All evaluations.
+        starts: Where it began.
+        notes: What went wrong on the way, in words.
+    """
 
     ensembles: Ensembles
-    pulls: dict[str, tuple[float, float]]
+    priors: dict[str, tuple[float, float]]
     progress: Progress
+    resolutions: tuple[Resolution, Resolution] | None = None
     history: list[Step] = field(default_factory=list)
     starts: tuple[Start, ...] = ()
     notes: list[str] = field(default_factory=list)
@@ -52,140 +77,161 @@ class Fitter:
     def __post_init__(self) -> None:
         space = self.ensembles.space
         self.settings, self.space, self.y = self.ensembles.settings, space, self.ensembles.values
-        self.centre = np.array([self.pulls.get(name, (0.0, 1.0))[0] for name in space.names])
-        self.pull = np.array([1.0 / self.pulls[name][1] if name in self.pulls else 0.0 for name in space.names])
+        self.centre = np.array([self.priors.get(name, (0.0, 1.0))[0] for name in space.names])
+        self.pull = np.array([1.0 / self.priors[name][1] if name in self.priors else 0.0 for name in space.names])
 
     def run(self, start: Vector | None) -> Fit:
-        """All stages."""
+        """Go through all stages.
+
+        Arguments:
+            start: θ to begin from; by default the best of some points of the box.
+
+        Raises:
+            SimulationError: No start led anywhere.
+        """
         began, settings = clock.perf_counter(), self.settings
-        runs = self._screened() if start is None else [Run(1, start)]
-        begun, members = [run.theta for run in runs], settings.members
-        for stage, (count, spread) in enumerate(zip(members, settings.spreads, strict=True)):
-            last = stage == len(members) - 1
-            if last:
-                for colonies in self.ensembles.everyone:
-                    colonies.problems.clear()
-            self._stage(runs, stage, count, spread, last)
-            kept = self._best(runs, NEARLY_AS_GOOD if stage else ABOUT_AS_GOOD)
+        descents = self._screened() if start is None else [Descent(1, start)]
+        begun, met = [one.theta for one in descents], Counter[str]()
+        for stage in range(len(settings.members)):
+            met = self.ensembles.problems
+            self._stage(descents, stage)
+            kept = self._best(descents, NEAR_LATER if stage else NEAR_AT_FIRST)
             if not stage:
                 self.starts = tuple(
-                    Start(run.number, place, run.theta, run.cost, run.ended, run in kept)
-                    for run, place in zip(runs, begun, strict=True)
+                    Start(one.number, place, one.theta, one.cost, one.ended, one in kept)
+                    for one, place in zip(descents, begun, strict=True)
                 )
-            runs = kept
-        return self._result(runs, seconds=clock.perf_counter() - began)
+            descents = kept
+        return self._result(descents, self.ensembles.problems - met, clock.perf_counter() - began)
 
-    def _screened(self) -> list[Run]:
+    def _screened(self) -> list[Descent]:
         """The best of some points of the box, apart from each other."""
         settings = self.settings
-        self.progress("looking at the box", 0.0)
-        points = self.space.scattered(settings.screened, self.ensembles.seed)
-        curves = self.ensembles.alone(points)
-        sigma = np.diag(self.ensembles.rough(members=2))
-        cost = ((curves - self.y) ** 2 / sigma).sum(axis=1) + self._prior_cost(points)
+        self.progress("screening the box", 0.0)
+        points = self.space.sobol_points(settings.screened, self.ensembles.seed)
+        rows = self.ensembles.single_simulations(points)
+        sigma = np.diag(self.ensembles.screening_covariance(members=2))
+        cost = ((rows - self.y) ** 2 / sigma).sum(axis=1) + (((points - self.centre) * self.pull) ** 2).sum(axis=1)
         ranked = points[np.argsort(np.where(np.isfinite(cost), cost, np.inf))][: int(np.isfinite(cost).sum())]
         chosen: list[Vector] = []
         for point in ranked:
-            if len(chosen) < settings.starts and all((np.abs(point - other) > APART).any() for other in chosen):
+            if len(chosen) < settings.starts and all(_apart(point, other) for other in chosen):
                 chosen.append(point)
         if not chosen:
-            raise InputError(f"{len(points)} colonies all over the box came to nothing (not finite): lower dt")
-        return [Run(number, point) for number, point in enumerate(chosen, start=1)]
+            met = "".join(f"; {problem}" for problem in self.ensembles.problems)
+            raise SimulationError(
+                f"{len(points)} simulations all over the box came to nothing (not finite): look at the simulator, or "
+                f"narrow the bounds{met}"
+            )
+        return [Descent(number, point) for number, point in enumerate(chosen, start=1)]
 
-    def _stage(self, runs: list[Run], stage: int, members: int, spread: float, last: bool) -> None:
-        """Steps of every run until each has ended, in batches. The weights are those of the first point."""
-        settings, factor = self.settings, None
+    def _stage(self, descents: list[Descent], stage: int) -> None:
+        """Steps of every descent until each has ended, in batches. The weights are those of the first point."""
+        settings, root = self.settings, None
+        members, spread, last = settings.members[stage], settings.spreads[stage], self._is_last(stage)
         size = len(self.y) + len(self.pull)
-        searches = {run.number: Search(settings.method, self.space.to_z(run.theta), size, not stage) for run in runs}
-        for run in runs:
-            run.ended, run.seen, run.joint, run.cost = "", [], None, np.inf
+        optimisers = {
+            one.number: Optimiser(settings.method, self.space.z_of(one.theta), size, not stage) for one in descents
+        }
+        for one in descents:
+            one.ended, one.seen, one.model, one.cost = "", [], None, np.inf
         for step in range(settings.max_steps):
-            active = [run for run in runs if not run.ended]
+            active = [one for one in descents if not one.ended]
             if not active:
                 return
             self.progress(f"stage {stage + 1} of {len(settings.members)}, step {step + 1}", self._share(stage, step))
-            places = [self.space.of_z(searches[run.number].trial) for run in active]
-            joints = self.ensembles.around(places, members, spread, full=last)
-            for run, place, joint in zip(active, places, joints, strict=True):
-                if isinstance(joint, InputError):
-                    self._refused(run, searches[run.number], joint)
+            places = [self.space.theta_of(optimisers[one.number].trial) for one in active]
+            models = self.ensembles.local_models(places, members, spread, full=last)
+            for one, model in zip(active, models, strict=True):
+                found = self._corrected(one, model) if last else model
+                if isinstance(found, SimulationError):
+                    self._lost(one, optimisers[one.number], found)
                     continue
-                if last and run.defect is None:
-                    try:
-                        run.defect = self.ensembles.defect(joint)
-                    except InputError as error:
-                        self._refused(run, searches[run.number], error)
-                        continue
-                if factor is None:
-                    known = self._knows_scatter(joint, stage)
-                    factor = np.linalg.cholesky(self._sigma(run, joint) if known else self.ensembles.rough(members))
-                self._tell(run, searches[run.number], joint, factor, place, f"stage {stage + 1}", members)
-            for run in active:
-                run.failed = bool(searches[run.number].failure)
-                run.ended = run.ended or self._ended(searches[run.number], settings.tolerance if last else WITHIN_NOISE)
-        for run in runs:
-            run.ended = run.ended or f"the limit of {settings.max_steps} steps was reached"
+                root = self._root(one, found, stage) if root is None else root
+                self._evaluated(one, optimisers[one.number], found, root, stage)
+            for one in active:
+                optimiser = optimisers[one.number]
+                one.failed = bool(optimiser.failure)
+                one.ended = one.ended or self._ended(optimiser, settings.tolerance if last else WITHIN_NOISE)
+        for one in descents:
+            one.ended = one.ended or f"the limit of {settings.max_steps} steps was reached"
 
-    def _tell(
-        self, run: Run, search: Search, joint: Joint, factor: np.ndarray, place: Vector, stage: str, members: int
-    ) -> None:
-        residuals, jacobian = self._whitened(run, joint, factor)
-        cost = float(residuals @ residuals)
-        taken = search.tell(residuals, jacobian * self.space.slope(place))
-        run.seen.append(joint)
+    def _corrected(self, descent: Descent, model: JointModel | SimulationError) -> JointModel | SimulationError:
+        """The model, once the descent has a correction by fine simulations."""
+        if isinstance(model, JointModel) and descent.correction is None:
+            try:
+                descent.correction = self.ensembles.correction(model)
+            except SimulationError as error:
+                return error
+        return model
+
+    def _root(self, descent: Descent, model: JointModel, stage: int) -> Square:
+        """L of Σ = L Lᵀ, with correlations where the ensembles are large enough to tell them."""
+        known = stage > 0 and all(
+            local.scatter.freedom > 2 * len(local.mean) + 10 for local in model.conditions.values()
+        )  # so that h of `mean_covariance` is below 2
+        members = self.settings.members[stage]
+        return np.linalg.cholesky(
+            self._covariance(descent, model) if known else self.ensembles.screening_covariance(members)
+        )
+
+    def _evaluated(self, descent: Descent, optimiser: Optimiser, model: JointModel, root: Square, stage: int) -> None:
+        """Tell the optimiser what a model says, and keep it."""
+        residuals, jacobian = self._whitened(descent, model, root)
+        taken = optimiser.tell(residuals, jacobian * self.space.slope(model.theta))
+        descent.seen.append(model)
         if taken:
-            run.theta, run.joint, run.cost = place, joint, search.cost
-        values = dict(zip(self.space.names, np.exp(place).tolist(), strict=True))
-        self.history.append(Step(stage, run.number, members, self.ensembles.grown, cost, taken, values))
+            descent.theta, descent.model, descent.cost = model.theta, model, optimiser.cost
+        values = dict(zip(self.space.names, np.exp(model.theta).tolist(), strict=True))
+        name, members, made = f"stage {stage + 1}", self.settings.members[stage], self.ensembles.tally.simulated
+        cost = float(residuals @ residuals)
+        self.history.append(Step(name, descent.number, members, made, cost, taken, values))
 
-    def _refused(self, run: Run, search: Search, error: InputError) -> None:
-        """A point without colonies is one of endless cost; a start there ends."""
-        self.notes.append(f"start {run.number}: {error}")
-        if run.joint is None:
-            run.ended = str(error)
+    def _lost(self, descent: Descent, optimiser: Optimiser, error: SimulationError) -> None:
+        """A point where simulations came to nothing costs as good as infinitely much; a start there ends."""
+        self.notes.append(f"start {descent.number}: {error}")
+        if descent.model is None:
+            descent.ended = str(error)
         else:
-            search.tell(np.full(search.size, 1e6), np.zeros((search.size, len(self.pull))))
+            optimiser.tell(np.full(optimiser.size, NOWHERE), np.zeros((optimiser.size, len(self.pull))))
 
-    def _sigma(self, run: Run, joint: Joint) -> np.ndarray:
-        """Σ, with the refinement's error."""
-        return self.ensembles.sigma(joint) + (0.0 if run.defect is None else run.defect.covariance)
+    def _covariance(self, descent: Descent, model: JointModel) -> Square:
+        """Σ, with the error of the correction."""
+        correction = descent.correction
+        return self.ensembles.covariance(model) + (0.0 if correction is None else correction.covariance)
 
-    def _whitened(self, run: Run, joint: Joint, factor: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _whitened(self, descent: Descent, model: JointModel, root: Square) -> tuple[np.ndarray, np.ndarray]:
         """Residuals and their Jacobian in θ, priors included, all of variance 1."""
-        change = 0.0 if run.defect is None else run.defect.mean
-        residuals = solve_triangular(factor, joint.mean + change - self.y, lower=True)
-        jacobian = solve_triangular(factor, joint.jacobian, lower=True)
-        pulled = self.pull * (joint.theta - self.centre)
+        change = 0.0 if descent.correction is None else descent.correction.mean
+        residuals = whitened(root, model.mean + change - self.y)
+        jacobian = whitened(root, model.jacobian)
+        pulled = self.pull * (model.theta - self.centre)
         return np.concatenate([residuals, pulled]), np.concatenate([jacobian, np.diag(self.pull)])
 
-    def _ended(self, search: Search, tolerance: float) -> str:
-        """How a run ended, or nothing."""
-        if search.failure:
-            return search.failure
-        if search.promise < tolerance:
-            return "converged"
-        if search.refused >= self.settings.patience:
-            return f"{search.refused} steps in a row were refused"
+    def _ended(self, optimiser: Optimiser, tolerance: float) -> str:
+        """How a descent ended, or nothing."""
+        if optimiser.failure:
+            return optimiser.failure
+        if optimiser.predicted_reduction < tolerance:
+            return CONVERGED
+        if optimiser.rejected >= self.settings.patience:
+            return f"{optimiser.rejected} steps in a row were rejected"
         return ""
 
-    def _knows_scatter(self, joint: Joint, stage: int) -> bool:
-        """Whether the ensembles are large enough for Σ with its correlations."""
-        return stage > 0 and all(local.scatter.freedom > 2 * len(local.mean) + 10 for local in joint.locals.values())
-
-    def _best(self, runs: list[Run], margin: float) -> list[Run]:
+    def _best(self, descents: list[Descent], margin: float) -> list[Descent]:
         """The best, and another one that is about as good and elsewhere."""
-        alive = sorted((run for run in runs if run.joint is not None), key=lambda run: run.cost)
+        alive = sorted((one for one in descents if one.model is not None), key=lambda one: one.cost)
         if not alive:
-            raise InputError("no start led anywhere: " + "; ".join(run.ended for run in runs))
+            raise SimulationError("no start led anywhere: " + "; ".join(one.ended for one in descents))
         chosen = alive[:1]
-        for run in alive[1:]:
-            apart = all((np.abs(run.theta - other.theta) > APART).any() for other in chosen)
-            if len(chosen) < CARRIED and apart and run.cost < alive[0].cost + margin:
-                chosen.append(run)
+        for one in alive[1:]:
+            apart = all(_apart(one.theta, other.theta) for other in chosen)
+            if len(chosen) < CARRIED and apart and one.cost < alive[0].cost + margin:
+                chosen.append(one)
         return chosen
 
-    def _prior_cost(self, points: np.ndarray) -> np.ndarray:
-        return (((points - self.centre) * self.pull) ** 2).sum(axis=1)
+    def _is_last(self, stage: int) -> bool:
+        return stage == len(self.settings.members) - 1
 
     def _share(self, stage: int, step: int) -> float:
         """Of the work: stages count by their members."""
@@ -194,58 +240,60 @@ class Fitter:
         behind = members[:stage].sum() + members[stage] * min(1.0, step / 4)
         return float(0.05 + 0.95 * behind / members.sum())
 
-    def _result(self, runs: list[Run], seconds: float) -> Fit:
-        best, ensembles, spread = runs[0], self.ensembles, self.settings.spreads[-1]
-        joint = ensembles.together(
-            [one for one in best.seen if (np.abs(one.theta - best.theta) <= spread).all()], spread
-        )
-        sigma = self._sigma(best, joint)
-        widths = {name: width for name, (_, width) in self.pulls.items()}
+    def _result(self, descents: list[Descent], met: Counter[str], seconds: float) -> Fit:
+        """The estimate from all models near the best descent's last point."""
+        best, ensembles, spread = descents[0], self.ensembles, self.settings.spreads[-1]
+        near = [one for one in best.seen if (np.abs(one.theta - best.theta) <= spread).all()]
+        model = ensembles.averaged(near, spread)
+        sigma = self._covariance(best, model)
         known = information(
-            joint.jacobian,
+            model.jacobian,
             sigma,
             free=self.space.names,
-            error=joint.error,
-            correlation=joint.correlation,
-            prior=widths,
+            error=model.error,
+            correlation=model.correlation,
+            prior={name: width for name, (_, width) in self.priors.items()},
         )
-        factor = np.linalg.cholesky(sigma)
-        residuals, jacobian = self._whitened(best, joint, factor)
-        step = last_step(known, residuals, jacobian, len(self.y), joint.theta, self.space)
-        theta, rest = joint.theta + step, residuals + jacobian @ step
-        converged, status = verdict(best.ended, best.failed, theta - best.theta, known)
+        root = np.linalg.cholesky(sigma)
+        residuals, jacobian = self._whitened(best, model, root)
+        step = last_step(known, residuals, jacobian, len(self.y), model.theta, self.space)
+        theta, rest = model.theta + step, residuals + jacobian @ step
+        status, detail = verdict(best.ended == CONVERGED, best.ended, best.failed, theta - best.theta, known)
+        fitted = self.y + root @ rest[: len(self.y)]
         result = Fit(
-            conditions=conditions(self.space, ensembles.targets, theta, self.y + factor @ rest[: len(self.y)], sigma),
+            conditions=conditions(self.space, ensembles.targets, ensembles.simulators, theta, fitted, sigma),
             space=self.space,
             theta=theta,
             information=known,
-            jacobian=joint.jacobian,
+            jacobian=model.jacobian,
             chi_square=float(rest @ rest),
-            converged=converged,
             status=status,
+            detail=detail,
             starts=self.starts,
             history=tuple(self.history),
-            simulations=ensembles.grown,
+            simulations=ensembles.tally.simulated,
             seed=ensembles.seed,
             settings=self.settings,
-            prior=dict(self.pulls),
+            prior=dict(self.priors),
+            resolutions=self.resolutions,
             seconds=seconds,
             warnings=(),
         )
-        return result.with_warnings(self._warnings(result, known, runs))
+        return replace(result, warnings=self._warnings(result, known, descents, met))
 
-    def _warnings(self, result: Fit, known: Information, runs: list[Run]) -> list[str]:
+    def _warnings(self, result: Fit, known: Information, descents: list[Descent], met: Counter[str]) -> tuple[str, ...]:
         said = self.notes + known.sentences()
         for entry in self.space.at_a_bound(result.theta):
             low, high = entry.bounds
             said.append(f"{entry.name} ran to an end of its range, {low:g} to {high:g}: its error is not to be trusted")
         said += result.misfit()
-        for run in runs[1:]:
-            if (np.abs(run.theta - result.theta) > APART).any():
-                where = self.ensembles.described(run.theta)
-                said.append(f"another start ended at {where}, where χ² is only {run.cost - runs[0].cost:.1f} higher")
-        for colonies in self.ensembles.everyone:
-            said += [
-                f"{count} colonies of the last stage: {PROBLEMS[name]}" for name, count in colonies.problems.items()
-            ]
-        return said
+        for one in descents[1:]:
+            if _apart(one.theta, result.theta):
+                where, more = self.space.described(one.theta), one.cost - descents[0].cost
+                said.append(f"another start ended at {where}, where χ² is only {more:.1f} higher")
+        return (*said, *(f"{count} simulations of the last stage: {problem}" for problem, count in met.items()))
+
+
+def _apart(first: Vector, second: Vector) -> bool:
+    """Whether two points are not the same place."""
+    return bool((np.abs(first - second) > APART).any())

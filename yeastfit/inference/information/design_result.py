@@ -1,7 +1,6 @@
 """Results of `design`: candidates for the next measurement, by what they tell about λ, and the best sequence."""
 
 from dataclasses import dataclass
-from itertools import pairwise
 from pathlib import Path
 from typing import Any, Literal
 
@@ -16,32 +15,48 @@ Criterion = Literal["mean", "volume"]
 
 
 @dataclass(frozen=True)
-class Choice:
-    """One measurement: some statistics at one time, the errors of log λ after it, and by what share it lowers them.
+class Candidate:
+    """One measurement that could be made.
 
-    reduction: of the criterion, compared with before. errors: by parameter. typical: the criterion.
+    Attributes:
+        statistics: That it measures.
+        time: When.
+        reduction: Share by which it lowers the criterion.
+        typical_error: The criterion after it.
+        log_standard_errors: Of log λ after it, by name.
     """
 
     statistics: tuple[str, ...]
     time: float
     reduction: float
-    typical: float
-    errors: dict[str, float]
+    typical_error: float
+    log_standard_errors: dict[str, float]
 
     def row(self) -> dict[str, Any]:
         """For a table; errors in percent."""
         what = {"statistics": " ".join(self.statistics), "time": self.time}
-        numbers = {"reduction_percent": 100 * self.reduction, "typical_error_percent": 100 * self.typical}
-        return {**what, **numbers, **{f"{name}_error_percent": 100 * e for name, e in self.errors.items()}}
+        numbers = {"reduction_percent": 100 * self.reduction, "typical_error_percent": 100 * self.typical_error}
+        errors = {f"{name}_error_percent": 100 * error for name, error in self.log_standard_errors.items()}
+        return {**what, **numbers, **errors}
 
 
 @dataclass(frozen=True)
 class Design:
     """Result of `design`.
 
-    before: information in what is measured, without the plausible range as a prior. typical, errors: at the start,
-    with it. images, curves: every candidate as the next measurement, a whole image or a single statistic; sequence: the
-    best ones, one after the other. added: colonies in each.
+    Attributes:
+        free: Names of the parameters.
+        statistics: That could be measured.
+        times: When.
+        criterion: What is minimised.
+        added: Replicates of each measurement.
+        new_replicates: Whether these are further ones.
+        before: Information in what is measured, without the plausible range as a prior.
+        typical_error: The criterion before, with the plausible range.
+        log_standard_errors: Of log λ before, likewise.
+        images: Every candidate of all statistics at a time, as the next measurement.
+        singles: Every candidate of a single statistic, likewise.
+        sequence: The best measurements, one after the other.
     """
 
     free: tuple[str, ...]
@@ -49,49 +64,49 @@ class Design:
     times: Float[np.ndarray, " time"]
     criterion: Criterion
     added: float
-    new_colonies: bool
+    new_replicates: bool
     before: Information
-    typical: float
-    errors: dict[str, float]
-    images: tuple[Choice, ...]
-    curves: tuple[Choice, ...]
-    sequence: tuple[Choice, ...]
+    typical_error: float
+    log_standard_errors: dict[str, float]
+    images: tuple[Candidate, ...]
+    singles: tuple[Candidate, ...]
+    sequence: tuple[Candidate, ...]
 
     def table(self) -> Float[np.ndarray, "statistic time"]:
         """Reduction by each single statistic at each time; nan where it is none of the candidates."""
         found = np.full((len(self.statistics), len(self.times)), np.nan)
-        for choice in self.curves:
-            found[self.statistics.index(choice.statistics[0]), np.argmin(np.abs(self.times - choice.time))] = (
-                choice.reduction
-            )
+        for one in self.singles:
+            found[self.statistics.index(one.statistics[0]), self.column(one)] = one.reduction
         return found
+
+    def column(self, candidate: Candidate) -> int:
+        """Number of a candidate's time."""
+        return int(np.searchsorted(self.times, candidate.time))
 
     def sentences(self) -> list[str]:
         """The sequence in words."""
-        said, states = list[str](), [(self.typical, self.errors), *((c.typical, c.errors) for c in self.sequence)]
-        who = f"{self.added:g} further colonies" if self.new_colonies else "the same colonies"
-        for choice, ((typical, errors), (less, fewer)) in zip(self.sequence, pairwise(states), strict=True):
+        said, before, errors = list[str](), self.typical_error, self.log_standard_errors
+        who = f"{self.added:g} further replicates" if self.new_replicates else "the same replicates"
+        for one in self.sequence:
+            after, fewer = one.typical_error, one.log_standard_errors
             each = ", ".join(f"{name} {percent(errors[name])} → {percent(fewer[name])}" for name in self.free)
+            when = "" if np.isnan(one.time) else f" at {one.time:g}"
             said.append(
-                f"measure {', '.join(choice.statistics)} at {choice.time:g} in {who}: "
-                f"the typical error falls from {percent(typical)} to {percent(less)} ({each})"
+                f"measure {', '.join(one.statistics)}{when} in {who}: "
+                f"the typical error falls from {percent(before)} to {percent(after)} ({each})"
             )
+            before, errors = after, fewer
         return said
 
     def rows(self) -> list[dict[str, Any]]:
         """Every candidate as the next measurement, the best first."""
-        return [choice.row() for choice in sorted((*self.images, *self.curves), key=lambda choice: -choice.reduction)]
+        return [one.row() for one in sorted((*self.images, *self.singles), key=lambda one: -one.reduction)]
 
     def asdict(self) -> dict[str, Any]:
-        """Plain data."""
-        named = ("free", "statistics", "times", "criterion", "added", "new_colonies", "typical", "errors")
-        choices = {name: [vars(choice) for choice in getattr(self, name)] for name in ("images", "curves", "sequence")}
-        return {
-            **{name: getattr(self, name) for name in named},
-            **choices,
-            "before": self.before.asdict(),
-            "sentences": self.sentences(),
-        }
+        """Plain data, derived values included."""
+        candidates = {name: [vars(one) for one in getattr(self, name)] for name in ("images", "singles", "sequence")}
+        plain = {name: getattr(self, name) for name in self.__dataclass_fields__}
+        return {**plain, **candidates, "before": self.before.asdict(), "sentences": self.sentences()}
 
     def save(self, path: str | Path) -> None:
         """`asdict` as JSON."""
@@ -99,15 +114,15 @@ class Design:
 
     @staticmethod
     def load(path: str | Path) -> "Design":
-        """What `save` wrote."""
+        """Read what `save` wrote."""
         data = read_json(path)
 
-        def choices(name: str) -> tuple[Choice, ...]:
-            return tuple(Choice(**{**choice, "statistics": tuple(choice["statistics"])}) for choice in data[name])
+        def candidates(name: str) -> tuple[Candidate, ...]:
+            return tuple(Candidate(**{**one, "statistics": tuple(one["statistics"])}) for one in data[name])
 
         changed: dict[str, Any] = {
             **{name: tuple(data[name]) for name in ("free", "statistics")},
-            **{name: choices(name) for name in ("images", "curves", "sequence")},
+            **{name: candidates(name) for name in ("images", "singles", "sequence")},
             "times": np.array(data["times"], dtype=float),
             "before": Information.fromdict(data["before"]),
         }

@@ -1,19 +1,17 @@
-"""Experiments: which curves of how many colonies are measured, and what they would tell about λ.
+"""What experiments would tell about λ: which observables of how many replicates are measured.
 
-Between a `Sensitivity`, which knows every curve there could be, and `information`, which wants J and Σ of some.
+Between a `Sensitivity`, which knows every observable there could be, and `information`, which wants J and Σ of some.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
 
 from yeastfit.errors import InputError
+from yeastfit.inference.curve_covariance import Square, mean_covariance, measurement_covariance
 from yeastfit.inference.information.fisher import information
 from yeastfit.inference.information.result import Information
-from yeastfit.inference.paired_regression import CurveSquare
 from yeastfit.inference.sensitivity.result import Sensitivity
 
 
@@ -29,45 +27,38 @@ def information_of(
     prior: Mapping[str, float] | None = None,
     limit: float = 1.0,
 ) -> Information:
-    """Fisher information of log λ in curves of a number of replicate colonies, from `yeastfit.sensitivity`.
+    """Fisher information of log λ in means over replicates.
 
-    free, statistics, times: which of those of `found` are free and measured, by default all; what is not free is known.
-    Times are model time. The rest as in `information` and `curve_covariance`. Raises `InputError`, also for names and
-    times that `found` does not hold.
+    Arguments:
+        found: From `yeastfit.sensitivity`.
+        free: Which of its parameters are free, by default all; what is not free is known.
+        statistics: Which are measured, by default all.
+        times: Likewise, in the simulator's unit.
+        replicates: Behind each mean.
+        measurement_error: Relative, beside the scatter of replicates.
+        members: Of the ensemble that the data are compared with.
+        prior: Standard deviation of log λ, by name.
+        limit: Error of log λ beyond which a direction is blind.
+
+    Raises:
+        InputError: As `information`; and names and times that `found` does not hold.
     """
     names = chosen_free(found, free)
-    entries = chosen_curves(found, statistics, times)
-    square = np.ix_(entries, entries)
-    curves = Curves.of(found, names)
-    sigma = curve_covariance(
-        curves.scatter[square], replicates=replicates, members=members, freedom=scatter_freedom(found)
-    )
-    sigma = sigma + systematic(found.mean, measurement_error)[square]
-    return curves.information(entries, sigma, prior=prior, limit=limit)
+    rows = chosen_observables(found, statistics, times)
+    square = np.ix_(rows, rows)
+    freedom = scatter_freedom(found)
+    sigma = mean_covariance(found.scatter[square], replicates=replicates, members=members, freedom=freedom)
+    sigma = sigma + measurement_covariance(found.observables, found.mean, measurement_error)[square]
+    return information_in(found, names, rows, sigma, prior=prior, limit=limit)
 
 
-@dataclass(frozen=True)
-class Curves:
-    """What a sensitivity knows of its curves, statistic by statistic: J with its errors, and one colony's scatter."""
-
-    free: tuple[str, ...]
-    jacobian: Float[np.ndarray, "curve free"]
-    error: Float[np.ndarray, "curve free"]
-    correlation: CurveSquare
-    scatter: CurveSquare
-
-    @staticmethod
-    def of(found: Sensitivity, free: tuple[str, ...]) -> "Curves":
-        """Columns of the free parameters."""
-        columns = [found.free.index(name) for name in free]
-        table = (-1, len(found.free))
-        jacobian, error = (values.reshape(table)[:, columns] for values in (found.jacobian, found.error))
-        return Curves(free, jacobian, error, found.correlation, found.scatter)
-
-    def information(self, entries: np.ndarray, sigma: CurveSquare, **more: Any) -> Information:
-        """In the curves of these numbers, of which some may be repeated."""
-        rows = {"error": self.error[entries], "correlation": self.correlation[np.ix_(entries, entries)]}
-        return information(self.jacobian[entries], sigma, free=self.free, **rows, **more)
+def information_in(
+    found: Sensitivity, free: tuple[str, ...], rows: np.ndarray, sigma: Square, **more: Any
+) -> Information:
+    """Information in observables of these numbers, of which some may be repeated, with covariance Σ."""
+    table = np.ix_(rows, np.array([found.free.index(name) for name in free]))
+    errors = {"error": found.error[table], "correlation": found.correlation[np.ix_(rows, rows)]}
+    return information(found.jacobian[table], sigma, free=free, **errors, **more)
 
 
 def chosen_free(found: Sensitivity, free: Sequence[str] | None) -> tuple[str, ...]:
@@ -79,14 +70,22 @@ def chosen_free(found: Sensitivity, free: Sequence[str] | None) -> tuple[str, ..
     return tuple(name for name in found.free if name in wanted)
 
 
-def chosen_curves(
+def chosen_observables(
     found: Sensitivity, statistics: Sequence[str] | None, times: Sequence[float] | np.ndarray | None
 ) -> np.ndarray:
-    """Numbers of the curves of some statistics at some times, all by default, statistic by statistic."""
-    rows = range(len(found.statistics)) if statistics is None else [_statistic(found, name) for name in statistics]
-    columns = range(len(found.times)) if times is None else [_time(found, float(time)) for time in times]
-    numbers = sorted({row * len(found.times) + column for row in rows for column in columns})
-    return np.array(numbers, dtype=int)
+    """Numbers of the observables of some statistics at some times, all by default, in their order."""
+    for name in statistics or ():
+        if name not in found.statistics:
+            raise InputError(f"statistic {name!r} is not in the sensitivity, which holds {', '.join(found.statistics)}")
+    wanted = found.times if times is None else np.array([_time(found, float(time)) for time in times])
+    return np.array(
+        [
+            row
+            for row, one in enumerate(found.observables)
+            if (statistics is None or one.statistic in statistics) and (times is None or one.time in wanted)
+        ],
+        dtype=int,
+    )
 
 
 def scatter_freedom(found: Sensitivity) -> float:
@@ -95,59 +94,11 @@ def scatter_freedom(found: Sensitivity) -> float:
     return float(freedom + found.runs["regression"] - 1 - len(found.free) if "regression" in found.runs else freedom)
 
 
-def _statistic(found: Sensitivity, name: str) -> int:
-    if name not in found.statistics:
-        raise InputError(f"statistic {name!r} is not in the sensitivity, which holds {', '.join(found.statistics)}")
-    return found.statistics.index(name)
-
-
-def _time(found: Sensitivity, time: float) -> int:
+def _time(found: Sensitivity, time: float) -> float:
+    """The sensitivity's own time that equals one but for rounding."""
     near = np.flatnonzero(np.abs(found.times - time) < 1e-6 * (1 + abs(time)))
     if not near.size:
         raise InputError(
             f"time {time:g} is not in the sensitivity, which holds {', '.join(f'{t:g}' for t in found.times)}"
         )
-    return int(near[0])
-
-
-def curve_covariance(
-    scatter: CurveSquare,
-    *,
-    replicates: float | Float[np.ndarray, " curve"],
-    members: float = np.inf,
-    freedom: float = np.inf,
-) -> CurveSquare:
-    """Σ of mean curves over replicates, compared with an ensemble's.
-
-        Σ_kl = S_kl h (1 / max(R_k, R_l) + 1 / members),    h = ν / (ν − n − 1)
-
-    scatter: S, of one colony's n curves. replicates: R, colonies behind each mean, one number or one for each curve;
-    the colonies behind one with fewer are among those behind one with more. members: of the ensemble that the data are
-    compared with. freedom: ν, degrees of freedom that S was estimated from; its inverse is too large by h on average
-    (Hartlap et al. 2007, doi:10.1051/0004-6361:20066170). Raises `InputError` where R or members is not above 0, and
-    where there are too few degrees of freedom.
-    """
-    count = len(scatter)
-    colonies = np.broadcast_to(np.asarray(replicates, dtype=float), count)
-    if not (colonies > 0).all():
-        raise InputError(f"replicates is {replicates}, every curve needs more than 0 colonies")
-    if not members > 0:
-        raise InputError(f"members is {members}, it must be above 0")
-    if freedom <= count + 1:
-        raise InputError(
-            f"freedom is {freedom:g}: the covariance of {count} curves needs more than {count + 1} degrees of freedom, "
-            "so more runs, or fewer statistics and times"
-        )
-    inflation = 1.0 if np.isinf(freedom) else freedom / (freedom - count - 1)
-    return inflation * scatter * (1.0 / np.maximum(colonies[:, None], colonies) + 1.0 / members)
-
-
-def systematic(
-    mean: Float[np.ndarray, "statistic time"], relative: float | Float[np.ndarray, "statistic 1"]
-) -> CurveSquare:
-    """Covariance of a relative error of every mean, half of its variance common to all times of a statistic."""
-    if not (np.asarray(relative) >= 0).all():
-        raise InputError(f"measurement_error is {relative}, it must be at least 0")
-    error = (relative * mean).ravel()
-    same = np.kron(np.eye(len(mean)), np.ones((mean.shape[1], mean.shape[1])))
-    return 0.5 * same * np.outer(error, error) + 0.5 * np.diag(error**2)
+    return float(found.times[near[0]])

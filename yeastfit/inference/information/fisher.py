@@ -1,17 +1,18 @@
-"""What curves can tell about λ: the Fisher information of log λ.
+"""What mean curves can tell about λ: the Fisher information of log λ.
 
-Mean curves y = m(λ) + noise, noise ~ N(0, Σ), J = ∂m / ∂log λ [curve, free]. A Gaussian prior of standard deviation τ_k
-in log λ_k adds to what the data know (Kay 1993, Fundamentals of Statistical Signal Processing, section 3.9):
+Means y = m(λ) + noise, noise ~ N(0, Σ), J = ∂m / ∂log λ. A Gaussian prior of standard deviation τ_k in log λ_k adds to
+what the data know (Kay 1993, Fundamentals of Statistical Signal Processing, section 3.9):
 
     F = JᵀWJ + diag(1 / τ²),    W = Σ⁻¹,    cov log λ̂ = F⁻¹.
 
-**Noise of J.** J comes from a finite number of colonies. Its column i has errors with covariance N_i = D_i ρ D_i, where
-D_i holds the standard errors and ρ their correlations over curves; columns are independent, as `sensitivity`'s design
-is orthogonal. On average that noise adds tr(W N_i) to entry (i, i) of JᵀWJ, however little the data see. It goes:
+**Noise of J.** J comes from a finite number of simulations. Its column i has errors with covariance N_i = D_i ρ D_i,
+where D_i holds the standard errors and ρ their correlations over the means; columns are independent, as the design of a
+`sensitivity` is orthogonal. On average that noise adds tr(W N_i) to entry (i, i) of JᵀWJ, however little the data see.
+It is taken out:
 
     A = JᵀWJ − diag(tr(W N_i)).
 
-What is left of it, and which directions the data do not see, is told by the result (`information_result`).
+`information.result` tells the noise that is left from what the data see.
 """
 
 from collections.abc import Mapping, Sequence
@@ -20,28 +21,37 @@ import numpy as np
 from jaxtyping import Float
 
 from yeastfit.errors import InputError
-from yeastfit.inference.information.result import ROUNDING, Information
-from yeastfit.inference.paired_regression import CurveSquare
+from yeastfit.inference.curve_covariance import Square, correlation_root
+from yeastfit.inference.information.result import Information
+
+Jacobian = Float[np.ndarray, "observable free"]
 
 
 def information(
-    jacobian: Float[np.ndarray, "curve free"],
-    covariance: CurveSquare,
+    jacobian: Jacobian,
+    covariance: Square,
     *,
     free: Sequence[str],
-    error: Float[np.ndarray, "curve free"] | None = None,
-    correlation: CurveSquare | None = None,
+    error: Jacobian | None = None,
+    correlation: Square | None = None,
     prior: Mapping[str, float] | None = None,
     limit: float = 1.0,
 ) -> Information:
-    """Fisher information of log λ in mean curves with covariance Σ (see above).
+    """Fisher information of log λ in means with covariance Σ.
 
-    jacobian: J. covariance: Σ, see `experiment`. free: names of J's columns. error: standard errors of J's
-    entries, none by default; correlation: ρ, by default they are independent from curve to curve. prior: standard
-    deviation in log λ by name. limit: error of log λ beyond which a direction is blind.
+    Means that neither scatter nor depend on λ are left out.
 
-    Curves that neither scatter nor depend on λ are left out. Raises `InputError` for shapes that disagree, values that
-    are not finite, a curve without variance that depends on λ, and a singular covariance.
+    Arguments:
+        jacobian: J.
+        covariance: Σ, see `curve_covariance`.
+        free: Names of J's columns.
+        error: Standard errors of J's entries, none by default.
+        correlation: ρ; by default errors are independent.
+        prior: Standard deviation of log λ, by name.
+        limit: Error of log λ beyond which a direction is blind.
+
+    Raises:
+        InputError: Shapes disagree, values are not finite, a mean without variance depends on λ, or Σ is singular.
     """
     names, prior = tuple(free), dict(prior or {})
     error = np.zeros_like(jacobian) if error is None else error
@@ -49,7 +59,10 @@ def information(
     _check(jacobian, covariance, error, correlation, names, prior, limit)
     alive = ~_mute(jacobian, covariance, error)
     square = np.ix_(alive, alive)
-    whiten = _inverse_root(covariance[square])
+    advice = "estimate it from more runs, leave out means that repeat others, or give a measurement error"
+    of = f"{alive.sum()} means"
+    scale, root = correlation_root(covariance[square], argument="covariance", of=of, advice=advice)
+    whiten = np.linalg.inv(root) / scale
     whitened = whiten @ jacobian[alive]
     spread = np.einsum("ck,kf->fck", whiten, error[alive])
     noises = spread @ correlation[square] @ spread.transpose(0, 2, 1)
@@ -59,28 +72,15 @@ def information(
 
 
 def _mute(jacobian: np.ndarray, covariance: np.ndarray, error: np.ndarray) -> np.ndarray:
-    """Curves that never vary; raises where such a curve depends on λ all the same."""
+    """Means that never vary. Raise `InputError` where such a mean depends on λ all the same."""
     mute = np.diag(covariance) <= 0
     contradicting = np.flatnonzero(mute & ((jacobian != 0) | (error != 0)).any(axis=1))
     if contradicting.size:
         raise InputError(
-            f"covariance: curve {contradicting[0]} has no variance but depends on λ, it would tell it without error: "
+            f"covariance: mean {contradicting[0]} has no variance but depends on λ, it would tell it without error: "
             "give a measurement error"
         )
     return mute
-
-
-def _inverse_root(covariance: CurveSquare) -> CurveSquare:
-    """L⁻¹ of Σ = L Lᵀ, by way of the correlations."""
-    scale = np.sqrt(np.diag(covariance))
-    correlation = covariance / np.outer(scale, scale)
-    least = float(np.linalg.eigvalsh(correlation).min()) if len(correlation) else 1.0
-    if least <= ROUNDING:
-        raise InputError(
-            f"covariance: the smallest eigenvalue of the correlations of {len(scale)} curves is {least:.1g}, it must "
-            "be above 0: estimate it from more runs, leave out curves that repeat others, or give a measurement error"
-        )
-    return np.linalg.inv(np.linalg.cholesky(correlation)) / scale
 
 
 def _check(
@@ -92,13 +92,13 @@ def _check(
     prior: Mapping[str, float],
     limit: float,
 ) -> None:
-    """Raises `InputError` where an argument makes no sense."""
-    curves = len(jacobian)
+    """Raise `InputError` where an argument makes no sense."""
+    means = len(jacobian)
     for name, values, shape in (
-        ("jacobian", jacobian, (curves, len(free))),
-        ("error", error, (curves, len(free))),
-        ("covariance", covariance, (curves, curves)),
-        ("correlation", correlation, (curves, curves)),
+        ("jacobian", jacobian, (means, len(free))),
+        ("error", error, (means, len(free))),
+        ("covariance", covariance, (means, means)),
+        ("correlation", correlation, (means, means)),
     ):
         if values.shape != shape:
             raise InputError(f"{name} has shape {values.shape}, with {len(free)} free parameters it must be {shape}")

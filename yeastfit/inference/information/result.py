@@ -1,13 +1,13 @@
-"""The Fisher information of log λ that `information` returns: its directions, and what the data do not hold.
+"""The Fisher information of log λ that `information` returns: its directions, and what the data do not determine.
 
-F = A + diag(1 / τ²), A the data's part, tr(W N_i W N_j) what the noise of J makes of it (`information`). Along a unit
-direction v, noise alone makes vᵀAv scatter with variance 2 Σ_ij v_i² v_j² tr(W N_i W N_j).
+F = A + diag(1 / τ²), A the data's part, tr(W N_i W N_j) the noise of J in it (`fisher`). Along a unit direction v,
+noise alone gives vᵀAv the variance 2 Σ_ij v_i² v_j² tr(W N_i W N_j).
 
-**Blind directions.** An eigenvalue of A is told from noise where it is above `TOLD_APART` standard deviations of that;
-where it is not, the data hold nothing along its direction, and it counts as 0. Of the F that is left, a direction is
-blind where the error of log λ along it, 1/√eigenvalue, is above a limit, by default 1: a factor e. A parameter with a
-component above `LOADING` in the blind directions, unit vectors, has no standard error. The others' errors hold what
-the blind directions add to them, but for those of eigenvalue 0, which are taken for fixed.
+**Blind directions.** An eigenvalue of A counts as significant above `SIGNIFICANT` standard deviations of its noise;
+otherwise it is set to 0. Of the F that is left, a direction is blind where the error of log λ along it, 1/√eigenvalue,
+is above a limit, by default 1: a factor e. A parameter with a component above `LOADING` in the blind directions, unit
+vectors, has no standard error. Errors of the others include what the blind directions add to them, except directions
+of eigenvalue 0, which are taken for fixed.
 """
 
 from collections.abc import Mapping, Sequence
@@ -19,40 +19,44 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from yeastfit.inference.curve_covariance import ROUNDING
 from yeastfit.inference.information.identifiability import LOADING, blind_sentence, combination, percent, sparse_basis
 from yeastfit.storage import read_json, write_json
 
-TOLD_APART = 2.0  # standard deviations of what the noise of J alone makes of an eigenvalue
-ROUNDING = 1e-10  # of the largest eigenvalue: smaller ones are rounding errors
+SIGNIFICANT = 2.0  # standard deviations of what the noise of J alone makes of an eigenvalue: 95 % of noise is below
 
-Square = Float[np.ndarray, "free free"]
+FreeSquare = Float[np.ndarray, "free free"]
 
 
 @dataclass(frozen=True)
 class Information:
     """Fisher information of log λ of the free parameters.
 
-    data: A [free, free], may have negative eigenvalues where it is all noise. noise: tr(W N_i W N_j) [free, free].
-    prior: standard deviations in log λ, by name. limit: error of log λ beyond which a direction is blind.
+    Attributes:
+        free: Their names.
+        data: A, which may have negative eigenvalues where it is all noise.
+        noise: tr(W N_i W N_j).
+        prior: Standard deviations of log λ, by name.
+        limit: Error of log λ beyond which a direction is blind.
     """
 
     free: tuple[str, ...]
-    data: Square
-    noise: Square
+    data: FreeSquare
+    noise: FreeSquare
     prior: dict[str, float]
     limit: float = 1.0
 
     @cached_property
-    def told_apart(self) -> tuple[Float[np.ndarray, " direction"], Float[np.ndarray, "direction free"]]:
-        """Eigenvalues and eigenvectors of the data's part that are told from the noise of J."""
+    def significant(self) -> tuple[Float[np.ndarray, " direction"], Float[np.ndarray, "direction free"]]:
+        """Significant eigenvalues of the data's part, and their eigenvectors."""
         values, vectors = np.linalg.eigh(self.data)
         seen = values > np.maximum(self._floor(vectors.T), ROUNDING * np.abs(values).max())
         return values[seen], vectors.T[seen]
 
     @cached_property
-    def matrix(self) -> Square:
-        """F without the directions in which the data's part is not told from the noise of J."""
-        values, rows = self.told_apart
+    def matrix(self) -> FreeSquare:
+        """F without the directions in which the data's part is not significant."""
+        values, rows = self.significant
         return (rows.T * values) @ rows + np.diag(precision(self.prior, self.free))
 
     @cached_property
@@ -75,7 +79,7 @@ class Information:
 
     @cached_property
     def noise_floor(self) -> Float[np.ndarray, " direction"]:
-        """What the data's part of each eigenvalue must exceed to be told from the noise of J."""
+        """What the data's part of each eigenvalue must exceed to be significant."""
         return self._floor(self.directions)
 
     @cached_property
@@ -96,8 +100,8 @@ class Information:
         return tuple(name for name, one in zip(self.free, share, strict=True) if one > LOADING)
 
     @cached_property
-    def covariance(self) -> Square:
-        """Of log λ; nan for parameters that are `undetermined`."""
+    def log_covariance(self) -> FreeSquare:
+        """Covariance of log λ; nan for parameters that are `undetermined`."""
         known = self.eigenvalues > 0
         rows = self.directions[known]
         found = (rows.T / self.eigenvalues[known]) @ rows
@@ -106,9 +110,9 @@ class Information:
         return found
 
     @property
-    def standard_errors(self) -> dict[str, float]:
+    def log_standard_errors(self) -> dict[str, float]:
         """Of log λ, relative errors where they are small; nan for parameters that are `undetermined`."""
-        return dict(zip(self.free, np.sqrt(np.diag(self.covariance)).tolist(), strict=True))
+        return dict(zip(self.free, np.sqrt(np.diag(self.log_covariance)).tolist(), strict=True))
 
     def without(self, name: str) -> "Information":
         """With one parameter fixed."""
@@ -148,7 +152,7 @@ class Information:
             all_of_them = len(self.undetermined) == len(self.free)
             said.append(f"no standard error of {', '.join(self.undetermined)}{'' if all_of_them else others}")
         if self.best_fixed:
-            errors = self.without(self.best_fixed).standard_errors
+            errors = self.without(self.best_fixed).log_standard_errors
             known = ", ".join(f"{one} {percent(error)}" for one, error in errors.items())
             said.append(f"best fixed: {self.best_fixed}; then the errors are: {known}")
         return said
@@ -174,8 +178,9 @@ class Information:
     def asdict(self) -> dict[str, Any]:
         """Plain data, derived values included."""
         return {
-            **{name: getattr(self, name) for name in ("free", "data", "noise", "prior", "limit")},
-            **{name: getattr(self, name) for name in ("matrix", "covariance", "standard_errors", "undetermined")},
+            **{name: getattr(self, name) for name in self.__dataclass_fields__},
+            **{name: getattr(self, name) for name in ("matrix", "log_covariance", "log_standard_errors")},
+            "undetermined": self.undetermined,
             **{"best_fixed": self.best_fixed, "sentences": self.sentences(), "directions": self.rows()},
         }
 
@@ -185,18 +190,18 @@ class Information:
 
     @staticmethod
     def load(path: str | Path) -> "Information":
-        """What `save` wrote."""
+        """Read what `save` wrote."""
         return Information.fromdict(read_json(path))
 
     @staticmethod
     def fromdict(data: Mapping[str, Any]) -> "Information":
-        """What `asdict` gave, as JSON keeps it."""
+        """Read what `asdict` gave, as JSON keeps it."""
         square, noise = (np.array(data[name], dtype=float) for name in ("data", "noise"))
         return Information(tuple(data["free"]), square, noise, dict(data["prior"]), data["limit"])
 
     def _floor(self, directions: Float[np.ndarray, "direction free"]) -> np.ndarray:
         squares = directions**2
-        return TOLD_APART * np.sqrt(2.0 * np.sum((squares @ self.noise) * squares, axis=1))
+        return SIGNIFICANT * np.sqrt(2.0 * np.sum((squares @ self.noise) * squares, axis=1))
 
 
 def precision(prior: Mapping[str, float], free: Sequence[str]) -> Float[np.ndarray, " free"]:

@@ -33,6 +33,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from yeastfit.errors import InputError
+from yeastfit.inference.curve_covariance import ROUNDING, correlation_root
 from yeastfit.inference.neural_likelihood.cross_validation import HeldOut
 from yeastfit.inference.neural_likelihood.ensemble import ROWS, Members, log_likelihood_of_rows, moments_of_rows
 from yeastfit.inference.neural_likelihood.network import (
@@ -46,7 +47,6 @@ from yeastfit.inference.neural_likelihood.network import (
 from yeastfit.inference.polynomial import monomials
 from yeastfit.inference.posterior.prior import Prior
 
-ROUNDING = 1e-10  # of correlations' eigenvalues: where one is below, statistics repeat one another
 ROWS_PER_TERM = 4  # simulations for each term of the quadratic, at least
 ROOM = 1024  # simulations: as many, or a multiple, are compiled for
 
@@ -252,15 +252,9 @@ def _whitening(
         raise InputError(f"statistics: {names} is the same in all simulations, leave it out")
     rest = statistics - features @ np.linalg.lstsq(features, statistics, rcond=None)[0]
     covariance = np.cov(rest, rowvar=False).reshape(len(labels), len(labels))
-    scale = np.sqrt(np.diag(covariance))
-    correlation = covariance / np.outer(scale, scale)
-    least = float(np.linalg.eigvalsh(correlation).min())
-    if not least > ROUNDING:
-        raise InputError(
-            f"statistics: the smallest eigenvalue of the correlations of {', '.join(labels)} is {least:.1g}, it must "
-            f"be above {ROUNDING:g}: leave out statistics that follow from others"
-        )
-    return statistics.mean(axis=0), scale[:, None] * np.linalg.cholesky(correlation)
+    advice = "leave out statistics that follow from others"
+    scale, root = correlation_root(covariance, argument="statistics", of=", ".join(labels), advice=advice)
+    return statistics.mean(axis=0), scale[:, None] * root
 
 
 def fewest(free: int, statistics: int, settings: EmulatorSettings) -> int:

@@ -7,80 +7,113 @@ from typing import Any, Literal
 import numpy as np
 from jaxtyping import Float
 
-from yeastfit.model.parameters import Parameters
+from yeastfit.inference.curve_covariance import Square
+from yeastfit.observable import Observable
 from yeastfit.storage import read_json, write_json
 
-Method = Literal["combined", "regression", "pathwise"]
-Table = Float[np.ndarray, "statistic time free"]
+EstimatorName = Literal["combined", "regression", "pathwise"]
+Jacobian = Float[np.ndarray, "observable free"]
+Means = Float[np.ndarray, " observable"]
 
 
 @dataclass(frozen=True)
 class Estimate:
-    """J and its standard errors by one estimator, [statistic, time, free]."""
+    """J by one estimator, and its standard errors."""
 
-    jacobian: Table
-    error: Table
+    jacobian: Jacobian
+    error: Jacobian
 
 
 @dataclass(frozen=True)
 class Sensitivity:
-    """Mean curves of an ensemble and their derivatives in log λ.
+    """Means of a simulator's rows and their derivatives in log λ.
 
-    mean, mean_error: [statistic, time], of the model at λ itself. jacobian, error: [statistic, time, free], by
-    `method`. pathwise_share: w, [statistic, time]. parts: the estimators that went into it, by name; NaN where a path
-    was not grown. tails: by how much outliers among pathwise derivatives would have raised their scatter, [statistic,
-    time], 1 where there were none. scatter: covariance of one colony's curves over statistics and times.
-    correlation: of the errors of a column of J over them, by the regression; without one, that of the colonies.
-    runs: colonies grown, by what for. seconds: likewise.
+    Attributes:
+        at: λ, all parameters by name, free and fixed.
+        free: Names of those with respect to which.
+        plausible: Their plausible ranges.
+        observables: What the rows of all tables are.
+        method: The estimator.
+        mean: At λ itself.
+        mean_error: Its standard errors.
+        jacobian: J.
+        error: Its standard errors.
+        pathwise_share: w, the weight of pathwise derivatives in J.
+        parts: The estimators that went into it, by name; nan where paths were not simulated.
+        tails: How much outliers among pathwise derivatives would have raised their scatter; 1 where there were none.
+        scatter: Covariance of one simulation.
+        correlation: Of the errors of a column of J, by the regression; without one, that of the simulations.
+        runs: Simulations, by what for.
+        seconds: Likewise.
+        seed: Of all random numbers.
+        spread: Of log λ in the regression.
+        warnings: What is to be doubted, in words.
     """
 
-    parameters: Parameters
+    at: dict[str, float]
     free: tuple[str, ...]
-    statistics: tuple[str, ...]
-    times: Float[np.ndarray, " time"]
-    method: Method
-    mean: Float[np.ndarray, "statistic time"]
-    mean_error: Float[np.ndarray, "statistic time"]
-    jacobian: Table
-    error: Table
-    pathwise_share: Float[np.ndarray, "statistic time"]
+    plausible: dict[str, tuple[float, float]]
+    observables: tuple[Observable, ...]
+    method: EstimatorName
+    mean: Means
+    mean_error: Means
+    jacobian: Jacobian
+    error: Jacobian
+    pathwise_share: Means
     parts: dict[str, Estimate]
-    tails: Float[np.ndarray, "statistic time"]
-    scatter: Float[np.ndarray, "curve curve"]
-    correlation: Float[np.ndarray, "curve curve"]
+    tails: Means
+    scatter: Square
+    correlation: Square
     runs: dict[str, int]
     seconds: dict[str, float]
     seed: int
     spread: float
-    warnings: list[str]
+    warnings: tuple[str, ...]
 
-    def carried_by(self) -> np.ndarray:
-        """The estimator with the larger weight in each entry of [statistic, time]."""
-        return np.where(self.pathwise_share > 0.5, "pathwise", "regression")
+    @property
+    def statistics(self) -> tuple[str, ...]:
+        """Names of the statistics, in order."""
+        return tuple(dict.fromkeys(one.statistic for one in self.observables))
+
+    @property
+    def times(self) -> Float[np.ndarray, " time"]:
+        """Times of the observables, rising; nan where they have none."""
+        return np.unique([one.time for one in self.observables])
+
+    def on_grid(self, values: Float[np.ndarray, "observable *more"]) -> Float[np.ndarray, "statistic time *more"]:
+        """A table over statistics and times, from one over observables; nan where there is no such observable."""
+        statistics, times = self.statistics, self.times
+        found = np.full((len(statistics), len(times), *values.shape[1:]), np.nan)
+        for one, value in zip(self.observables, values, strict=True):
+            found[statistics.index(one.statistic), np.searchsorted(times, one.time)] = value
+        return found
+
+    @property
+    def carried_by(self) -> tuple[str, ...]:
+        """The estimator with the larger weight, of each observable."""
+        return tuple("pathwise" if share > 0.5 else "regression" for share in self.pathwise_share)
 
     def rows(self) -> list[dict[str, Any]]:
         """Tidy table: one row per statistic, time and parameter."""
-        carried = self.carried_by()
         return [
             {
-                "statistic": statistic,
-                "time": float(time),
+                "statistic": one.statistic,
+                "time": one.time,
                 "parameter": name,
-                "mean": float(self.mean[s, t]),
-                "mean_error": float(self.mean_error[s, t]),
-                "derivative": float(self.jacobian[s, t, k]),
-                "error": float(self.error[s, t, k]),
-                "carried_by": str(carried[s, t]),
-                "pathwise_share": float(self.pathwise_share[s, t]),
+                "mean": float(self.mean[row]),
+                "mean_error": float(self.mean_error[row]),
+                "derivative": float(self.jacobian[row, k]),
+                "error": float(self.error[row, k]),
+                "carried_by": self.carried_by[row],
+                "pathwise_share": float(self.pathwise_share[row]),
             }
-            for s, statistic in enumerate(self.statistics)
-            for t, time in enumerate(self.times)
+            for row, one in enumerate(self.observables)
             for k, name in enumerate(self.free)
         ]
 
     def asdict(self) -> dict[str, Any]:
         """Plain data."""
-        return {**asdict(self), "parameters": self.parameters.asdict()}
+        return asdict(self)
 
     def save(self, path: str | Path) -> None:
         """`asdict` as JSON."""
@@ -88,18 +121,18 @@ class Sensitivity:
 
     @staticmethod
     def load(path: str | Path) -> "Sensitivity":
-        """What `save` wrote."""
+        """Read what `save` wrote."""
         data = read_json(path)
-
-        def array(values: Any) -> np.ndarray:
-            return np.array(values, dtype=float)
-
-        parts = {name: Estimate(**{k: array(v) for k, v in part.items()}) for name, part in data["parts"].items()}
-        arrays = ("times", "mean", "mean_error", "jacobian", "error", "pathwise_share", "tails", "scatter")
+        arrays = ("mean", "mean_error", "jacobian", "error", "pathwise_share", "tails", "scatter", "correlation")
         changed = {
-            "parameters": Parameters(**data["parameters"]),
-            "parts": parts,
-            **{name: array(data[name]) for name in (*arrays, "correlation")},
-            **{name: tuple(data[name]) for name in ("free", "statistics")},
+            "free": tuple(data["free"]),
+            "plausible": {name: tuple(ends) for name, ends in data["plausible"].items()},
+            "observables": tuple(Observable(**one) for one in data["observables"]),
+            "parts": {
+                name: Estimate(**{key: np.array(values, dtype=float) for key, values in part.items()})
+                for name, part in data["parts"].items()
+            },
+            "warnings": tuple(data["warnings"]),
+            **{name: np.array(data[name], dtype=float) for name in arrays},
         }
         return Sensitivity(**{**data, **changed})

@@ -1,6 +1,6 @@
 """One derivative from two estimates of it: an unbiased noisy one and a quiet biased one.
 
-The unbiased estimate R is shrunk towards the quiet one P, for each statistic and time,
+The unbiased estimate R is shrunk towards the quiet one P, for each observable,
 
     J = R + w (P − R),    w = min(V_R / (V_R + V_P), (p − 2) V_R / |P − R|²),
 
@@ -12,15 +12,18 @@ exists, and w is 0.
 """
 
 import numpy as np
-from jaxtyping import Float
 
-from yeastfit.inference.sensitivity.result import Estimate, Table
+from yeastfit.inference.sensitivity.result import Estimate, Jacobian, Means
 
 
-def combine(unbiased: Estimate, quiet: Estimate) -> tuple[Table, Table, Float[np.ndarray, "statistic time"]]:
-    """J, its errors and w (see above). V_R and V_P are means over the parameters, squared distances likewise.
+def combine(unbiased: Estimate, quiet: Estimate) -> tuple[Jacobian, Jacobian, Means]:
+    """J, its errors and w. V_R and V_P are means over the parameters, squared distances likewise.
 
     The bias of P enters the error as what |P − R|² exceeds V_R + V_P by, and half the standard deviation of that.
+
+    Arguments:
+        unbiased: R.
+        quiet: P; where it is not finite, J is R.
     """
     p = unbiased.jacobian.shape[-1]
     scale = np.where(unbiased.error > 0, unbiased.error, 1.0)  # in units of R's errors, where R has any

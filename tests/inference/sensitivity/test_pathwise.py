@@ -1,10 +1,9 @@
-"""Means over members that a few of them cannot carry away, and problems told from curves."""
+"""Means over members that a few of them cannot carry away."""
 
 import jax.numpy as jnp
 import numpy as np
 
-from yeastfit.inference.curves import robust_mean, without_problems
-from yeastfit.model.colony import PROBLEMS
+from yeastfit.inference.sensitivity.pathwise import robust_mean
 
 
 def test_robust_mean_is_the_plain_mean_without_outliers() -> None:
@@ -29,13 +28,3 @@ def test_robust_mean_keeps_what_only_some_members_have() -> None:
     """Births that every fifth colony has: the median is 0, and the mean is not."""
     tangents = np.where(np.arange(40) % 5 == 0, -3.0, 0.0)[:, None]
     np.testing.assert_allclose(robust_mean(jnp.asarray(tangents)).mean, -0.6, rtol=1e-5)
-
-
-def test_problems_are_told_from_curves_and_counted_by_name() -> None:
-    count = len(PROBLEMS)
-    values = np.zeros((3, 2 + count))
-    values[:, :2] = [[1.0, 2.0], [3.0, 4.0], [5.0, np.nan]]
-    values[1:, 2] = 1.0
-    curves, met = without_problems(jnp.asarray(values))
-    np.testing.assert_array_equal(curves, values[:, :2])
-    assert met == {next(iter(PROBLEMS)): 2}

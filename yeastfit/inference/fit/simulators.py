@@ -1,0 +1,70 @@
+"""Simulators of the conditions of a fit: colonies, or what was handed in."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from yeastfit.errors import InputError
+from yeastfit.inference.colony_simulator import ColonySimulator, Resolution
+from yeastfit.inference.simulator import Simulator
+from yeastfit.inference.targets import Targets
+from yeastfit.parameter_set import ParameterSet
+
+Fixed = Mapping[str, float] | Mapping[str, Mapping[str, float]]
+"""Values by name, for all conditions or by condition."""
+
+Simulators = dict[str, Simulator]
+"""By condition."""
+
+
+def colony_simulators(
+    targets: Mapping[str, Targets], free: Sequence[str], fixed: Fixed, resolutions: tuple[Resolution, Resolution]
+) -> tuple[Simulators, Simulators]:
+    """Simulators of colonies that are imaged as the data are.
+
+    Arguments:
+        targets: By condition.
+        free: Names of the free parameters.
+        fixed: Values of others.
+        resolutions: Coarse and fine.
+
+    Returns:
+        Coarse and fine ones, by condition.
+    """
+    nested = any(isinstance(one, Mapping) for one in fixed.values())
+    held = _by_condition("fixed", fixed if nested else dict.fromkeys(targets, fixed), targets)
+    coarse, fine = (
+        {name: ColonySimulator.of(each, free, held[name], one) for name, each in targets.items()} for one in resolutions
+    )
+    return {**coarse}, {**fine}
+
+
+def given_simulators(
+    targets: Mapping[str, Targets],
+    simulator: Simulator | Mapping[str, Simulator],
+    fine: Simulator | Mapping[str, Simulator] | None,
+) -> tuple[Simulators, Simulators]:
+    """Simulators that were handed in, one for all conditions or by condition; no fine ones where none were."""
+    return _by_condition("simulator", simulator, targets), {} if fine is None else _by_condition("fine", fine, targets)
+
+
+def common_parameters(simulators: Mapping[str, Simulator]) -> ParameterSet:
+    """Free parameters of all conditions. Raise `InputError` where they differ."""
+    first, *others = (one.parameters for one in simulators.values())
+    for other in others:
+        if other.names != first.names:
+            raise InputError(
+                f"simulator: conditions have the free parameters {', '.join(first)} and {', '.join(other)}, they need "
+                "the same"
+            )
+    return first
+
+
+def _by_condition(what: str, given: Any, targets: Mapping[str, Targets]) -> dict[str, Any]:
+    """One for each condition."""
+    if not isinstance(given, Mapping):
+        return dict.fromkeys(targets, given)
+    if set(given) != set(targets):
+        raise InputError(
+            f"{what} is for {', '.join(map(repr, given))}, the conditions are {', '.join(map(repr, targets))}"
+        )
+    return {name: given[name] for name in targets}
