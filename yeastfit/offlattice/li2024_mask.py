@@ -29,7 +29,7 @@ from jaxtyping import Bool, Float, Int, UInt8
 from yeastfit.errors import InputError
 from yeastfit.offlattice.colony import OfflatticeColony
 from yeastfit.offlattice.compiled import array_kernel, kernel
-from yeastfit.offlattice.placing import DIRECTIONS, SEMI_AXES
+from yeastfit.offlattice.placing import DIRECTIONS, PIXELS_PER_UM, SEMI_AXES
 
 BIN = 4
 FRAME = (350, 450)
@@ -67,6 +67,11 @@ class BinnedOutlines:
         first = np.full(frame, colony.x.size + 1, dtype=np.int32)
         dropped = _bin(colony.x, colony.y, colony.direction, colony.pseudohyphal, OUTLINES, first)
         return cls(first, colony.x.size, dropped)
+
+    @property
+    def pixel_size(self) -> float:
+        """µm."""
+        return 1 / PIXELS_PER_UM
 
     def mask(self, cells: int) -> Bool[np.ndarray, "x y"]:
         """The mask of so many first cells, 4 pixels a bin."""

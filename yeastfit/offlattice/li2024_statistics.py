@@ -18,12 +18,15 @@ ends have nothing to do with its branch_count: a mean of four quadrants, without
 """
 
 from dataclasses import dataclass, fields
+from functools import partial
 from math import floor, nan, pi
 
 import numpy as np
 from jaxtyping import Bool, Int
 
 from yeastfit.errors import InputError
+from yeastfit.measure.statistics.pixels import Pixels
+from yeastfit.measure.statistics.statistic import Statistic
 from yeastfit.offlattice.compiled import array_kernel, kernel
 from yeastfit.offlattice.golay_skeleton import count_ends, skeleton
 
@@ -45,9 +48,6 @@ class Li2024:
     def row(self) -> dict[str, float]:
         """By name."""
         return {field.name: getattr(self, field.name) for field in fields(self)}
-
-
-NAMES = tuple(field.name for field in fields(Li2024))
 
 
 def li2024_statistics(mask: Bool[np.ndarray, "row column"]) -> Li2024:
@@ -165,3 +165,25 @@ def _cut_core(mask: Bool[np.ndarray, "row column"], row: int, column: int, radiu
                 mask[i, j] = False
             left += mask[i, j]
     return left
+
+
+def _value(name: str, pixels: Pixels) -> float:
+    return float(getattr(pixels.derived(_measured), name))
+
+
+def _measured(pixels: Pixels) -> Li2024:
+    return li2024_statistics(pixels.colony)
+
+
+def _entry(name: str, power: int, meaning: str, label: str) -> Statistic:
+    """Registered as li2024_…, as `measure` has statistics of the same names."""
+    return Statistic(f"li2024_{name}", power, meaning, label, mask=partial(_value, name), may_vanish=power == 0)
+
+
+ENTRIES = (
+    _entry("csr_radius", 1, "radius of the core as Li et al. 2024 find it", "CSR radius"),
+    _entry("filament_area_index", 0, "I_F of Li et al. 2024: share of area beyond the core, over 0.65", "I_F"),
+    _entry("filament_radius_index", 0, "I_R of Li et al. 2024: (r_max / r_CSR − 1.1) / 1.7", "I_R"),
+    _entry("branch_index", 0, "I_B of Li et al. 2024: (ends of a quadrant's skeleton − 25) / 575", "I_B"),
+)
+"""As entries for the registry of statistics: with `register_statistic`, `measure` has them in its tables."""

@@ -1,0 +1,104 @@
+"""The off-lattice model as a simulator: it is one, and its rows are what growing and measuring by hand give."""
+
+import numpy as np
+import pytest
+
+from yeastfit.errors import InputError
+from yeastfit.inference.simulator import Replicates, Simulator, labels_of, problems_of
+from yeastfit.measure.statistics.measure_mask import measure_mask
+from yeastfit.measure.statistics.registry import STATISTICS, register_statistic
+from yeastfit.offlattice.area_matching import match_exactly, search_from_below
+from yeastfit.offlattice.colony import grow
+from yeastfit.offlattice.ellipse_mask import Ellipses
+from yeastfit.offlattice.li2024_mask import BinnedOutlines
+from yeastfit.offlattice.li2024_statistics import ENTRIES, li2024_statistics
+from yeastfit.offlattice.parameters import PARAMETERS
+from yeastfit.offlattice.simulator import OfflatticeSimulator
+
+PUBLISHED = ("li2024_filament_area_index", "li2024_filament_radius_index", "li2024_branch_index")
+VALUES = np.array([[0.6, 0.5, 0.3, 0.2, 0.1], [0.4, 0.6, 0.4, 0.1, 0.3], [0.6, 0.5, 0.3, 0.2, 0.1]])
+SEEDS = np.array([3, 2**64 - 1, 3], dtype=np.uint64)
+
+
+def test_it_is_a_simulator() -> None:
+    simulator = OfflatticeSimulator.of(PUBLISHED, cells=1000)
+    assert isinstance(simulator, Simulator)
+    assert labels_of(simulator) == PUBLISHED
+    assert simulator.parameters == PARAMETERS
+    assert Replicates(simulator, 2)(VALUES, np.arange(3, dtype=np.uint64)).shape == (3, 3)
+
+
+def test_rows_are_theirs_by_hand() -> None:
+    simulator = OfflatticeSimulator.of((*PUBLISHED, "li2024_csr_radius"), cells=2000, area=25_000.0, threads=2)
+    found = simulator(VALUES, SEEDS)
+    for row, values, seed in zip(found, VALUES, SEEDS, strict=True):
+        colony = grow(values, cells=2000, seed=int(seed))
+        matched = search_from_below(BinnedOutlines.of(colony).mask, 2000, 25_000.0)
+        expected = li2024_statistics(matched.mask)
+        indices = [expected.filament_area_index, expected.filament_radius_index, expected.branch_index]
+        assert row[:3].tolist() == pytest.approx(indices, rel=1e-12)
+        assert row[3] == pytest.approx(expected.csr_radius / 0.646)
+    alone = OfflatticeSimulator.of((*PUBLISHED, "li2024_csr_radius"), cells=2000, area=25_000.0, threads=1)
+    np.testing.assert_array_equal(alone(VALUES[1:2], SEEDS[1:2])[0], found[1])
+    assert not problems_of(simulator)
+
+
+def test_rows_are_ours_by_hand() -> None:
+    names = ("compactness", "branch_length", "area")
+    simulator = OfflatticeSimulator.of(names, cells=2000, area=20_000.0, draw=Ellipses.of, match=match_exactly)
+    ellipses = Ellipses.of(grow(VALUES[1], cells=2000, seed=2**64 - 1))
+    mask = match_exactly(ellipses.mask, 2000, 20_000.0).mask
+    expected = measure_mask(mask, 1.55008, names)
+    assert simulator(VALUES, SEEDS)[1] == pytest.approx([expected[name] for name in names])
+
+
+def test_some_parameters_are_held() -> None:
+    simulator = OfflatticeSimulator.of(["area"], cells=500, free=("fork", "transition"), fixed={"any_mother": 0.9})
+    assert simulator.parameters.names == ("transition", "fork")
+    assert simulator.fixed == {name: value for name, value in PARAMETERS.defaults.items() if name[0] in "sp"} | {
+        "any_mother": 0.9
+    }
+    colony = simulator.colony((0.3, 0.8), 7)
+    assert (colony.rates.transition, colony.rates.fork, colony.rates.any_mother) == (0.3, 0.8, 0.9)
+
+
+def test_what_came_to_nothing_is_nan_and_told() -> None:
+    simulator = OfflatticeSimulator.of(["area"], cells=200, area=1e9)
+    values = np.array([[1.0, 0.5, 0.5, 0.5, 0.5], [1.5, 0.5, 0.5, 0.5, 0.5], [0.5, 0.5, 0.0, 0.5, 0.0]])
+    found = simulator(np.concatenate([values, values]), np.zeros(6, dtype=np.uint64))
+    assert np.isnan(found[:, 0]).tolist() == [False, True, True, False, True, True]
+    assert simulator.problems == {
+        "all cells together cover no more than the area: all are kept": 1,
+        "not simulated: a parameter lies outside [0, 1]; left out": 1,
+        "no pseudohyphal cell could bud any more; left out": 1,
+    }
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ({"statistics": ["areas"]}, "got 'areas', need some of li2024_csr_radius"),
+        ({"statistics": ["cell_count"]}, "got 'cell_count'"),
+        ({"statistics": []}, "need at least one"),
+        ({"free": ("forks",)}, "'forks' is unknown"),
+        ({"fixed": {"fork": 0.5}}, "'fork' is free"),
+        ({"free": ("fork",), "fixed": {"any_mother": 2.0}}, "any_mother"),
+    ],
+)
+def test_wrong_simulators(arguments: dict, words: str) -> None:
+    with pytest.raises(InputError, match=words):
+        OfflatticeSimulator.of(**({"statistics": ["area"], "cells": 10} | arguments))
+
+
+def test_photographs_are_measured_by_the_same_entries(monkeypatch: pytest.MonkeyPatch) -> None:
+    for entry in ENTRIES:
+        monkeypatch.delitem(STATISTICS, entry.name, raising=False)
+        register_statistic(entry)
+    mask = BinnedOutlines.of(grow(VALUES[0], cells=3000)).mask(3000)
+    found = measure_mask(mask, 2.0, [entry.name for entry in ENTRIES])
+    expected = li2024_statistics(mask)
+    assert found["li2024_csr_radius"] == 2 * expected.csr_radius
+    indices = [expected.filament_area_index, expected.filament_radius_index, expected.branch_index]
+    assert [found[name] for name in PUBLISHED] == pytest.approx(indices, rel=1e-12)
+    for entry in ENTRIES:
+        del STATISTICS[entry.name]

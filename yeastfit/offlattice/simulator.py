@@ -1,0 +1,148 @@
+"""Colonies of the off-lattice model as a forward model that fits and samplers can ask: one colony a row, measured.
+
+A colony of N cells grows; a mask of its first n ≤ N is drawn and measured. n is chosen so that the mask has a given
+area: colonies are compared at one size.
+"""
+
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+from jaxtyping import Bool, Float, Shaped
+
+from yeastfit.errors import InputError
+from yeastfit.measure.statistics.pixels import Pixels
+from yeastfit.measure.statistics.registry import STATISTICS
+from yeastfit.measure.statistics.statistic import Statistic
+from yeastfit.observable import Observable
+from yeastfit.offlattice.area_matching import MaskOf, Match, MatchedMask, search_from_below
+from yeastfit.offlattice.colony import DELAY, MOST_ATTEMPTS, OfflatticeColony, grow, in_threads
+from yeastfit.offlattice.li2024_mask import BinnedOutlines
+from yeastfit.offlattice.li2024_statistics import ENTRIES
+from yeastfit.offlattice.parameters import PARAMETERS, rates_of
+from yeastfit.offlattice.status import Status
+from yeastfit.parameter_set import ParameterSet
+
+
+class Picture(Protocol):
+    """Masks of a colony's first cells, such as `BinnedOutlines` and `Ellipses`."""
+
+    @property
+    def pixel_size(self) -> float:
+        """µm."""
+
+    def mask(self, cells: int) -> Bool[np.ndarray, "row column"]:
+        """The mask of so many."""
+
+
+@dataclass(frozen=True)
+class OfflatticeSimulator:
+    """Grows one colony for each row and measures it. Made by `of`.
+
+    Attributes:
+        parameters: The free ones.
+        fixed: Values of the others.
+        observables: The columns.
+        cells: N.
+        area: Of the mask that is measured, pixels; None for the mask of all cells.
+        draw: The pictures of a colony: Li et al.'s `BinnedOutlines.of` or `Ellipses.of`.
+        match: How the area is matched: Li et al.'s `search_from_below` or `match_exactly`.
+        delay: See `grow`.
+        most_attempts: See `grow`.
+        threads: How many colonies grow at a time; None for as many as there are processors to use.
+        problems: What colonies ran into, in words. A row is nan where its colony did not grow to the end; one whose
+            area was missed is measured all the same.
+    """
+
+    parameters: ParameterSet
+    fixed: Mapping[str, float]
+    observables: tuple[Observable, ...]
+    cells: int
+    area: float | None = None
+    draw: Callable[[OfflatticeColony], Picture] = BinnedOutlines.of
+    match: Callable[[MaskOf, int, float], MatchedMask] = search_from_below
+    delay: float = DELAY
+    most_attempts: int = MOST_ATTEMPTS
+    threads: int | None = None
+    problems: Counter[str] = field(default_factory=Counter)
+
+    @staticmethod
+    def of(
+        statistics: Sequence[str],
+        *,
+        cells: int,
+        area: float | None = None,
+        free: Sequence[str] = PARAMETERS.names,
+        fixed: Mapping[str, float] | None = None,
+        draw: Callable[[OfflatticeColony], Picture] = BinnedOutlines.of,
+        match: Callable[[MaskOf, int, float], MatchedMask] = search_from_below,
+        delay: float = DELAY,
+        most_attempts: int = MOST_ATTEMPTS,
+        threads: int | None = None,
+    ) -> "OfflatticeSimulator":
+        """Colonies of N cells that are compared at one area.
+
+        Arguments:
+            statistics: Names: those of `li2024_statistics.ENTRIES`, and all that `measure` has for masks.
+            cells: N.
+            area: See the attributes, as all below.
+            free: Names of the free parameters.
+            fixed: Values of others, by name; the default of those that are not named.
+            draw: See above.
+            match: See above.
+            delay: See above.
+            most_attempts: See above.
+            threads: See above.
+
+        Raises:
+            InputError: A statistic or parameter is unknown, or a value not admissible.
+        """
+        if unknown := [name for name in statistics if name not in known_statistics()]:
+            raise InputError(f"statistics: got {unknown[0]!r}, need some of {', '.join(known_statistics())}")
+        if not statistics:
+            raise InputError("statistics: got none, need at least one")
+        chosen = PARAMETERS.subset(free)
+        given = dict(fixed or {})
+        PARAMETERS.check(given)
+        if twice := [name for name in given if name in chosen]:
+            raise InputError(f"parameter {twice[0]!r} is free, it cannot have the fixed value {given[twice[0]]:g}")
+        held = {name: value for name, value in (PARAMETERS.defaults | given).items() if name not in chosen}
+        observables = tuple(map(Observable, statistics))
+        return OfflatticeSimulator(chosen, held, observables, cells, area, draw, match, delay, most_attempts, threads)
+
+    def __call__(
+        self, values: Float[np.ndarray, "row parameter"], seeds: Shaped[np.ndarray, " row"]
+    ) -> Float[np.ndarray, "row statistic"]:
+        """Statistics, one row a colony; nan throughout where it did not grow to the end. Equal rows grow once."""
+        jobs = [(tuple(row), int(seed)) for row, seed in zip(values.tolist(), seeds, strict=True)]
+        different = list(dict.fromkeys(jobs))
+        found = dict(zip(different, in_threads(self._measured, different, self.threads), strict=True))
+        self.problems.update(problem for _, problem in found.values() if problem)
+        return np.array([found[job][0] for job in jobs]).reshape(len(jobs), len(self.observables))
+
+    def colony(self, values: Sequence[float], seed: int) -> OfflatticeColony:
+        """The colony of one row."""
+        rates = rates_of({**self.fixed, **dict(zip(self.parameters.names, values, strict=True))})
+        return grow(rates, cells=self.cells, seed=seed, delay=self.delay, most_attempts=self.most_attempts)
+
+    def _measured(self, job: tuple[tuple[float, ...], int]) -> tuple[list[float], str]:
+        """One row, and what the colony ran into; empty where it was nothing."""
+        colony = self.colony(*job)
+        if colony.status is not Status.GROWN:
+            return [np.nan] * len(self.observables), f"{colony.status.value}; left out"
+        picture, problem = self.draw(colony), ""
+        if self.area is None:
+            mask = picture.mask(self.cells)
+        else:
+            matched = self.match(picture.mask, self.cells, self.area)
+            mask, problem = matched.mask, "" if matched.match is Match.MATCHED else matched.match.value
+        pixels, entries = Pixels.of(mask), known_statistics()
+        chosen = [entries[one.statistic] for one in self.observables]
+        return [one.mask(pixels) * picture.pixel_size**one.unit_power for one in chosen if one.mask], problem
+
+
+def known_statistics() -> dict[str, Statistic]:
+    """Statistics of masks by name: Li et al.'s, and those of the registry."""
+    return {entry.name: entry for entry in (*ENTRIES, *STATISTICS.values()) if entry.mask}
