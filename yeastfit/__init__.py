@@ -23,8 +23,8 @@ from yeastfit.inference.sensitivity.estimate import sensitivity
 from yeastfit.inference.sensitivity.result import Sensitivity
 from yeastfit.inference.simulator import Simulator
 from yeastfit.inference.targets import Targets
+from yeastfit.measure.measure_images import measure_dataset, measure_file
 from yeastfit.measure.reading.dataset import Dataset, read_dataset
-from yeastfit.measure.series import measure_dataset, measure_file
 from yeastfit.measure.statistics.registry import STATISTICS, register_statistic
 from yeastfit.measure.statistics.statistic import Statistic
 from yeastfit.model.model import RULES, Model

@@ -21,7 +21,7 @@ from yeastfit.commands.measure_batch import measure_batch
 from yeastfit.errors import InputError
 from yeastfit.measure.reading.batch_inputs import find_tasks
 from yeastfit.measure.reading.segmentation_options import Overrule
-from yeastfit.measure.series import condition_curves
+from yeastfit.measure.replicate_curves import condition_curves
 
 
 def write_disc(path: Path, radius: float = 30.0, side: int = 120) -> Path:

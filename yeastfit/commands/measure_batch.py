@@ -22,11 +22,11 @@ import numpy as np
 
 from yeastfit import plot
 from yeastfit.errors import InputError, PixelSizeError
+from yeastfit.measure.measure_images import measure_file
 from yeastfit.measure.outlining.segmentation import DOUBTS, segment
 from yeastfit.measure.reading.batch_inputs import Task
 from yeastfit.measure.reading.dataset import given
 from yeastfit.measure.reading.images import read_image
-from yeastfit.measure.series import measure_file
 from yeastfit.measure.statistics.registry import register_missing, registered
 from yeastfit.measure.statistics.statistic import Statistic
 from yeastfit.progress import Progress, silent

@@ -9,8 +9,9 @@ from jaxtyping import Bool, Float, Int
 
 from yeastfit.errors import InputError
 from yeastfit.inference.imaging import SMOOTHING, SPACING, Imaging
+from yeastfit.measure.measure_images import MeasuredImage
 from yeastfit.measure.reading.dataset import Dataset
-from yeastfit.measure.series import Measured, replicate_curves
+from yeastfit.measure.replicate_curves import replicate_curves
 from yeastfit.measure.statistics.registry import STATISTICS
 from yeastfit.measure.statistics.smooth_statistics import measure_mask_smoothly
 from yeastfit.model.parameters import Scales
@@ -201,7 +202,7 @@ class Targets:
     @staticmethod
     def from_dataset(
         dataset: Dataset,
-        measured: list[Measured],
+        measured: list[MeasuredImage],
         *,
         names: tuple[str, ...] = ("compactness", "radius"),
         scales: Scales | None = None,

@@ -22,7 +22,7 @@ def condition_curves(
 
     Arguments:
         rows: One mapping for each image, with `condition`, `replicate`, `hours` and the statistics.
-        curves: What `measure.series.condition_curves` made of them.
+        curves: What `yeastfit.measure.replicate_curves.condition_curves` made of them.
         units: The statistics to draw, with their units.
 
     Returns:

@@ -9,7 +9,7 @@ from yeastfit import plot
 from yeastfit.errors import InputError
 from yeastfit.measure.reading.batch_inputs import Task
 from yeastfit.measure.reading.dataset import Dataset, find_manifest
-from yeastfit.measure.series import condition_curves
+from yeastfit.measure.replicate_curves import condition_curves
 from yeastfit.measure.statistics.filaments import SKELETON
 from yeastfit.measure.statistics.registry import STATISTICS, names_with
 from yeastfit.report.measurement_page import measurement_page

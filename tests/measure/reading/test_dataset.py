@@ -7,9 +7,10 @@ import pytest
 from PIL import Image
 
 from yeastfit.errors import InputError
+from yeastfit.measure.measure_images import measure_dataset
 from yeastfit.measure.reading.dataset import Frame, read_dataset
 from yeastfit.measure.reading.segmentation_options import Overrule
-from yeastfit.measure.series import measure_dataset, replicate_curves
+from yeastfit.measure.replicate_curves import replicate_curves
 from yeastfit.measure.statistics.smooth_statistics import measure_mask_smoothly
 
 DEMO = Path(__file__).parents[3] / "data" / "synthetic" / "demo"
