@@ -9,7 +9,7 @@ from yeastfit.derivatives.check_colony import check_gradients
 from yeastfit.derivatives.result import GradientCheck
 from yeastfit.errors import InputError, SimulationError
 from yeastfit.inference.colony_simulator import ColonySimulator, Resolution
-from yeastfit.inference.fit.bootstrap_profile import explore
+from yeastfit.inference.fit.bootstrap_profile import explore, profiles
 from yeastfit.inference.fit.least_squares import fit
 from yeastfit.inference.fit.result import Fit, FitStatus
 from yeastfit.inference.fit.settings import FitSettings
@@ -20,6 +20,7 @@ from yeastfit.inference.information.experiment import information_of
 from yeastfit.inference.information.fisher import information
 from yeastfit.inference.information.result import Information
 from yeastfit.inference.sensitivity.estimate import sensitivity
+from yeastfit.inference.sensitivity.pathwise import robust_mean
 from yeastfit.inference.sensitivity.result import Sensitivity
 from yeastfit.inference.simulator import Simulator
 from yeastfit.inference.targets import Targets
@@ -100,9 +101,11 @@ __all__ = [
     "measure_file",
     "member_keys",
     "plot",
+    "profiles",
     "read_dataset",
     "read_truth",
     "register_statistic",
+    "robust_mean",
     "sensitivity",
     "simulate",
 ]
