@@ -1,10 +1,10 @@
-"""Speed of the off-lattice model: growth beside C, measuring, cost against the number of cells, and threads.
+"""Speed of the off-lattice model: growth compared with C, measurement, cost against the number of cells, and threads.
 
-Growth is timed at the means of Li et al.'s stored posterior for each of their three sets of colonies, in turn with a C
-program of the same algorithm and random numbers (`offlattice.c`, compiled where there is a `cc`); both must come to the
-same colony, and the least of several times counts. Measuring is Li et al.'s: bins, the search for the area with its six
-masks or so, and the statistics. Times are processor time of one core, but for threads, which are timed by the clock and
-take an idle machine.
+Growth is timed at the means of Li et al.'s published posteriors for each of their three sets of colonies, in turn with
+a C program of the same algorithm and random numbers (`offlattice.c`, compiled if there is a `cc`). Both must produce
+the same colony, and the shortest of several times counts. Measurement is that of Li et al.: bins, the search for the
+area with about six masks, and the statistics. Times are processor time of one core; those of threads are wall-clock
+times and need an idle machine.
 
     python -m benchmarks.offlattice [--quick] [--json FILE]
 """
