@@ -19,8 +19,8 @@ from yeastfit import STATISTICS
 from yeastfit.commands import app as cli
 from yeastfit.commands.measure_batch import measure_batch
 from yeastfit.errors import InputError
-from yeastfit.measure.reading.batch_inputs import find_tasks
-from yeastfit.measure.reading.segmentation_options import Overrule
+from yeastfit.measure.reading.batch_inputs import find_images
+from yeastfit.measure.reading.segmentation_options import SegmentationOptions
 from yeastfit.measure.replicate_curves import condition_curves
 
 
@@ -39,15 +39,15 @@ def rows(path: Path) -> list[dict[str, str]]:
         return list(csv.DictReader(file))
 
 
-# --------------------------------------------------------------------------------------------------------------- tasks
+# --------------------------------------------------------------------------------------------------------------- images
 
 
 def test_all_images_of_a_folder_are_measured_in_counting_order(tmp_path: Path) -> None:
     for name in ("s10.png", "s9.PNG", "notes.txt", ".hidden.png"):
         (tmp_path / name).write_bytes(b"x")
-    tasks, dataset, skipped = find_tasks([tmp_path], 0.5, Overrule(threshold=9.0))
-    assert [task.label for task in tasks] == ["s9.PNG", "s10.png"]
-    assert all(task.pixel_size == 0.5 and task.overrule.threshold == 9 and task.hours is None for task in tasks)
+    images, dataset, skipped = find_images([tmp_path], 0.5, SegmentationOptions(threshold=9.0))
+    assert [image.label for image in images] == ["s9.PNG", "s10.png"]
+    assert all(image.pixel_size == 0.5 and image.options.threshold == 9 and image.hours is None for image in images)
     assert dataset is None
     assert [path.name for path in skipped] == ["notes.txt"]
 
@@ -59,10 +59,10 @@ def test_what_the_manifest_says_goes_before_the_options(tmp_path: Path) -> None:
         "file,replicate,hours,um_per_pixel,condition,seed_point,threshold\na.png,1,2,0.3,x,5 6,\nb.png,1,2,,y,,7\n"
     )
     for path in (tmp_path, tmp_path / "manifest.csv"):
-        (a, b), dataset, _ = find_tasks([path], 0.5, Overrule((1.0, 2.0), 3.0))
+        (a, b), dataset, _ = find_images([path], 0.5, SegmentationOptions((1.0, 2.0), 3.0))
         assert dataset is not None
-        assert (a.condition, a.pixel_size, a.overrule) == ("x", 0.3, Overrule((5.0, 6.0), 3.0))
-        assert (b.condition, b.pixel_size, b.overrule) == ("y", 0.5, Overrule((1.0, 2.0), 7.0))
+        assert (a.condition, a.pixel_size, a.options) == ("x", 0.3, SegmentationOptions((5.0, 6.0), 3.0))
+        assert (b.condition, b.pixel_size, b.options) == ("y", 0.5, SegmentationOptions((1.0, 2.0), 7.0))
 
 
 @pytest.mark.parametrize(
@@ -78,9 +78,9 @@ def test_masks_never_share_a_name(tmp_path: Path, files: list[str], names: list[
     for file in files:
         (tmp_path / file).parent.mkdir(exist_ok=True)
         (tmp_path / file).write_bytes(b"x")
-    tasks, _, _ = find_tasks([tmp_path / file for file in files])
-    assert [task.name for task in tasks] == names
-    assert len({task.label for task in tasks}) == len(files)
+    images, _, _ = find_images([tmp_path / file for file in files])
+    assert [image.name for image in images] == names
+    assert len({image.label for image in images}) == len(files)
 
 
 def test_paths_that_cannot_be_meant_are_refused(tmp_path: Path) -> None:
@@ -94,7 +94,7 @@ def test_paths_that_cannot_be_meant_are_refused(tmp_path: Path) -> None:
         ([image, image.parent / ".." / "images" / "a.png"], "is given twice"),
     ):
         with pytest.raises(InputError, match=words):
-            find_tasks(paths)
+            find_images(paths)
     for out in (image.parent, tmp_path):
         assert cli.run(["measure", str(image), "--out", str(out)]) == 2
         assert not (out / "index.html").exists()
@@ -109,12 +109,12 @@ def test_two_processes_find_what_one_finds_and_a_dead_one_takes_only_its_own_ima
     """Registered statistics too, which they import."""
     monkeypatch.setitem(STATISTICS, SIDE.name, SIDE)
     files = [write_disc(tmp_path / f"{k}.png", radius=20 + k) for k in range(9)]
-    tasks, _, _ = find_tasks(files, 0.5)
+    images, _, _ = find_images(files, 0.5)
     environment = dict(os.environ)
-    alone = measure_batch(tasks, tmp_path / "alone")
-    tasks[4] = replace(tasks[4], path=_Deadly(files[4]))
+    alone = measure_batch(images, tmp_path / "alone")
+    images[4] = replace(images[4], path=_Deadly(files[4]))
     seen: list[tuple[str, float]] = []
-    together = measure_batch(tasks, tmp_path / "together", jobs=2, progress=lambda *counts: seen.append(counts))
+    together = measure_batch(images, tmp_path / "together", jobs=2, progress=lambda *counts: seen.append(counts))
     assert seen == [(f"measured {k} of 9", k / 9) for k in range(1, 10)]
     for k, (one, other) in enumerate(zip(alone, together, strict=True)):
         if k == 4:

@@ -8,8 +8,8 @@ import typer
 from yeastfit.commands.measure_batch import measure_batch
 from yeastfit.commands.options import Jobs, Out
 from yeastfit.commands.terminal import fail, out, shown_progress, warn
-from yeastfit.measure.reading.batch_inputs import find_tasks
-from yeastfit.measure.reading.dataset import given, read_overrule
+from yeastfit.measure.reading.batch_inputs import find_images
+from yeastfit.measure.reading.segmentation_options import read_options
 from yeastfit.processors import available_processors
 from yeastfit.report.measurement_files import clear_results, refuse_mixed_folder, write_results
 from yeastfit.storage import write_manifest
@@ -50,24 +50,24 @@ def measure(
     and the others are still measured; the exit code is then 2.
     """
     options: dict[str, Any] = {"seed_point": seed_point, "threshold": threshold, "roi": roi}
-    tasks, dataset, skipped = find_tasks(paths, pixel_size, read_overrule(options, "options"))
-    refuse_mixed_folder(folder, tasks)
+    images, dataset, skipped = find_images(paths, pixel_size, read_options(options, "options"))
+    refuse_mixed_folder(folder, images)
     clear_results(folder)
     with shown_progress("measuring micrographs") as progress:
-        outcomes = measure_batch(tasks, folder, jobs=jobs or available_processors(), progress=progress)
+        outcomes = measure_batch(images, folder, jobs=jobs or available_processors(), progress=progress)
     measured = [outcome for outcome in outcomes if outcome.row]
     options["pixel_size"] = pixel_size
     settings = {name: value for name, value in options.items() if value is not None}
     title = f"Micrographs of {(dataset.folder if dataset else paths[0] if len(paths) == 1 else folder).resolve().name}"
     write_results(folder, title, outcomes, dataset=dataset, skipped=skipped, settings=settings)
-    inputs = ([dataset.manifest] if dataset else []) + [outcome.task.path for outcome in outcomes if outcome.sha256]
+    inputs = ([dataset.manifest] if dataset else []) + [outcome.image.path for outcome in outcomes if outcome.sha256]
     failed = [outcome.error for outcome in outcomes if not outcome.row]
-    overruled = {task.label: given(task.overrule) for task in tasks if given(task.overrule)}
+    overruled = {image.label: image.options.as_arguments() for image in images if image.options.as_arguments()}
     more: dict[str, Any] = {"configuration": {**settings, "overruled": overruled}, "failed": failed}
     write_manifest(folder, command="measure", inputs=inputs, **more)
-    warn([f"{outcome.task.label}: {doubt}" for outcome in measured for doubt in outcome.doubts])
+    warn([f"{outcome.image.label}: {doubt}" for outcome in measured for doubt in outcome.doubts])
     if skipped:
         warn([f"passed over, no images by their names: {', '.join(path.name for path in skipped)}"])
-    out.print(f"{len(measured)} of {len(tasks)} micrographs measured. Results in {folder}, on one page: index.html")
+    out.print(f"{len(measured)} of {len(images)} micrographs measured. Results in {folder}, on one page: index.html")
     if failed:
         fail(failed)

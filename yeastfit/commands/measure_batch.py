@@ -1,7 +1,7 @@
 """Measure many micrographs, one after another or in several processes.
 
 Each file is read, outlined and measured by itself, and its mask and overlay are written at once. A file that cannot be
-measured becomes an `Outcome` that says why, and the others are still measured. Outcomes are in the order of the tasks
+measured becomes an `Outcome` that says why, and the others are still measured. Outcomes are in the order of the images
 and do not depend on the number of processes.
 """
 
@@ -24,8 +24,7 @@ from yeastfit import plot
 from yeastfit.errors import InputError, PixelSizeError
 from yeastfit.measure.measure_images import measure_file
 from yeastfit.measure.outlining.segmentation import DOUBTS, segment
-from yeastfit.measure.reading.batch_inputs import Task
-from yeastfit.measure.reading.dataset import given
+from yeastfit.measure.reading.batch_inputs import InputImage
 from yeastfit.measure.reading.images import read_image
 from yeastfit.measure.statistics.registry import register_missing, registered
 from yeastfit.measure.statistics.statistic import Statistic
@@ -34,54 +33,56 @@ from yeastfit.report.outcome import Outcome
 from yeastfit.simulation.synthetic_data import write_mask
 from yeastfit.storage import sha256_of, written_whole
 
-TASKS_PER_PROCESS = 4  # fewer are measured sooner than another process has started
+IMAGES_PER_PROCESS = 4  # fewer are measured sooner than another process has started
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
 
-def measure_batch(tasks: Sequence[Task], folder: Path, *, jobs: int = 1, progress: Progress = silent) -> list[Outcome]:
+def measure_batch(
+    images: Sequence[InputImage], folder: Path, *, jobs: int = 1, progress: Progress = silent
+) -> list[Outcome]:
     """Measure files, and write the mask and the overlay of each that can be outlined.
 
     Arguments:
-        tasks: What to measure.
+        images: What to measure.
         folder: Where to write masks/NAME.png and overlays/NAME.png.
         jobs: The most processes to use. Each holds one image at a time and uses one processor. A process that dies, for
             lack of memory for instance, costs only its own image.
         progress: Told after each file.
 
     Returns:
-        An outcome for each task.
+        An outcome for each image.
     """
     for part in ("masks", "overlays"):
         (folder / part).mkdir(parents=True, exist_ok=True)
     outcomes: dict[int, Outcome] = {}
-    processes = min(jobs, -(-len(tasks) // TASKS_PER_PROCESS))
-    finished = _in_processes(tasks, folder, processes) if processes > 1 else _one_by_one(tasks, folder)
+    processes = min(jobs, -(-len(images) // IMAGES_PER_PROCESS))
+    finished = _in_processes(images, folder, processes) if processes > 1 else _one_by_one(images, folder)
     for number, outcome in finished:
         outcomes[number] = outcome
-        progress(f"measured {len(outcomes)} of {len(tasks)}", len(outcomes) / len(tasks))
-    return [outcomes[number] for number in range(len(tasks))]
+        progress(f"measured {len(outcomes)} of {len(images)}", len(outcomes) / len(images))
+    return [outcomes[number] for number in range(len(images))]
 
 
-def _one_by_one(tasks: Sequence[Task], folder: Path) -> Iterator[tuple[int, Outcome]]:
-    for number, task in enumerate(tasks):
-        yield number, run_task(task, folder)
+def _one_by_one(images: Sequence[InputImage], folder: Path) -> Iterator[tuple[int, Outcome]]:
+    for number, image in enumerate(images):
+        yield number, measure_image(image, folder)
 
 
-def _in_processes(tasks: Sequence[Task], folder: Path, processes: int) -> Iterator[tuple[int, Outcome]]:
+def _in_processes(images: Sequence[InputImage], folder: Path, processes: int) -> Iterator[tuple[int, Outcome]]:
     """Yield outcomes as they come.
 
     Once a process has died, files are measured one at a time: then the first without an outcome is the one to blame.
     This process does it all where no other can be started, as in a script that does its work while it is imported, and
     where a registered statistic cannot be sent to another one, because its functions cannot be imported.
     """
-    waiting = dict(enumerate(tasks))
+    waiting = dict(enumerate(images))
     context = multiprocessing.get_context("spawn")  # JAX must not be forked
     while waiting and _can_be_sent(registered()):
         pool = ProcessPoolExecutor(processes, context, register_missing, (registered(),))
         try:
             with _settings_for_workers():
                 first = pool.submit(os.getpid)
-                futures = {pool.submit(run_task, task, folder): number for number, task in waiting.items()}
+                futures = {pool.submit(measure_image, image, folder): number for number, image in waiting.items()}
             if isinstance(first.exception(), BrokenProcessPool):
                 break
             for future in as_completed(futures):
@@ -90,14 +91,14 @@ def _in_processes(tasks: Sequence[Task], folder: Path, processes: int) -> Iterat
                 yield futures[future], outcome
         except BrokenProcessPool:
             if processes == 1:
-                number, task = next(iter(waiting.items()))
+                number, image = next(iter(waiting.items()))
                 del waiting[number]
-                yield number, Outcome(task, error=f"{task.path}: its process died, perhaps of too little memory")
+                yield number, Outcome(image, error=f"{image.path}: its process died, perhaps of too little memory")
             processes = 1
         finally:
             pool.shutdown(cancel_futures=True)  # after the images at hand
-    for number, task in waiting.items():
-        yield number, run_task(task, folder)
+    for number, image in waiting.items():
+        yield number, measure_image(image, folder)
 
 
 def _can_be_sent(statistics: Sequence[Statistic]) -> bool:
@@ -125,21 +126,21 @@ def _settings_for_workers() -> Iterator[None]:
             del os.environ[name]
 
 
-def run_task(task: Task, folder: Path) -> Outcome:
+def measure_image(image: InputImage, folder: Path) -> Outcome:
     """Measure one file and write its mask and overlay.
 
     Arguments:
-        task: What to measure.
+        image: What to measure.
         folder: Where to write the mask and the overlay.
 
     Returns:
         The outcome, whatever goes wrong; a file that only lacks the size of a pixel is outlined all the same.
     """
     try:
-        digest = sha256_of(task.path) if task.path.is_file() else ""
+        digest = sha256_of(image.path) if image.path.is_file() else ""
     except OSError:
         digest = ""
-    outcome = Outcome(task, sha256=digest)
+    outcome = Outcome(image, sha256=digest)
     try:
         return _measured(outcome, folder)
     except PixelSizeError as error:
@@ -149,37 +150,39 @@ def run_task(task: Task, folder: Path) -> Outcome:
     except Exception as error:  # a bug met in one file must not cost the others; it is reported with its place
         place = traceback.extract_tb(error.__traceback__)[-1]
         fault = f"{type(error).__name__}: {' '.join(str(error).split())} ({Path(place.filename).name}:{place.lineno})"
-        return replace(outcome, error=f"{task.path}: a fault of yeastfit, please report it: {fault}")
+        return replace(outcome, error=f"{image.path}: a fault of yeastfit, please report it: {fault}")
 
 
 def _measured(outcome: Outcome, folder: Path) -> Outcome:
     """The outcome with its row and thumbnail."""
-    task = outcome.task
-    measured = measure_file(task.path, task.pixel_size, task.overrule)
+    image = outcome.image
+    measured = measure_file(image.path, image.pixel_size, image.options)
     doubts = measured.segmentation.warnings
     shape, micrograph = measured.shape, measured.micrograph
-    title = f"{task.label}: area {shape.area:.4g} µm², compactness {shape.compactness:.3g}"
-    image = _pictures(task, micrograph.pixels, measured.segmentation.mask, title, micrograph.pixel_size, doubts, folder)
-    known = {"condition": task.condition, "replicate": task.replicate, "hours": task.hours}
-    row = {"file": task.label, **known, **measured.row(), "mask": f"masks/{task.name}.png"}
-    return replace(outcome, row={**row, "file": task.label}, doubts=doubts, thumbnail=image)
+    title = f"{image.label}: area {shape.area:.4g} µm², compactness {shape.compactness:.3g}"
+    thumbnail = _pictures(
+        image, micrograph.pixels, measured.segmentation.mask, title, micrograph.pixel_size, doubts, folder
+    )
+    known = {"condition": image.condition, "replicate": image.replicate, "hours": image.hours}
+    row = {"file": image.label, **known, **measured.row(), "mask": f"masks/{image.name}.png"}
+    return replace(outcome, row={**row, "file": image.label}, doubts=doubts, thumbnail=thumbnail)
 
 
 def _outlined(outcome: Outcome, folder: Path) -> Outcome:
     """The outcome of an image without pixel size, with its thumbnail where it can be outlined."""
-    task = outcome.task
+    image = outcome.image
     try:
-        pixels = read_image(task.path)
-        found = segment(pixels, name=str(task.path), **given(task.overrule))
+        pixels = read_image(image.path)
+        found = segment(pixels, name=str(image.path), **image.options.as_arguments())
     except InputError as error:
         return replace(outcome, error=f"{outcome.error}; {error}")
-    title = f"{task.label}: no pixel size, not measured"
-    image = _pictures(task, pixels, found.mask, title, None, found.warnings, folder)
-    return replace(outcome, doubts=found.warnings, thumbnail=image)
+    title = f"{image.label}: no pixel size, not measured"
+    thumbnail = _pictures(image, pixels, found.mask, title, None, found.warnings, folder)
+    return replace(outcome, doubts=found.warnings, thumbnail=thumbnail)
 
 
 def _pictures(
-    task: Task,
+    image: InputImage,
     pixels: np.ndarray,
     mask: np.ndarray,
     title: str,
@@ -188,8 +191,8 @@ def _pictures(
     folder: Path,
 ) -> bytes:
     """Write mask and overlay, whole or not at all, and return the thumbnail."""
-    with written_whole(folder / "masks" / f"{task.name}.png") as temporary:
+    with written_whole(folder / "masks" / f"{image.name}.png") as temporary:
         write_mask(temporary, mask)
     figure = plot.overlay(pixels, mask, title, pixel_size, [f"{doubt}: {DOUBTS[doubt]}" for doubt in doubts])
-    plot.save(figure, folder / "overlays" / f"{task.name}.png")
-    return plot.thumbnail(pixels, mask, task.side)
+    plot.save(figure, folder / "overlays" / f"{image.name}.png")
+    return plot.thumbnail(pixels, mask, image.side)

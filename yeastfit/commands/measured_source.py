@@ -17,7 +17,7 @@ from yeastfit.inference.targets_from_table import (
     table_in,
     targets_of,
 )
-from yeastfit.measure.reading.batch_inputs import dataset_tasks
+from yeastfit.measure.reading.batch_inputs import dataset_images
 from yeastfit.measure.reading.dataset import MANIFESTS, dataset_folder, read_dataset
 from yeastfit.model.parameters import Scales
 from yeastfit.progress import Progress
@@ -102,17 +102,17 @@ def measure_source(source: Path, folder: Path, jobs: int, progress: Progress) ->
         rows = read_measurements(table)
         return Measurements(rows, table.parent, files_of(table, rows), recorded_warnings(rows, table.parent))
     dataset = read_dataset(where or source)
-    tasks = dataset_tasks(dataset)
-    refuse_mixed_folder(folder, tasks)
+    images = dataset_images(dataset)
+    refuse_mixed_folder(folder, images)
     clear_results(folder)
-    outcomes = measure_batch(tasks, folder, jobs=jobs, progress=progress)
+    outcomes = measure_batch(images, folder, jobs=jobs, progress=progress)
     write_results(folder, f"Micrographs of {dataset.folder.resolve().name}", outcomes, dataset=dataset)
     rows = [outcome.row for outcome in outcomes if outcome.row]
     failed = [f"left out: {outcome.error}" for outcome in outcomes if not outcome.row]
     if not rows:
         raise InputError("; ".join(failed))
-    doubts = [f"{outcome.task.label}: {doubt}" for outcome in outcomes for doubt in outcome.doubts]
-    inputs = [dataset.manifest, *(outcome.task.path for outcome in outcomes if outcome.row)]
+    doubts = [f"{outcome.image.label}: {doubt}" for outcome in outcomes for doubt in outcome.doubts]
+    inputs = [dataset.manifest, *(outcome.image.path for outcome in outcomes if outcome.row)]
     return Measurements(rows, folder, inputs, failed + doubts)
 
 

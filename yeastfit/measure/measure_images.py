@@ -5,9 +5,9 @@ from pathlib import Path
 from typing import Any
 
 from yeastfit.measure.outlining.segmentation import Segmentation, segment
-from yeastfit.measure.reading.dataset import NOTHING, Dataset, given
+from yeastfit.measure.reading.dataset import Dataset
 from yeastfit.measure.reading.images import Micrograph, read_micrograph
-from yeastfit.measure.reading.segmentation_options import Overrule
+from yeastfit.measure.reading.segmentation_options import AUTOMATIC, SegmentationOptions
 from yeastfit.measure.statistics.measure_mask import Shape, measure_mask
 from yeastfit.progress import Progress, silent
 
@@ -38,13 +38,15 @@ class MeasuredImage:
         }
 
 
-def measure_file(path: str | Path, pixel_size: float | None = None, overrule: Overrule = NOTHING) -> MeasuredImage:
+def measure_file(
+    path: str | Path, pixel_size: float | None = None, options: SegmentationOptions = AUTOMATIC
+) -> MeasuredImage:
     """Measure one micrograph.
 
     Arguments:
         path: A TIFF, PNG or JPEG file.
         pixel_size: In µm per pixel; without it, the one that the file states.
-        overrule: What the user says about the colony's outline.
+        options: How to outline the colony.
 
     Returns:
         The photograph, its mask and the mask's statistics.
@@ -53,7 +55,7 @@ def measure_file(path: str | Path, pixel_size: float | None = None, overrule: Ov
         InputError: The file is no image, states no pixel size, or shows no colony.
     """
     micrograph = read_micrograph(path, pixel_size)
-    segmentation = segment(micrograph.pixels, name=str(path), **given(overrule))
+    segmentation = segment(micrograph.pixels, name=str(path), **options.as_arguments())
     return MeasuredImage(micrograph, segmentation, measure_mask(segmentation.mask, micrograph.pixel_size))
 
 
@@ -72,7 +74,7 @@ def measure_dataset(dataset: Dataset, progress: Progress = silent) -> list[Measu
     """
     results = []
     for frame in dataset.frames:
-        results.append(measure_file(frame.path, frame.pixel_size, frame.overrule))
+        results.append(measure_file(frame.path, frame.pixel_size, frame.options))
         count = len(dataset.frames)
         progress(f"measured {len(results)} of {count}", len(results) / count)
     return results

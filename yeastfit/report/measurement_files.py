@@ -7,7 +7,7 @@ from typing import Any
 
 from yeastfit import plot
 from yeastfit.errors import InputError
-from yeastfit.measure.reading.batch_inputs import Task
+from yeastfit.measure.reading.batch_inputs import InputImage
 from yeastfit.measure.reading.dataset import Dataset, find_manifest
 from yeastfit.measure.replicate_curves import condition_curves
 from yeastfit.measure.statistics.filaments import SKELETON
@@ -38,17 +38,17 @@ OWN_COLUMNS = {
 }
 
 
-def refuse_mixed_folder(folder: Path, tasks: Sequence[Task]) -> None:
+def refuse_mixed_folder(folder: Path, images: Sequence[InputImage]) -> None:
     """Check that results will not lie among the micrographs, where the next run would measure them.
 
     Arguments:
         folder: For the results.
-        tasks: What is to be measured.
+        images: What is to be measured.
 
     Raises:
         InputError: The folder holds micrographs or a data set.
     """
-    if folder.resolve() in {task.path.parent.resolve() for task in tasks} or find_manifest(folder):
+    if folder.resolve() in {image.path.parent.resolve() for image in images} or find_manifest(folder):
         raise InputError(f"--out: {folder} holds the micrographs, need another folder for the results")
 
 
@@ -81,7 +81,7 @@ def write_results(
         settings: Options to show on the page.
     """
     rows = [outcome.row for outcome in outcomes if outcome.row]
-    failures = [{"file": outcome.task.label, "error": outcome.error} for outcome in outcomes if not outcome.row]
+    failures = [{"file": outcome.image.label, "error": outcome.error} for outcome in outcomes if not outcome.row]
     if rows:
         write_table(folder / "measurements.csv", rows)
         write_json(folder / "columns.json", _columns(rows[0]))
@@ -122,14 +122,14 @@ def _write_contact_sheet(folder: Path, outcomes: Sequence[Outcome]) -> None:
         return
     captions = [_caption(outcome) for outcome in shown]
     doubtful = [bool(outcome.doubts) or not outcome.row for outcome in shown]
-    hours = len({outcome.task.hours for outcome in shown})
+    hours = len({outcome.image.hours for outcome in shown})
     columns = hours if 3 < hours <= 16 else math.ceil(math.sqrt(1.6 * len(shown)))
     figure = plot.thumbnail_sheet([outcome.thumbnail for outcome in shown], captions, doubtful, columns)
     plot.save(figure, folder / "contact_sheet.png")
 
 
 def _caption(outcome: Outcome) -> str:
-    task = outcome.task
-    place = task.label if task.hours is None else f"{task.condition} {task.replicate}, {task.hours:g} h".strip()
+    image = outcome.image
+    place = image.label if image.hours is None else f"{image.condition} {image.replicate}, {image.hours:g} h".strip()
     remarks = [*outcome.doubts, *([] if outcome.row else ["not measured"])]
     return place + (f" - {', '.join(remarks)}" if remarks else "")

@@ -5,7 +5,6 @@ from pathlib import Path
 from typing import Any
 
 from yeastfit.measure.outlining.segmentation import DOUBTS
-from yeastfit.measure.reading.dataset import given
 from yeastfit.measure.statistics.registry import STATISTICS, names_with
 from yeastfit.report import html as page
 from yeastfit.report.outcome import Outcome
@@ -77,36 +76,36 @@ def _troubles(outcomes: Sequence[Outcome], skipped: Sequence[Path]) -> str:
 
 def _reason(outcome: Outcome) -> str:
     """The error without the path, which does not belong on a page that may be passed on."""
-    return outcome.error.replace(f"{outcome.task.path}: ", "")
+    return outcome.error.replace(f"{outcome.image.path}: ", "")
 
 
 def _link(number: int, outcome: Outcome) -> str:
     """To the micrograph's card."""
-    return f'<a href="#image{number}">{page.text(outcome.task.label)}</a>'
+    return f'<a href="#image{number}">{page.text(outcome.image.label)}</a>'
 
 
 def _micrographs(outcomes: Sequence[Outcome]) -> str:
-    """Cards in the order of the tasks, under the name of their condition where there are several."""
-    conditions = list(dict.fromkeys(outcome.task.condition for outcome in outcomes))
+    """Cards in the order of the images, under the name of their condition where there are several."""
+    conditions = list(dict.fromkeys(outcome.image.condition for outcome in outcomes))
     parts = ["<p>What was taken for the colony is outlined. A picture grows when it is chosen.</p>"]
     for condition in conditions:
         if conditions != [""]:
             parts.append(f"<h3>{page.text(condition or 'no condition')}</h3>")
-        cards = (_card(k, outcome) for k, outcome in enumerate(outcomes) if outcome.task.condition == condition)
+        cards = (_card(k, outcome) for k, outcome in enumerate(outcomes) if outcome.image.condition == condition)
         parts.append(f'<div class="cards">{"".join(cards)}</div>')
     return "".join(parts)
 
 
 def _card(number: int, outcome: Outcome) -> str:
     """One micrograph with its outline, size and doubts."""
-    task, row = outcome.task, outcome.row
+    image, row = outcome.image, outcome.row
     lines = [f"<b>{page.text(_name(outcome))}</b>"]
-    if task.hours is not None:
-        lines.append(page.text(task.label))
+    if image.hours is not None:
+        lines.append(page.text(image.label))
     if row:
         lines.append(f"area {page.number(row['area'])} µm², compactness {page.number(row['compactness'])}")
-    if given(task.overrule):
-        lines.append("overruled: " + page.text(", ".join(given(task.overrule)).replace("_", " ")))
+    if image.options.as_arguments():
+        lines.append("overruled: " + page.text(", ".join(image.options.as_arguments()).replace("_", " ")))
     lines += [f'<span class="tag doubt">{page.text(doubt)}</span>' for doubt in outcome.doubts]
     lines += [] if row else ['<span class="tag bad">not measured</span>']
     alt = f"{_name(outcome)}, outlined" + (f"; in doubt: {', '.join(outcome.doubts)}" if outcome.doubts else "")
@@ -115,8 +114,8 @@ def _card(number: int, outcome: Outcome) -> str:
 
 def _name(outcome: Outcome) -> str:
     """How a reader calls a micrograph: replicate and time, or its file."""
-    task = outcome.task
-    return task.label if task.hours is None else f"replicate {task.replicate}, {task.hours:g} h"
+    image = outcome.image
+    return image.label if image.hours is None else f"replicate {image.replicate}, {image.hours:g} h"
 
 
 def _measurements(outcomes: Sequence[Outcome]) -> str:
@@ -140,6 +139,6 @@ def _measurements(outcomes: Sequence[Outcome]) -> str:
 
 def _made(outcomes: Sequence[Outcome], made: Mapping[str, Any]) -> str:
     """Versions, settings and the hashes of all inputs."""
-    hashes = page.pairs((outcome.task.label, outcome.sha256) for outcome in outcomes if outcome.sha256)
+    hashes = page.pairs((outcome.image.label, outcome.sha256) for outcome in outcomes if outcome.sha256)
     inputs = f"<details><summary>SHA-256 of the {len(outcomes)} inputs</summary>{hashes}</details>"
     return page.pairs((name, value) for name, value in made.items()) + inputs

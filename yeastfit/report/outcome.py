@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Any
 
-from yeastfit.measure.reading.batch_inputs import Task
+from yeastfit.measure.reading.batch_inputs import InputImage
 
 
 @dataclass(frozen=True)
@@ -11,7 +11,7 @@ class Outcome:
     """The measurement of one micrograph, or why there is none.
 
     Attributes:
-        task: What was to be measured.
+        image: What was to be measured.
         row: Numbers by column; None where the file could not be measured.
         doubts: Names of the warnings about the outline.
         error: Why there is no row; empty where there is one.
@@ -19,7 +19,7 @@ class Outcome:
         sha256: Of the file; empty where it could not be read.
     """
 
-    task: Task
+    image: InputImage
     row: dict[str, Any] | None = None
     doubts: tuple[str, ...] = ()
     error: str = ""

@@ -9,7 +9,7 @@ from PIL import Image
 from yeastfit.errors import InputError
 from yeastfit.measure.measure_images import measure_dataset
 from yeastfit.measure.reading.dataset import Frame, read_dataset
-from yeastfit.measure.reading.segmentation_options import Overrule
+from yeastfit.measure.reading.segmentation_options import SegmentationOptions
 from yeastfit.measure.replicate_curves import replicate_curves
 from yeastfit.measure.statistics.smooth_statistics import measure_mask_smoothly
 
@@ -114,9 +114,9 @@ def test_csv_and_toml_say_the_same(tmp_path: Path) -> None:
     from_toml = read_dataset(tmp_path)
     assert from_csv == from_toml
     first, second, third = from_toml.frames
-    assert first.overrule == Overrule((10.5, 20.0), 12.0, (1, 2, 30, 40))
-    assert (second.replicate, second.hours, second.overrule) == ("left", 2.5, Overrule())
-    assert third == Frame(tmp_path / "a.png", "1", 2.0, 0.75, "other", Overrule(threshold=7.0))
+    assert first.options == SegmentationOptions((10.5, 20.0), 12.0, (1, 2, 30, 40))
+    assert (second.replicate, second.hours, second.options) == ("left", 2.5, SegmentationOptions())
+    assert third == Frame(tmp_path / "a.png", "1", 2.0, 0.75, "other", SegmentationOptions(threshold=7.0))
     assert from_toml.conditions == ("AWRI 796", "other")
     assert from_toml.of("other").frames == (third,)
     assert from_toml.manifest == tmp_path / "manifest.toml"

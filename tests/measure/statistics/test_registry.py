@@ -29,7 +29,7 @@ from yeastfit import (
 from yeastfit.commands import app
 from yeastfit.commands.measure_batch import measure_batch
 from yeastfit.inference.colony_simulator import COARSE, ColonySimulator
-from yeastfit.measure.reading.batch_inputs import find_tasks
+from yeastfit.measure.reading.batch_inputs import find_images
 from yeastfit.measure.statistics.measure_mask import measure_mask
 from yeastfit.measure.statistics.registry import (
     OTHER_COLUMNS,
@@ -159,8 +159,8 @@ def test_what_other_processes_cannot_import_is_measured_in_this_one(
     monkeypatch: pytest.MonkeyPatch, undrawn: None, tmp_path: Path
 ) -> None:
     monkeypatch.setitem(STATISTICS, "local", Statistic("local", 0, "a number", mask=lambda pixels: 1.5))
-    tasks, _, _ = find_tasks([write_squares(tmp_path / "squares", 8)], 0.5)
-    outcomes = measure_batch(tasks, tmp_path / "out", jobs=2)
+    images, _, _ = find_images([write_squares(tmp_path / "squares", 8)], 0.5)
+    outcomes = measure_batch(images, tmp_path / "out", jobs=2)
     assert [outcome.row["local"] if outcome.row else None for outcome in outcomes] == [1.5] * 8
 
 

@@ -39,7 +39,7 @@ from yeastfit.measure.outlining.boundary import boundary, coarse_rim, detection_
 from yeastfit.measure.outlining.colony_selection import at_point, colony
 from yeastfit.measure.outlining.mask_operations import EIGHT, SMOOTHING, Field, Mask, areas_of, blurred, without_specks
 from yeastfit.measure.reading.images import MIN_SIDE
-from yeastfit.measure.reading.segmentation_options import Overrule
+from yeastfit.measure.reading.segmentation_options import SegmentationOptions
 
 DOUBTS: dict[str, str] = {
     "several objects": "There is another object of more than a tenth of the colony's size: in a photograph only the "
@@ -119,7 +119,7 @@ def segment(
     image = _checked(pixels, name)
     if isinstance(min_area, bool) or not isinstance(min_area, int | np.integer) or min_area < 1:
         raise InputError(f"{name}: min_area is {min_area!r}, need a whole number of pixels, at least 1")
-    wish = Overrule(seed_point, threshold, roi)
+    wish = SegmentationOptions(seed_point, threshold, roi)
     wish.check(image.shape, name)
     window = wish.window(image.shape)
     ready = ready_made(image)
@@ -156,7 +156,7 @@ def _checked(pixels: npt.NDArray[Any], name: str) -> npt.NDArray[Any]:
     return image if image.dtype == bool else image.astype(np.float32)
 
 
-def _kept(ready: ReadyMade, window: tuple[slice, slice], wish: Overrule, name: str) -> Segmentation:
+def _kept(ready: ReadyMade, window: tuple[slice, slice], wish: SegmentationOptions, name: str) -> Segmentation:
     """A ready-made mask within the window, of which a seed point keeps one object."""
     contrast = abs(ready.background - ready.colony)
     if wish.threshold is not None and wish.threshold >= contrast:
@@ -178,7 +178,7 @@ def _kept(ready: ReadyMade, window: tuple[slice, slice], wish: Overrule, name: s
     return Segmentation(mask, light, contrast / 2, 0.0, 0.0, tuple(doubts))
 
 
-def _photograph(image: Field, min_area: int, wish: Overrule, name: str) -> Segmentation:
+def _photograph(image: Field, min_area: int, wish: SegmentationOptions, name: str) -> Segmentation:
     seen = ~frames(image)
     if seen.mean() < 0.1:
         raise InputError(f"{name}: {1 - seen.mean():.0%} of it is a black frame, need a bright-field photograph")

@@ -1,1 +1,1 @@
-"""From files to grey values, pixel sizes and data sets."""
+"""Read image files, the size of their pixels, data sets, and what a user says about the colony's outline."""

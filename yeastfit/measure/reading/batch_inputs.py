@@ -1,4 +1,4 @@
-"""Which files to measure, and under which names: a data set, single files, or all images of a folder."""
+"""Find the images to measure, of a data set, of folders or given one by one, and give each a name of its own."""
 
 import os
 import re
@@ -7,39 +7,55 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from yeastfit.errors import InputError
-from yeastfit.measure.reading.dataset import NOTHING, Dataset, dataset_folder, given, read_dataset
-from yeastfit.measure.reading.segmentation_options import Overrule
+from yeastfit.measure.reading.dataset import Dataset, dataset_folder, read_dataset
+from yeastfit.measure.reading.segmentation_options import AUTOMATIC, SegmentationOptions
 
 SUFFIXES = (".tif", ".tiff", ".png", ".jpg", ".jpeg")
 
 
 @dataclass(frozen=True)
-class Task:
-    """One file to measure.
+class InputImage:
+    """One image to measure.
 
-    label: how tables call it. name: of its mask and overlay, without suffix. pixel_size in µm, None where the file says
-    it. condition, replicate and hours are empty for a file outside a data set. side: of its thumbnail, px.
+    Attributes:
+        path: The file.
+        label: What tables call it.
+        name: Of its mask and overlay, without suffix.
+        pixel_size: In µm; None where the file states it.
+        options: How to outline it.
+        condition: Empty outside a data set.
+        replicate: Likewise.
+        hours: None outside a data set.
+        side: Longer side of its thumbnail in pixels.
     """
 
     path: Path
     label: str
     name: str
     pixel_size: float | None = None
-    overrule: Overrule = NOTHING
+    options: SegmentationOptions = AUTOMATIC
     condition: str = ""
     replicate: str = ""
     hours: float | None = None
     side: int = 480
 
 
-def find_tasks(
-    paths: Sequence[Path], pixel_size: float | None = None, overrule: Overrule = NOTHING
-) -> tuple[list[Task], Dataset | None, list[Path]]:
-    """What `paths` mean: tasks, the data set they come from, and files of folders that were passed over.
+def find_images(
+    paths: Sequence[Path], pixel_size: float | None = None, options: SegmentationOptions = AUTOMATIC
+) -> tuple[list[InputImage], Dataset | None, list[Path]]:
+    """Find the images that paths mean.
 
-    paths: one data set (its folder or manifest), or images and folders of images. What the manifest says of an image
-    stands; `pixel_size` and `overrule` are for the others. Raises `InputError` for paths that do not exist, a data set
-    beside other things, files given twice, and folders without an image.
+    Arguments:
+        paths: One data set (its folder or manifest), or images and folders of images.
+        pixel_size: In µm, for images of which no manifest says it.
+        options: How to outline images of which no manifest says it.
+
+    Returns:
+        The images, the data set they come from, and files of folders that are no images by their names.
+
+    Raises:
+        InputError: A path does not exist, a data set is given beside other things, a file is given twice, or there is
+            no image.
     """
     for path in paths:
         if not os.path.lexists(path):
@@ -49,7 +65,7 @@ def find_tasks(
         raise InputError(f"{found[0]}: is a data set, measure it by itself and not beside {len(paths) - 1} others")
     if found:
         dataset = read_dataset(found[0])
-        return dataset_tasks(dataset, pixel_size, overrule), dataset, []
+        return dataset_images(dataset, pixel_size, options), dataset, []
     files: list[Path] = []
     skipped: list[Path] = []
     for path in paths:
@@ -60,38 +76,40 @@ def find_tasks(
         raise InputError(f"{paths[0]}: no manifest and no image there, need {', '.join(SUFFIXES)} files")
     labels = _labels(files)
     return (
-        _numbered([Task(f, label, "", pixel_size, overrule) for f, label in zip(files, labels, strict=True)]),
+        _with_names([InputImage(f, label, "", pixel_size, options) for f, label in zip(files, labels, strict=True)]),
         None,
         skipped,
     )
 
 
-def dataset_tasks(dataset: Dataset, pixel_size: float | None = None, overrule: Overrule = NOTHING) -> list[Task]:
-    """All images of a data set."""
-    tasks = [
-        Task(
+def dataset_images(
+    dataset: Dataset, pixel_size: float | None = None, options: SegmentationOptions = AUTOMATIC
+) -> list[InputImage]:
+    """All images of a data set; `pixel_size` and `options` are for those of which the manifest does not say it."""
+    images = [
+        InputImage(
             frame.path,
             Path(os.path.relpath(frame.path, dataset.folder)).as_posix(),
             "",
             frame.pixel_size or pixel_size,
-            replace(overrule, **given(frame.overrule)),
+            replace(options, **frame.options.as_arguments()),
             frame.condition,
             frame.replicate,
             frame.hours,
         )
         for frame in dataset.frames
     ]
-    return _numbered(tasks)
+    return _with_names(images)
 
 
 def _images(folder: Path) -> tuple[list[Path], list[Path]]:
-    """Images of a folder by their suffix, numbers in names in counting order, and everything else but hidden files."""
-    inside = sorted((path for path in folder.iterdir() if path.name[0] != "."), key=_counting)
+    """Images of a folder, by their suffix, and its other files. Numbers in names count; hidden files do not."""
+    inside = sorted((path for path in folder.iterdir() if path.name[0] != "."), key=_natural_order)
     images = [path for path in inside if path.suffix.lower() in SUFFIXES]
     return images, [path for path in inside if path not in images]
 
 
-def _counting(path: Path) -> list[str | int]:
+def _natural_order(path: Path) -> list[str | int]:
     return [int(part) if k % 2 else part for k, part in enumerate(re.split(r"([0-9]+)", path.name))]
 
 
@@ -101,20 +119,20 @@ def _labels(files: Sequence[Path]) -> list[str]:
     return names if len(set(names)) == len(names) else [path.as_posix() for path in files]
 
 
-def _numbered(tasks: list[Task]) -> list[Task]:
-    """Tasks with a name of their own and thumbnails small enough for a page of all of them."""
-    places = [os.path.realpath(task.path) for task in tasks]
-    twice = next((task for k, task in enumerate(tasks) if places.index(places[k]) != k), None)
+def _with_names(images: list[InputImage]) -> list[InputImage]:
+    """Give images different names, and thumbnails small enough for a page of all of them."""
+    places = [os.path.realpath(image.path) for image in images]
+    twice = next((image for k, image in enumerate(images) if places.index(places[k]) != k), None)
     if twice:
         raise InputError(f"{twice.path}: is given twice, each image is measured once")
     folder = os.path.commonpath([os.path.dirname(place) for place in places])
     inside = [Path(place).relative_to(folder) for place in places]
     choices: list[list[str]] = [
-        [task.path.stem for task in tasks],
-        [task.path.name for task in tasks],
+        [image.path.stem for image in images],
+        [image.path.name for image in images],
         ["_".join(path.parts) for path in inside],
-        [f"{k:04}_{task.path.stem}" for k, task in enumerate(tasks, 1)],
+        [f"{k:04}_{image.path.stem}" for k, image in enumerate(images, 1)],
     ]
     names = next(names for names in choices if len({name.casefold() for name in names}) == len(names))
-    side = max(120, min(1000, round(4800 / len(tasks) ** 0.5)))
-    return [replace(task, name=name, side=side) for task, name in zip(tasks, names, strict=True)]
+    side = max(120, min(1000, round(4800 / len(images) ** 0.5)))
+    return [replace(image, name=name, side=side) for image, name in zip(images, names, strict=True)]

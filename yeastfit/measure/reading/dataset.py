@@ -1,6 +1,6 @@
 """A data set: a folder of micrographs with a manifest that says what each one shows (docs/dataset.md).
 
-`manifest.csv` has a row for each micrograph, `manifest.toml` a table `[[image]]`; columns and keys are the same:
+`manifest.csv` has a row for each micrograph, `manifest.toml` a table `[[image]]`. Columns and keys are the same:
 
     file            path of the image, relative to the manifest
     replicate       name or number of the colony
@@ -12,12 +12,11 @@
     roi             x0, y0, x1, y1: the part of the image to look at, in pixels
     note            a remark for people, not read; optional
 
-A colony is known by condition and replicate together. At the top of `manifest.toml`, all but the first three and
-the note may be given once, for every image that does not say otherwise.
+Condition and replicate together identify a colony. At the top of `manifest.toml`, everything but the first three and
+the note may be given once, for all images that do not say otherwise.
 """
 
 import csv
-import math
 import tomllib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
@@ -26,38 +25,56 @@ from pathlib import Path
 from typing import Any
 
 from yeastfit.errors import InputError
-from yeastfit.measure.reading.segmentation_options import Overrule
+from yeastfit.measure.reading.segmentation_options import (
+    AUTOMATIC,
+    SegmentationOptions,
+    positive_number,
+    read_options,
+)
 
 MANIFESTS = ("manifest.csv", "manifest.toml")
 NEEDED = ("file", "replicate", "hours")
 SHARED = ("um_per_pixel", "condition", "seed_point", "threshold", "roi")
 KNOWN = (*NEEDED, *SHARED, "note")
 COLUMNS = (*NEEDED, "um_per_pixel")  # which manifest.csv must have
-NOTHING = Overrule()
 
 
 @dataclass(frozen=True)
 class Frame:
-    """One row of a manifest: one colony at one time. `pixel_size` in µm, None where only the file may know it."""
+    """One row of a manifest: one colony at one time.
+
+    Attributes:
+        path: The image.
+        replicate: Name of the colony, within its condition.
+        hours: Since the colony was one cell.
+        pixel_size: In µm; None where only the file may state it.
+        condition: What the colony was grown in or of.
+        options: How to outline it.
+    """
 
     path: Path
     replicate: str
     hours: float
     pixel_size: float | None
     condition: str = ""
-    overrule: Overrule = NOTHING
+    options: SegmentationOptions = AUTOMATIC
 
 
 @dataclass(frozen=True)
 class Dataset:
-    """All frames of a folder, in the manifest's order."""
+    """A data set.
+
+    Attributes:
+        folder: Where the manifest lies.
+        frames: In the manifest's order.
+    """
 
     folder: Path
     frames: tuple[Frame, ...]
 
     @property
     def manifest(self) -> Path:
-        """Where the rows stand."""
+        """The file that lists the images."""
         return find_manifest(self.folder) or self.folder / MANIFESTS[0]
 
     @property
@@ -66,7 +83,7 @@ class Dataset:
         return tuple(dict.fromkeys(frame.condition for frame in self.frames))
 
     def of(self, condition: str) -> "Dataset":
-        """The frames of one condition. Raises `InputError` where there are none."""
+        """The data set of one condition alone; raises `InputError` where there is no image of it."""
         if condition not in self.conditions:
             raise InputError(
                 f"condition: got {condition!r}, {self.manifest} has {', '.join(map(repr, self.conditions))}"
@@ -75,7 +92,7 @@ class Dataset:
 
 
 def find_manifest(folder: Path) -> Path | None:
-    """The manifest in a folder, if there is one. Raises `InputError` where there are two."""
+    """The manifest in a folder, or None; raises `InputError` where there are two."""
     found = [folder / name for name in MANIFESTS if (folder / name).is_file()]
     if len(found) > 1:
         raise InputError(f"{folder}: holds {' and '.join(MANIFESTS)}, a data set has one of them")
@@ -83,17 +100,23 @@ def find_manifest(folder: Path) -> Path | None:
 
 
 def dataset_folder(path: Path) -> Path | None:
-    """The folder of a data set, given as that or as its manifest; None where `path` is neither."""
+    """The folder of the data set that a path means, itself or its manifest; None where it means no data set."""
     folder = path.parent if path.name in MANIFESTS else path
     return folder if folder.is_dir() and find_manifest(folder) else None
 
 
 def read_dataset(folder: str | Path) -> Dataset:
-    """The data set in a folder.
+    """Read the manifest of a data set.
 
-    Raises `InputError` that names the line of `manifest.csv`, or the number of the image in `manifest.toml`, the value
-    that stands there and what would be right: for a column or key that is unknown, missing or empty, a file that does
-    not exist, a number that is not one, and a colony that stands twice at one time.
+    Arguments:
+        folder: Where the manifest lies.
+
+    Returns:
+        The data set; images themselves are not read.
+
+    Raises:
+        InputError: A column or key is unknown, missing or empty, a file does not exist, a number is none, or a colony
+            stands twice at one time. The message names the line or the image, the value and what would be right.
     """
     folder = Path(folder)
     manifest = find_manifest(folder)
@@ -119,7 +142,7 @@ def read_dataset(folder: str | Path) -> Dataset:
 
 
 def _csv_rows(manifest: Path) -> Iterator[tuple[str, dict[str, str]]]:
-    """Where each row stands, and its cells by column, without those that are empty."""
+    """The place of each row in the file, and its cells by column, without empty ones."""
     with manifest.open(newline="", encoding="utf-8-sig") as file:
         reader = csv.reader(file, strict=True)
         try:
@@ -156,7 +179,7 @@ def _check_names(names: list[str], known: tuple[str, ...], where: str) -> None:
 
 
 def _toml_rows(manifest: Path) -> Iterator[tuple[str, dict[str, Any]]]:
-    """Number and file of each image, and its values by key, those shared by all included."""
+    """The place of each image in the file, and its values by key, with those that all images share."""
     try:
         content = tomllib.loads(manifest.read_text(encoding="utf-8-sig"))
     except tomllib.TOMLDecodeError as error:
@@ -176,7 +199,7 @@ def _toml_rows(manifest: Path) -> Iterator[tuple[str, dict[str, Any]]]:
 
 
 def _frame(row: Mapping[str, Any], folder: Path, where: str) -> Frame:
-    """One checked row."""
+    """A checked row."""
     file, replicate = (_text(row, name, where) for name in ("file", "replicate"))
     if not file or not replicate:
         raise InputError(f"{where}: {'file' if not file else 'replicate'} is empty")
@@ -187,38 +210,15 @@ def _frame(row: Mapping[str, Any], folder: Path, where: str) -> Frame:
         exists = False
     if not exists:
         raise InputError(f"{where}: there is no file {file}")
-    hours = _number(row.get("hours", ""), "hours", where)
-    pixel_size, condition, overrule = _optional(row, where)
-    return Frame(path, replicate, hours, pixel_size, condition, overrule)
+    hours = positive_number(row.get("hours", ""), "hours", where)
+    pixel_size, condition, options = _optional(row, where)
+    return Frame(path, replicate, hours, pixel_size, condition, options)
 
 
-def _optional(row: Mapping[str, Any], where: str) -> tuple[float | None, str, Overrule]:
+def _optional(row: Mapping[str, Any], where: str) -> tuple[float | None, str, SegmentationOptions]:
     """Checked values of `SHARED`."""
-    size = _number(row["um_per_pixel"], "um_per_pixel", where) if "um_per_pixel" in row else None
-    return size, _text(row, "condition", where), read_overrule(row, where)
-
-
-def read_overrule(values: Mapping[str, Any], where: str) -> Overrule:
-    """An `Overrule` of what `values` hold, as texts or numbers; corners of the roi are rounded to whole pixels.
-
-    Raises `InputError`, with `where` in front, for a threshold that is not above 0, a seed point that is not two
-    numbers and a roi that is not four.
-    """
-    point, roi = (
-        _numbers(values[name], name, size, where) if values.get(name) is not None else None
-        for name, size in (("seed_point", 2), ("roi", 4))
-    )
-    threshold = values.get("threshold")
-    return Overrule(
-        None if point is None else (point[0], point[1]),
-        None if threshold is None else _number(threshold, "threshold", where),
-        None if roi is None else (round(roi[0]), round(roi[1]), round(roi[2]), round(roi[3])),
-    )
-
-
-def given(overrule: Overrule) -> dict[str, Any]:
-    """What is overruled, by the names of `segment`'s arguments."""
-    return {name: value for name, value in vars(overrule).items() if value is not None}
+    size = positive_number(row["um_per_pixel"], "um_per_pixel", where) if "um_per_pixel" in row else None
+    return size, _text(row, "condition", where), read_options(row, where)
 
 
 def _text(row: Mapping[str, Any], name: str, where: str) -> str:
@@ -226,30 +226,3 @@ def _text(row: Mapping[str, Any], name: str, where: str) -> str:
     if isinstance(value, bool) or not isinstance(value, str | int | float):
         raise InputError(f"{where}: {name} is {value!r}, it must be a text or a number")
     return str(value).strip()
-
-
-def _number(value: Any, name: str, where: str) -> float:
-    """A finite number above 0."""
-    number = _float(value)
-    if not (math.isfinite(number) and number > 0):
-        raise InputError(f"{where}: {name} is {value!r}, it must be a number above 0")
-    return number
-
-
-def _numbers(value: Any, name: str, size: int, where: str) -> tuple[float, ...]:
-    """`size` finite numbers from a list, or from a text in which commas, semicolons or spaces stand between them."""
-    parts = value.replace(",", " ").replace(";", " ").split() if isinstance(value, str) else value
-    numbers = tuple(map(_float, parts)) if isinstance(parts, list | tuple) else ()
-    if len(numbers) != size or not all(map(math.isfinite, numbers)):
-        names = "x y" if size == 2 else "x0 y0 x1 y1"
-        raise InputError(f"{where}: {name} is {value!r}, it must be {size} numbers, {names} in pixels")
-    return numbers
-
-
-def _float(value: Any) -> float:
-    if isinstance(value, bool) or not isinstance(value, str | int | float):
-        return math.nan
-    try:
-        return float(value)
-    except (ValueError, OverflowError):
-        return math.nan

@@ -1,7 +1,7 @@
-"""From a photograph file to grey values and the size of a pixel: the only importer of image readers.
+"""Read grey values and the size of a pixel from image files; nothing else imports image readers.
 
 Readers are imported inside functions: TIFF needs `tifffile`, with `imagecodecs` for compressed files (Pillow stands in
-where it is missing), PNG and JPEG need `PIL`. No pixel size is ever assumed: `read_micrograph` lists what counts.
+where it is missing), PNG and JPEG need `PIL`. A pixel size is never assumed: `read_micrograph` lists what counts.
 """
 
 import logging
@@ -32,7 +32,14 @@ logging.getLogger("tifffile").addHandler(logging.NullHandler())  # what it says 
 
 @dataclass(frozen=True)
 class Micrograph:
-    """A photograph: pixels [rows, columns] with 0 = black, pixel_size in µm per pixel and where that came from."""
+    """A photograph.
+
+    Attributes:
+        pixels: Grey values [rows, columns], 0 is black.
+        pixel_size: In µm per pixel.
+        pixel_size_source: Where that comes from, in words.
+        path: The file.
+    """
 
     pixels: Grey
     pixel_size: float
@@ -41,7 +48,13 @@ class Micrograph:
 
 
 class Contents(NamedTuple):
-    """What a file holds: grey values, pixel sizes in order of trust, and a remark on what was not trusted."""
+    """What a file holds.
+
+    Attributes:
+        pixels: Grey values.
+        sizes: Pixel sizes that the file states, the most trustworthy first.
+        remark: On a size that is not trusted; empty where there is none.
+    """
 
     pixels: Grey
     sizes: list[PixelSize]
@@ -49,22 +62,40 @@ class Contents(NamedTuple):
 
 
 def read_image(path: str | Path) -> Grey:
-    """The grey values of a TIFF, PNG or JPEG file, [rows, columns], 0 = black, whatever the file's own convention.
+    """Read the grey values of a TIFF, PNG or JPEG file.
 
-    8- and 16-bit values stay as they are, bilevel ones become 0 and 255, all else float32. Equal colour channels become
-    one; others become luminance (Rec. 709). Raises `InputError` for anything that is not one flat, finite image of at
-    most `MAX_PIXELS`.
+    8- and 16-bit values stay as they are, bilevel ones become 0 and 255, everything else float32. Equal colour channels
+    become one; others become luminance (Rec. 709).
+
+    Arguments:
+        path: The file.
+
+    Returns:
+        Grey values [rows, columns]; 0 is black, whatever the file's own convention.
+
+    Raises:
+        InputError: The file is anything but one flat, finite image of at most `MAX_PIXELS`.
     """
     return _read(Path(path)).pixels
 
 
 def read_micrograph(path: str | Path, pixel_size: float | None = None) -> Micrograph:
-    """`read_image` with the size of a pixel, in µm: `pixel_size` where given, else what the file states.
+    """Read an image with the size of its pixels.
 
-    A file states it, in order of trust, as OME-XML PhysicalSizeX, as an ImageJ unit with its resolution, as TIFF tag
-    65326 (µm, written by the microscope of the real data), or as a resolution per inch, centimetre or metre, taken only
-    where it makes a pixel finer than `pixel_size.LARGEST_PIXEL`. Raises `InputError` where none is found and where x
-    and y differ by more than 1 %.
+    A file states that size, the most trustworthy first, as OME-XML PhysicalSizeX; as an ImageJ unit with its
+    resolution; as TIFF tag 65326 (µm, written by the microscope of the real data); or as a resolution per inch,
+    centimetre or metre, which counts only where it makes a pixel finer than `pixel_size.LARGEST_PIXEL`.
+
+    Arguments:
+        path: The file.
+        pixel_size: In µm per pixel; by default what the file states.
+
+    Returns:
+        The photograph.
+
+    Raises:
+        PixelSizeError: The file states no size.
+        InputError: x and y differ by more than 1 %, or `read_image` refuses the file.
     """
     path = Path(path)
     if pixel_size is not None and (isinstance(pixel_size, bool) or not is_length(pixel_size)):
@@ -124,7 +155,7 @@ def _check_size(path: Path, width: int, height: int, pages: int) -> None:
 
 
 def _check_stored(path: Path, page: Any) -> None:
-    """Refuse a TIFF page that claims more values than its bytes can hold, or than `MAX_BYTES`."""
+    """Raise `InputError` for a TIFF page that claims more values than its bytes can hold, or than `MAX_BYTES`."""
     stored, samples = sum(page.databytecounts), page.imagewidth * page.imagelength * page.samplesperpixel
     if stored * DENSEST.get(int(page.compression), np.inf) < samples * page.bitspersample // 8:
         raise InputError(

@@ -1,4 +1,4 @@
-"""The size of a pixel, as the metadata of an image file state it, in µm along x and y."""
+"""Find the size of a pixel in the metadata of an image file, in µm along x and y."""
 
 from collections.abc import Iterable, Iterator
 from math import isfinite
@@ -19,33 +19,39 @@ MICROMETRES = {
 
 
 class PixelSize(NamedTuple):
-    """A pixel size as a file states it, in µm along x and y; `source` says where, in words."""
+    """A pixel size as a file states it.
+
+    Attributes:
+        source: Where the file states it, in words.
+        x: In µm.
+        y: In µm.
+    """
 
     source: str
     x: float
     y: float
 
 
-Stated = tuple[list[PixelSize], str]  # sizes that count, in order of trust, and a remark on what was not trusted
+Stated = tuple[list[PixelSize], str]  # sizes, the most trustworthy first, and a remark on one that is not trusted
 
 
 def tiff_sizes(tif: Any, page: Any) -> Stated:
-    """Of a file and its page that `tifffile` opened."""
+    """Sizes that a TIFF file states, opened by `tifffile`, of one of its pages."""
     return _trusted(_of_tiff(tif, page))
 
 
 def pillow_sizes(image: Any) -> Stated:
-    """Of an image that Pillow opened."""
+    """Sizes that an image states which Pillow opened."""
     return _trusted(_of_pillow(image))
 
 
 def is_length(value: float) -> bool:
-    """Finite and above 0."""
+    """Whether a number is finite and above 0."""
     return isfinite(value) and value > 0
 
 
 def _trusted(found: Iterable[tuple[bool, PixelSize]]) -> Stated:
-    """Without print densities, which are marked with True, but for fine ones; the remark is on the first left out."""
+    """Sizes without coarse print densities, which are marked with True; the remark is on the first one left out."""
     sizes, ignored = list[PixelSize](), list[PixelSize]()
     for printed, size in found:
         (ignored if printed and max(size.x, size.y) > LARGEST_PIXEL else sizes).append(size)

@@ -1,8 +1,8 @@
-"""What a user may say about an image that segmentation would otherwise find out by itself."""
+"""Options that take precedence over what segmentation would find by itself, and how their values are read."""
 
-from collections.abc import Sequence
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from math import isfinite
 from numbers import Real
 from typing import Any
 
@@ -11,15 +11,25 @@ from yeastfit.measure.reading.images import MIN_SIDE
 
 
 @dataclass(frozen=True)
-class Overrule:
-    """seed_point (x, y) and roi (x0, y0, x1, y1) in pixels, threshold in grey levels; None leaves it to `segment`."""
+class SegmentationOptions:
+    """What a user says about the outline of a colony; None leaves it to `segment`.
+
+    Attributes:
+        seed_point: x and y in pixels of a point of the colony.
+        threshold: The contrast with the background, in grey levels, from which a pixel is colony.
+        roi: x0, y0, x1, y1 in pixels: the part of the image to look at.
+    """
 
     seed_point: Sequence[float] | None = None
     threshold: float | None = None
     roi: Sequence[float] | None = None
 
+    def as_arguments(self) -> dict[str, Any]:
+        """The options that are given, by the names of `segment`'s arguments."""
+        return {name: value for name, value in vars(self).items() if value is not None}
+
     def check(self, shape: tuple[int, int], name: str) -> None:
-        """Raise `InputError` where it does not fit an image of `shape` [rows, columns]."""
+        """Raise `InputError` where an option does not fit an image of `shape` [rows, columns]."""
         size = f"image of {shape[1]} x {shape[0]}"
         if self.threshold is not None and not (_is_number(self.threshold) and self.threshold > 0):
             raise InputError(f"{name}: threshold is {self.threshold!r}, need a contrast above 0 in grey levels")
@@ -41,17 +51,73 @@ class Overrule:
                 raise InputError(f"{name}: seed_point is {self.seed_point!r}, need a point within the {where}")
 
     def window(self, shape: tuple[int, int]) -> tuple[slice, slice]:
-        """Rows and columns of the roi, of everything without one."""
+        """Rows and columns of the roi, or of the whole image without one."""
         x0, y0, x1, y1 = (0, 0, shape[1], shape[0]) if self.roi is None else map(int, self.roi)
         return slice(y0, y1), slice(x0, x1)
 
     def seed_within(self) -> tuple[float, float] | None:
-        """The seed point counted from the corner of the roi."""
+        """The seed point, counted from the corner of the roi."""
         if self.seed_point is None:
             return None
         x0, y0 = (0, 0) if self.roi is None else self.roi[:2]
         return self.seed_point[0] - x0, self.seed_point[1] - y0
 
 
+AUTOMATIC = SegmentationOptions()
+"""Everything is left to `segment`."""
+
+
+def read_options(values: Mapping[str, Any], where: str) -> SegmentationOptions:
+    """Read options from texts or numbers.
+
+    Arguments:
+        values: By the names of the options; others are ignored. Corners of the roi are rounded to whole pixels.
+        where: What messages begin with.
+
+    Returns:
+        The options.
+
+    Raises:
+        InputError: The threshold is not above 0, the seed point not two numbers or the roi not four.
+    """
+    point, roi = (
+        _numbers(values[name], name, size, where) if values.get(name) is not None else None
+        for name, size in (("seed_point", 2), ("roi", 4))
+    )
+    threshold = values.get("threshold")
+    return SegmentationOptions(
+        None if point is None else (point[0], point[1]),
+        None if threshold is None else positive_number(threshold, "threshold", where),
+        None if roi is None else (round(roi[0]), round(roi[1]), round(roi[2]), round(roi[3])),
+    )
+
+
+def positive_number(value: Any, name: str, where: str) -> float:
+    """Read a finite number above 0; raise `InputError` that begins with `where` for anything else."""
+    number = _float(value)
+    if not (math.isfinite(number) and number > 0):
+        raise InputError(f"{where}: {name} is {value!r}, it must be a number above 0")
+    return number
+
+
+def _numbers(value: Any, name: str, size: int, where: str) -> tuple[float, ...]:
+    """`size` finite numbers from a list, or from a text in which commas, semicolons or spaces stand between them."""
+    parts = value.replace(",", " ").replace(";", " ").split() if isinstance(value, str) else value
+    numbers = tuple(map(_float, parts)) if isinstance(parts, list | tuple) else ()
+    if len(numbers) != size or not all(map(math.isfinite, numbers)):
+        names = "x y" if size == 2 else "x0 y0 x1 y1"
+        raise InputError(f"{where}: {name} is {value!r}, it must be {size} numbers, {names} in pixels")
+    return numbers
+
+
+def _float(value: Any) -> float:
+    if isinstance(value, bool) or not isinstance(value, str | int | float):
+        return math.nan
+    try:
+        return float(value)
+    except (ValueError, OverflowError):
+        return math.nan
+
+
 def _is_number(value: Any) -> bool:
-    return isinstance(value, Real) and not isinstance(value, bool) and isfinite(value)
+    return isinstance(value, Real) and not isinstance(value, bool) and math.isfinite(value)
