@@ -2,7 +2,7 @@
 
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import jax
@@ -143,7 +143,8 @@ def fitted(
     settings: FitSettings = SETTINGS,
     **more: Any,
 ) -> Fit:
-    """A fit of stand-ins; by default one for each condition, with these parameters free and held."""
+    """A fit of stand-ins; by default one for each condition, with these parameters free and held, and not refined."""
+    settings = settings if "fine" in more else replace(settings, refined=0)
     names = (ONLY,) if isinstance(targets, Targets) else tuple(targets)
     made = {name: StandIn(free=free, held=(held or {}).get(name, HELD)) for name in names}
     chosen: Any = made if simulator is None else simulator

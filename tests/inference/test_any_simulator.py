@@ -154,3 +154,28 @@ def test_what_does_not_go_together_is_named() -> None:
         yeastfit.fit(data, Logistic(), free=["rate"])
     with pytest.raises(yeastfit.InputError, match="targets have no imaging: colonies need to know"):
         yeastfit.fit(data)
+
+
+def test_the_mean_at_the_estimate_is_corrected_for_curvature() -> None:
+    """Ensembles lie around a point, which shifts means of a steep curve; simulations at the point itself undo that."""
+    times = (3.0, 6.0)
+    rate = yeastfit.Parameter("rate", "r", "growth rate", (0.1, 3.0), 0.5)
+
+    class Exponential:
+        parameters = yeastfit.ParameterSet((rate,))
+        observables = tuple(yeastfit.Observable("size", time) for time in times)
+
+        def __call__(self, values: np.ndarray, seeds: np.ndarray) -> np.ndarray:
+            noise = np.array([np.random.default_rng(int(seed)).normal(size=len(times)) for seed in seeds])
+            return np.exp(values * np.array(times)) * (1 + 0.05 * noise)
+
+    mean = np.exp(0.5 * np.array(times))
+    targets = yeastfit.Targets.from_means({"size": mean}, times, scatter={"size": 0.05 * mean}, replicates=20)
+
+    def mean_pull(refined: int) -> float:
+        settings = yeastfit.FitSettings(refined=refined)
+        results = [yeastfit.fit(targets, Exponential(), settings=settings, seed=seed) for seed in range(4)]
+        return float(np.mean([np.log(one.values["rate"] / 0.5) / one.log_standard_errors["rate"] for one in results]))
+
+    assert mean_pull(0) < -4
+    assert abs(mean_pull(96)) < 1.5  # three standard errors of the mean of four

@@ -66,7 +66,7 @@ def fit(
         simulator: Of what the data are of; one for each condition, or one for all. Its parameters are the free ones.
             By default colonies, imaged as the data were.
         fine: A more exact simulator that corrects the ensembles of the last stage; for colonies by default one of
-            `fine_resolution`, for others none.
+            `fine_resolution`, for others the simulator itself, which corrects for curvature.
         free: Names of a colony's free parameters; by default mobility, metabolic rate and aspect ratio.
         own: Those of the free parameters that each condition has one of; the others are shared.
         fixed: Values of a colony's other parameters, by name, for all conditions or by condition; defaults else.

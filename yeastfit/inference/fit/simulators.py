@@ -43,8 +43,13 @@ def given_simulators(
     simulator: Simulator | Mapping[str, Simulator],
     fine: Simulator | Mapping[str, Simulator] | None,
 ) -> tuple[Simulators, Simulators]:
-    """Simulators that were handed in, one for all conditions or by condition; no fine ones where none were."""
-    return _by_condition("simulator", simulator, targets), {} if fine is None else _by_condition("fine", fine, targets)
+    """Simulators that were handed in, one for all conditions or by condition.
+
+    Where no fine ones were, the same again: at the estimate itself they take out the shift of the mean by curvature, as
+    ensembles lie around it.
+    """
+    given = _by_condition("simulator", simulator, targets)
+    return given, given if fine is None else _by_condition("fine", fine, targets)
 
 
 def common_parameters(simulators: Mapping[str, Simulator]) -> ParameterSet:
