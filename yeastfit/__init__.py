@@ -1,6 +1,7 @@
 """yeastfit: yeast colonies in JAX - simulated, measured in micrographs, and fitted."""
 
 import importlib
+from importlib.metadata import version
 from types import ModuleType
 from typing import TYPE_CHECKING
 
@@ -51,7 +52,7 @@ from yeastfit.simulation.synthetic_data import read_truth
 if TYPE_CHECKING:
     from yeastfit import plot
 
-__version__ = "0.1.0"
+__version__ = version("yeastfit")
 __all__ = [
     "HARD",
     "PARAMETERS",
