@@ -3,6 +3,8 @@
 import inspect
 import re
 import sys
+from importlib.metadata import version
+from typing import Annotated
 
 import jax
 import typer
@@ -25,7 +27,25 @@ Every command leaves a manifest.json that says how its results were made. Bad in
 COMMANDS = (simulate, measure, synthesize, fit, infer, gradcheck, design)
 INTERRUPTED = 130  # typer's exit code after Ctrl-C
 
-app = typer.Typer(no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False, help=HELP)
+app = typer.Typer(no_args_is_help=True, pretty_exceptions_enable=False)
+
+
+def print_version(wanted: bool) -> None:
+    """Print the version and end, before any command is looked at."""
+    if wanted:
+        typer.echo(f"yeastfit {version('yeastfit')}")
+        raise typer.Exit
+
+
+@app.callback(help=HELP)
+def options(
+    wanted: Annotated[
+        bool, typer.Option("--version", help="Print the version and exit.", callback=print_version, is_eager=True)
+    ] = False,
+) -> None:
+    """Options that come before a command."""
+
+
 for command in COMMANDS:
     # each paragraph in one line: typer breaks lines where the docstring does
     app.command(help=re.sub(r"(?<!\n)\n(?!\n)", " ", inspect.getdoc(command) or ""))(command)
