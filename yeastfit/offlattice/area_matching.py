@@ -47,12 +47,15 @@ class MatchedMask:
 
 
 def search_from_below(mask_of: MaskOf, cells: int, area: float) -> MatchedMask:
-    """Li et al.'s search.
+    """Match an area as Li et al. do.
 
     Arguments:
         mask_of: The mask of so many first cells.
         cells: How many there are.
         area: A*, pixels.
+
+    Returns:
+        The cells kept and their mask; its `match` tells an area that all cells do not reach, and one that was missed.
 
     Raises:
         InputError: The area is not a finite number above 0.
@@ -75,12 +78,15 @@ def search_from_below(mask_of: MaskOf, cells: int, area: float) -> MatchedMask:
 
 
 def match_exactly(mask_of: MaskOf, cells: int, area: float) -> MatchedMask:
-    """The first cells with which the area reaches A*, found by bisection: it is off by less than a cell.
+    """Keep the first cells with which the area reaches A*, found by bisection: it is off by less than a cell.
 
     Arguments:
         mask_of: The mask of so many first cells.
         cells: How many there are.
         area: A*, pixels.
+
+    Returns:
+        The cells kept and their mask; its `match` tells an area that all cells do not reach.
 
     Raises:
         InputError: The area is not a finite number above 0.

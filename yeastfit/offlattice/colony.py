@@ -92,7 +92,7 @@ def grow(
     most_attempts: int = MOST_ATTEMPTS,
     stream: Float[np.ndarray, " number"] | None = None,
 ) -> OfflatticeColony:
-    """One colony of N cells. The same arguments give the same colony, on any machine and in any batch.
+    """Grow one colony of N cells: the same one from the same arguments, in any batch and on any number of threads.
 
     Arguments:
         parameters: By name (see `parameters.PARAMETERS`), the rest at their defaults; or all five in order.
@@ -146,7 +146,7 @@ def grow_many(
     most_attempts: int = MOST_ATTEMPTS,
     threads: int | None = None,
 ) -> list[OfflatticeColony]:
-    """A colony for each row of five values and seed: what `grow` gives, whatever the number of threads.
+    """Grow a colony for each row of five values and seed, on several threads.
 
     Arguments:
         values: The five parameters in order, one row a colony.
@@ -155,6 +155,9 @@ def grow_many(
         delay: See `grow`.
         most_attempts: See `grow`.
         threads: How many colonies grow at a time; None for as many as there are processors to use.
+
+    Returns:
+        What `grow` gives for each row, in order, whatever the number of threads.
 
     Raises:
         InputError: As `grow`; or there are not as many seeds as rows.
@@ -169,7 +172,7 @@ def grow_many(
 
 
 def in_threads(function: Callable[[Item], Result], items: Iterable[Item], threads: int | None) -> list[Result]:
-    """Results in the order of the items. Kernels release the interpreter's lock, so threads run side by side."""
+    """Call a function with each item; results in order. Kernels release the interpreter's lock: threads run at once."""
     with ThreadPoolExecutor(threads or available_processors()) as pool:
         return list(pool.map(function, items))
 

@@ -50,12 +50,15 @@ class Ellipses:
 
     @classmethod
     def of(cls, colony: OfflatticeColony, pixel_size: float = PIXEL, gap: float = GAP) -> "Ellipses":
-        """Of all cells of a colony, in an image that just holds them with an empty margin.
+        """Draw all cells of a colony on an image that just holds them with an empty margin.
 
         Arguments:
             colony: Of at least one cell.
             pixel_size: µm.
             gap: Gaps narrower than this are closed, µm; 0 for none.
+
+        Returns:
+            What `mask` needs for any number of cells.
 
         Raises:
             InputError: The colony has no cells; the pixel size is not above 0, or so small that the image is enormous;

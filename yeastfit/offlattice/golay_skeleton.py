@@ -40,14 +40,14 @@ PASSES = (
 
 
 def skeleton(image: Bool[np.ndarray, "row column"]) -> Bool[np.ndarray, "row column"]:
-    """What is left of an image."""
+    """Thin an image until no pass removes a pixel."""
     padded = np.pad(image, 1)
     _thin(padded, REMOVES)
     return padded[1:-1, 1:-1]
 
 
 def count_ends(image: Bool[np.ndarray, "row column"]) -> int:
-    """The number of ends of a skeleton."""
+    """Count the ends of a skeleton."""
     return _count(np.pad(image, 1), IS_END)
 
 

@@ -57,7 +57,14 @@ class BinnedOutlines:
 
     @classmethod
     def of(cls, colony: OfflatticeColony, frame: tuple[int, int] = FRAME) -> "BinnedOutlines":
-        """Of all cells of a colony, in a frame of so many bins along x and y.
+        """Put all cells of a colony into bins.
+
+        Arguments:
+            colony: Its first cells are drawn by `mask`.
+            frame: Bins along x and along y.
+
+        Returns:
+            What `mask` needs for any number of cells.
 
         Raises:
             InputError: A side of the frame is not an even number of bins, at least 2.

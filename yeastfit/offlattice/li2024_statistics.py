@@ -51,7 +51,13 @@ class Li2024:
 
 
 def li2024_statistics(mask: Bool[np.ndarray, "row column"]) -> Li2024:
-    """The statistics of a mask whose colony pixels are True. Not differentiable.
+    """Measure a mask as Li et al. 2024 do. Not differentiable.
+
+    Arguments:
+        mask: True where the colony is, of a photograph or of a simulation.
+
+    Returns:
+        The statistics, in pixels.
 
     Raises:
         InputError: No pixel is.
