@@ -10,6 +10,7 @@ demo: $(VENV)/.installed
 
 test: $(VENV)/.installed-test lint types
 	$(BIN)/python -m pytest --numprocesses auto --maxprocesses 4 --dist worksteal
+	XLA_FLAGS= $(BIN)/python -m pytest --numprocesses auto --maxprocesses 2 --dist worksteal -m users_compiler
 
 # the export with ArviZ 1.x, which Python 3.11 has not: make test-arviz PYTHON=python3.12 VENV=.venv-arviz
 test-arviz: $(VENV)/.made

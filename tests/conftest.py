@@ -12,10 +12,14 @@ import pytest
 from jaxtyping import install_import_hook
 from PIL import Image
 
-# Half of what the tests take is compiling, and most programs run once: XLA's older code generator and its first level
-# of optimisation take half as long, and their programs run as fast. `XLA_FLAGS= pytest` tests what users run.
+# Half of what the tests take is compiling, and most programs run once: XLA's older code generator, its first level of
+# optimisation and loops that are not vectorised take half as long, and their programs run as fast. What users run is
+# tested once more by those marked users_compiler: `XLA_FLAGS= pytest -m users_compiler`, a part of `make test`.
+QUICK = (
+    "--xla_cpu_use_fusion_emitters=false --xla_backend_optimization_level=1 --xla_llvm_disable_expensive_passes=true"
+)
 if version("jaxlib").startswith("0.10."):  # with a flag that it does not know, jaxlib ends the process
-    os.environ.setdefault("XLA_FLAGS", "--xla_cpu_use_fusion_emitters=false --xla_backend_optimization_level=1")
+    os.environ.setdefault("XLA_FLAGS", QUICK)
 
 # What one process of a run has compiled, tests or programs that they start, the others need not. A folder given by
 # JAX_COMPILATION_CACHE_DIR is kept, so that a second run compiles only what has changed.

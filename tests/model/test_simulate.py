@@ -121,6 +121,7 @@ def _angles(lineages: Array, event: Array) -> Array:
     return uniform_angles(child_lineages(lineages, event))
 
 
+@pytest.mark.users_compiler
 @pytest.mark.parametrize("name", ["count", "parents", "colony", "positions", "nutrient", "growth rate", "level set"])
 def test_every_step_of_the_hard_model_is_the_references(comparison: Comparison, name: str) -> None:
     """Integers exactly; reals to 1e-10, a hundredfold of what either nutrient solve leaves."""
@@ -128,6 +129,7 @@ def test_every_step_of_the_hard_model_is_the_references(comparison: Comparison, 
     assert max(comparison.differences[name]) <= (0 if name in ("count", "parents", "colony") else 1e-10)
 
 
+@pytest.mark.users_compiler
 def test_every_event_of_the_hard_model_is_the_references(comparison: Comparison) -> None:
     assert len(comparison.births) == 6
     assert all(sorted(ours) == sorted(theirs) for ours, theirs in comparison.births)

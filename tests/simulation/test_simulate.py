@@ -62,6 +62,7 @@ def test_same_key_same_result(five: Simulation) -> None:
     assert np.ptp(five.statistics["mean_radius"], axis=0).min() > 0.001  # and other keys, other results
 
 
+@pytest.mark.users_compiler
 @pytest.mark.parametrize("members", [1, 2])
 def test_a_member_does_not_depend_on_how_many_others_there_are(members: int, five: Simulation) -> None:
     """Its state to the last bit; a statistic to the last bits of its sums, which each batch size orders otherwise."""
