@@ -30,11 +30,12 @@ INTERRUPTED = 130  # typer's exit code after Ctrl-C
 app = typer.Typer(no_args_is_help=True, pretty_exceptions_enable=False)
 
 
-def print_version(wanted: bool) -> None:
+def print_version(wanted: bool) -> bool:
     """Print the version and end, before any command is looked at."""
     if wanted:
         typer.echo(f"yeastfit {version('yeastfit')}")
         raise typer.Exit
+    return wanted
 
 
 @app.callback(help=HELP)
