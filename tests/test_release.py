@@ -38,7 +38,7 @@ def test_the_citation_names_the_project_and_every_source_of_the_readme() -> None
     assert cited("type") == "software"
     assert cited("title").startswith(PROJECT["name"])
     text = (ROOT / "CITATION.cff").read_text(encoding="utf-8")
-    sources = (ROOT / "README.md").read_text(encoding="utf-8").partition("## Sources")[2]
+    sources = (ROOT / "README.md").read_text(encoding="utf-8").partition("## Sources")[2].partition("\n## ")[0]
     titles = re.findall(r"(?<!\*)\*([^*]+)\*", sources)
     assert len(titles) == 2
     for title in titles:
