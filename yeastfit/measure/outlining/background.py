@@ -1,4 +1,4 @@
-"""The background of a photograph: the light there would be without a colony, its noise, and frames to leave out."""
+"""Estimate the background of a photograph, as it would be without a colony, its noise, and frames to leave out."""
 
 from math import ceil, pi, sqrt
 
@@ -10,18 +10,18 @@ from skimage import filters, measure
 
 from yeastfit.errors import InputError
 from yeastfit.measure.outlining.mask_operations import (
-    EIGHT,
+    NEIGHBOURS,
     SMOOTHING,
     Field,
     Mask,
     Small,
     areas_of,
+    block_means,
     blurred,
-    border,
-    shrunk,
-    spread,
+    border_pixels,
+    robust_deviation,
 )
-from yeastfit.measure.outlining.stitching import STEEP, bands, with_tiles
+from yeastfit.measure.outlining.stitching import STEEP, add_tiles, row_and_column_steps
 
 Coarse = Bool[np.ndarray, "small_row small_column"]
 Samples = Float64[np.ndarray, " sample"]
@@ -31,8 +31,8 @@ SLOPE_SCALE = (2.0, 4.0)  # px, of the derivative that finds edges: finest, and 
 REACHES = (0.05, 0.015)  # of the image's longer side
 
 
-def frames(image: Field) -> Mask:
-    """Frames that stitching leaves along the border, and two more pixels for interpolation.
+def frame_mask(image: Field) -> Mask:
+    """Find frames that stitching leaves along the border, and two more pixels for interpolation.
 
     Black: below 3 % of the bright pixels. White: the brightest value there is, unless it holds over 10 % of the image.
     """
@@ -41,42 +41,56 @@ def frames(image: Field) -> Mask:
     for side in sides if sides[1].mean() < 0.1 else sides[:1]:
         labels = measure.label(side, connectivity=1)
         touching = np.zeros(labels.max() + 1, dtype=bool)
-        touching[border(labels)] = True
+        touching[border_pixels(labels)] = True
         touching[0] = False
         frame |= touching[labels]
-    return ndimage.binary_dilation(frame, EIGHT, iterations=2) if frame.any() else frame
+    return ndimage.binary_dilation(frame, NEIGHBOURS, iterations=2) if frame.any() else frame
 
 
-def background(image: Field, seen: Mask, name: str) -> tuple[Field, float]:
-    """Background L and noise: the line "light" of `yeastfit.measure.segmentation`.
+def estimate_background(image: Field, visible: Mask, name: str) -> tuple[Field, float]:
+    """Estimate the background L and its noise: the line "background" of `segmentation`.
 
-    The fit starts from bright pixels, so that a colony over half the image is no background; then residuals between -2
-    and 3 deviations are kept, the deviation taken from positive ones alone. Where there is no background to see, the
+    The fit starts from bright pixels, so that a colony over half the image is no background; then residuals between −2
+    and 3 deviations are kept, the deviation taken from positive ones alone. Where no background is visible, the
     polynomial stays within what it is elsewhere.
+
+    Arguments:
+        image: Grey values.
+        visible: Which pixels are not a frame.
+        name: What messages begin with.
+
+    Returns:
+        L and the standard deviation of pixel noise.
+
+    Raises:
+        InputError: Most of the border is dark.
     """
-    noise = _noise(image, seen)
-    shade = bands(image, seen, noise)
+    noise = _noise(image, visible)
+    shade = row_and_column_steps(image, visible, noise)
     even = image - shade
-    step = ceil(sqrt(seen.sum() / 5_000))
-    rows, columns = np.nonzero(seen[::step, ::step])
+    step = ceil(sqrt(visible.sum() / 5_000))
+    rows, columns = np.nonzero(visible[::step, ::step])
     values = even[::step, ::step][rows, columns].astype(np.float64)
-    keep = _bright_start(even, seen, values, name)
+    keep = _bright_samples(even, visible, values, name)
     u, v = (_axis(size, max(image.shape)) for size in image.shape[::-1])
     at = u[columns * step], v[rows * step]
     for degree, rounds in ((2, 12), (4, 6)):
         table, keep, deviation = _clipped_fit(*at, values, degree, keep, noise, rounds)
-    known, small = _known(even, _surface(table, u, v, rows * step, columns * step, keep), seen, noise, 2.5 * deviation)
-    sampled = known[
-        np.minimum(rows * step // small, known.shape[0] - 1), np.minimum(columns * step // small, known.shape[1] - 1)
-    ]
+    surface = _polynomial_surface(table, u, v, rows * step, columns * step, keep)
+    background, small = _visible_background(even, surface, visible, noise, 2.5 * deviation)
+    row, column = (
+        np.minimum(place // small, size - 1)
+        for place, size in zip((rows * step, columns * step), background.shape, strict=True)
+    )
+    sampled = background[row, column]
     if sampled.sum() > 100:
         keep = sampled
         table = _fit(*at, values, 4, keep)
-    surface = _surface(table, u, v, rows * step, columns * step, keep)
-    return surface + shade + _local_light(even - surface, known, small), noise
+    surface = _polynomial_surface(table, u, v, rows * step, columns * step, keep)
+    return surface + shade + _local_mean(even - surface, background, small), noise
 
 
-def _surface(
+def _polynomial_surface(
     table: Float64[np.ndarray, "power power"],
     u: Float64[np.ndarray, " column"],
     v: Float64[np.ndarray, " row"],
@@ -84,18 +98,18 @@ def _surface(
     columns: npt.NDArray[np.integer],
     keep: Kept,
 ) -> Field:
-    """The polynomial on all pixels, within the bounds of what it is on the samples kept."""
+    """The polynomial on all pixels, clipped to its range on the samples kept."""
     surface = np.polynomial.polynomial.polygrid2d(u, v, table).T.astype(np.float32)
-    known = surface[rows, columns][keep]
-    return np.clip(surface, known.min(), known.max())
+    on_samples = surface[rows, columns][keep]
+    return np.clip(surface, on_samples.min(), on_samples.max())
 
 
-def _bright_start(image: Field, seen: Mask, values: Samples, name: str) -> Kept:
-    """Samples in the brighter class of Otsu where the classes differ clearly, else all."""
+def _bright_samples(image: Field, visible: Mask, values: Samples, name: str) -> Kept:
+    """Samples in the brighter of Otsu's classes where these differ clearly, else all."""
     middle = filters.threshold_otsu(values)
     bright = values > middle
-    rim = seen & ~ndimage.binary_erosion(seen)
-    bright_border = (image[rim] > middle).mean() > 0.5
+    edge = visible & ~ndimage.binary_erosion(visible)
+    bright_border = (image[edge] > middle).mean() > 0.5
     ratio = values[~bright].mean() / values[bright].mean()
     if ratio < 0.6 and not bright_border:
         raise InputError(f"{name}: most of its border is dark, need a dark colony with bright background around it")
@@ -105,11 +119,11 @@ def _bright_start(image: Field, seen: Mask, values: Samples, name: str) -> Kept:
 def _clipped_fit(
     u: Samples, v: Samples, values: Samples, degree: int, keep: Kept, noise: float, rounds: int
 ) -> tuple[Float64[np.ndarray, "power power"], Kept, float]:
-    """Coefficients as `_fit` gives them, the samples kept and their deviation."""
+    """Coefficients of `_fit`, the samples kept and their deviation."""
     for _ in range(rounds):
         table = _fit(u, v, values, degree, keep)
         residual = values - np.polynomial.polynomial.polyval2d(u, v, table)
-        deviation = max(noise, spread(residual[residual > 0]))
+        deviation = max(noise, robust_deviation(residual[residual > 0]))
         keep = (residual > -2 * deviation) & (residual < 3 * deviation)
     return table, keep, deviation
 
@@ -130,24 +144,25 @@ def _axis(size: int, longest: int) -> Float64[np.ndarray, " point"]:
     return (2 * np.arange(size) - (size - 1)) / longest
 
 
-def _known(image: Field, surface: Field, seen: Mask, noise: float, limit: float) -> tuple[Coarse, int]:
-    """Where background is seen, on a grid of about 800 points a side, and that grid's step in px.
+def _visible_background(image: Field, surface: Field, visible: Mask, noise: float, limit: float) -> tuple[Coarse, int]:
+    """Where background is visible, on a grid of about 800 points a side, and that grid's step in px.
 
-    `_calm` where that is 3 % of the image or more, else what is not darker than the surface by `limit`.
+    It is `_regions_without_edges` where these are 3 % of the image or more, else what is not darker than the surface by
+    `limit`.
     """
     step = max(1, round(max(image.shape) / 800))
-    small, flat = shrunk(image, step), shrunk(surface, step)
-    whole = shrunk(seen.astype(np.float32), step) > 0.99
-    known = _calm(small, flat, whole, noise / step, step, limit)
-    if known.mean() < 0.03:
+    small, flat = block_means(image, step), block_means(surface, step)
+    whole = block_means(visible.astype(np.float32), step) > 0.99
+    background = _regions_without_edges(small, flat, whole, noise / step, step, limit)
+    if background.mean() < 0.03:
         dark = blurred(flat - small, SMOOTHING / step) > limit
-        known = whole & ~ndimage.binary_dilation(dark, iterations=2)
-    return known, step
+        background = whole & ~ndimage.binary_dilation(dark, iterations=2)
+    return background, step
 
 
-def _local_light(residual: Field, known: Coarse, step: int) -> Field:
-    """Mean residual over background nearby, wide and then narrow: shading that no polynomial follows."""
-    share, coarse = known.astype(np.float32)[::2, ::2], shrunk(residual, step)[::2, ::2]
+def _local_mean(residual: Field, background: Coarse, step: int) -> Field:
+    """Mean residual over the background nearby, wide and then narrow: shading that no polynomial follows."""
+    share, coarse = background.astype(np.float32)[::2, ::2], block_means(residual, step)[::2, ::2]
     mean = np.zeros_like(coarse)
     for reach in REACHES:
         width = reach * max(coarse.shape)
@@ -156,33 +171,32 @@ def _local_light(residual: Field, known: Coarse, step: int) -> Field:
     return ndimage.zoom(mean, zoom, order=1, mode="nearest", grid_mode=True)
 
 
-def _calm(image: Small, surface: Small, seen: Mask, noise: float, step: int, limit: float) -> Mask:
-    """Background as what no edge parts from it: regions without a steep slope, mostly within `limit` of the surface.
+def _regions_without_edges(image: Small, surface: Small, visible: Mask, noise: float, step: int, limit: float) -> Mask:
+    """Background as what no edge separates from it: regions without steep slopes, mostly within `limit` of the surface.
 
-    They reach the border of what is seen, as a faint colony's inside does not.
-
-    A shadow has no edge and is background; a colony has, however faint. Regions behind a straight seam count too. Two
-    more pixels along every edge are left out, which closes gaps in it. `noise` is that of the shrunk image.
+    They reach the border of what is visible, as a faint colony's inside does not. A shadow has no edge and is
+    background; a colony has one, however faint. Regions behind a straight seam count too. Two more pixels along every
+    edge are left out, which closes gaps in it. `noise` is that of the image averaged over blocks.
     """
     level = float(np.median(surface))
     drowned = sqrt(5 * noise / (sqrt(8 * pi) * STEEP * step * max(level, 1e-6)))  # where noise is as steep as an edge
     scale = min(max(1.0, SLOPE_SCALE[0] / step, drowned), SLOPE_SCALE[1] / step)
     slope = ndimage.gaussian_gradient_magnitude(image, scale)
     steep = np.maximum(np.float32(5 * noise / (sqrt(8 * pi) * scale**2)), np.float32(STEEP * step) * surface)
-    calm = ndimage.binary_erosion(seen & (slope < steep), EIGHT, iterations=2, border_value=1)
-    labels = measure.label(calm, connectivity=1)
+    flat = ndimage.binary_erosion(visible & (slope < steep), NEIGHBOURS, iterations=2, border_value=1)
+    labels = measure.label(flat, connectivity=1)
     areas = areas_of(labels)
     near = np.bincount(labels.ravel(), weights=(np.abs(image - surface) < limit).ravel())
-    edge = ~ndimage.binary_erosion(seen, EIGHT, iterations=4)
+    edge = ~ndimage.binary_erosion(visible, NEIGHBOURS, iterations=4)
     outside = np.zeros(areas.size, dtype=bool)
     outside[labels[edge]] = True
-    known = (near > 0.5 * areas) & (areas >= 20) & outside
-    return with_tiles(known[labels], labels, image, areas)
+    background = (near > 0.5 * areas) & (areas >= 20) & outside
+    return add_tiles(background[labels], labels, image, areas)
 
 
-def _noise(image: Field, seen: Mask) -> float:
+def _noise(image: Field, visible: Mask) -> float:
     """Standard deviation of pixel noise, at least that of rounding to the image's grey levels."""
     kernel = np.outer([1, -2, 1], [1, -2, 1]) / 6
-    second = ndimage.convolve(image, kernel.astype(np.float32))[seen]
+    second = ndimage.convolve(image, kernel.astype(np.float32))[visible]
     whole = bool((image == np.rint(image)).all())
-    return max(spread(second), sqrt(1 / 12) if whole else 1e-3 * float(np.ptp(image)))
+    return max(robust_deviation(second), sqrt(1 / 12) if whole else 1e-3 * float(np.ptp(image)))

@@ -1,4 +1,4 @@
-"""Ready-made masks: recognised, and told which of their two values is the colony."""
+"""Recognise ready-made masks, and which of their two values is the colony."""
 
 from typing import Any, NamedTuple
 
@@ -14,8 +14,15 @@ NEARLY = 0.9  # share of pixels within them
 BETWEEN = 0.01  # largest share of pixels in the middle half of the range
 
 
-class ReadyMade(NamedTuple):
-    """A mask as it came: colony pixels, the grey levels of colony and background, and doubts."""
+class BinaryImage(NamedTuple):
+    """A ready-made mask.
+
+    Attributes:
+        mask: Colony pixels.
+        colony: Their grey level.
+        background: That of all others.
+        doubts: By name.
+    """
 
     mask: Mask
     colony: float
@@ -23,25 +30,25 @@ class ReadyMade(NamedTuple):
     doubts: list[str]
 
 
-def ready_made(image: npt.NDArray[Any]) -> ReadyMade | None:
-    """The mask that an image is, or None for a photograph.
+def recognise_binary(image: npt.NDArray[Any]) -> BinaryImage | None:
+    """Recognise a ready-made mask; None for a photograph.
 
     A mask has two values; or it has the full range of 8 or 16 bits, `NEARLY` all pixels at its ends and next to none
-    between, as lossy compression leaves it. The background is the value along most of the border, of which only the
-    stretches next to the corners count, a quarter of each side: a round colony that fills its image, or is cut by it,
-    touches the middle of a side first.
+    between, as lossy compression leaves it. The background is the value along most of the border. Of that only a
+    quarter of each side next to the corners counts, as a round colony that fills its image, or is cut by it, touches
+    the middle of a side first.
     """
     low, high = float(image.min()), float(image.max())
     exact = bool(((image == image.min()) | (image == image.max())).all())
     if not exact and not _nearly_two_values(image, low, high):
         return None
     bright = image == image.max() if exact else image > (low + high) / 2
-    share = float(_corners(bright).mean())
+    share = float(_border_near_corners(bright).mean())
     doubts = [] if exact else ["not quite black and white"]
     doubts += ["polarity unsure"] if UNSURE[0] < share < UNSURE[1] else []
     if share >= 0.5:
-        return ReadyMade(~bright, low, high, doubts)
-    return ReadyMade(bright, high, low, doubts)
+        return BinaryImage(~bright, low, high, doubts)
+    return BinaryImage(bright, high, low, doubts)
 
 
 def _nearly_two_values(image: npt.NDArray[Any], low: float, high: float) -> bool:
@@ -53,7 +60,7 @@ def _nearly_two_values(image: npt.NDArray[Any], low: float, high: float) -> bool
     return bool(ends.mean() >= NEARLY and between.mean() <= BETWEEN)
 
 
-def _corners(bright: Mask) -> Bool[np.ndarray, " pixel"]:
+def _border_near_corners(bright: Mask) -> Bool[np.ndarray, " pixel"]:
     """Border pixels within a quarter of a side from a corner."""
     rows, columns = (np.arange(size) for size in bright.shape)
     near_rows, near_columns = (np.minimum(at, at[::-1]) < max(1, at.size // 4) for at in (rows, columns))

@@ -1,4 +1,4 @@
-"""Which dark object of a photograph is the colony."""
+"""Select the colony among the dark objects of a photograph."""
 
 from typing import Any
 
@@ -9,18 +9,28 @@ from scipy import ndimage
 from skimage import measure, segmentation
 
 from yeastfit.errors import InputError
-from yeastfit.measure.outlining.mask_operations import EIGHT, Mask, areas_of
+from yeastfit.measure.outlining.mask_operations import NEIGHBOURS, Mask, areas_of
 
 
-def colony(
-    found: Mask, frame: Mask, min_area: int, name: str, seed: tuple[float, float] | None = None
+def select_colony(
+    dark: Mask, frame: Mask, min_area: int, name: str, seed: tuple[float, float] | None = None
 ) -> tuple[Mask, list[str]]:
-    """The object that is the colony, widened by 3 px but not into others, and doubts.
+    """Select the largest object that the border does not hold, or the one at a seed point.
 
-    The largest one that the border does not hold, or the one at `seed` (x, y). `frame` is left out of the image.
-    Raises `InputError` where there is none of `min_area` pixels.
+    Arguments:
+        dark: Pixels of all objects.
+        frame: Pixels that are left out of the image.
+        min_area: The fewest pixels of a colony.
+        name: What messages begin with.
+        seed: x and y.
+
+    Returns:
+        The object, widened by 3 px but not into others, and doubts by name.
+
+    Raises:
+        InputError: There is no object of `min_area` pixels.
     """
-    labels = measure.label(found, connectivity=2)
+    labels = measure.label(dark, connectivity=2)
     areas = areas_of(labels)
     if areas.max() < min_area:
         what = (
@@ -34,15 +44,17 @@ def colony(
     if seed is None:
         chosen, doubts = _largest(labels, areas, edge, min_area)
     else:
-        chosen, doubts = _pointed_at(labels, areas >= min_area, edge, seed, name)
-    return ndimage.binary_dilation(chosen, EIGHT, iterations=3) & (chosen | ~found), doubts
+        chosen, doubts = _object_at_seed(labels, areas >= min_area, edge, seed, name)
+    return ndimage.binary_dilation(chosen, NEIGHBOURS, iterations=3) & (chosen | ~dark), doubts
 
 
-def at_point(labels: npt.NDArray[Any], wanted: Bool[np.ndarray, " label"], seed: tuple[float, float], name: str) -> int:
-    """The wanted label at a point (x, y), or the nearest one within `seed_reach`; else `InputError`."""
+def object_at(
+    labels: npt.NDArray[Any], wanted: Bool[np.ndarray, " label"], seed: tuple[float, float], name: str
+) -> int:
+    """The wanted label at a point (x, y), or the nearest one within `seed_tolerance`; raises `InputError` for none."""
     rows, columns = np.nonzero(wanted[labels])
     distance = np.hypot(columns - seed[0], rows - seed[1])
-    limit = seed_reach(labels.shape)
+    limit = seed_tolerance(labels.shape)
     if not distance.size or distance.min() > limit:
         nearest = f"the nearest is {distance.min():.0f} pixels away" if distance.size else "there is none at all"
         raise InputError(
@@ -53,7 +65,7 @@ def at_point(labels: npt.NDArray[Any], wanted: Bool[np.ndarray, " label"], seed:
     return int(labels[rows[first], columns[first]])
 
 
-def seed_reach(shape: tuple[int, ...]) -> float:
+def seed_tolerance(shape: tuple[int, ...]) -> float:
     """How far from its object a seed point may lie: 2 % of the image's longer side, at least 10 px."""
     return max(10.0, 0.02 * max(shape))
 
@@ -61,42 +73,42 @@ def seed_reach(shape: tuple[int, ...]) -> float:
 def _largest(
     labels: npt.NDArray[Any], areas: npt.NDArray[np.int64], edge: Mask, min_area: int
 ) -> tuple[Mask, list[str]]:
-    held = np.setdiff1d(labels[edge], [0])
+    at_border = np.setdiff1d(labels[edge], [0])
     free = areas.copy()
-    free[held] = 0
+    free[at_border] = 0
     largest = int(areas.argmax())
     chosen, doubts = labels == largest, []
-    if largest in held:
-        core = _without_border_object(chosen, edge)
+    if largest in at_border:
+        core = _cut_off_from_border(chosen, edge)
         if core is not None and core.sum() > free.max():
             chosen, doubts = core, ["cut off from an object at the border"]
         elif free.max() >= max(min_area, 0.05 * areas.max()):
             largest = int(free.argmax())
             chosen, doubts = labels == largest, ["an object at the border is left out"]
     free[largest] = 0
-    if free.max() > max(0.1 * chosen.sum(), 2 * min_area):  # of blurred dust, `found` holds twice its pixels
+    if free.max() > max(0.1 * chosen.sum(), 2 * min_area):  # of blurred dust, `dark` holds twice its pixels
         doubts.append("several objects")
     return chosen, doubts
 
 
-def _pointed_at(
+def _object_at_seed(
     labels: npt.NDArray[Any], wanted: Bool[np.ndarray, " label"], edge: Mask, seed: tuple[float, float], name: str
 ) -> tuple[Mask, list[str]]:
-    """The object at the seed; where the border holds it, the part of it at the seed if there is a neck between."""
-    chosen = labels == at_point(labels, wanted, seed, name)
-    core = _without_border_object(chosen, edge) if (chosen & edge).any() else None
+    """The object at the seed; where it reaches the border, the part at the seed if a neck lies between."""
+    chosen = labels == object_at(labels, wanted, seed, name)
+    core = _cut_off_from_border(chosen, edge) if (chosen & edge).any() else None
     if core is None:
         return chosen, []
-    part = at_point(np.where(core, 2, np.where(chosen, 1, 0)), np.array([False, True, True]), seed, name)
+    part = object_at(np.where(core, 2, np.where(chosen, 1, 0)), np.array([False, True, True]), seed, name)
     return (core, ["cut off from an object at the border"]) if part == 2 else (chosen, [])
 
 
-def _without_border_object(joined: Mask, edge: Mask) -> Mask | None:
-    """The part of an object around its thickest place away from the border, where a neck parts it from the border.
+def _cut_off_from_border(joined: Mask, edge: Mask) -> Mask | None:
+    """Cut an object at the border in two at a neck, and return the part around its thickest place.
 
-    Watershed of the distance to the background, on a grid of about 400 points a side, between that thickest place and
-    the border. None where the object is thickest at the border, or where it only reaches the border with a tip (less
-    than 1 % of it would be cut).
+    By a watershed of the distance to the background, on a grid of about 400 points a side, between that place and the
+    border. None where the object is thickest at the border, or reaches it only with a tip (less than 1 % of it would be
+    cut).
     """
     step = max(1, max(joined.shape) // 400)
     small = measure.block_reduce(joined, (step, step), np.max)

@@ -1,4 +1,4 @@
-"""What the steps of segmentation share: objects of a mask, smoothing, a robust deviation."""
+"""Operations that several steps of segmentation share: objects of a mask, smoothing, a robust deviation."""
 
 from typing import Any
 
@@ -13,16 +13,16 @@ Small = Float32[np.ndarray, "small_row small_column"]
 Mask = Bool[np.ndarray, "row column"]
 
 SMOOTHING = 0.8  # px, before a threshold on contrast
-EIGHT = np.ones((3, 3), dtype=bool)
+NEIGHBOURS = np.ones((3, 3), dtype=bool)
 
 
-def border(field: npt.NDArray[Any]) -> npt.NDArray[Any]:
-    """The outermost pixels, corners twice."""
+def border_pixels(field: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    """The outermost pixels of an image, corners twice."""
     return np.concatenate([field[0], field[-1], field[:, 0], field[:, -1]])
 
 
 def areas_of(labels: npt.NDArray[Any]) -> npt.NDArray[np.int64]:
-    """Pixels of every label, 0 for the background."""
+    """Number of pixels of every label; 0 for the background."""
     areas = np.bincount(labels.ravel())
     areas[0] = 0
     return areas
@@ -39,12 +39,12 @@ def blurred(field: npt.NDArray[Any], width: float) -> Field:
     return ndimage.gaussian_filter(field.astype(np.float32, copy=False), width, mode="nearest", truncate=3.0)
 
 
-def spread(values: npt.NDArray[Any]) -> float:
-    """Standard deviation of normal values around 0, from the median of their sizes."""
+def robust_deviation(values: npt.NDArray[Any]) -> float:
+    """Standard deviation of normal values around 0, from the median of their absolute values."""
     return 1.4826 * float(np.median(np.abs(values))) if values.size else 0.0
 
 
-def shrunk(field: Field, step: int) -> Small:
+def block_means(field: Field, step: int) -> Small:
     """Means over squares of `step` pixels; an incomplete last row or column is left out."""
     if step == 1:
         return field

@@ -1,26 +1,27 @@
-"""The colony in a photograph.
+"""Outline the colony in a micrograph.
 
 How `segment` works, in grey levels, for a bright-field photograph I (colony darker than its background):
 
-    light       L = b(y) + a(x), steps of whole rows and columns, plus a polynomial of degree 4, fitted by least squares
+    background  L = b(y) + a(x), steps of whole rows and columns, plus a polynomial of degree 4, fitted by least squares
                 to the background, plus the background's mean residual within 5 %, then 1.5 %, of the image's longer
-                side. Background is what no edge parts from the border and from a first polynomial, fitted by iterated
-                one-sided clipping: a shadow's slope is below 0.4 % of L per pixel, a colony's edge above it
-    contrast    D = L - I, with noise σ from the second differences of I (kernel of Immerkær 1996,
-                doi:10.1006/cviu.1996.0060)
+                side. Background is what no edge separates from the border and from a first polynomial, fitted by
+                iterated one-sided clipping: a shadow's slope is below 0.4 % of L per pixel, a colony's edge above it
+    contrast    D = L − I, with noise σ from the second differences of I (kernel of Immerkær 1996, "Fast noise variance
+                estimation", Comput. Vis. Image Underst. 64:300, doi:10.1006/cviu.1996.0060)
     coarse      the object: where D, smoothed by 0.8 px, exceeds 4 of its own deviations
-    rim         c(x) = mean of D over colony pixels 2.5 - 5 px inside the boundary, averaged over about 8 px around x:
-                what "wholly colony" looks like here, faint on a filament, dark on the core
+    edge        c(x) = mean of D over colony pixels 2.5 − 5 px inside the boundary, averaged over about 8 px around x:
+                what "wholly colony" looks like there, faint on a filament, dark on the core
     fine        D / c = h * φ + noise with φ the indicator of the colony and h a Gaussian blur, so
-                φ = argmin over 0 <= φ <= 1 of ½ |h * φ - min(D / c, 1.1)|² + ½ λ |∇φ|²,   mask = {φ > ½}
+                φ = argmin over 0 ≤ φ ≤ 1 of ½ |h * φ − min(D / c, 1.1)|² + ½ λ |∇φ|²,   mask = {φ > ½}
 
-For a straight edge the last line is a threshold at half the contrast of the rim, which moves no edge. For a small cell
-it also undoes what blur does to curvature: half-contrast alone loses about π s² pixels of area for an object seen
-through blur s (6 % of a cell of 10 by 7 px at s = 1) and closes gaps between cells. The blur s comes from the steepest
-slope of the colony's edges, c / (√(2π) max|∇D|), and λ = 6 ρ³ from the scatter ρ of D / c over the rim: 0.001 on a
-clean drawing (ρ = 0.05), 0.05 on a real colony (ρ = 0.2), whose texture would otherwise be sharpened into holes. The
-minimum is found by FISTA (Beck & Teboulle 2009, doi:10.1137/080716542), as scikit-image's deconvolutions do not take
-the bounds that carry most of the information here.
+For a straight edge the last line is a threshold at half the contrast c, which moves no edge. For a small cell it also
+undoes what blur does to curvature: half-contrast alone loses about π s² pixels of area for an object seen through blur
+s (6 % of a cell of 10 by 7 px at s = 1) and closes gaps between cells. The blur s comes from the steepest slope of the
+colony's edges, c / (√(2π) max|∇D|), and λ = 6 ρ³ from the scatter ρ of D / c along the edge: 0.001 on a clean drawing
+(ρ = 0.05), 0.05 on a real colony (ρ = 0.2), whose texture would otherwise be sharpened into holes. The minimum is found
+by FISTA (Beck & Teboulle 2009, "A fast iterative shrinkage-thresholding algorithm for linear inverse problems", SIAM J.
+Imaging Sci. 2:183, doi:10.1137/080716542), as scikit-image's deconvolutions do not take the bounds that carry most of
+the information here.
 """
 
 from collections.abc import Sequence
@@ -33,11 +34,19 @@ from scipy import ndimage
 from skimage import measure
 
 from yeastfit.errors import InputError
-from yeastfit.measure.outlining.background import background, frames
-from yeastfit.measure.outlining.binary_images import ReadyMade, ready_made
-from yeastfit.measure.outlining.boundary import boundary, coarse_rim, detection_floor, edge_blur, fine_mask
-from yeastfit.measure.outlining.colony_selection import at_point, colony
-from yeastfit.measure.outlining.mask_operations import EIGHT, SMOOTHING, Field, Mask, areas_of, blurred, without_specks
+from yeastfit.measure.outlining.background import estimate_background, frame_mask
+from yeastfit.measure.outlining.binary_images import BinaryImage, recognise_binary
+from yeastfit.measure.outlining.boundary import boundary_pixels, coarse_outline, detection_limit, edge_blur, fine_mask
+from yeastfit.measure.outlining.colony_selection import object_at, select_colony
+from yeastfit.measure.outlining.mask_operations import (
+    NEIGHBOURS,
+    SMOOTHING,
+    Field,
+    Mask,
+    areas_of,
+    blurred,
+    without_specks,
+)
 from yeastfit.measure.reading.images import MIN_SIDE
 from yeastfit.measure.reading.segmentation_options import SegmentationOptions
 
@@ -73,10 +82,14 @@ UNEVEN = 2.0  # brightest over darkest background
 class Segmentation:
     """The colony of one image.
 
-    mask: True on the colony. background: grey level there would be without it. threshold: contrast with the background,
-    in grey levels, from which a pixel counts as colony, median along the outline. blur: standard deviation of the
-    optical blur in px, noise: that of the background in grey levels; both 0 for a ready-made mask. warnings: doubts,
-    keys of `DOUBTS`, which says them in words; empty where there are none.
+    Attributes:
+        mask: True on the colony.
+        background: Grey level that there would be without it.
+        threshold: Contrast with the background, in grey levels, from which a pixel counts as colony: the median along
+            the outline.
+        blur: Standard deviation of the optical blur in px; 0 for a ready-made mask.
+        noise: Standard deviation of the background in grey levels; 0 for a ready-made mask.
+        warnings: Doubts by name, keys of `DOUBTS`, which puts them in words.
     """
 
     mask: Mask
@@ -96,45 +109,51 @@ def segment(
     threshold: float | None = None,
     roi: Sequence[float] | None = None,
 ) -> Segmentation:
-    """The colony in a bright-field photograph [rows, columns] (module docstring), or in a ready-made mask.
+    """Outline the colony in a bright-field photograph, or take a ready-made mask as it is.
 
-    An image of two values, or nearly so, is a mask and kept as it is; the value that holds most of the border is the
-    background. In a photograph the colony is the largest dark object of at least `min_area` pixels that is not held by
-    the border: a near-black frame is left out, an object at the border is left out or, where it touches the colony, cut
-    off at the neck. Smaller objects are dust. Holes and detached objects of at most 200 ρ² pixels, and at most 8, are
-    noise and removed (ρ: scatter of the contrast over the rim, 0.05 on clean drawings, 0.2 on real colonies).
+    An image of two values, or nearly so, is a mask; the value that holds most of the border is the background. In a
+    photograph the colony is the largest dark object that the border does not hold: a near-black frame is left out, and
+    an object at the border is left out or, where it touches the colony, cut off at the neck. Smaller objects are dust.
+    Holes and detached objects of at most 200 ρ² pixels, and at most 8, are noise and removed (ρ as in the module
+    docstring).
 
-    A user overrules this with
+    Arguments:
+        pixels: Grey values [rows, columns].
+        name: What messages begin with.
+        min_area: The fewest pixels of a colony in a photograph.
+        seed_point: x and y in pixels from the centre of the top-left one. The object there, or the nearest within 2 %
+            of the image's longer side (at least 10 px), is the colony, even at the border; of a ready-made mask only
+            that object is kept.
+        threshold: In grey levels: colony is where the contrast D, smoothed by 0.8 px, exceeds it.
+        roi: x0, y0, x1, y1 in pixels. Everything but x0 ≤ x < x1 and y0 ≤ y < y1 is as if it were not in the image, its
+            background included; mask and background have the whole image's size nevertheless.
 
-        seed_point (x, y)       pixels from the centre of the top-left one: the object there, or the nearest within 2 %
-                                of the image's longer side (at least 10 px), is the colony, even at the border; of a
-                                ready-made mask only that object is kept
-        threshold               grey levels: colony is where the contrast D, smoothed by 0.8 px, exceeds it
-        roi (x0, y0, x1, y1)    pixels, x0 <= x < x1 and y0 <= y < y1: all else is as if it were not in the image, its
-                                background included; mask and background are of the whole image's size nevertheless
+    Returns:
+        The mask, and doubts about it.
 
-    `name` appears in messages. Raises `InputError` for an image that is not 2-D, finite and `MIN_SIDE` wide, is
-    constant, holds no colony, or nothing but colony; and for an argument outside the image or of no meaning.
+    Raises:
+        InputError: The image is not 2-D, finite and `MIN_SIDE` wide, is constant, or shows no colony or nothing else;
+            or an argument lies outside the image or makes no sense.
     """
     image = _checked(pixels, name)
     if isinstance(min_area, bool) or not isinstance(min_area, int | np.integer) or min_area < 1:
         raise InputError(f"{name}: min_area is {min_area!r}, need a whole number of pixels, at least 1")
-    wish = SegmentationOptions(seed_point, threshold, roi)
-    wish.check(image.shape, name)
-    window = wish.window(image.shape)
-    ready = ready_made(image)
-    if ready is not None:
-        return _kept(ready, window, wish, name)
-    part = _photograph(_checked(image[window], name), min_area, wish, name)
+    options = SegmentationOptions(seed_point, threshold, roi)
+    options.check(image.shape, name)
+    window = options.window(image.shape)
+    binary = recognise_binary(image)
+    if binary is not None:
+        return _segment_binary(binary, window, options, name)
+    part = _segment_photograph(_checked(image[window], name), min_area, options, name)
     mask = np.zeros(image.shape, dtype=bool)
     mask[window] = part.mask
     around = [(at.start, size - at.stop) for at, size in zip(window, image.shape, strict=True)]
-    light = np.pad(part.background, around, mode="edge")
-    return Segmentation(mask, light, part.threshold, part.blur, part.noise, part.warnings)
+    background = np.pad(part.background, around, mode="edge")
+    return Segmentation(mask, background, part.threshold, part.blur, part.noise, part.warnings)
 
 
 def outline(mask: Mask) -> list[npt.NDArray[np.float64]]:
-    """Closed contours [(row, column), ...] of a mask, holes included, for an overlay."""
+    """Closed contours [(row, column), …] of a mask, holes included, for an overlay."""
     contours = measure.find_contours(np.pad(mask, 1).astype(np.float32), 0.5)
     return [contour - 1 for contour in contours]
 
@@ -156,61 +175,65 @@ def _checked(pixels: npt.NDArray[Any], name: str) -> npt.NDArray[Any]:
     return image if image.dtype == bool else image.astype(np.float32)
 
 
-def _kept(ready: ReadyMade, window: tuple[slice, slice], wish: SegmentationOptions, name: str) -> Segmentation:
-    """A ready-made mask within the window, of which a seed point keeps one object."""
-    contrast = abs(ready.background - ready.colony)
-    if wish.threshold is not None and wish.threshold >= contrast:
-        raise InputError(f"{name}: threshold is {wish.threshold:g}, need less than the {contrast:g} between its values")
-    part = ready.mask[window]
+def _segment_binary(
+    binary: BinaryImage, window: tuple[slice, slice], options: SegmentationOptions, name: str
+) -> Segmentation:
+    """The part of a ready-made mask in the window; with a seed point, one object of it."""
+    contrast = abs(binary.background - binary.colony)
+    if options.threshold is not None and options.threshold >= contrast:
+        raise InputError(
+            f"{name}: threshold is {options.threshold:g}, need less than the {contrast:g} between its values"
+        )
+    part = binary.mask[window]
     if not part.any():
-        raise InputError(f"{name}: no colony within roi {wish.roi!r}, need one around it")
+        raise InputError(f"{name}: no colony within roi {options.roi!r}, need one around it")
     labels = measure.label(part, connectivity=2)
-    if (seed := wish.seed_within()) is not None:
-        part = labels == at_point(labels, areas_of(labels) > 0, seed, name)
+    if (seed := options.seed_within()) is not None:
+        part = labels == object_at(labels, areas_of(labels) > 0, seed, name)
     sizes = np.sort(areas_of(labels))
-    doubts = list(ready.doubts)
-    if wish.seed_point is None and len(sizes) > 2 and sizes[-2] > 0.1 * sizes[-1]:
+    doubts = list(binary.doubts)
+    if options.seed_point is None and len(sizes) > 2 and sizes[-2] > 0.1 * sizes[-1]:
         doubts.append("several objects")
     doubts += _doubts_of_mask(part, np.ones_like(part))
-    mask = np.zeros_like(ready.mask)
+    mask = np.zeros_like(binary.mask)
     mask[window] = part
-    light = np.full(mask.shape, ready.background, dtype=np.float32)
-    return Segmentation(mask, light, contrast / 2, 0.0, 0.0, tuple(doubts))
+    background = np.full(mask.shape, binary.background, dtype=np.float32)
+    return Segmentation(mask, background, contrast / 2, 0.0, 0.0, tuple(doubts))
 
 
-def _photograph(image: Field, min_area: int, wish: SegmentationOptions, name: str) -> Segmentation:
-    seen = ~frames(image)
-    if seen.mean() < 0.1:
-        raise InputError(f"{name}: {1 - seen.mean():.0%} of it is a black frame, need a bright-field photograph")
-    light, noise = background(image, seen, name)
-    contrast = np.where(seen, light - image, np.float32(0))
-    floor = detection_floor(contrast, noise)
-    coarse = coarse_rim(contrast, floor)
-    if wish.threshold is None:
-        _refuse_bright(contrast, floor, min_area, name)
-        region, doubts = colony(coarse.found, ~seen, min_area, name, wish.seed_within())
-        mask, rim, blur = fine_mask(contrast, coarse, region, floor, noise)
+def _segment_photograph(image: Field, min_area: int, options: SegmentationOptions, name: str) -> Segmentation:
+    visible = ~frame_mask(image)
+    if visible.mean() < 0.1:
+        raise InputError(f"{name}: {1 - visible.mean():.0%} of it is a black frame, need a bright-field photograph")
+    background, noise = estimate_background(image, visible, name)
+    contrast = np.where(visible, background - image, np.float32(0))
+    limit = detection_limit(contrast, noise)
+    coarse = coarse_outline(contrast, limit)
+    if options.threshold is None:
+        _refuse_bright(contrast, limit, min_area, name)
+        region, doubts = select_colony(coarse.joined, ~visible, min_area, name, options.seed_within())
+        mask, edge_contrast, blur = fine_mask(contrast, coarse, region, limit, noise)
         if mask.sum() < min_area:
             raise InputError(
                 f"{name}: no colony (what seemed one is noise), need a dark object of {min_area} pixels or more"
             )
-        level = float(np.median(rim[boundary(mask)])) / 2
+        level = float(np.median(edge_contrast[boundary_pixels(mask)])) / 2
     else:
-        level = float(wish.threshold)
-        found = blurred(contrast, SMOOTHING) > level
-        region, doubts = colony(found, ~seen, min_area, name, wish.seed_within())
-        mask, blur = region & found, edge_blur(contrast, coarse.contrast, region & found)
-    doubts += _doubts_of_mask(mask, seen) + _doubts_of_photograph(image, seen, light, level, noise, blur)
-    area, room = int(mask.sum()), int(seen.sum())
-    if area > 0.95 * room:
-        raise InputError(f"{name}: colony on {area / room:.0%} of the image, need background around it")
-    return Segmentation(mask, light, level, blur, noise, tuple(doubts))
+        level = float(options.threshold)
+        dark = blurred(contrast, SMOOTHING) > level
+        region, doubts = select_colony(dark, ~visible, min_area, name, options.seed_within())
+        mask, blur = region & dark, edge_blur(contrast, coarse.edge_contrast, region & dark)
+    doubts += _doubts_of_mask(mask, visible) + _doubts_of_photograph(image, visible, background, level, noise, blur)
+    area, available = int(mask.sum()), int(visible.sum())
+    if area > 0.95 * available:
+        raise InputError(f"{name}: colony on {area / available:.0%} of the image, need background around it")
+    return Segmentation(mask, background, level, blur, noise, tuple(doubts))
 
 
-def _refuse_bright(contrast: Field, floor: float, min_area: int, name: str) -> None:
+def _refuse_bright(contrast: Field, limit: float, min_area: int, name: str) -> None:
     smooth = blurred(contrast, SMOOTHING)
     bright, dark = (
-        abs(float(contrast[without_specks(side, min_area - 1)].sum())) for side in (smooth < -floor, smooth > floor)
+        abs(float(contrast[without_specks(side, min_area - 1)].sum())) for side in (smooth < -limit, smooth > limit)
     )
     if bright > dark:
         raise InputError(
@@ -218,26 +241,26 @@ def _refuse_bright(contrast: Field, floor: float, min_area: int, name: str) -> N
         )
 
 
-def _doubts_of_mask(mask: Mask, seen: Mask) -> list[str]:
-    area, room = int(mask.sum()), int(seen.sum())
-    edge = ndimage.binary_dilation(~seen, EIGHT)
+def _doubts_of_mask(mask: Mask, visible: Mask) -> list[str]:
+    area, available = int(mask.sum()), int(visible.sum())
+    edge = ndimage.binary_dilation(~visible, NEIGHBOURS)
     edge[[0, -1], :] = edge[:, [0, -1]] = True
     doubts = {
         "touches the border": bool((mask & edge).any()),
         "tiny": area < TINY,
-        "nearly empty": area < EMPTY * room,
-        "fills the image": area > FULL * room,
+        "nearly empty": area < EMPTY * available,
+        "fills the image": area > FULL * available,
     }
     return [doubt for doubt, holds in doubts.items() if holds]
 
 
 def _doubts_of_photograph(
-    image: Field, seen: Mask, light: Field, threshold: float, noise: float, blur: float
+    image: Field, visible: Mask, background: Field, threshold: float, noise: float, blur: float
 ) -> list[str]:
-    brightness = np.percentile(light[seen], [1, 99])
+    brightness = np.percentile(background[visible], [1, 99])
     doubts = {
         "low contrast": threshold < 2 * noise,
-        "saturated": _piled_up(image[seen]),
+        "saturated": _piled_up(image[visible]),
         "uneven light": bool(brightness[1] > UNEVEN * max(brightness[0], 1e-6)),
         "blurred": blur > BLURRED,
     }

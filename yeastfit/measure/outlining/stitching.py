@@ -1,4 +1,4 @@
-"""Steps in brightness that stitching and lamps leave: bands across the whole image, and tiles."""
+"""Recognise steps in brightness that stitching and lamps leave: bands across the whole image, and tiles."""
 
 from math import pi, sqrt
 
@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy import ndimage
 
-from yeastfit.measure.outlining.mask_operations import EIGHT, Field, Mask
+from yeastfit.measure.outlining.mask_operations import NEIGHBOURS, Field, Mask
 
 BAND_SCALE = 2.0  # px, of the derivative across a band
 STEEP_BAND = 0.0015  # of the background's brightness, per px, of a median
@@ -18,27 +18,35 @@ SIMILAR = 0.75  # ratio of brightness between two tiles, at least
 REACH = 0.04  # of the image's longer side: the widest seam
 
 
-def bands(image: Field, seen: Mask, noise: float) -> Field:
-    """What rows and columns as wholes differ by, b(y) + a(x), in grey levels; mean 0.
+def row_and_column_steps(image: Field, visible: Mask, noise: float) -> Field:
+    """Estimate by how much whole rows and columns differ in brightness, b(y) + a(x), with mean 0.
 
     b is the sum over rows of the median slope along y, where that is steep and three quarters of the bright pixels
     agree in its sign: a colony's edges, which lie in few columns of any row, do not move a median. Rows with few bright
-    pixels, or within 8 px of such, are left as they are. Likewise a, over columns.
+    pixels, or within 8 px of such, are left as they are. a likewise, over columns.
+
+    Arguments:
+        image: Grey values.
+        visible: Which pixels are not a frame.
+        noise: Of single pixels.
+
+    Returns:
+        b(y) + a(x) in grey levels.
     """
-    inner = seen if seen.all() else ndimage.binary_erosion(seen, EIGHT, iterations=4, border_value=1)
+    inner = visible if visible.all() else ndimage.binary_erosion(visible, NEIGHBOURS, iterations=4, border_value=1)
     level = float(np.percentile(image[::4, ::4], 95))
-    down = _profile(image, inner, level, noise)
-    right = _profile(image.T, inner.T, level, noise)
+    down = _steps_between_rows(image, inner, level, noise)
+    right = _steps_between_rows(image.T, inner.T, level, noise)
     total = down[:, None] + right[None, :]
     return total - total.mean()
 
 
-def _profile(image: Field, seen: Mask, level: float, noise: float) -> npt.NDArray[np.float32]:
+def _steps_between_rows(image: Field, visible: Mask, level: float, noise: float) -> npt.NDArray[np.float32]:
     wide = max(1, image.shape[1] // 100)
     used = image.shape[1] // wide * wide
     parts = image[:, :used].reshape(len(image), -1, wide).mean(axis=2, dtype=np.float32)
     slope = ndimage.gaussian_filter1d(parts, BAND_SCALE, axis=0, order=1)
-    whole = seen[:, :used].reshape(len(image), -1, wide).all(axis=2)
+    whole = visible[:, :used].reshape(len(image), -1, wide).all(axis=2)
     ordered = np.sort(np.where(whole & (parts > BRIGHT * level), slope, np.nan), axis=1)  # NaN last
     count = np.isfinite(ordered).sum(axis=1)
     lower, middle, upper = (
@@ -51,20 +59,27 @@ def _profile(image: Field, seen: Mask, level: float, noise: float) -> npt.NDArra
     return np.cumsum(np.where(band, middle, np.float32(0)), dtype=np.float32)
 
 
-def with_tiles(known: Mask, labels: npt.NDArray[np.integer], image: Field, areas: npt.NDArray[np.int64]) -> Mask:
-    """Known background and those regions of `labels` that only a straight seam along an axis parts from it.
+def add_tiles(background: Mask, labels: npt.NDArray[np.integer], image: Field, areas: npt.NDArray[np.int64]) -> Mask:
+    """Add to the background the regions that only a straight seam along an axis separates from it.
 
-    Brightness may differ across a seam as `SIMILAR` says. A region counts from half a per cent of the image.
+    Arguments:
+        background: What is known of it.
+        labels: Of all regions.
+        image: Grey values; brightness may differ across a seam by `SIMILAR`.
+        areas: Of the labels, in pixels; regions below half a per cent of the image are left out.
+
+    Returns:
+        The background with its tiles.
     """
-    waiting = [int(k) for k in np.flatnonzero(areas > 0.005 * labels.size) if not known[labels == k].any()]
-    while waiting and known.any():
-        away, (rows, columns) = ndimage.distance_transform_edt(~known, return_indices=True)
+    waiting = [int(k) for k in np.flatnonzero(areas > 0.005 * labels.size) if not background[labels == k].any()]
+    while waiting and background.any():
+        away, (rows, columns) = ndimage.distance_transform_edt(~background, return_indices=True)
         tiles = [k for k in waiting if _is_tile(labels == k, away, rows, columns, image)]
         if not tiles:
             break
-        known = known | np.isin(labels, tiles)
+        background = background | np.isin(labels, tiles)
         waiting = [k for k in waiting if k not in tiles]
-    return known
+    return background
 
 
 def _is_tile(
