@@ -4,8 +4,7 @@ import jax.numpy as jnp
 from jaxtyping import Array
 
 from yeastfit import Statistic
-from yeastfit.measure.statistics.indicator import Indicator
-from yeastfit.measure.statistics.pixels import Pixels
+from yeastfit.measure import Indicator, Pixels
 from yeastfit.model.simulate import Snapshot
 
 

@@ -1,1 +1,1 @@
-"""From a photograph to the mask of its colony."""
+"""Outline the colony in a photograph."""

@@ -1,1 +1,1 @@
-"""From a mask, or a simulated colony, to numbers."""
+"""Measure the outline of a colony, photographed or simulated; `registry` has all statistics."""

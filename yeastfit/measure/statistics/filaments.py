@@ -11,26 +11,26 @@ A the number of pixels, ρ = A / (π r_max²), rings of δ = 4 pixels and n_i th
     I_F   = (share of pixels at r ≥ r_CSR) / 0.65
     I_R   = (r_max / r_CSR − 1.1) / 1.7
 
-δ is in pixels, as published at 1.55 µm a pixel, whatever the pixel size: r_CSR is a multiple of it, so it and all that
-is said of the pixels beyond it carry an error of up to 4 pixels, and are coarse for a colony of a few dozen. A disc has
-f = 1 in every ring, and noise of the pixels then decides: these statistics are of colonies with filaments. (The centre
-pixel, in no ring of theirs, is counted in the first.)
+δ is in pixels, as published at 1.55 µm a pixel, whatever the pixel size. r_CSR is a multiple of δ, so it and everything
+about pixels beyond it carry an error of up to 4 pixels, and are coarse for a colony of a few dozen. A disc has f = 1 in
+every ring, and noise of the pixels then decides: these statistics are for colonies with filaments. (The centre pixel,
+which lies in no ring of theirs, is counted in the first.)
 
-Area outside the mean perimeter radius: pixels further from the centroid than the mean distance of the outline of the
-colony with its holes filled. A statistic of Li et al. 2025, "Agent-based modelling and time series inference of
-filamentous yeast colonies", bioRxiv, doi:10.1101/2025.09.15.676253; taken from its name.
+Area outside the mean perimeter radius: pixels farther from the centroid than the mean distance of the outline of the
+colony with its holes filled. It is a statistic of Li et al. 2025, "Agent-based modelling and time series inference of
+filamentous yeast colonies", bioRxiv, doi:10.1101/2025.09.15.676253, computed here as its name says.
 
-Skeleton. The colony at r ≥ r_CSR, on a closed ring of width max(r_CSR / 8, 8 pixels) within it in place of the core, is
-thinned by `SKELETON`. Branches are the ends of the skeleton at r ≥ r_CSR. The ring has no ends, so that cutting off the
-core makes none; a lobe much broader than the ring only bulges it and is no branch. The skeleton's length there is 0.948
-n + 1.343 m for n steps along and m across pixels (Dorst & Smeulders 1987, "Length estimators for digitized contours",
-Comput. Vis. Graph. Image Process. 40:311, doi:10.1016/S0734-189X(87)80145-7: unbiased over directions, −5 to +3 % in
-one). Both are means over the four quadrants around the centroid, hence a quarter of the colony's. Thinning treats the
-sides of a shape in turn; so that turning by 90° or mirroring a colony changes nothing, every quadrant is thinned in the
-same orientation, as it is and mirrored. Li et al. 2024 count the ends of MATLAB's `bwmorph` skeleton in one quadrant,
-those at the cuts included: never compare counts of two algorithms. Ends are not pruned: a disc may keep up to two spurs
-a quadrant, and an edge rough by more than a pixel (a mask enlarged by repeating its pixels) grows more, so compare
-masks made in one way.
+Skeleton. The core is replaced by a closed ring of width max(r_CSR / 8, 8 pixels) inside r_CSR, and the colony beyond
+r_CSR with that ring is thinned by `SKELETON`. Branches are the ends of the skeleton at r ≥ r_CSR. A ring has no ends,
+so that cutting off the core makes none; a lobe much broader than the ring only bulges it and is no branch. The length
+of the skeleton there is 0.948 n + 1.343 m for n steps along rows or columns and m along diagonals (Dorst & Smeulders
+1987, "Length estimators for digitized contours", Comput. Vis. Graph. Image Process. 40:311,
+doi:10.1016/S0734-189X(87)80145-7: unbiased over directions, −5 to +3 % in one). Both are means over the four quadrants
+around the centroid, hence a quarter of the colony's. Thinning treats the sides of a shape in turn. So that turning by
+90° or mirroring a colony changes nothing, every quadrant is thinned in the same orientation, as it is and mirrored.
+Li et al. 2024 count the ends of MATLAB's `bwmorph` skeleton in one quadrant, those at the cuts included: counts by two
+algorithms cannot be compared. Ends are not pruned: a disc may keep up to two spurs a quadrant, and an edge rough by
+more than a pixel (a mask enlarged by repeating its pixels) grows more, so compare masks made in one way.
 """
 
 from collections.abc import Iterator
@@ -58,7 +58,7 @@ _THICKNESS = 8  # and the least such width, pixels: a thinner ring has ends wher
 
 @dataclass(frozen=True, eq=False)
 class Filaments:
-    """What lies beyond the CSR radius of a colony. All in pixels; all nan where r_max is less than one ring."""
+    """What lies beyond the CSR radius of a colony, in pixels; nan where r_max is less than one ring."""
 
     pixels: Pixels
 
@@ -74,12 +74,12 @@ class Filaments:
 
     @cached_property
     def angle(self) -> PerPixel:
-        """Of the pixels beyond."""
+        """Direction of the pixels beyond."""
         return self.pixels.angle[self.beyond]
 
     @property
     def finest_wave(self) -> float:
-        """The wave number whose wave is two rings long at r_CSR."""
+        """The largest wave number that pixels resolve: its wave is two rings long at r_CSR."""
         return np.pi * self.csr_radius / RING
 
     @property

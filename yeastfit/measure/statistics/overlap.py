@@ -1,18 +1,21 @@
-"""Area in which cells overlap, differentiable (source A.2, equation 8).
+"""Area in which cells overlap; differentiable.
 
-Where cells with level functions f_j = r_j² − 1 lie on top of each other, the smooth maximum of the f_j is negative,
+Where cells with level functions f_j = r_j² − 1 lie on top of each other, the smooth maximum f of the f_j is negative:
 
-    f = k log Σ_j exp(f_j / k),    C = ∬ ½ + ½ tanh(−f / K) dx dy,
+    f = k log Σ_j exp(f_j / k),    C = ∬ ½ + ½ tanh(−f / K) dx dy
 
-k and K dimensionless widths as of f; at K → 0, k → 0, C is the area that lies in all the cells. With T = tanh(−f / K)
+(C as in "A Novel Algebraic Agent Based Model for Pseudohyphal Baker's Yeast Colony Morphology", appendix A.2, equation
+8). k and K are widths, dimensionless as f is; for K → 0 and k → 0, C is the area that lies in all the cells. With
+T = tanh(−f / K),
 
     ∂C/∂q_a = −1/(2K) ∬ (1 − T²) f_a,    ∂²C/∂q_a∂q_b = −1/(2K²) ∬ (1 − T²) (2T f_a f_b + K f_ab).
 
-The first is the source's (9) and (10). Its (12) is printed with 1/(4K²) and T in place of 1/(2K²) and 2T, which finite
-differences contradict; the second formula above is what (11) gives. The tests hold autodiff against both.
+The first is equations 9 and 10 there. Equation 12 is printed with 1/(4K²) and T in place of 1/(2K²) and 2T, which
+finite differences contradict; the second formula above follows from equation 11. The tests compare automatic
+differentiation with both.
 
-The overlap of a colony is the sum of C over its pairs of cells, so what lies in three cells counts three times. Only
-pairs whose bounding boxes meet are integrated, each on a small grid of its own: the work follows their number.
+The overlap of a colony is the sum of C over its pairs of cells, so an area that lies in three cells counts three times.
+Only pairs whose bounding boxes meet are integrated, each on a small grid of its own: the work grows with their number.
 """
 
 import functools
@@ -37,14 +40,20 @@ LANES = 4  # candidates of a run of bins looked at together
 def overlap_area(
     cells: Cells, union: Float[Array, ""] | float | None, boundary: Float[Array, ""] | float | None
 ) -> Float[Array, ""]:
-    """Σ_{i<j} w_i w_j C_ij in L0², C_ij that of cells i and j alone.
+    """Sum the overlap of a colony's pairs of cells, Σ_{i<j} w_i w_j C_ij.
 
-    union: k. boundary: K. None is the hard maximum or the hard step, which counts grid points. Of a colony of 500 cells
-    the value is within 10⁻⁵ at k = 0.025, K = 0.2 and 0.4 % by hard rules, its gradient within 0.2 %; for second
-    derivatives within 1 %, k = 0.3 and K = 0.5. Differentiable in cells and widths, by jvp, vjp and hessian; almost
-    everywhere without k, in the weights alone without K. The grid is constant under differentiation, as D is in (9).
-    Empty slots, of weight 0, take no part. If more than `MOST` pairs a slot meet, value and derivatives are nan rather
-    than too small.
+    Differentiable in cells and widths, by jvp, vjp and hessian; almost everywhere without k, in the weights alone
+    without K. The grid is constant under differentiation, as the domain of equation 9 is. The value for a colony of 500
+    cells is within 10⁻⁵ at k = 0.025 and K = 0.2, and within 0.4 % by hard rules; the gradient is within 0.2 %. Second
+    derivatives within 1 % need k = 0.3 and K = 0.5.
+
+    Arguments:
+        cells: Of the colony; empty slots have weight 0 and take no part.
+        union: k; None is the hard maximum.
+        boundary: K; None is the hard step, which counts grid points.
+
+    Returns:
+        The overlap in L0²; nan, as are its derivatives, if more than `MOST` pairs a slot meet.
     """
     k, K = (None if width is None else jnp.asarray(width, cells.centres.dtype) for width in (union, boundary))
     room = -(-MOST * cells.weights.shape[0] // CHUNK) * CHUNK
@@ -58,7 +67,7 @@ def overlap_area(
 def intersection(
     cells: Cells, union: Float[Array, ""] | float | None, x: Float[Array, "*grid"], y: Float[Array, "*grid"]
 ) -> Float[Array, "*grid"]:
-    """f = k log Σ_j exp(f_j / k) of all the cells at points (x, y), whatever their weights; max_j f_j without k."""
+    """f at points (x, y), of all the cells, whatever their weights; max_j f_j without k."""
 
     def level(centre: Array, direction: Array, half_length: Array, half_width: Array) -> Array:
         dx, dy = x - centre[0], y - centre[1]
@@ -96,8 +105,8 @@ def _area_of_pair(
 ) -> Float[Array, ""]:
     """C of two cells by the midpoint rule, on POINTS² rectangles of `_box` along the axes of the first cell.
 
-    The integrand vanishes at the box's edge; once k and K are resolved the error therefore falls faster than any power
-    of the spacing. Coordinates are relative to the first cell, so that single precision is enough for a newborn one.
+    The integrand vanishes at the box's edge, so that the error falls faster than any power of the spacing once k and K
+    are resolved. Coordinates are relative to the first cell, so that single precision is enough for a newborn one.
     """
     fixed, reach = jax.lax.stop_gradient((pair, reach))
     low, high = _box(_at(fixed, 0), _at(fixed, 1), reach)

@@ -1,31 +1,31 @@
-"""Largest radius, radial profile and angular spectrum of an indicator φ, in forms that a gradient passes through.
+"""Largest radius, radial profile and angular spectrum of an indicator φ; a gradient passes through all of them.
 
-With φ blurred as in `smooth`, x̄ and A its centroid and area, r = |x − x̄| and θ the angle of x − x̄:
+With φ blurred (`indicator`), x̄ and A its centroid and area, r = |x − x̄| and θ the angle of x − x̄:
 
 Largest radius. ψ = 3t² − 2t³, t = min(1, max(0, 2φ − 1)), is 0 outside the contour φ = ½; with p = 32
 
     r_max = (p + 3) / (p + 2) · ∬ ψ r^(p+1) / ∬ ψ r^p.
 
-Exact for a disc and for any shape whose far end is a sector. For a filament of constant width it is 0.1 % short, for
-one that tapers to a point up to 3 %; what ψ leaves out of a soft edge comes on top. The furthest pixel of a mask,
-`Shape.max_radius`, is decided by one pixel, this by the last few per cent of the radius.
+This is exact for a disc and for any shape whose far end is a sector. It is 0.1 % short for a filament of constant
+width, and up to 3 % for one that tapers to a point; what ψ leaves out of a soft edge comes on top. One pixel decides
+the largest radius of a mask, the last few per cent of the radius decide this one.
 
 Radial profile. The share of the plane that is colony at r_j = j · ring, in hat functions w(u) = max(0, 1 − |u|):
 
     c_j = ∬ φ w(r / ring − j) / ∫ w(r / ring − j) 2πr dr,    j = 0 … rings − 1,
 
-so that c_0 π ring² / 3 + Σ_{j ≥ 1} c_j 2π r_j ring = A where the colony ends before the last ring. `spatial` has the
-same of a mask; over ρ = A / (π r_max²) it is the f_i of `filaments`.
+so that c_0 π ring² / 3 + Σ_{j ≥ 1} c_j 2π r_j ring = A where the colony ends before the last ring. `spatial_indices`
+has the same for a mask; divided by ρ = A / (π r_max²) it is the f_i of `filaments`.
 
 Angular spectrum. With v = ½ + ½ tanh((r − r_A) / ring) and r_A = √(A / π), the radius of the disc of the same area,
 
     p_k = |∬ φ v exp(−i k θ)|² / (∬ φ v)²,    k = 1 … waves:
 
-the p_k of `spatial`, beyond a soft circle r_A instead of the hard r_CSR, which a gradient cannot pass through. Where
-less than `ring` of a disc's edge is beyond, only rounding is left of p.
+the p_k of `spatial_indices`, beyond a soft circle r_A instead of the hard r_CSR, which a gradient cannot pass through.
+Where less than `ring` of a disc's edge lies beyond it, only rounding is left of p.
 
-All are smooth in φ and in what φ depends on, up to kinks of the hats' slopes at single points; φ's centroid is itself
-smooth. Nan for an empty φ.
+All are smooth in φ and in what φ depends on, but for kinks of the hats' slopes at single points. They are nan for an
+empty φ.
 """
 
 from dataclasses import dataclass
@@ -41,9 +41,15 @@ _POWER = 32
 
 @dataclass(frozen=True)
 class Polar:
-    """Which rings and wave numbers to look at. `ring`: width of a ring, in the unit of length of the grid's spacing.
+    """Which rings and wave numbers to look at.
 
-    Raises `InputError` for a ring that is not positive or a negative count.
+    Attributes:
+        ring: Width of a ring, in the unit of the grid's spacing.
+        rings: How many.
+        waves: How many wave numbers, from 1.
+
+    Raises:
+        InputError: The width is not positive, or a count is negative.
     """
 
     ring: float
@@ -59,7 +65,16 @@ class Polar:
 
 
 def polar_statistics(phi: Float[Array, "x y"], spacing: float, polar: Polar) -> dict[str, Float[Array, "..."]]:
-    """max_radius, radial_profile [ring] and angular_spectrum [wave] of a blurred indicator, in units of `spacing`."""
+    """Compute max_radius, radial_profile [ring] and angular_spectrum [wave] of a blurred indicator.
+
+    Arguments:
+        phi: The indicator.
+        spacing: Of its grid, which gives the unit of length.
+        polar: Rings and waves.
+
+    Returns:
+        The three, by name.
+    """
     total = jnp.sum(phi)
     x, y = (spacing * (jnp.arange(n) - 0.5 * (n - 1)) for n in phi.shape)
     x = x[:, None] - jnp.sum(x[:, None] * phi) / total

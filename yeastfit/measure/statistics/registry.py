@@ -15,11 +15,7 @@ from yeastfit.measure.statistics.statistic import Form, Statistic
 Estimator = Literal["smooth", "mask"]
 """How shapes are measured: through a smooth indicator, or on a black-and-white image."""
 
-STATISTICS: dict[str, Statistic] = {
-    entry.name: entry
-    for topic in (shape, fractal, filaments, spatial_indices, nodes, overlap)
-    for entry in topic.ENTRIES
-}
+STATISTICS: dict[str, Statistic] = {}
 """Statistics by name."""
 
 RECORDED = (
@@ -33,8 +29,6 @@ OTHER_COLUMNS = (
     *("member", "time"),
 )
 """Columns that tables have beside statistics."""
-
-_OWN = frozenset(STATISTICS)
 
 
 def register_statistic(statistic: Statistic) -> None:
@@ -56,6 +50,12 @@ def register_statistic(statistic: Statistic) -> None:
     if name in OTHER_COLUMNS:
         raise InputError(f"statistic {name!r}: tables have a column of this name, choose another")
     STATISTICS[name] = statistic
+
+
+for _topic in (shape, fractal, filaments, spatial_indices, nodes, overlap):
+    for _entry in _topic.ENTRIES:
+        register_statistic(_entry)
+_OWN = frozenset(STATISTICS)
 
 
 def register_missing(statistics: Iterable[Statistic]) -> None:

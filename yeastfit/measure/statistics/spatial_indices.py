@@ -1,12 +1,12 @@
 """Where a colony's pixels lie around its centroid: radial and angular indices, pair correlation, spectrum, profile.
 
-Sources: Binder, Sundstrom, Gardner, Jiranek & Oliver 2015, "Quantifying two-dimensional filamentous and invasive growth
-spatial patterns in yeast colonies", PLoS Comput. Biol. 11:e1004070, doi:10.1371/journal.pcbi.1004070, who count pixels
-in rings, in sectors and in pairs by their angle; Tronnolone, Gardner, Sundstrom, Jiranek, Oliver & Binder 2017,
-"Quantifying the dominant growth mechanisms of dimorphic yeast using a lattice-based model", J. R. Soc. Interface
-14:20170314, doi:10.1098/rsif.2017.0314, who make indices of them; and Tronnolone et al. 2018, "TAMMiCol: Tool for
-analysis of the morphology of microbial colonies", PLoS Comput. Biol. 14:e1006629, doi:10.1371/journal.pcbi.1006629,
-whose program fixes what the papers leave open.
+Rings, sectors and pairs by their angle are counted as by Binder, Sundstrom, Gardner, Jiranek & Oliver 2015,
+"Quantifying two-dimensional filamentous and invasive growth spatial patterns in yeast colonies", PLoS Comput. Biol.
+11:e1004070, doi:10.1371/journal.pcbi.1004070. The indices are those of Tronnolone, Gardner, Sundstrom, Jiranek, Oliver
+& Binder 2017, "Quantifying the dominant growth mechanisms of dimorphic yeast using a lattice-based model", J. R. Soc.
+Interface 14:20170314, doi:10.1098/rsif.2017.0314. What these leave open is as in the program of Tronnolone et al. 2018,
+"TAMMiCol: Tool for analysis of the morphology of microbial colonies", PLoS Comput. Biol. 14:e1006629,
+doi:10.1371/journal.pcbi.1006629.
 
 With r the distance of a pixel from the centroid, θ its angle, r_max the largest r, A the number of pixels:
 
@@ -15,15 +15,15 @@ filled at random. r_out is half-way through the last ring with f_i ≥ 1, and
 
     I_r = 1 − r_out / r_max,
 
-at most 0.005 for a disc, towards 1 for a core with long filaments. TAMMiCol's rule; unlike the CSR radius of the
-filament indices (`filaments`) it means something for a disc too.
+at most 0.005 for a disc, towards 1 for a core with long filaments. This is TAMMiCol's rule; unlike the CSR radius of
+`filaments` it is meaningful for a disc too.
 
 Angular index. Of the pixels at r ≥ r_CSR, in 48 sectors, f_j = 48 n_j / N:
 
     I_θ = √(var(f) / 47),    var(f) = (1/48) Σ_j (f_j − 1)²,
 
-0 where all directions hold the same, 1 where one sector holds all. TAMMiCol has 50 sectors that start at −π; here they
-are 48, centred on the axes: no pixel lies on an edge, and turning by 90° or mirroring a colony permutes them.
+0 where all directions hold the same, 1 where one sector holds all. TAMMiCol has 50 sectors that start at −π. Here there
+are 48, centred on the axes, so that no pixel lies on an edge, and turning by 90° or mirroring a colony permutes them.
 
 Angular pair correlation. Of all pairs of different pixels at r ≥ r_CSR, with 360 sectors of 1° centred on the axes,
 
@@ -32,9 +32,9 @@ Angular pair correlation. Of all pairs of different pixels at r ≥ r_CSR, with 
 1 on average over the circle (s = 0 … 359). TAMMiCol draws at most 1000 pixels and sorts their differences into 50 bins.
 
 Spectrum. p_k = |(1/N) Σ exp(−i k θ)|² of the same pixels in the same sectors, k = 0 … 180; g and p are each other's
-Fourier transform. The dominant wave number is the k of the largest p_k: so many filaments, or bunches of them, a turn.
-It is looked for from 1 to π r_CSR / δ, where a wave at r_CSR is 2δ = 8 pixels long (and to 180): finer ones are the
-lattice's. TAMMiCol transforms g over [0, π], so that its wave numbers count periods in half a turn.
+Fourier transform. The dominant wave number is the k of the largest p_k: the number of filaments, or of bunches of them,
+in a turn. It is looked for from 1 to π r_CSR / δ (and at most to 180), where a wave at r_CSR is 2δ = 8 pixels long:
+finer waves are the lattice's. TAMMiCol transforms g over [0, π], so that its wave numbers count periods in half a turn.
 """
 
 import numpy as np
