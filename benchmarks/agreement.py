@@ -41,13 +41,16 @@ from matplotlib.figure import Figure
 from benchmarks.calibration import MODEL, PRIOR
 from benchmarks.recovery import BOX
 from benchmarks.report import Report, code, command
-from yeastfit.commands.infer_config import Method, Request
-from yeastfit.commands.infer_run import Run
+from yeastfit.commands.infer_config import Request
+from yeastfit.commands.infer_run import POSTERIOR, InferRun
 from yeastfit.commands.measured_source import measure_source
-from yeastfit.inference.abc.distances import Mahalanobis
+from yeastfit.inference.abc.mcmc import McmcDiagnostics
 from yeastfit.inference.abc.regression_adjustment import Accepted
-from yeastfit.inference.posterior.prior import Prior
-from yeastfit.inference.posterior.samples import Samples, weighted_quantile
+from yeastfit.inference.abc.smc import SmcDiagnostics
+from yeastfit.inference.colony_simulator import Resolution
+from yeastfit.inference.neural_likelihood.rounds import EmulatorDiagnostics
+from yeastfit.inference.posterior.draws import weighted_quantile
+from yeastfit.inference.posterior.result import Posterior
 from yeastfit.processors import available_processors
 from yeastfit.progress import silent
 from yeastfit.simulation.synthetic_data import read_truth
@@ -56,7 +59,7 @@ from yeastfit.storage import write_table
 DATA = Path(__file__).parent.parent / "data" / "synthetic"
 SETS = ("demo", "slender", "compact")
 COLONIES, HOURS = 4, (7.0, 9.0)
-METHODS: tuple[Method, ...] = ("emulator", "abc-smc", "abc-mcmc")
+METHODS = ("emulator", "abc-smc", "abc-mcmc")
 LEVEL = 0.9  # probability of intervals and regions
 RMS, APART = 1.5, 0.5  # largest rms of z; largest difference of means in standard deviations
 COLOURS = {"emulator": "#7a5230", "abc-smc": "#1b6ca8", "abc-mcmc": "#1b8a3a"}
@@ -96,7 +99,7 @@ QUICK = Size(SETS[:1], (1,), simulations=256, population=64, smc=400, pilot=128,
 class Found:
     """One posterior: mean and standard deviation of log λ, and the error of the mean."""
 
-    samples: Samples
+    posterior: Posterior
     mean: Float[np.ndarray, " free"]
     sd: Float[np.ndarray, " free"]
     error: Float[np.ndarray, " free"]
@@ -104,38 +107,38 @@ class Found:
     @property
     def x(self) -> Float[np.ndarray, "draw free"]:
         """log λ of the draws."""
-        return np.log(self.samples.flat)
+        return np.log(self.posterior.flat)
 
     @property
     def weights(self) -> Float[np.ndarray, " draw"]:
         """Weights of the draws."""
-        return self.samples.weights.ravel()
+        return self.posterior.weights.ravel()
 
     @property
     def epsilon(self) -> float | None:
         """The last tolerance of ABC."""
-        found = self.samples.diagnostics.get("epsilon")
-        return found[-1] if isinstance(found, list) else found
+        diagnostics = self.posterior.diagnostics
+        if isinstance(diagnostics, SmcDiagnostics):
+            return diagnostics.tolerances[-1]
+        return diagnostics.tolerance if isinstance(diagnostics, McmcDiagnostics) else None
 
     @staticmethod
-    def of(samples: Samples) -> "Found":
-        """From samples. The emulator's own error is included; draws of ABC-MCMC are adjusted."""
-        if samples.method == "ABC-MCMC":
-            size = accepted(samples, PRIOR).worth(parts=len(samples.values))
-            samples = moved(samples, PRIOR)
-        else:
-            size = samples.effective_size
+    def of(posterior: Posterior) -> "Found":
+        """From a posterior. The emulator's own error is included; draws of ABC-MCMC are adjusted."""
+        size, diagnostics = posterior.effective_size, posterior.diagnostics
+        if isinstance(diagnostics, McmcDiagnostics):
+            size, posterior = accepted(posterior).worth(parts=len(posterior.values)), moved(posterior)
         share = 1 / size
-        if "rounds" in samples.diagnostics:
-            share = share + samples.diagnostics["rounds"][-1]["error_share"]
-        x, weights = np.log(samples.flat), samples.weights.ravel()
+        if isinstance(diagnostics, EmulatorDiagnostics):
+            share = share + diagnostics.rounds[-1].error_share
+        x, weights = np.log(posterior.flat), posterior.weights.ravel()
         mean = weights @ x
         sd = np.sqrt(weights @ (x - mean) ** 2)
-        return Found(samples, mean, sd, sd * np.sqrt(share))
+        return Found(posterior, mean, sd, sd * np.sqrt(share))
 
     def inside(self, truth: Float[np.ndarray, " free"], level: float = LEVEL) -> tuple[list[bool], bool]:
         """Whether each log λ lies in its central interval, and all of them in the joint region."""
-        low, high = np.log(self.samples.interval(level)).T
+        low, high = np.log(self.posterior.interval(level)).T
         each = ((low <= truth) & (truth <= high)).tolist()
         covariance = np.cov(self.x.T, aweights=self.weights)
         off = np.vstack([truth, self.x]) - self.mean
@@ -143,32 +146,31 @@ class Found:
         return each, bool(apart[0] <= weighted_quantile(apart[1:], self.weights, level))
 
 
-def accepted(samples: Samples, prior: Prior) -> Accepted:
+def accepted(posterior: Posterior) -> Accepted:
     """Draws of ABC-MCMC as accepted simulations, chain by chain."""
-    observed, covariance = (np.array(samples.settings[name]) for name in ("observed", "covariance"))
-    statistics = samples.statistics.reshape(-1, len(observed))
-    distances = Mahalanobis(observed, covariance)(statistics)
-    return Accepted(samples.flat, samples.weights.ravel(), statistics, distances, observed, prior)
+    assert isinstance(posterior.diagnostics, McmcDiagnostics)
+    statistics = posterior.statistics.reshape(-1, len(posterior.observed))
+    distances = posterior.diagnostics.distance(statistics)
+    weights = posterior.weights.ravel()
+    return Accepted(posterior.flat, weights, statistics, distances, posterior.observed, posterior.prior)
 
 
-def moved(samples: Samples, prior: Prior) -> Samples:
+def moved(posterior: Posterior) -> Posterior:
     """Draws of ABC-MCMC after regression adjustment."""
-    values, weights, why = accepted(samples, prior).adjusted()
-    found = replace(
-        samples, values=values.reshape(samples.values.shape), weights=weights.reshape(samples.weights.shape)
-    )
-    return found.warned(*why)
+    values, weights, why = accepted(posterior).adjusted()
+    shape = posterior.values.shape
+    return replace(posterior, values=values.reshape(shape), weights=weights.reshape(shape[:2])).warned(*why)
 
 
 def posterior(source: Path, folder: Path, request: Request) -> Found:
     """The draws of a run of `yeastfit infer`, continued if it was interrupted."""
-    kept = folder / "samples.npz"
+    kept = folder / POSTERIOR
     if not kept.is_file():
-        run = Run.begin(request, source, folder, True, available_processors(), silent)
-        run.sample(lambda rows: None, lambda what, share: None)
+        run = InferRun.begin(request, source, folder, True, available_processors(), silent)
+        run.sample(lambda rows: None, silent)
         jax.clear_caches()
         gc.collect()
-    return Found.of(Samples.load(kept))
+    return Found.of(Posterior.load(kept))
 
 
 def few(name: str, work: Path) -> Path:
@@ -189,8 +191,8 @@ def beside(name: str, seed: int, size: Size, work: Path, report: Report) -> dict
     """Posteriors of the reduced data of one set, by method."""
     table, prior = few(name, work), work / "prior.toml"
     prior.write_text(PRIOR.toml())
-    common: dict[str, Any] = {"prior": prior, "dt": size.dt, "spacing": size.spacing, "seed": seed}
-    abc = {"colonies": COLONIES, "pilot": size.pilot}
+    common: dict[str, Any] = {"prior": prior, "resolution": Resolution(size.dt, size.spacing), "seed": seed}
+    abc = {"replicates": COLONIES, "pilot": size.pilot}
     found = dict[str, Found]()
     for method in METHODS:
         report.stage(f"{name}, seed {seed}: {method}")
@@ -198,8 +200,8 @@ def beside(name: str, seed: int, size: Size, work: Path, report: Report) -> dict
         if method == "abc-smc":
             own = {**abc, "population": size.population, "simulations": size.smc}
         elif method == "abc-mcmc":
-            own = {**abc, "epsilon": found["abc-smc"].epsilon, "steps": size.steps}
-        request = Request(method=method, **common, **own)
+            own = {**abc, "tolerance": found["abc-smc"].epsilon, "steps": size.steps}
+        request = Request.of(method, own, **common)
         found[method] = posterior(table, work / name / f"{method}-{seed}", request)
     return found
 
@@ -220,7 +222,7 @@ def agree(report: Report, size: Size, work: Path) -> dict[tuple[str, int], dict[
     for name in size.sets:
         every = [(method, seed, found[name, seed][method]) for seed in size.seeds for method in METHODS]
         for method, seed, one in every:
-            each, joint = one.inside(truth_of(name, one.samples.free))
+            each, joint = one.inside(truth_of(name, one.posterior.free))
             runs.append(
                 {
                     "set": name,
@@ -228,13 +230,13 @@ def agree(report: Report, size: Size, work: Path) -> dict[tuple[str, int], dict[
                     "seed": seed,
                     **{
                         parameter: f"{one.mean[k]:+.3f} ± {one.sd[k]:.3f} ({one.error[k]:.3f})"
-                        for k, parameter in enumerate(one.samples.free)
+                        for k, parameter in enumerate(one.posterior.free)
                     },
                     "λ in 90 % intervals": sum(each),
                     "in joint region": yes(joint),
                     "ε": one.epsilon,
-                    "data sets": one.samples.simulations,
-                    "s": one.samples.seconds,
+                    "data sets": one.posterior.simulations,
+                    "s": one.posterior.seconds,
                 }
             )
         for (method, seed, one), (other_method, other_seed, other) in combinations(every, 2):

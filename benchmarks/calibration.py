@@ -52,22 +52,22 @@ from benchmarks.ranks import QUANTITIES, Record, picture, verdicts
 from benchmarks.recovery import BOX, SEED, STATISTICS
 from benchmarks.report import Report, code, command
 from yeastfit.errors import InputError
-from yeastfit.inference.abc.pilot import distance_of
-from yeastfit.inference.abc.smc import SmcSettings, abc_smc
+from yeastfit.inference.abc.smc import AbcSmc, SmcDiagnostics
 from yeastfit.inference.colony_simulator import ColonySimulator, Resolution
 from yeastfit.inference.imaging import Imaging
 from yeastfit.inference.neural_likelihood.emulator import Emulator, train
-from yeastfit.inference.neural_likelihood.network import EmulatorSettings
-from yeastfit.inference.neural_likelihood.sequential import emulated
-from yeastfit.inference.neural_likelihood.settings import EmulatedSettings
+from yeastfit.inference.neural_likelihood.network import TrainingSettings
+from yeastfit.inference.neural_likelihood.sequential import SequentialEmulator
+from yeastfit.inference.posterior.cached_simulator import CachedSimulator
 from yeastfit.inference.posterior.prior import Prior
-from yeastfit.inference.posterior.samples import Samples
-from yeastfit.inference.posterior.simulation_store import Recorded, Store
+from yeastfit.inference.posterior.result import Posterior
+from yeastfit.inference.posterior.simulation_store import Store
+from yeastfit.inference.samplers import infer
 from yeastfit.inference.simulator import Replicates, Simulator, Stream, labels_of, seed_of, stream_of
 from yeastfit.inference.targets import Targets
 from yeastfit.processors import available_processors
 
-PRIOR = Prior.of({name: {"law": "log-uniform", "low": low, "high": high} for name, (low, high) in BOX.items()})
+PRIOR = Prior.of({name: {"distribution": "log-uniform", "low": low, "high": high} for name, (low, high) in BOX.items()})
 MODEL = Resolution(dt=0.025, spacing=0.4)
 EXTENT, PIXEL = 5.0, 0.25  # L0
 
@@ -96,14 +96,14 @@ class Part:
     replicates: int
     draws: int
     bins: int
-    settings: EmulatedSettings | SmcSettings
+    settings: SequentialEmulator | AbcSmc
     judged: int = 512
-    judge: EmulatorSettings = field(default_factory=EmulatorSettings)
+    judge: TrainingSettings = field(default_factory=TrainingSettings)
 
     @property
     def emulator(self) -> bool:
         """Whether the method is the emulator; otherwise it is ABC."""
-        return isinstance(self.settings, EmulatedSettings)
+        return isinstance(self.settings, SequentialEmulator)
 
     @property
     def count(self) -> int:
@@ -126,35 +126,32 @@ class Part:
         colonies = ColonySimulator.of(targets, PRIOR.free, resolution=MODEL)
         return colonies if self.emulator else Replicates(colonies, self.replicates)
 
-    def posterior(self, simulator: Simulator, observed: np.ndarray, seed: int, store: Store) -> Samples:
+    def posterior(self, simulator: Simulator, observed: np.ndarray, seed: int, store: Store) -> Posterior:
         """The posterior of one data set."""
-        if isinstance(self.settings, EmulatedSettings):
-            how: dict[str, Any] = {"replicates": self.replicates, "seed": seed, "store": store}
-            return emulated(simulator, PRIOR, observed, self.settings, **how)
-        recorded = Recorded(simulator, self.settings.batch, store)
-        distance = distance_of("mahalanobis", recorded, PRIOR, observed, self.judged, seed)
-        return abc_smc(simulator, PRIOR, distance, self.settings, seed=seed, store=store)
+        replicates = self.replicates if self.emulator else 1
+        how: dict[str, Any] = {"replicates": replicates, "seed": seed, "store": store}
+        return infer(simulator, PRIOR, observed, method=self.settings, **how)
 
     def judging(self, simulator: Simulator, seed: int, store: Store) -> Emulator:
         """An emulator trained on simulations from the prior alone, which no posterior uses."""
         values = PRIOR.sample(self.judged, np.random.default_rng(stream_of(seed, Stream.TRUTH, 0)))
-        statistics = Recorded(simulator, self.settings.batch, store)(values, seed_of(seed, range(self.judged)))
-        room = self.settings.most if isinstance(self.settings, EmulatedSettings) else None
+        statistics = CachedSimulator(simulator, self.settings.batch, store)(values, seed_of(seed, range(self.judged)))
+        room = self.settings.simulations if self.emulator else None
         labels = labels_of(simulator)
         return train(values, statistics, prior=PRIOR, labels=labels, seed=seed, settings=self.judge, room=room)
 
 
-EMULATED = EmulatedSettings(most=1536)
-SMC = SmcSettings(population=200, simulations=2000)
+EMULATED = SequentialEmulator(simulations=1536, first=512, batch=128)
+SMC = AbcSmc(population=200, simulations=2000, pilot=512, batch=64)
 FULL = (
     Part("emulator", 8, 25, times=(2.5, 3.5, 4.5), replicates=10, draws=99, bins=20, settings=EMULATED),
     Part("ABC-SMC", 4, 25, times=(2.5, 3.5), replicates=2, draws=19, bins=10, settings=SMC),
 )
-TINY = EmulatorSettings(members=2, width=16, steps=100)
+TINY = TrainingSettings(members=2, width=16, steps=100)
 FEW: dict[str, Any] = {"groups": 1, "each": 4, "times": (1.5, 2.5), "draws": 19, "bins": 5, "judged": 64, "judge": TINY}
 QUICK = (
-    replace(FULL[0], settings=EmulatedSettings(64, 64, 128, most_steps=500, batch=64, emulator=TINY), **FEW),
-    replace(FULL[1], settings=SmcSettings(population=64, simulations=512), **FEW),
+    replace(FULL[0], settings=SequentialEmulator(128, first=64, most_steps=500, batch=64, training=TINY), **FEW),
+    replace(FULL[1], settings=AbcSmc(population=64, simulations=512, pilot=64, batch=64), **FEW),
 )
 
 
@@ -243,14 +240,14 @@ def calibrated(part: Part, number: int, simulator: Simulator, seed: int, store: 
         "simulations": found.simulations,
         "fresh": len(store) - kept,
         "seconds": time.perf_counter() - began,
-        "warnings": found.warnings,
-        "rounds": len(found.diagnostics["rounds" if part.emulator else "epsilon"]),
-        "tolerance": None if part.emulator else found.diagnostics["epsilon"][-1],
+        "warnings": found.sentences(),
+        "rounds": len(found.diagnostics.rows()),
+        "tolerance": found.diagnostics.tolerances[-1] if isinstance(found.diagnostics, SmcDiagnostics) else None,
     }
 
 
 def placed(
-    found: Samples,
+    found: Posterior,
     truth: Float[np.ndarray, " free"],
     draws: int,
     rng: np.random.Generator,

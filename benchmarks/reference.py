@@ -23,7 +23,9 @@ from yeastfit.errors import InputError
 from yeastfit.inference.abc.distances import Mahalanobis
 from yeastfit.inference.abc.regression_adjustment import Accepted
 from yeastfit.inference.polynomial import monomials, sobol_points
+from yeastfit.inference.posterior.distributions import Distribution
 from yeastfit.inference.posterior.prior import Prior
+from yeastfit.inference.posterior.problem import Problem
 from yeastfit.inference.simulator import Replicates, Simulator, seed_of
 
 WIDTH, NEAR = 4.5, 3.0  # standard deviations
@@ -56,7 +58,7 @@ class Moments:
 
 
 @dataclass(frozen=True)
-class Problem:
+class Case:
     """What is inferred. colonies: simulates single colonies. observed: mean of `replicates` of them, at `truth`."""
 
     colonies: Simulator
@@ -66,12 +68,17 @@ class Problem:
     truth: Vector
 
     @staticmethod
-    def at(colonies: Simulator, prior: Prior, truth: Vector, replicates: int) -> "Problem":
+    def at(colonies: Simulator, prior: Prior, truth: Vector, replicates: int) -> "Case":
         """With data simulated at these λ."""
         data_set = Replicates(colonies, replicates)(truth[None], seed_of(DATA_SEED, [0]))[0]
         if not np.isfinite(data_set).all():
             raise InputError(f"truth is {truth}, a colony there came to nothing")
-        return Problem(colonies, prior, data_set, replicates, truth)
+        return Case(colonies, prior, data_set, replicates, truth)
+
+    @property
+    def problem(self) -> Problem:
+        """What a sampler solves."""
+        return Problem(self.colonies, self.prior, self.observed, self.replicates)
 
     @property
     def data_sets(self) -> Simulator:
@@ -105,11 +112,11 @@ class Box:
     def prior(self, prior: Prior) -> Prior:
         """A flat prior over the box, in the same coordinates."""
         ends = prior.values(np.stack([self.low, self.high])).T.tolist()
-        laws = zip(prior.laws.items(), ends, strict=True)
-        return Prior.of(
+        families = ["log-uniform" if one.logarithmic else "uniform" for one in prior.distributions.values()]
+        return Prior(
             {
-                name: {"law": "log-uniform" if law.logarithmic else "uniform", "low": low, "high": high}
-                for (name, law), (low, high) in laws
+                name: Distribution(family, {"low": low, "high": high})
+                for name, family, (low, high) in zip(prior.free, families, ends, strict=True)
             }
         )
 
@@ -142,13 +149,13 @@ class Surfaces:
         units = self.box.units(x)
         return monomials(units, 3) @ self.mean, np.tensordot(monomials(units, 2), self.scatter, axes=1)
 
-    def posterior(self, problem: Problem) -> tuple[Coordinates, Float[np.ndarray, " draw"]]:
+    def posterior(self, case: Case) -> tuple[Coordinates, Float[np.ndarray, " draw"]]:
         """Points of the box with their posterior weights."""
         x = self.box.points(POINTS, POINTS_SEED)
         mean, scatter = self.at(x)
-        root = np.linalg.cholesky(scatter / problem.replicates)
-        off = np.linalg.solve(root, (problem.observed - mean)[..., None])[..., 0]
-        log_density = problem.prior.log_density_of_coordinates(x) - 0.5 * np.sum(off**2, axis=1)
+        root = np.linalg.cholesky(scatter / case.replicates)
+        off = np.linalg.solve(root, (case.observed - mean)[..., None])[..., 0]
+        log_density = case.prior.log_density_of_coordinates(x) - 0.5 * np.sum(off**2, axis=1)
         log_density -= np.log(np.diagonal(root, axis1=1, axis2=2)).sum(axis=1)
         weights = np.exp(log_density - log_density.max())
         return x, weights / weights.sum()
@@ -163,35 +170,35 @@ class Reference:
     surfaces: Surfaces
 
     @staticmethod
-    def of(problem: Problem, reach: Vector, pool: int) -> "Reference":
+    def of(case: Case, reach: Vector, pool: int) -> "Reference":
         """From `pool` colonies, a quarter of them in the first box, truth ± reach.
 
         Raises `InputError` if the second box does not contain the posterior.
         """
-        centre = problem.prior.coordinates(problem.truth[None])[0]
-        first = grown(problem, Box.around(problem.prior, centre, reach), pool // 4, FIRST_SEED)
-        where = Moments.of(*Surfaces.through(*first).posterior(problem))
+        centre = case.prior.coordinates(case.truth[None])[0]
+        first = grown(case, Box.around(case.prior, centre, reach), pool // 4, FIRST_SEED)
+        where = Moments.of(*Surfaces.through(*first).posterior(case))
         box, x, statistics = grown(
-            problem, Box.around(problem.prior, where.mean, WIDTH * where.sd), pool - pool // 4, POOL_SEED
+            case, Box.around(case.prior, where.mean, WIDTH * where.sd), pool - pool // 4, POOL_SEED
         )
         surfaces = Surfaces.through(box, x, statistics)
-        points, weights = surfaces.posterior(problem)
-        lost = float(weights[box.at_edge(problem.prior, points)].sum())
+        points, weights = surfaces.posterior(case)
+        lost = float(weights[box.at_edge(case.prior, points)].sum())
         if lost > LOST:
             raise InputError(f"reach is {reach}: {100 * lost:.1f} % of the posterior lies at the edge of its box")
         halves = [
-            Moments.of(*Surfaces.through(box, *half).posterior(problem))
+            Moments.of(*Surfaces.through(box, *half).posterior(case))
             for half in zip(np.array_split(x, 2), np.array_split(statistics, 2), strict=True)
         ]
         return Reference(Moments.of(points, weights), 0.5 * halves[0].error(halves[1]), surfaces)
 
-    def witness(self, problem: Problem, data_sets: int, nearest: int) -> tuple[Moments, list[str]]:
+    def witness(self, case: Case, data_sets: int, nearest: int) -> tuple[Moments, list[str]]:
         """Moments of the nearest simulated data sets after regression adjustment, and why it failed if it did."""
-        prior, observed = problem.prior, problem.observed
+        prior, observed = case.prior, case.observed
         box = Box.around(prior, self.moments.mean, NEAR * self.moments.sd)
         x = box.points(data_sets, WITNESS_SEED)
-        statistics = problem.data_sets(prior.values(x), seed_of(WITNESS_SEED, range(data_sets)))
-        scatter = self.surfaces.at(self.moments.mean[None])[1][0] / problem.replicates
+        statistics = case.data_sets(prior.values(x), seed_of(WITNESS_SEED, range(data_sets)))
+        scatter = self.surfaces.at(self.moments.mean[None])[1][0] / case.replicates
         distances = Mahalanobis(observed, 0.5 * (scatter + scatter.T))(statistics)
         near = np.argsort(distances, kind="stable")[:nearest]
         even = np.full(nearest, 1.0 / nearest)
@@ -200,7 +207,7 @@ class Reference:
         return Moments.of(prior.coordinates(values), weights), why
 
 
-def grown(problem: Problem, box: Box, count: int, seed: int) -> tuple[Box, Coordinates, Statistics]:
+def grown(case: Case, box: Box, count: int, seed: int) -> tuple[Box, Coordinates, Statistics]:
     """Single colonies at points of a box."""
     x = box.points(count, seed)
-    return box, x, problem.colonies(problem.prior.values(x), seed_of(seed, range(count)))
+    return box, x, case.colonies(case.prior.values(x), seed_of(seed, range(count)))

@@ -22,9 +22,9 @@ from pyabc.inference_util import evaluate_proposal, generate_valid_proposal
 
 from yeastfit.errors import InputError
 from yeastfit.inference.abc.distances import Distance
-from yeastfit.inference.abc.pilot import check_problem
 from yeastfit.inference.abc.population import Population
 from yeastfit.inference.posterior.prior import Prior
+from yeastfit.inference.posterior.problem import Problem
 from yeastfit.inference.simulator import Simulator, seed_of
 
 logging.getLogger("ABC").setLevel(logging.WARNING)  # its reports of every population would interfere with ours
@@ -49,10 +49,10 @@ def pyabc_smc(
 
     Raises `InputError` for a prior that is not flat in its coordinates.
     """
-    check_problem(simulator, prior, distance)
-    for name, law in prior.laws.items():
-        if law.law not in FLAT:
-            raise InputError(f"prior of {name} is {law.law}, for pyABC it must be one of {', '.join(FLAT)}")
+    Problem(simulator, prior, distance.observed)  # which checks that they belong together
+    for name, one in prior.distributions.items():
+        if one.family not in FLAT:
+            raise InputError(f"prior of {name} is {one.family}, for pyABC it must be one of {', '.join(FLAT)}")
     ends = zip(prior.free, *prior.coordinates(prior.support.T), strict=True)
     flat = pyabc.Distribution(**{name: pyabc.RV("uniform", low, high - low) for name, low, high in ends})
     sampler = Blocks(simulator, prior, distance, most, block, seed)

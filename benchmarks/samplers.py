@@ -38,30 +38,29 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
 
 from benchmarks.agreement import moved
-from benchmarks.reference import Moments, Problem, Reference
+from benchmarks.reference import Case, Moments, Reference
 from benchmarks.report import Report, command
 from yeastfit import Imaging, InputError, Targets
 from yeastfit.inference.abc.distances import Distance
-from yeastfit.inference.abc.mcmc import abc_mcmc
-from yeastfit.inference.abc.mcmc_settings import McmcSettings
+from yeastfit.inference.abc.mcmc import AbcMcmc
 from yeastfit.inference.abc.pilot import distance_of
 from yeastfit.inference.abc.regression_adjustment import Accepted
-from yeastfit.inference.abc.smc import SmcSettings, abc_smc
+from yeastfit.inference.abc.smc import AbcSmc, SmcDiagnostics
 from yeastfit.inference.colony_simulator import ColonySimulator, Resolution
-from yeastfit.inference.neural_likelihood.network import EmulatorSettings
-from yeastfit.inference.neural_likelihood.sequential import emulated
-from yeastfit.inference.neural_likelihood.settings import EmulatedSettings
-from yeastfit.inference.posterior.prior import default_prior
-from yeastfit.inference.posterior.samples import Samples
-from yeastfit.inference.posterior.simulation_store import Recorded, Store
-from yeastfit.inference.simulator import labels_of
+from yeastfit.inference.neural_likelihood.network import TrainingSettings
+from yeastfit.inference.neural_likelihood.rounds import EmulatorDiagnostics
+from yeastfit.inference.neural_likelihood.sequential import SequentialEmulator
+from yeastfit.inference.posterior.cached_simulator import CachedSimulator
+from yeastfit.inference.posterior.prior import Prior
+from yeastfit.inference.posterior.result import Posterior
+from yeastfit.inference.posterior.simulations import Simulations
+from yeastfit.inference.samplers import infer
 
 TRUTH = {"mobility": 1.3, "aspect_ratio": 0.65}
 REACH = (0.8, 0.3)  # of log λ around the truth, in which the posterior is searched for
@@ -119,7 +118,7 @@ class Size:
     block: int = 32
     seeds: tuple[int, ...] = (1, 2, 3)
     tries: tuple[int, ...] = tuple(range(1, 11))
-    emulator: EmulatedSettings = field(default_factory=lambda: EmulatedSettings(most=2048))
+    emulator: SequentialEmulator = field(default_factory=lambda: SequentialEmulator(simulations=2048, first=512))
 
     def seeds_of(self, method: str) -> tuple[int, ...]:
         """Seeds of a method, by its name."""
@@ -141,34 +140,33 @@ QUICK = Size(
     scatter=128,
     seeds=(1,),
     tries=(1,),
-    emulator=EmulatedSettings(
-        first=256, each=256, most=512, most_steps=1000, emulator=EmulatorSettings(members=3, width=32, steps=500)
+    emulator=SequentialEmulator(
+        simulations=512, first=256, most_steps=1000, training=TrainingSettings(members=3, width=32, steps=500)
     ),
 )
 
 
-def the_problem(replicates: int) -> Problem:
+def the_case(replicates: int) -> Case:
     """Simulated data of young colonies, and their simulator."""
     imaging = Imaging(EXTENT, spacing=PIXEL, smoothing=PIXEL)
     shape = Targets.from_means({name: np.ones(len(TIMES)) for name in STATISTICS}, TIMES, imaging=imaging)
     simulator = ColonySimulator.of(shape, tuple(TRUTH), resolution=COARSE)
     truth = np.array([TRUTH[name] for name in simulator.parameters.names])
-    return Problem.at(simulator, default_prior(simulator.parameters.names), truth, replicates)
+    return Case.at(simulator, Prior.default(simulator.parameters), truth, replicates)
 
 
 @dataclass(frozen=True)
 class Race:
-    """One problem, its reference, and a distance for each seed."""
+    """One case, its reference, and a distance for each seed."""
 
-    problem: Problem
+    case: Case
     reference: Reference
     size: Size
 
     def distance(self, seed: int) -> Distance:
         """Distance with the scatter of the run's own pilot."""
-        problem, size = self.problem, self.size
-        recorded = Recorded(problem.data_sets, size.block, None)
-        return distance_of("mahalanobis", recorded, problem.prior, problem.observed, size.scatter, seed)
+        data_sets = CachedSimulator(self.case.data_sets, self.size.block)
+        return distance_of("mahalanobis", self.case.problem, data_sets, self.size.scatter, seed)
 
     def point(self, x: np.ndarray, weights: np.ndarray, colonies: int, seconds: float) -> dict[str, Any]:
         """One entry of a trace."""
@@ -182,106 +180,109 @@ class Race:
             "sd": found.sd.tolist(),
         }
 
-    def point_of(self, found: Samples, colonies: int, seconds: float) -> dict[str, Any]:
-        """One entry of a trace, from samples."""
-        return self.point(self.problem.prior.coordinates(found.flat), found.weights.ravel(), colonies, seconds)
+    def infer(self, sampler: SequentialEmulator | AbcMcmc | AbcSmc, seed: int, store: Simulations) -> Posterior:
+        """The posterior by one method."""
+        case = self.case
+        how: dict[str, Any] = {"replicates": case.replicates, "seed": seed, "store": store}
+        return infer(case.colonies, case.prior, case.observed, method=sampler, **how)
+
+    def store(self) -> Simulations:
+        """For simulations that the calls of a method share."""
+        problem = self.case.problem
+        return Simulations(problem.prior.free, problem.labels)
+
+    def point_of(self, found: Posterior, colonies: int, seconds: float) -> dict[str, Any]:
+        """One entry of a trace, from a posterior."""
+        return self.point(self.case.prior.coordinates(found.flat), found.weights.ravel(), colonies, seconds)
 
     def emulator(self, seed: int) -> dict[str, Trace]:
         """A run for each number of rounds, until one has settled."""
-        problem, settings, trace = self.problem, self.size.emulator, Trace()
-        for most in range(settings.first, settings.most + 1, settings.each):
-            found = emulated(
-                problem.colonies,
-                problem.prior,
-                problem.observed,
-                replace(settings, most=most),
-                replicates=problem.replicates,
-                seed=seed,
-            )
+        settings, trace = self.size.emulator, Trace()
+        first, each = settings.round_sizes(len(self.case.prior.free))
+        for most in range(first, settings.simulations + 1, each):
+            found = self.infer(replace(settings, simulations=most), seed, self.store())
             trace.append(self.point_of(found, found.simulations, found.seconds))
-            if found.diagnostics["rounds"][-1]["settled"]:
+            if isinstance(found.diagnostics, EmulatorDiagnostics) and found.diagnostics.rounds[-1].settled:
                 break
         return {EMULATOR: trace}
 
     def smc(self, seed: int) -> dict[str, Trace]:
         """One more population in each call."""
-        problem, size, trace, seconds = self.problem, self.size, Trace(), 0.0
-        distance = self.distance(seed)
-        settings = SmcSettings(
+        size, replicates, trace, seconds, store = self.size, self.case.replicates, Trace(), 0.0, self.store()
+        settings = AbcSmc(
             population=size.population,
-            epsilon=size.epsilon,
-            simulations=size.budget // problem.replicates,
+            tolerance=size.epsilon,
+            simulations=size.budget // replicates,
             batch=size.block,
+            distance=self.distance(seed),
+            replicates=replicates,
         )
-        with TemporaryDirectory() as folder:
-            for count in range(1, settings.populations + 1):
-                plan, path = replace(settings, populations=count), Path(folder) / "populations.npz"
-                found = abc_smc(problem.data_sets, problem.prior, distance, plan, seed=seed, path=path)
-                seconds += found.seconds
-                epsilons = found.diagnostics["epsilon"]
-                if len(epsilons) < count:
-                    break
-                colonies = found.simulations * problem.replicates
-                trace.append(self.point_of(found, colonies, seconds) | {"epsilon": epsilons[-1]})
+        for count in range(1, settings.populations + 1):
+            found = self.infer(replace(settings, populations=count), seed, store)
+            seconds += found.seconds
+            assert isinstance(found.diagnostics, SmcDiagnostics)
+            epsilons = found.diagnostics.tolerances
+            if len(epsilons) < count:
+                break
+            trace.append(self.point_of(found, found.simulations * replicates, seconds) | {"epsilon": epsilons[-1]})
         return {SMC: trace}
 
     def rival(self, seed: int) -> dict[str, Trace]:
         """pyABC, plain and adjusted."""
         from benchmarks.rivals import pyabc_smc  # needs pyABC, which nothing else here does
 
-        problem, size = self.problem, self.size
+        case, size = self.case, self.size
         distance = self.distance(seed)
         populations, seconds = pyabc_smc(
-            problem.data_sets,
-            problem.prior,
+            case.data_sets,
+            case.prior,
             distance,
             population=size.population,
             epsilon=size.epsilon,
-            most=size.budget // problem.replicates,
+            most=size.budget // case.replicates,
             block=size.block,
             seed=seed,
         )
         plain, better = Trace(), Trace()
         for one, so_far in zip(populations, seconds, strict=True):
-            spent = one.simulated * problem.replicates
+            spent = one.simulated * case.replicates
             plain.append(self.point(one.x, one.weights, spent, so_far) | {"epsilon": one.epsilon})
             values, weights, _ = Accepted(
-                problem.prior.values(one.x),
+                case.prior.values(one.x),
                 one.weights,
                 one.statistics,
                 one.distances,
-                problem.observed,
-                problem.prior,
+                case.observed,
+                case.prior,
             ).adjusted()
-            x = problem.prior.coordinates(values)
+            x = case.prior.coordinates(values)
             better.append(self.point(x, weights, spent, so_far) | {"epsilon": one.epsilon})
         return {RIVAL: plain, RIVAL_ADJUSTED: better}
 
     def mcmc(self, seed: int) -> dict[str, Trace]:
         """Chains that continue with each call, plain and adjusted."""
-        problem, size, seconds = self.problem, self.size, 0.0
+        size, replicates, seconds, store = self.size, self.case.replicates, 0.0, self.store()
         plain, better = Trace(), Trace()
-        distance = self.distance(seed)
-        simulator = problem.data_sets
-        with (
-            TemporaryDirectory() as folder,
-            Store(Path(folder) / "simulations.h5", simulator.parameters.names, labels_of(simulator)) as store,
-        ):
-            for steps in np.linspace(0, size.steps, size.looks + 1, dtype=int)[1:].tolist():
-                plan = McmcSettings(steps=steps, walkers=size.walkers, epsilon=size.epsilon, pilot=size.pilot)
-                path = Path(folder) / "chains.h5"
-                try:
-                    found = abc_mcmc(simulator, problem.prior, distance, plan, seed=seed, path=path, store=store)
-                except InputError as error:
-                    if plain or "simulations from the prior comes that close" not in str(error):
-                        raise
-                    spent = {"colonies": size.pilot * problem.replicates, "seconds": np.nan, "error": np.inf}
-                    gone = [spent | {"said": "no data set of the pilot came within ε, to start from"}]
-                    return {MCMC: gone, MCMC_ADJUSTED: gone}
-                seconds += found.seconds
-                colonies = found.simulations * problem.replicates
-                plain.append(self.point_of(found, colonies, seconds) | {"epsilon": size.epsilon})
-                better.append(self.point_of(moved(found, problem.prior), colonies, seconds) | {"epsilon": size.epsilon})
+        settings = AbcMcmc(
+            walkers=size.walkers,
+            tolerance=size.epsilon,
+            pilot=size.pilot,
+            distance=self.distance(seed),
+            replicates=replicates,
+        )
+        for steps in np.linspace(0, size.steps, size.looks + 1, dtype=int)[1:].tolist():
+            try:
+                found = self.infer(replace(settings, steps=steps), seed, store)
+            except InputError as error:
+                if plain or "simulations from the prior comes that close" not in str(error):
+                    raise
+                spent = {"colonies": size.pilot * replicates, "seconds": np.nan, "error": np.inf}
+                gone = [spent | {"said": "no data set of the pilot came within ε, to start from"}]
+                return {MCMC: gone, MCMC_ADJUSTED: gone}
+            seconds += found.seconds
+            colonies = found.simulations * replicates
+            plain.append(self.point_of(found, colonies, seconds) | {"epsilon": size.epsilon})
+            better.append(self.point_of(moved(found), colonies, seconds) | {"epsilon": size.epsilon})
         return {MCMC: plain, MCMC_ADJUSTED: better}
 
 
@@ -378,7 +379,7 @@ def checked(report: Report, race: Race) -> None:
     report.stage("checking the reference")
 
     def witness() -> dict[str, Any]:
-        found, said = reference.witness(race.problem, size.witnesses, size.nearest)
+        found, said = reference.witness(race.case, size.witnesses, size.nearest)
         return {"error": reference.moments.error(found), "said": said, "mean": found.mean.tolist()}
 
     found = report.part(f"witness, {report.quick}", witness)
@@ -426,13 +427,13 @@ def run(report: Report, quick: bool) -> None:
         raise InputError("pyABC is not installed: pip install 'yeastfit[benchmarks]'")
     size = QUICK if quick else Size()
     report.stage("compiling, and simulating the data")
-    problem = the_problem(size.replicates)
+    case = the_case(size.replicates)
     report.stage("the reference")
-    race = Race(problem, Reference.of(problem, np.array(REACH), size.pool), size)
+    race = Race(case, Reference.of(case, np.array(REACH), size.pool), size)
     report.details["reference"] = {
         "mean": race.reference.moments.mean.tolist(),
         "sd": race.reference.moments.sd.tolist(),
-        "observed": problem.observed.tolist(),
+        "observed": case.observed.tolist(),
     }
     runs = all_runs(report, race)
     verdicts(report, runs, size)

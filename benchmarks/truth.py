@@ -15,32 +15,35 @@ one data set, few simulations of a coarse model, no targets. --docs writes DIR/t
 
 import argparse
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from benchmarks.agreement import DATA, LEVEL, SETS, posterior, truth_of, yes
 from benchmarks.report import Report, code, command
 from yeastfit.commands.infer_config import Request
+from yeastfit.inference.colony_simulator import Resolution
 
-QUICK: dict[str, Any] = {"simulations": 256, "dt": 0.05, "spacing": 0.4}
+DEFAULT = Request()
+QUICK = Request.of("emulator", {"simulations": 256}, resolution=Resolution(0.05, 0.4))
 
 
-def judge(report: Report, sets: tuple[str, ...], work: Path, **settings: Any) -> None:
+def judge(report: Report, sets: tuple[str, ...], work: Path, request: Request = DEFAULT) -> None:
     """Infer the posterior of each set and compare it with the truth."""
     rows, inside, together = [], 0, 0
     for name in sets:
         report.stage(name)
-        one = posterior(DATA / name, work / name, Request(seed=0, **settings))
-        truth = truth_of(name, one.samples.free)
+        one = posterior(DATA / name, work / name, request)
+        truth = truth_of(name, one.posterior.free)
         each, joint = one.inside(truth)
         inside, together = inside + sum(each), together + joint
-        for k, (parameter, (low, high)) in enumerate(zip(one.samples.free, one.samples.interval(LEVEL), strict=True)):
+        for k, (parameter, (low, high)) in enumerate(
+            zip(one.posterior.free, one.posterior.interval(LEVEL), strict=True)
+        ):
             ends = f"{low:.3g} to {high:.3g}"
             row = {"set": name, "λ": parameter, "true": float(np.exp(truth[k])), "90 %": ends}
             rows.append({**row, "inside": yes(each[k])})
-        note = f"truth {'inside' if joint else 'outside'} the joint region; {one.samples.simulations} colonies"
-        report.add(name, one.samples.seconds, "s", note=note)
+        note = f"truth {'inside' if joint else 'outside'} the joint region; {one.posterior.simulations} colonies"
+        report.add(name, one.posterior.seconds, "s", note=note)
     each_target, joint_target = (None, None) if report.quick else (len(rows), len(sets))
     report.add("λ inside their 90 % intervals", inside, "", each_target, note=f"of {len(rows)}")
     report.add("sets inside their joint 90 % region", together, "", joint_target, note=f"of {len(sets)}")
@@ -55,7 +58,7 @@ def main(arguments: list[str] | None = None) -> None:
 
     def run(report: Report, quick: bool) -> None:
         work = own.work / f"{'quick' if quick else 'full'}-{code()}"
-        judge(report, SETS[:1] if quick else SETS, work, **(QUICK if quick else {}))
+        judge(report, SETS[:1] if quick else SETS, work, QUICK if quick else DEFAULT)
         if report.docs is not None:
             report.docs.mkdir(parents=True, exist_ok=True)
             (report.docs / "truth.md").write_text("\n".join([report.head(__doc__), "", *report.sections()]))

@@ -1,4 +1,4 @@
-"""A table of measurements, and colonies whose curves are a known function of λ in the place of grown ones.
+"""A table of measurements, and a forward model of colonies whose curves are a known function of λ: `--model known`.
 
 compactness = a (1 + 0.3 log mobility + 0.2 log t),   radius = 2 + t √aspect_ratio,   10 % noise of each colony
 """
@@ -8,14 +8,15 @@ import os
 import signal
 import threading
 import time
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-import pytest
 
+from yeastfit import FORWARD_MODELS, PARAMETERS, ForwardModel, Observable, ParameterSet, Scales, Simulator, Targets
 from yeastfit.commands import app as cli
-from yeastfit.inference.colony_simulator import ColonySimulator
-from yeastfit.model.parameters import NAMES, Parameters, Scales
 
 TRUTH = {"mobility": 1.5, "aspect_ratio": 0.5}
 HOURS = (4.0, 6.0, 8.0)
@@ -38,27 +39,44 @@ def curves(mobility: np.ndarray, aspect_ratio: np.ndarray, times: np.ndarray) ->
     return np.concatenate([compactness, 2 + t * np.sqrt(aspect_ratio)[:, None]], axis=1)
 
 
-def simulated(self: ColonySimulator, values: np.ndarray, seeds: np.ndarray) -> np.ndarray:
-    """In the place of `ColonySimulator.__call__`."""
-    fixed = Parameters().asdict()
-    each = {name: np.full(len(values), fixed[name]) for name in NAMES}
-    each |= {name: values[:, k] for k, name in enumerate(self.parameters.names)}
-    times = np.array([Scales().time(hours) for hours in HOURS])
-    mean = curves(each["mobility"], each["aspect_ratio"], times)
-    noise = np.array([np.random.default_rng(int(seed)).normal(size=mean.shape[1]) for seed in seeds])
-    return mean * (1 + SCATTER * noise)
+@dataclass(frozen=True)
+class KnownColonies:
+    """Such colonies as a simulator."""
+
+    parameters: ParameterSet
+    fixed: Mapping[str, float]
+    observables: tuple[Observable, ...]
+    problems: Counter[str] = field(default_factory=Counter)
+
+    def __call__(self, values: np.ndarray, seeds: np.ndarray) -> np.ndarray:
+        before(self, values, seeds)
+        each = {name: np.full(len(values), value) for name, value in self.fixed.items()}
+        each |= {name: values[:, k] for k, name in enumerate(self.parameters.names)}
+        times = np.array([Scales().time(hours) for hours in HOURS])
+        mean = curves(each["mobility"], each["aspect_ratio"], times)
+        noise = np.array([np.random.default_rng(int(seed)).normal(size=mean.shape[1]) for seed in seeds])
+        return mean * (1 + SCATTER * noise)
 
 
-def discs(self: ColonySimulator, values: np.ndarray, time: float, seed: int = 0) -> list[np.ndarray]:
-    """In the place of `ColonySimulator.outlines`."""
+def before(simulator: KnownColonies, values: np.ndarray, seeds: np.ndarray) -> None:
+    """Called before each batch; tests put something else here."""
+
+
+def discs(simulator: Simulator, values: np.ndarray, targets: Targets, seed: int) -> tuple[list[np.ndarray], float]:
+    """Outlines: discs that grow from row to row, and their µm per pixel."""
     x = np.arange(-80, 81)
-    return [np.hypot(x[:, None], x) <= 40 + 10 * k for k in range(len(values))]
+    return [np.hypot(x[:, None], x) <= 40 + 10 * k for k in range(len(values))], 0.375
 
 
-def stand_in(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Colonies as above, for one test."""
-    monkeypatch.setattr(ColonySimulator, "__call__", simulated)
-    monkeypatch.setattr(ColonySimulator, "outlines", discs)
+FORWARD_MODELS["known"] = ForwardModel(
+    parameters=PARAMETERS,
+    free=("mobility", "aspect_ratio"),
+    simulator=lambda targets, free, fixed, resolution: KnownColonies(
+        PARAMETERS.subset(free), dict(fixed), targets.observables
+    ),
+    nouns=("disc", "discs"),
+    outlines=discs,
+)
 
 
 def write_measurements(path: Path, replicates: int = 6, seed: int = 3, conditions: tuple[str, ...] = ("",)) -> Path:
@@ -90,28 +108,23 @@ def photographed(folder: Path) -> Path:
 
 
 def kill_within(seconds: float, nap: float) -> None:
-    """From now on in this process: known colonies, each batch after a nap, and the kill at a moment of the clock."""
+    """From now on in this process: each batch after a nap, and the kill at a moment of the clock."""
+    global before
 
-    def slowly(self: ColonySimulator, values: np.ndarray, seeds: np.ndarray) -> np.ndarray:
+    def before(simulator: KnownColonies, values: np.ndarray, seeds: np.ndarray) -> None:
         time.sleep(nap)
-        return simulated(self, values, seeds)
 
-    ColonySimulator.__call__ = slowly  # type: ignore[method-assign]
-    ColonySimulator.outlines = discs  # type: ignore[method-assign]
     killing = threading.Timer(seconds, os.kill, (os.getpid(), signal.SIGKILL))
     killing.daemon = True
     killing.start()
 
 
 def kill_after(calls: int) -> None:
-    """From now on in this process: known colonies, and the operating system's kill in one of their calls."""
+    """From now on in this process: the operating system's kill in one of the batches."""
+    global before
     left = [calls]
 
-    def dying(self: ColonySimulator, values: np.ndarray, seeds: np.ndarray) -> np.ndarray:
+    def before(simulator: KnownColonies, values: np.ndarray, seeds: np.ndarray) -> None:
         left[0] -= 1
         if not left[0]:
             os.kill(os.getpid(), signal.SIGKILL)
-        return simulated(self, values, seeds)
-
-    ColonySimulator.__call__ = dying  # type: ignore[method-assign]
-    ColonySimulator.outlines = discs  # type: ignore[method-assign]

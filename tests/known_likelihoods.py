@@ -120,4 +120,6 @@ def fragile() -> Known:
 
 def wide_prior() -> Prior:
     """Log-uniform over a factor of 50 in a and in b."""
-    return Prior.of({name: {"law": "log-uniform", "low": np.exp(-2), "high": np.exp(2)} for name in ("a", "b")})
+    return Prior.of(
+        {name: {"distribution": "log-uniform", "low": np.exp(-2), "high": np.exp(2)} for name in ("a", "b")}
+    )

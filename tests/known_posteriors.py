@@ -1,7 +1,8 @@
 """Problems whose ABC posterior is known, each with its simulator, prior, distance and exact answer."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -9,10 +10,13 @@ from scipy import stats
 from simulators import observables_named, parameters_named
 
 from yeastfit.inference.abc.distances import Distance, WeightedCurves
+from yeastfit.inference.posterior.draws import weighted_quantile
 from yeastfit.inference.posterior.prior import Prior
-from yeastfit.inference.posterior.samples import Samples, weighted_quantile
+from yeastfit.inference.posterior.result import Posterior
+from yeastfit.inference.samplers import infer
 from yeastfit.observable import Observable
 from yeastfit.parameter_set import ParameterSet
+from yeastfit.storage import as_json
 
 
 @dataclass(frozen=True)
@@ -42,7 +46,7 @@ class Drawing:
 class Known:
     """exact(ε): points and weights of the posterior, with the Gaussian kernel unless it says otherwise."""
 
-    simulator: Drawing
+    simulator: Any
     prior: Prior
     distance: Distance
     exact: Callable[[float], tuple[Float[np.ndarray, "point free"], Float[np.ndarray, " point"]]]
@@ -50,7 +54,7 @@ class Known:
 
 def gaussian(observed: float = 0.8, sigma: float = 1.0, count: int = 4) -> Known:
     """Mean of a Gaussian from the mean of `count` draws: with the Gaussian kernel its variance is σ²/n + ε²."""
-    prior = Prior.of({"mean": {"law": "normal", "mean": 0.0, "sd": 2.0}})
+    prior = Prior.of({"mean": {"distribution": "normal", "mean": 0.0, "sd": 2.0}})
 
     def draw(values: np.ndarray, rng: np.random.Generator) -> np.ndarray:
         return values + sigma / np.sqrt(count) * rng.standard_normal(1)
@@ -66,7 +70,7 @@ def gaussian(observed: float = 0.8, sigma: float = 1.0, count: int = 4) -> Known
 
 def beta_binomial(successes: int = 7, trials: int = 20) -> Known:
     """Beta prior, binomial data, distance |difference|: exact where ε < 1, with the indicator kernel."""
-    prior = Prior.of({"share": {"law": "beta", "a": 2.0, "b": 2.0}})
+    prior = Prior.of({"share": {"distribution": "beta", "a": 2.0, "b": 2.0}})
 
     def draw(values: np.ndarray, rng: np.random.Generator) -> np.ndarray:
         return rng.binomial(trials, values)
@@ -81,7 +85,12 @@ def beta_binomial(successes: int = 7, trials: int = 20) -> Known:
 
 def banana(noise: float = 0.3) -> Known:
     """s = (a, b + a²) + noise observed at (0, 0.5): b = 0.5 − a² but for noise; exact on a grid, Gaussian kernel."""
-    prior = Prior.of({"a": {"law": "normal", "mean": 0, "sd": 1.0}, "b": {"law": "uniform", "low": -3.0, "high": 3.0}})
+    prior = Prior.of(
+        {
+            "a": {"distribution": "normal", "mean": 0, "sd": 1.0},
+            "b": {"distribution": "uniform", "low": -3.0, "high": 3.0},
+        }
+    )
     observed = np.array([0.0, 0.5])
 
     def draw(values: np.ndarray, rng: np.random.Generator) -> np.ndarray:
@@ -98,26 +107,41 @@ def banana(noise: float = 0.3) -> Known:
     return Known(Drawing(("a", "b"), ("first", "second"), draw), prior, distance, exact)
 
 
+def run(known: Known, sampler: Any, **more: Any) -> Posterior:
+    """The posterior by a method of ABC with the problem's distance."""
+    return infer(
+        known.simulator, known.prior, known.distance.observed, method=replace(sampler, distance=known.distance), **more
+    )
+
+
+def assert_same(posterior: Posterior, expected: Posterior) -> None:
+    """Bit by bit."""
+    for name in ("values", "weights", "log_probability", "acceptance", "statistics"):
+        np.testing.assert_array_equal(getattr(posterior, name), getattr(expected, name))
+    assert (posterior.simulations, posterior.status) == (expected.simulations, expected.status)
+    assert as_json(posterior.diagnostics.asdict()) == as_json(expected.diagnostics.asdict())
+
+
 def _quantiles(law: stats.rv_continuous) -> tuple[np.ndarray, np.ndarray]:
     """4000 points of equal weight."""
     points = law.ppf((np.arange(4000) + 0.5) / 4000)
     return points[:, None], np.full(4000, 1 / 4000)
 
 
-def assert_agrees(samples: Samples, known: Known, epsilon: float, sizes: np.ndarray | None = None) -> None:
+def assert_agrees(posterior: Posterior, known: Known, epsilon: float, sizes: np.ndarray | None = None) -> None:
     """Mean, standard deviation and the ends of 50 and 90 % intervals within four standard errors of the exact ones.
 
-    sizes: independent draws that the samples are worth, by default their own estimate.
+    sizes: independent draws that the posterior is worth, by default their own estimate.
     """
     points, weights = known.exact(epsilon)
     mean = weights @ points
     sd = np.sqrt(weights @ (points - mean) ** 2)
     kurtosis = weights @ (points - mean) ** 4 / sd**4
-    size = samples.effective_size if sizes is None else sizes
-    np.testing.assert_array_less(np.abs(samples.mean - mean) / sd, 4 / np.sqrt(size))
-    np.testing.assert_array_less(np.abs(samples.sd / sd - 1), 4 * np.sqrt((kurtosis - 1) / (4 * size)))
+    size = posterior.effective_size if sizes is None else sizes
+    np.testing.assert_array_less(np.abs(posterior.mean - mean) / sd, 4 / np.sqrt(size))
+    np.testing.assert_array_less(np.abs(posterior.sd / sd - 1), 4 * np.sqrt((kurtosis - 1) / (4 * size)))
     for level in (0.5, 0.9):
-        for k, ends in enumerate(samples.interval(level)):
+        for k, ends in enumerate(posterior.interval(level)):
             below = np.array([weights[points[:, k] <= end].sum() for end in ends])
             expected = np.array([0.5 - level / 2, 0.5 + level / 2])
             error = 4 * np.sqrt(expected * (1 - expected) / size[k]) + 0.01  # and what a grid of points rounds

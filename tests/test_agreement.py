@@ -2,42 +2,42 @@
 
 import csv
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from made_posteriors import made_posterior
 
 from benchmarks import agreement, truth
 from benchmarks.agreement import Found, Size, agree
 from benchmarks.recovery import BOX
 from benchmarks.report import Report
-from yeastfit.inference.posterior.samples import Samples
+from yeastfit.inference.abc.distances import WeightedCurves
+from yeastfit.inference.abc.smc import SmcDiagnostics
+from yeastfit.inference.neural_likelihood.cross_validation import CrossValidation
+from yeastfit.inference.neural_likelihood.rounds import EmulatorDiagnostics, RoundDiagnostics
+from yeastfit.inference.posterior.diagnostics import Diagnostics
+from yeastfit.inference.posterior.prior import Prior
+from yeastfit.inference.posterior.result import Posterior
 
 FREE = tuple(BOX)
 CENTRE, COVARIANCE = np.array([0.2, -0.1, -0.5]), np.array([[0.04, -0.03, 0.0], [-0.03, 0.05, 0.0], [0.0, 0.0, 0.01]])
 
 
-def samples(seed: int, *, shift: float = 0.0, share: float = 0.0, draws: int = 400) -> Samples:
+def samples(seed: int, *, shift: float = 0.0, share: float = 0.0, draws: int = 400) -> Posterior:
     """Draws of log λ, normal; with a share of the emulator's error, which moves all of them."""
     rng = np.random.default_rng(seed)
     root = np.linalg.cholesky(COVARIANCE)
     off = shift * np.sqrt(np.diag(COVARIANCE)) + np.sqrt(share * np.diag(COVARIANCE)) * rng.standard_normal(3)
     x = CENTRE + off + rng.standard_normal((4, draws // 4, 3)) @ root.T
-    rounds = {"rounds": [{"error_share": share}]} if share else {"epsilon": [2.0, 0.5]}
-    weights = np.full((4, draws // 4), 1 / draws)
-    return Samples(
-        free=FREE,
-        values=np.exp(x),
-        weights=weights,
-        log_probability=np.zeros_like(weights),
-        acceptance=np.ones(4),
-        labels=("s",),
-        statistics=np.zeros((4, draws // 4, 1)),
-        simulations=10,
-        seconds=1.0,
-        seed=seed,
-        method="any",
-        diagnostics=rounds,
-    )
+    distance = WeightedCurves(np.ones(1), np.ones(1))
+    diagnostics: Diagnostics = SmcDiagnostics((2.0, 0.5), (1.0, 0.5), (10, 20), "it ended", distance)
+    if share:
+        held_out = CrossValidation(("s",), np.zeros(1), np.eye(1), np.zeros(1), 10)
+        diagnostics = EmulatorDiagnostics((RoundDiagnostics(10, 0, 0.1, share, True, held_out),), 10, 0)
+    positive = {name: {"distribution": "log-uniform", "low": 1e-9, "high": 1e9} for name in FREE}
+    more: dict[str, Any] = {"prior": Prior.of(positive), "labels": ("s",), "diagnostics": diagnostics}
+    return made_posterior(np.exp(x), **more)
 
 
 def test_a_posterior_holds_its_draws_with_their_probability() -> None:
@@ -89,7 +89,7 @@ def test_few_data_are_the_first_colonies_at_two_times(tmp_path: Path, monkeypatc
         ]
         folder = masks
 
-    monkeypatch.setattr(agreement, "measurements", lambda *given: Data)
+    monkeypatch.setattr(agreement, "measure_source", lambda *given: Data)
     table = agreement.few("demo", tmp_path)
     with table.open() as file:
         rows = list(csv.DictReader(file))

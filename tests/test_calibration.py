@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from made_posteriors import flat_prior, made_posterior
 from scipy.stats import binomtest
 from simulators import observables_named, parameters_named
 
@@ -17,21 +18,18 @@ from benchmarks.calibration import BOX, FULL, QUICK, Part, Study
 from benchmarks.ranks import QUANTITIES, Record, Uniform
 from benchmarks.report import Report
 from yeastfit import InputError
-from yeastfit.inference.abc.smc import SmcSettings
-from yeastfit.inference.neural_likelihood.network import EmulatorSettings
-from yeastfit.inference.neural_likelihood.settings import EmulatedSettings
-from yeastfit.inference.posterior.samples import Samples
+from yeastfit.inference.abc.smc import AbcSmc
+from yeastfit.inference.neural_likelihood.network import TrainingSettings
+from yeastfit.inference.neural_likelihood.sequential import SequentialEmulator
+from yeastfit.inference.posterior.result import Posterior
 from yeastfit.inference.posterior.simulation_store import Store
 
 EMULATED, ABC = FULL
 
 
-def samples(values: np.ndarray) -> Samples:
+def posterior_of(values: np.ndarray) -> Posterior:
     """One chain of equal weights."""
-    count = len(values)
-    one = np.full((1, count), 1.0 / count)
-    rest: dict[str, Any] = {"acceptance": np.ones(1), "labels": (), "statistics": np.zeros((1, count, 0))}
-    return Samples(tuple(BOX), values[None], one, 0 * one, simulations=9, seconds=0.0, seed=0, method="exact", **rest)
+    return made_posterior(values[None], prior=flat_prior(*BOX))
 
 
 def log_likelihood(data: np.ndarray, values: np.ndarray) -> np.ndarray:
@@ -55,7 +53,7 @@ def records(part: Part, *, width: float = 1.0, moved: float = 0.5, seed: int = 0
             "rounds": 3,
         }
         rest |= {"tolerance": None if part.emulator else 1.5}
-        where = calibration.placed(samples(draws), truth, part.draws, rng, partial(log_likelihood, data))
+        where = calibration.placed(posterior_of(draws), truth, part.draws, rng, partial(log_likelihood, data))
         found.append({"number": number, "status": "done", **where, **rest})
     return found
 
@@ -206,7 +204,7 @@ def test_data_sets_of_other_settings_are_refused_before_anything_is_run(
 def test_a_posterior_that_fails_is_kept_counted_and_missed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, echoed: None
 ) -> None:
-    def fails(self: Part, *rest: object) -> Samples:
+    def fails(self: Part, *rest: object) -> Posterior:
         raise InputError("nothing came of it")
 
     monkeypatch.setattr(Part, "posterior", fails)
@@ -224,7 +222,7 @@ def test_truths_are_draws_from_the_prior_and_data_differ_from_one_to_the_next(tm
     part, seen = replace(EMULATED, groups=2, each=40), list[dict[str, Any]]()
 
     class Kept(Part):
-        def posterior(self, *rest: object) -> Samples:
+        def posterior(self, *rest: object) -> Posterior:
             raise InputError("not wanted")
 
     kept = Kept(**{name: getattr(part, name) for name in part.__dataclass_fields__})
@@ -251,7 +249,7 @@ def test_page_and_picture_are_of_what_was_kept(tmp_path: Path, echoed: None) -> 
     page = (tmp_path / "docs" / "calibration.md").read_text()
     assert "![Ranks of the truth](calibration.png)" in page
     assert "Talts et al. 2018" in page
-    assert "most 128 (default 4096)" in page
+    assert "simulations 128 (default 4096)" in page
     assert "--quick" not in page
     assert (tmp_path / "docs" / "calibration.png").stat().st_size > 10_000
     assert len(json.loads(json.dumps(report.asdict()))["data sets"][1]) == 4
@@ -291,11 +289,11 @@ def test_help_says_what_is_measured(capsys: pytest.CaptureFixture[str]) -> None:
 
 @pytest.mark.slow
 def test_real_posteriors_of_a_small_study_are_calibrated(tmp_path: Path) -> None:
-    networks = EmulatorSettings(members=3, width=32, steps=500)
+    networks = TrainingSettings(members=3, width=32, steps=500)
     small: dict[str, Any] = {"groups": 1, "times": (1.5, 2.5, 3.5), "judged": 256, "judge": networks}
     parts = (
-        replace(EMULATED, each=20, **small, settings=EmulatedSettings(256, 128, 640, emulator=networks)),
-        replace(ABC, each=10, **small, settings=SmcSettings(population=128, simulations=1024)),
+        replace(EMULATED, each=20, **small, settings=SequentialEmulator(640, first=256, each=128, training=networks)),
+        replace(ABC, each=10, **small, settings=AbcSmc(population=128, simulations=1024, pilot=256, batch=64)),
     )
     report = Report("calibration")
     calibration.calibrate(report, Study(parts, tmp_path), 1)

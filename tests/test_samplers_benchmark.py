@@ -12,7 +12,7 @@ from known_likelihoods import linear
 from simulators import observables_named, parameters_named
 
 from benchmarks import samplers
-from benchmarks.reference import Box, Moments, Problem, Reference
+from benchmarks.reference import Box, Case, Moments, Reference
 from benchmarks.report import Report
 from yeastfit.errors import InputError
 from yeastfit.inference.abc.distances import WeightedCurves
@@ -50,7 +50,7 @@ class Noisy:
         return np.where(seeds[:, None] % 5 == 0, np.nan, values + noise[:, None])
 
 
-FLAT = Prior.of({"shift": {"law": "uniform", "low": -8.0, "high": 8.0}})
+FLAT = Prior.of({"shift": {"distribution": "uniform", "low": -8.0, "high": 8.0}})
 DISTANCE = WeightedCurves(np.array([0.8]), np.array([1.0]))
 
 
@@ -63,12 +63,12 @@ def pyabc_smc() -> Any:
     return pyabc_smc
 
 
-def problem(replicates: int = 4) -> Problem:
+def case(replicates: int = 4) -> Case:
     known = linear()
-    return Problem(known, known.prior, known.observed(tuple(TRUTH), replicates, seed=1), replicates, TRUTH)
+    return Case(known, known.prior, known.observed(tuple(TRUTH), replicates, seed=1), replicates, TRUTH)
 
 
-def exact(one: Problem) -> Moments:
+def exact(one: Case) -> Moments:
     mean, covariance = linear().posterior(one.observed, one.replicates)
     return Moments(mean, np.sqrt(np.diag(covariance)))
 
@@ -121,7 +121,7 @@ def test_monomials_are_all_products_up_to_a_degree() -> None:
 
 
 def test_the_reference_is_the_exact_posterior_within_its_own_error_and_abc_finds_the_same() -> None:
-    one = problem(replicates=1)
+    one = case(replicates=1)
     reference = Reference.of(one, np.array([1.5, 1.5]), 4096)
     assert reference.own_error < 0.1
     assert exact(one).error(reference.moments) < 0.1
@@ -131,7 +131,7 @@ def test_the_reference_is_the_exact_posterior_within_its_own_error_and_abc_finds
 
 
 def test_chains_are_charged_once_for_their_pilot_and_are_there_when_adjusted() -> None:
-    one = problem(replicates=1)
+    one = case(replicates=1)
     reference = Reference.of(one, np.array([1.5, 1.5]), 4096)
     size = samplers.Size(epsilon=3.0, pilot=1024, steps=150, looks=3, scatter=400)
     found = samplers.Race(one, reference, size).mcmc(1)
@@ -144,8 +144,8 @@ def test_chains_are_charged_once_for_their_pilot_and_are_there_when_adjusted() -
 
 
 def test_a_box_that_does_not_hold_the_posterior_is_refused_and_boxes_end_with_the_prior() -> None:
-    one = problem()
-    away = Problem(one.colonies, one.prior, one.observed, one.replicates, TRUTH * np.exp([1.2, 0.0]))
+    one = case()
+    away = Case(one.colonies, one.prior, one.observed, one.replicates, TRUTH * np.exp([1.2, 0.0]))
     with pytest.raises(InputError, match="reach"):
         Reference.of(away, np.array([0.1, 0.1]), 1024)
     box = Box.around(one.prior, np.array([1.9, 0.0]), np.array([0.5, 0.5]))
@@ -190,7 +190,7 @@ def test_pyabc_repeats_itself_and_ends_with_its_budget(pyabc_smc: Any) -> None:
 
 
 def test_pyabc_has_flat_priors_only(pyabc_smc: Any) -> None:
-    prior = Prior.of({"shift": {"law": "normal", "mean": 1.0, "sd": 1.0}})
+    prior = Prior.of({"shift": {"distribution": "normal", "mean": 1.0, "sd": 1.0}})
     with pytest.raises(InputError, match="shift is normal"):
         pyabc_smc(Noisy(), prior, DISTANCE, population=50, epsilon=1.0, most=100, block=16, seed=1)
 

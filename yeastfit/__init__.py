@@ -14,12 +14,22 @@ from yeastfit.inference.fit.bootstrap_profile import explore, profiles
 from yeastfit.inference.fit.least_squares import fit
 from yeastfit.inference.fit.result import Fit, FitStatus
 from yeastfit.inference.fit.settings import FitSettings
+from yeastfit.inference.forward_models import FORWARD_MODELS, ForwardModel
 from yeastfit.inference.imaging import Imaging
 from yeastfit.inference.information.design import design
 from yeastfit.inference.information.design_result import Design
 from yeastfit.inference.information.experiment import information_of
 from yeastfit.inference.information.fisher import information
 from yeastfit.inference.information.result import Information
+from yeastfit.inference.posterior.cached_simulator import CachedSimulator
+from yeastfit.inference.posterior.diagnostics import Diagnostics
+from yeastfit.inference.posterior.prior import Prior
+from yeastfit.inference.posterior.problem import Problem
+from yeastfit.inference.posterior.result import Posterior
+from yeastfit.inference.posterior.settings import Setting
+from yeastfit.inference.posterior.simulation_store import Store
+from yeastfit.inference.posterior.status import Status
+from yeastfit.inference.samplers import SAMPLERS, infer
 from yeastfit.inference.sensitivity.estimate import sensitivity
 from yeastfit.inference.sensitivity.pathwise import robust_mean
 from yeastfit.inference.sensitivity.result import Sensitivity
@@ -54,22 +64,27 @@ if TYPE_CHECKING:
 
 __version__ = version("yeastfit")
 __all__ = [
+    "FORWARD_MODELS",
     "HARD",
     "PARAMETERS",
     "RULES",
+    "SAMPLERS",
     "STATISTICS",
     "BirthRule",
     "Births",
     "BuddingRule",
+    "CachedSimulator",
     "ColonySimulator",
     "ContactRule",
     "Context",
     "Dataset",
     "DeathRule",
     "Design",
+    "Diagnostics",
     "Fit",
     "FitSettings",
     "FitStatus",
+    "ForwardModel",
     "GradientCheck",
     "Imaging",
     "Information",
@@ -80,14 +95,20 @@ __all__ = [
     "Parameter",
     "ParameterSet",
     "Parameters",
+    "Posterior",
+    "Prior",
+    "Problem",
     "Relaxation",
     "Resolution",
     "Scales",
     "Sensitivity",
+    "Setting",
     "Simulation",
     "SimulationError",
     "Simulator",
     "Statistic",
+    "Status",
+    "Store",
     "Targets",
     "UptakeRule",
     "available_processors",
@@ -96,6 +117,7 @@ __all__ = [
     "design",
     "explore",
     "fit",
+    "infer",
     "information",
     "information_of",
     "measure_dataset",

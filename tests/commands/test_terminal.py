@@ -13,7 +13,7 @@ def test_the_time_that_is_left_follows_from_all_the_time_that_went_by(monkeypatc
     """Rounds of 80 s, an eighth of them training, in which nothing grows; then a run that was taken up again."""
     now = [1000.0]
     monkeypatch.setattr(terminal.clock, "perf_counter", lambda: now[0])
-    pace = Pace(most=4096, done=0)
+    pace = Pace(most=4096, done=0, noun="colonies")
     assert str(pace) == ""
     for number in range(1, 9):
         for _ in range(4):

@@ -4,43 +4,33 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from made_posteriors import made_posterior
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from yeastfit import plot
-from yeastfit.inference.posterior.diagnostics import diagnose
+from yeastfit.inference.neural_likelihood.cross_validation import CrossValidation
+from yeastfit.inference.neural_likelihood.rounds import EmulatorDiagnostics, RoundDiagnostics
 from yeastfit.inference.posterior.prior import Prior
-from yeastfit.inference.posterior.samples import Samples
+from yeastfit.inference.posterior.result import Posterior
 from yeastfit.plot.style import TRUTH
 
 PRIOR = Prior.of(
     {
-        "mobility": {"law": "log-uniform", "low": 0.1, "high": 10.0},
-        "aspect_ratio": {"law": "uniform", "low": 0.0, "high": 1.0},
+        "mobility": {"distribution": "log-uniform", "low": 0.1, "high": 10.0},
+        "aspect_ratio": {"distribution": "uniform", "low": 0.0, "high": 1.0},
     }
 )
 
 
-def samples(weighted: bool = False, still: bool = False) -> Samples:
+def made_up(weighted: bool = False, still: bool = False) -> Posterior:
     """Three chains, or one of weighted draws."""
     rng = np.random.default_rng(2)
     values = np.stack([np.exp(0.2 * rng.normal(size=(3, 200))), rng.beta(20, 1.2, size=(3, 200))], axis=2)
     values = np.broadcast_to(values[:1, :1], values.shape) if still else values
     values = values.reshape(1, 600, 2) if weighted else values
     weights = rng.random(values.shape[:2]) if weighted else np.ones(values.shape[:2])
-    return Samples(
-        free=PRIOR.free,
-        values=values,
-        weights=weights / weights.sum(),
-        log_probability=np.zeros(values.shape[:2]),
-        acceptance=np.full(len(values), 0.3),
-        labels=("a",),
-        statistics=np.zeros((*values.shape[:2], 1)),
-        simulations=600,
-        seconds=1.0,
-        seed=0,
-        method="none",
-    )
+    return made_posterior(values, weights / weights.sum(), prior=PRIOR)
 
 
 def drawn(figure: Figure) -> Figure:
@@ -51,8 +41,8 @@ def drawn(figure: Figure) -> Figure:
 
 @pytest.mark.parametrize(("weighted", "still"), [(False, False), (True, False), (False, True)])
 def test_corner(weighted: bool, still: bool) -> None:
-    found = samples(weighted, still)
-    figure = drawn(plot.corner(found, PRIOR, {"mobility": 1.1, "aspect_ratio": 0.9}))
+    found = made_up(weighted, still)
+    figure = drawn(plot.corner(found, {"mobility": 1.1, "aspect_ratio": 0.9}))
     first, _, pair, second = figure.axes
     assert (pair.get_xlabel(), pair.get_ylabel()) == ("mobility", "aspect ratio")
     truths = [line.get_xdata()[0] for line in first.lines if line.get_color() == TRUTH]  # type: ignore[index]
@@ -66,10 +56,10 @@ def test_corner(weighted: bool, still: bool) -> None:
 
 
 def test_the_prior_is_a_density_of_what_the_axis_shows() -> None:
-    narrow = samples()
+    narrow = made_up()
     wide = replace(narrow, values=narrow.values ** np.array([3.0, 1.0]))
     for found, scale in ((narrow, "linear"), (wide, "log")):
-        panel = plot.corner(found, PRIOR).axes[0]
+        panel = plot.corner(found).axes[0]
         assert panel.get_xscale() == scale
         line = next(line for line in panel.lines if line.get_color() == "0.5")
         x, density = (np.asarray(one, dtype=float) for one in line.get_data())
@@ -77,12 +67,12 @@ def test_the_prior_is_a_density_of_what_the_axis_shows() -> None:
 
 
 def test_traces_and_ranks() -> None:
-    found = samples()
+    found = made_up()
     figure = drawn(plot.traces(found))
     assert [len(panel.lines) for panel in figure.axes] == [3, 3]
-    drawn(plot.traces(samples(weighted=True)))
-    chains = diagnose(found.values, free=found.free, acceptance=found.acceptance)
-    ranks = drawn(plot.ranks(chains))
+    drawn(plot.traces(made_up(weighted=True)))
+    assert found.chains is not None
+    ranks = drawn(plot.ranks(found.chains))
     assert [len(panel.patches) for panel in ranks.axes] == [4, 4]  # three chains, and what chance allows
 
 
@@ -100,7 +90,8 @@ def test_colonies_have_one_scale() -> None:
 
 
 def test_held_out_residuals() -> None:
-    rounds = [{"held_out": {"mean": [0.1, -0.2], "covariance": [[1.1, 0.0], [0.0, 0.8]], "rows": 400}}]
-    upper, lower = drawn(plot.held_out(rounds, ("a", "b"))).axes
+    held_out = CrossValidation(("a", "b"), np.array([0.1, -0.2]), np.diag([1.1, 0.8]), np.zeros(2), 400)
+    diagnostics = EmulatorDiagnostics((RoundDiagnostics(400, 0, 0.1, 0.01, True, held_out),), 500, 0)
+    upper, lower = drawn(plot.cross_validation(diagnostics)).axes
     np.testing.assert_allclose(upper.lines[-1].get_ydata(), [0.1, -0.2])  # type: ignore[arg-type]
     np.testing.assert_allclose(lower.lines[-1].get_ydata(), [1.1, 0.8])  # type: ignore[arg-type]

@@ -1,8 +1,8 @@
-"""The folder of a run that may be killed at any moment and taken up again.
+"""The folder of a run that may be killed at any moment and resumed.
 
 run.json is written before anything else and says what the run is: its configuration, the SHA-256 of its inputs, seed,
-versions and device. It is taken up by the same configuration and the same inputs only; numbers that merely say how long
-it goes on (`EXTENT`) may rise. manifest.json comes last: a folder that has one is finished.
+versions and device. Only the same configuration and the same inputs resume it; settings that merely say how long it
+goes on may rise. manifest.json comes last: a folder that has one is finished.
 """
 
 import shlex
@@ -21,15 +21,21 @@ from yeastfit.measure.reading.dataset import dataset_folder, read_dataset
 from yeastfit.storage import as_json, from_json, read_json, sha256_of, versions, write_json
 
 RUN, MANIFEST = "run.json", "manifest.json"
-SAMPLERS = ("emcee", "optax", "h5py")
-EXTENT = ("steps", "simulations")
-KEPT = ("first",)  # follows from how long it was to go on at first, and stays
-OPTIONS = {"share": "pilot-quantile", "epsilon": "tolerance", "fixed": "model parameters"}
+PACKAGES = ("emcee", "optax", "h5py")
 
 
 @dataclass(frozen=True)
 class RunFolder:
-    """Where a run lies and what it is. notes: what a user is to be told about taking it up."""
+    """Where a run lies and what it is.
+
+    Attributes:
+        path: The folder.
+        configuration: What the run is, plain data; the sampler's settings are in `settings`.
+        inputs: SHA-256 by file.
+        seed: Of the run.
+        notes: What a user should know about resuming it, in words.
+        finished: Whether all results are there.
+    """
 
     path: Path
     configuration: dict[str, Any]
@@ -40,12 +46,29 @@ class RunFolder:
 
     @staticmethod
     def begin(
-        path: Path, configuration: Mapping[str, Any], inputs: Sequence[Path], seed: int, resume: bool
+        path: Path,
+        configuration: Mapping[str, Any],
+        inputs: Sequence[Path],
+        seed: int,
+        resume: bool,
+        *,
+        extents: Sequence[str] = (),
+        kept: Sequence[str] = (),
     ) -> "RunFolder":
-        """Writes run.json, or compares with the one that is there.
+        """Write run.json, or compare with the one that is there.
 
-        Raises `InputError` where there is a run and `resume` is not asked for, where it is another one or a shorter one
-        is asked for, and where the folder holds inputs.
+        Arguments:
+            path: The folder.
+            configuration: What the run is.
+            inputs: Files that it reads.
+            seed: Of the run.
+            resume: Whether a run that is there goes on.
+            extents: Settings that may rise.
+            kept: Settings that nobody asked for: those of the run's first call stay.
+
+        Raises:
+            InputError: There is a run and `resume` is not asked for, it is another one, a shorter one is asked for, or
+                the folder holds the inputs.
         """
         if path.resolve() in {one.resolve().parent for one in inputs}:
             raise InputError(f"--out: {path} holds the data, need another folder for the results")
@@ -63,20 +86,21 @@ class RunFolder:
             state = "a finished run" if finished else "a run that was not finished"
             raise InputError(f"--out: {path} holds {state}: give --resume to go on with it, or another folder")
         earlier = read_run(file)
-        plain |= {name: earlier["configuration"][name] for name in KEPT if name in earlier["configuration"]}
-        different = _differences(earlier["configuration"], plain)
+        before, now = earlier["configuration"].get("settings", {}), plain["settings"]
+        now |= {name: before[name] for name in kept if name in before}
+        different = _differences(earlier["configuration"], plain, leave_out=extents)
         different += [f"seed was {earlier['seed']}, now it is {seed}"] if earlier["seed"] != seed else []
         changed = [f"{name} has changed" for name in hashes if earlier["inputs"].get(name) != hashes[name]]
         changed += [f"{name} is gone" for name in earlier["inputs"] if name not in hashes]
         if different or changed:
             raise InputError(f"--resume: {path} holds another run: {'; '.join(different + changed[:5])}")
-        extents = [(name, earlier["configuration"][name], plain[name]) for name in EXTENT if name in plain]
-        for name, before, now in extents:
-            if now < before:
+        for name in extents:
+            if now[name] < before[name]:
                 raise InputError(
-                    f"--resume: {path} holds a run of {before} {name}, now it is {now}: give --{name} {before} or more"
+                    f"--resume: {path} holds a run of {before[name]} {name}, now it is {now[name]}: give --{name} "
+                    f"{before[name]} or more"
                 )
-        if longer := any(now > before for _, before, now in extents):
+        if longer := any(now[name] > before[name] for name in extents):
             (path / MANIFEST).unlink(missing_ok=True)  # first: a folder that has one is finished
             write_json(file, {**earlier, "configuration": plain})
         return RunFolder(path, plain, hashes, seed, _other_versions(earlier), finished and not longer)
@@ -87,7 +111,7 @@ class RunFolder:
 
 
 def inputs_of(source: Path) -> list[Path]:
-    """What a run reads, which is there: manifest and images of a data set, or a table of measurements and its masks."""
+    """What a run reads: manifest and images of a data set, or a table of measurements and its masks."""
     if where := dataset_folder(source):
         dataset = read_dataset(where)
         return [dataset.manifest, *(frame.path for frame in dataset.frames)]
@@ -103,11 +127,15 @@ def hashes_of(inputs: Sequence[Path]) -> dict[str, str]:
 
 def run_versions() -> dict[str, str]:
     """`versions`, and those of the packages that samplers depend on."""
-    return {**versions(), **{name: version(name) for name in SAMPLERS}}
+    return {**versions(), **{name: version(name) for name in PACKAGES}}
 
 
 def read_run(file: Path) -> dict[str, Any]:
-    """What `RunFolder.begin` wrote. Raises `InputError` for anything else."""
+    """Read what `RunFolder.begin` wrote.
+
+    Raises:
+        InputError: The file is something else.
+    """
     try:
         found = read_json(file)
         return {**found, **{name: found[name] for name in ("configuration", "inputs", "seed", "versions", "device")}}
@@ -115,19 +143,21 @@ def read_run(file: Path) -> dict[str, Any]:
         raise InputError(f"{file}: this is no run that can be taken up: {error}") from error
 
 
-def _differences(earlier: Mapping[str, Any], now: Mapping[str, Any], within: str = "") -> list[str]:
+def _differences(
+    earlier: Mapping[str, Any], now: Mapping[str, Any], within: str = "", leave_out: Sequence[str] = ()
+) -> list[str]:
     """In words, down to single numbers of tables."""
-    said = []
+    differences = []
     for name in [*now, *(name for name in earlier if name not in now)]:
-        if name in (*EXTENT, *KEPT) and not within:
+        if name in leave_out:
             continue
         before, after = earlier.get(name), now.get(name)
-        label = f"{within}{OPTIONS.get(name, name)}"
         if isinstance(before, dict) and isinstance(after, dict):
-            said += _differences(before, after, f"{label}: ")
+            inner = within if name == "settings" else f"{within}{name}: "
+            differences += _differences(before, after, inner, leave_out)
         elif before != after:
-            said.append(f"{label} was {before}, now it is {after}")
-    return said
+            differences.append(f"{within}{name} was {before}, now it is {after}")
+    return differences
 
 
 def _other_versions(earlier: Mapping[str, Any]) -> list[str]:

@@ -34,36 +34,54 @@ def shown_progress(what: str) -> Iterator[Progress]:
 
 @dataclass
 class Pace:
-    """How fast colonies grow, and how long the rest takes at most: `most` of them in all, of which `done` were there.
+    """How fast simulations run, and how long the rest takes at most.
 
-    Seconds count from `began`, whatever else they were spent on.
+    Attributes:
+        most: Simulations in all, at most; None where nobody knows.
+        done: How many of them were there before.
+        noun: What they are called.
+        began: Seconds count from here, whatever else they are spent on.
+        grown: Simulations since then.
     """
 
-    most: int
+    most: int | None
     done: int
+    noun: str = "simulations"
     began: float = field(default_factory=lambda: clock.perf_counter())
     grown: int = 0
 
     @property
     def share(self) -> float:
         """Of the whole."""
-        return min((self.done + self.grown) / self.most, 1.0)
+        return min((self.done + self.grown) / self.most, 1.0) if self.most else 0.0
 
     def __str__(self) -> str:
-        """For a terminal; nothing before there is anything to tell."""
+        """For a terminal; nothing before there is anything to say."""
         if not self.grown:
             return ""
         each = self.grown / (clock.perf_counter() - self.began)
+        pace = f"{self.grown} {self.noun}, {each:.1f} a second"
+        if self.most is None:
+            return pace
         left = timedelta(seconds=round(max(self.most - self.done - self.grown, 0) / each))
-        return f"{self.grown} colonies, {each:.1f} a second, at most {left} left"
+        return f"{pace}, at most {left} left"
 
 
 @contextmanager
-def growing(most: int, done: int) -> Iterator[tuple[Callable[[int], None], Progress]]:
-    """What a sampler is doing, with the pace of its colonies; nothing but on a terminal."""
+def growing(most: int | None, done: int, noun: str) -> Iterator[tuple[Callable[[int], None], Progress]]:
+    """Show what a sampler is doing and the pace of its simulations, on a terminal only.
+
+    Arguments:
+        most: Simulations in all, at most; None where nobody knows.
+        done: How many of them were there before.
+        noun: What they are called.
+
+    Yields:
+        What to call with the simulations of each batch, and the sampler's `progress`.
+    """
     columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.fields[pace]}"), TimeElapsedColumn())
     with Bar(*columns, console=err, disable=not err.is_terminal, transient=True) as bar:
-        pace = Pace(most, done)
+        pace = Pace(most, done, noun)
         task = bar.add_task("sampling", total=1.0, pace="")
         bar.update(task, completed=pace.share)
 

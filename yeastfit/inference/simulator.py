@@ -201,6 +201,7 @@ class Stream(IntEnum):
     PREDICTIVE = 4
     ERRORS = 5
     STARTS = 6
+    RESAMPLING = 7
 
 
 def seed_of(seed: int, numbers: Sequence[int] | np.ndarray) -> Shaped[np.ndarray, " number"]:

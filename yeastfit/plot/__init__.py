@@ -10,7 +10,7 @@ from yeastfit.plot.fits import bootstrap, convergence, fit, profiles
 from yeastfit.plot.information import design, ellipses, spectrum
 from yeastfit.plot.measured_curves import condition_curves
 from yeastfit.plot.micrographs import overlay, thumbnail, thumbnail_sheet
-from yeastfit.plot.posterior import colonies, held_out, predictive, ranks, traces
+from yeastfit.plot.posterior import colonies, cross_validation, predictive, ranks, traces
 from yeastfit.plot.simulations import colony, curves
 from yeastfit.plot.style import save
 
@@ -21,11 +21,11 @@ __all__ = [
     "condition_curves",
     "convergence",
     "corner",
+    "cross_validation",
     "curves",
     "design",
     "ellipses",
     "fit",
-    "held_out",
     "overlay",
     "predictive",
     "profiles",

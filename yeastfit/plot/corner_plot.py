@@ -2,49 +2,52 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
 from jaxtyping import Float
 from matplotlib.figure import Figure
 from scipy import stats
 
-from yeastfit.inference.posterior.distributions import Law
-from yeastfit.inference.posterior.samples import Samples, weighted_quantile
+from yeastfit.inference.posterior.distributions import Distribution
+from yeastfit.inference.posterior.draws import weighted_quantile
+from yeastfit.inference.posterior.result import Posterior
 from yeastfit.plot.style import COLONY, TRUTH
-
-if TYPE_CHECKING:
-    from yeastfit.inference.posterior.prior import Prior
 
 SHOWN = 2000  # dots, at most
 BINS = 30
 WIDE = 5.0  # largest over smallest λ, from where an axis is logarithmic
 
 
-def corner(samples: Samples, prior: "Prior", truth: Mapping[str, float] | None = None) -> Figure:
-    """Every parameter and every pair, each axis over what the posterior reaches.
+def corner(posterior: Posterior, truth: Mapping[str, float] | None = None) -> Figure:
+    """Every parameter and every pair of parameters, each axis over the range of the posterior.
 
     Diagonal: the posterior's histogram, the prior's density as a grey line and its ends as dashes, and the 90 %
-    interval. Below: draws, with areas of 50 and 90 % of them. An axis is logarithmic where the prior is one of log λ
-    and the posterior wide (`WIDE`); densities are of what the axis shows. truth: green lines.
+    interval. Below: draws, with contours around 50 and 90 % of them. An axis is logarithmic where the prior is one of
+    log λ and the posterior wide (`WIDE`); densities are of what the axis shows.
+
+    Arguments:
+        posterior: Draws and prior.
+        truth: True λ by name, as green lines.
     """
-    free, weights = samples.free, samples.weights.ravel()
+    free, weights = posterior.free, posterior.weights.ravel()
     count = len(free)
     figure = Figure(figsize=(1.4 + 2.1 * count, 1.2 + 2.1 * count), layout="constrained")
     panels: Any = figure.subplots(count, count, squeeze=False)
-    dots = samples.flat
-    if samples.weighted or len(dots) > SHOWN:
-        dots = samples.drawn(SHOWN, np.random.default_rng(0))
-    axes = [_Axis.of(samples.flat[:, k], weights, prior.laws[name]) for k, name in enumerate(free)]
+    dots = posterior.flat
+    if posterior.weighted or len(dots) > SHOWN:
+        dots = posterior.drawn(SHOWN, np.random.default_rng(0))
+    distributions = posterior.prior.distributions.values()
+    axes = [_Axis.of(column, weights, one) for column, one in zip(posterior.flat.T, distributions, strict=True)]
     for (row, column), panel in np.ndenumerate(panels):
         if column > row:
             panel.axis("off")
             continue
         if row == column:
-            _margin(panel, samples, prior, row, axes[row])
+            _margin(panel, posterior, row, axes[row])
         else:
             panel.plot(dots[:, column], dots[:, row], ".", ms=1.5, color=COLONY, alpha=0.35, rasterized=True)
-            _areas(panel, dots[:, [column, row]], axes[column], axes[row])
+            _contours(panel, dots[:, [column, row]], axes[column], axes[row])
             panel.set(yscale=axes[row].scale, ylim=axes[row].ends)
         panel.set(xscale=axes[column].scale, xlim=axes[column].ends)
         panel.tick_params(labelsize=7, which="both")
@@ -56,24 +59,24 @@ def corner(samples: Samples, prior: "Prior", truth: Mapping[str, float] | None =
             panel.set_xlabel(free[column].replace("_", " "), fontsize=9)
         if column == 0 and row:
             panel.set_ylabel(free[row].replace("_", " "), fontsize=9)
-    known = "; green: the truth" if truth else ""
-    figure.suptitle(f"posterior, grey: the prior{known};\nbars 90 %, lines hold 50 and 90 % of the draws", fontsize=9)
+    note = "; green: the truth" if truth else ""
+    figure.suptitle(f"posterior, grey: the prior{note};\nbars 90 %, lines hold 50 and 90 % of the draws", fontsize=9)
     return figure
 
 
 @dataclass(frozen=True)
 class _Axis:
-    """What is shown of one parameter: from where to where, in λ, and whether in log λ."""
+    """One parameter's axis: its ends in λ, and whether it is logarithmic."""
 
     ends: tuple[float, float]
     scale: Literal["linear", "log"]
 
     @staticmethod
-    def of(values: Float[np.ndarray, " draw"], weights: Float[np.ndarray, " draw"], law: Law) -> "_Axis":
+    def of(values: Float[np.ndarray, " draw"], weights: Float[np.ndarray, " draw"], prior: Distribution) -> "_Axis":
         low, high = (weighted_quantile(values, weights, share) for share in (0.0005, 0.9995))
-        wide = law.logarithmic and high > WIDE * low
+        wide = prior.logarithmic and high > WIDE * low
         axis = _Axis((low, high), "log" if wide else "linear")
-        low, high, *support = axis.plain(np.array([low, high, *law.support])).tolist()
+        low, high, *support = axis.plain(np.array([low, high, *prior.support])).tolist()
         margin = 0.25 * (high - low) or 0.1 * abs(high)
         ends = max(low - margin, support[0] - 0.2 * margin), min(high + margin, support[1] + 0.2 * margin)
         return _Axis((float(axis.back(np.array(ends[0]))), float(axis.back(np.array(ends[1])))), axis.scale)
@@ -93,24 +96,24 @@ class _Axis:
         return self.back(np.linspace(low, high, count))
 
 
-def _margin(panel: Any, samples: Samples, prior: "Prior", k: int, axis: _Axis) -> None:
+def _margin(panel: Any, posterior: Posterior, k: int, axis: _Axis) -> None:
     """One parameter's histogram with the prior's density, both of what the axis shows."""
-    law, edges = prior.laws[prior.free[k]], axis.grid(BINS + 1)
-    shares = np.histogram(samples.flat[:, k], edges, weights=samples.weights.ravel())[0]
+    prior, edges = posterior.prior.distributions[posterior.free[k]], axis.grid(BINS + 1)
+    shares = np.histogram(posterior.flat[:, k], edges, weights=posterior.weights.ravel())[0]
     panel.stairs(shares / np.diff(axis.plain(edges)), edges, fill=True, color=COLONY, alpha=0.6)
     x = axis.grid(200)
-    x = x[(x > law.support[0]) & (x < law.support[1])]
-    density = law.density.pdf(np.log(x) if law.logarithmic else x)
-    panel.plot(x, density / x if law.logarithmic and axis.scale == "linear" else density, color="0.5", lw=1.2)
-    for end in law.support:
+    x = x[(x > prior.support[0]) & (x < prior.support[1])]
+    density = prior.density.pdf(np.log(x) if prior.logarithmic else x)
+    panel.plot(x, density / x if prior.logarithmic and axis.scale == "linear" else density, color="0.5", lw=1.2)
+    for end in prior.support:
         if axis.ends[0] < end < axis.ends[1]:
             panel.axvline(end, color="0.5", lw=1, ls="--")
-    panel.plot(samples.interval(0.9)[k], [0, 0], color="black", lw=4, solid_capstyle="butt", clip_on=False)
+    panel.plot(posterior.interval(0.9)[k], [0, 0], color="black", lw=4, solid_capstyle="butt", clip_on=False)
     panel.set(yticks=[], ylim=(0, None))
 
 
-def _areas(panel: Any, pair: Float[np.ndarray, "draw 2"], across: _Axis, along: _Axis) -> None:
-    """Lines that hold 50 and 90 % of the smoothed density of draws, where these span the plane."""
+def _contours(panel: Any, pair: Float[np.ndarray, "draw 2"], across: _Axis, along: _Axis) -> None:
+    """Contours around 50 and 90 % of the smoothed density of draws, where these span the plane."""
     plain = np.stack([across.plain(pair[:, 0]), along.plain(pair[:, 1])])
     scatter = plain.std(axis=1)
     if len(pair) < 10 or not (scatter > 0).all() or abs(np.corrcoef(plain)[0, 1]) > 1 - 1e-9:

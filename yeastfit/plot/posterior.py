@@ -1,74 +1,81 @@
 """Pictures of a posterior: traces and ranks of chains, predictive curves and colonies, an emulator's checks."""
 
-from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from jaxtyping import Bool
 from matplotlib.figure import Figure
 
-from yeastfit.inference.posterior.samples import Samples
+from yeastfit.inference.neural_likelihood.rounds import EmulatorDiagnostics
+from yeastfit.inference.posterior.chain_diagnostics import ChainDiagnostics
+from yeastfit.inference.posterior.predictive_check import Predictive
+from yeastfit.inference.posterior.result import Posterior
+from yeastfit.inference.targets import Targets
 from yeastfit.measure.outlining.segmentation import outline
 from yeastfit.measure.statistics.registry import title_of
 from yeastfit.plot.style import COLONY, CONDITIONS, OUTLINE
 
-if TYPE_CHECKING:
-    from yeastfit.inference.posterior.diagnostics import Diagnostics
-    from yeastfit.inference.posterior.predictive_check import Predictive
-    from yeastfit.inference.targets import Targets
-
 LINES = 12  # chains of a trace plot, at most
 
 
-def traces(samples: Samples) -> Figure:
-    """Every parameter along the chains, the first `LINES` of them; or weights, where draws are weighted."""
-    count = len(samples.free)
+def traces(posterior: Posterior) -> Figure:
+    """Every parameter along the first `LINES` chains, or the weights of weighted draws."""
+    count = len(posterior.free)
     figure = Figure(figsize=(9, 0.8 + 1.6 * count), layout="constrained")
-    for k, panel in enumerate(figure.subplots(count, 1, sharex=not samples.weighted, squeeze=False)[:, 0]):
-        if samples.weighted:
-            panel.plot(samples.flat[:, k], samples.weights.ravel(), ".", ms=3, color=COLONY, alpha=0.6)
-            panel.set_xlabel(samples.free[k].replace("_", " "), fontsize=8)
+    for k, panel in enumerate(figure.subplots(count, 1, sharex=not posterior.weighted, squeeze=False)[:, 0]):
+        if posterior.weighted:
+            panel.plot(posterior.flat[:, k], posterior.weights.ravel(), ".", ms=3, color=COLONY, alpha=0.6)
+            panel.set_xlabel(posterior.free[k].replace("_", " "), fontsize=8)
             panel.set_ylabel("weight", fontsize=8)
         else:
-            for number, chain in enumerate(samples.values[:LINES, :, k]):
+            for number, chain in enumerate(posterior.values[:LINES, :, k]):
                 panel.plot(chain, lw=0.6, color=CONDITIONS[number % len(CONDITIONS)], alpha=0.8)
-            panel.set_ylabel(samples.free[k].replace("_", " "), fontsize=8)
+            panel.set_ylabel(posterior.free[k].replace("_", " "), fontsize=8)
         panel.tick_params(labelsize=7)
-    if not samples.weighted:
+    if not posterior.weighted:
         figure.axes[-1].set_xlabel("draw", fontsize=8)
-        chains = min(LINES, len(samples.values))
-        figure.suptitle(f"{chains} of {len(samples.values)} chains", fontsize=9)
+        chains = min(LINES, len(posterior.values))
+        figure.suptitle(f"{chains} of {len(posterior.values)} chains", fontsize=9)
     return figure
 
 
-def ranks(found: "Diagnostics") -> Figure:
-    """Shares of each chain's draws by rank over all draws: where chains agree, in the grey band of chance mostly."""
-    count, chains, bins = found.ranks.shape
+def ranks(chains: ChainDiagnostics) -> Figure:
+    """Shares of each chain's draws by rank over all draws; where chains agree they lie in the grey band of chance."""
+    count, number, bins = chains.ranks.shape
     figure = Figure(figsize=(1.0 + 3.0 * count, 2.9), layout="constrained")
-    edges, faint = np.linspace(0, 1, bins + 1), min(0.6, 6 / chains)
+    edges, faint = np.linspace(0, 1, bins + 1), min(0.6, 6 / number)
     for k, panel in enumerate(figure.subplots(1, count, sharey=True, squeeze=False)[0]):
-        middle, width = found.ranks[k].mean(axis=0), 2 * found.chance[k]
+        middle, width = chains.ranks[k].mean(axis=0), 2 * chains.chance[k]
         panel.stairs(middle + width, edges, baseline=np.maximum(middle - width, 0), fill=True, color="0.85")
-        for number, shares in enumerate(found.ranks[k]):
-            panel.stairs(shares, edges, baseline=None, color=CONDITIONS[number % len(CONDITIONS)], alpha=faint)
+        for one, shares in enumerate(chains.ranks[k]):
+            panel.stairs(shares, edges, baseline=None, color=CONDITIONS[one % len(CONDITIONS)], alpha=faint)
         panel.axhline(1 / bins, color="black", lw=1)
         panel.set(xlabel="rank", ylim=(0, None))
-        panel.set_title(f"{found.free[k].replace('_', ' ')}, p = {found.unequal[k]:.2g}", fontsize=9)
+        panel.set_title(f"{chains.free[k].replace('_', ' ')}, p = {chains.unequal[k]:.2g}", fontsize=9)
         panel.tick_params(labelsize=7)
-    figure.axes[0].set_ylabel(f"share of each of {chains} chains\n(grey: two sd of chance)", fontsize=8)
+    figure.axes[0].set_ylabel(f"share of each of {number} chains\n(grey: two sd of chance)", fontsize=8)
     return figure
 
 
-def predictive(found: "Predictive", targets: "Targets") -> Figure:
-    """Bands of 50 and 90 % of the means that draws of the posterior predict, over the data with their errors."""
+def predictive(
+    predicted: Predictive, targets: Targets, noun: tuple[str, str] = ("simulation", "simulations")
+) -> Figure:
+    """Bands of 50 and 90 % of the predicted curves, over the data with their standard errors.
+
+    Arguments:
+        predicted: Result of `Posterior.predict`.
+        targets: The data.
+        noun: What one replicate is called, and several.
+    """
     count = len(targets.names)
     figure = Figure(figsize=(max(5.2 * count, 6.5), 4.2), layout="constrained")
-    wide, narrow, middle = found.band(0.9), found.band(0.5), np.median(found.statistics, axis=0)
+    wide, narrow, middle = predicted.band(0.9), predicted.band(0.5), np.median(predicted.statistics, axis=0)
     first = 0
     for row, panel in enumerate(figure.subplots(1, count, squeeze=False)[0]):
-        seen = targets.measured[row]
-        times = targets.clock[seen]
-        part = slice(first, first + int(seen.sum()))
+        measured = targets.measured[row]
+        times = targets.clock[measured]
+        part = slice(first, first + int(measured.sum()))
         first = part.stop
         if len(times) > 1:
             panel.fill_between(times, *wide[part].T, color=COLONY, alpha=0.2, lw=0, label="90 % of predictions")
@@ -77,20 +84,20 @@ def predictive(found: "Predictive", targets: "Targets") -> Figure:
         else:
             for band, width, what in ((wide, 3, "90 %"), (narrow, 8, "50 %")):
                 panel.vlines(times, *band[part].T, color=COLONY, lw=width, alpha=0.5, label=f"{what} of predictions")
-        error = targets.scatter[row, seen] / np.sqrt(targets.replicates[row, seen])
+        error = targets.scatter[row, measured] / np.sqrt(targets.replicates[row, measured])
         error = np.where(np.isfinite(error), error, 0.0)
         panel.errorbar(
-            times, targets.mean[row, seen], error, fmt="o", ms=4, color="black", label="data ± standard error"
+            times, targets.mean[row, measured], error, fmt="o", ms=4, color="black", label="data ± standard error"
         )
         name = targets.names[row]
         panel.set_title(title_of(name), fontsize=10)
         panel.set_xlabel(targets.clock_label)
     figure.axes[0].legend(fontsize=8)
-    inside = found.inside(0.9).sum()
-    of = "one colony" if found.replicates == 1 else f"means of {found.replicates} colonies"
+    inside = predicted.inside(0.9).sum()
+    of = f"one {noun[0]}" if predicted.replicates == 1 else f"means of {predicted.replicates} {noun[1]}"
     figure.suptitle(
-        f"{len(found.values)} draws of the posterior, {of} each; {inside} of {len(found.observed)} observations in the "
-        f"90 % band, p = {found.p_value:.2f}",
+        f"{len(predicted.values)} draws of the posterior, {of} each; {inside} of {len(predicted.observed)} "
+        f"observations in the 90 % band, p = {predicted.p_value:.2f}",
         fontsize=9,
     )
     return figure
@@ -98,17 +105,18 @@ def predictive(found: "Predictive", targets: "Targets") -> Figure:
 
 def colonies(
     photographs: Sequence[tuple[str, np.ndarray | None, Bool[np.ndarray, "row column"], float]],
-    grown: Sequence[tuple[str, Bool[np.ndarray, "x y"], float]],
+    simulated: Sequence[tuple[str, Bool[np.ndarray, "x y"], float]],
 ) -> Figure:
-    """Observed colonies above, simulated ones below, all on one scale.
+    """Photographs above, simulated outlines below, all on one scale.
 
-    photographs: title, grey values where there are some, mask, µm per pixel; the mask's outline is drawn. grown:
-    likewise, without grey values.
+    Arguments:
+        photographs: Title, grey values where there are some, mask, µm per pixel; the mask's outline is drawn.
+        simulated: Title, mask, µm per pixel.
     """
-    columns = max(len(photographs), len(grown))
+    columns = max(len(photographs), len(simulated))
     figure = Figure(figsize=(1.9 * columns + 0.4, 4.4), layout="constrained")
     axes: Any = figure.subplots(2, columns, squeeze=False)
-    reach = max([*(_reach(one[2], one[3]) for one in photographs), *(_reach(one[1], one[2]) for one in grown)])
+    reach = max([*(_reach(one[2], one[3]) for one in photographs), *(_reach(one[1], one[2]) for one in simulated)])
     for panel in axes.ravel():
         panel.axis("off")
     for panel, (title, pixels, mask, pixel) in zip(axes[0], photographs, strict=False):
@@ -118,34 +126,34 @@ def colonies(
         else:
             panel.imshow(pixels, cmap="gray", extent=extent)
         _frame(panel, mask, extent, pixel, reach, title)
-    for panel, (title, mask, pixel) in zip(axes[1], grown, strict=False):
+    for panel, (title, mask, pixel) in zip(axes[1], simulated, strict=False):
         extent = _about_the_centre(mask.T, pixel)
         panel.imshow(np.where(mask.T, 1.0, np.nan), cmap="Greys", vmin=0, vmax=2, extent=extent)
         _frame(panel, mask.T, extent, pixel, reach, title)
-    figure.suptitle(f"above: observed; below: grown from draws of the posterior; {2 * reach:.0f} µm across", fontsize=9)
+    figure.suptitle(
+        f"above: observed; below: simulated at draws of the posterior; {2 * reach:.0f} µm across", fontsize=9
+    )
     return figure
 
 
-def held_out(rounds: Sequence[Mapping[str, Any]], labels: Sequence[str]) -> Figure:
-    """Residuals of simulations that the emulator had not learnt from: their mean, to be 0, and variance, to be 1."""
-    last = rounds[-1]["held_out"]
-    mean, variance = np.array(last["mean"], dtype=float), np.diag(np.array(last["covariance"], dtype=float))
-    chance = 2 / np.sqrt(last["rows"])
-    figure = Figure(figsize=(max(6.0, 0.34 * len(labels) + 2.5), 4.6), layout="constrained")
+def cross_validation(diagnostics: EmulatorDiagnostics) -> Figure:
+    """Residuals of simulations held out from an emulator: their mean, ideally 0, and their variance, ideally 1."""
+    last = diagnostics.rounds[-1].cross_validation
+    chance = 2 / np.sqrt(last.rows)
+    figure = Figure(figsize=(max(6.0, 0.34 * len(last.labels) + 2.5), 4.6), layout="constrained")
     upper, lower = figure.subplots(2, 1, sharex=True)
     for panel, values, aim, width, what in (
-        (upper, mean, 0.0, chance, "mean (sd)"),
-        (lower, variance, 1.0, chance * np.sqrt(2), "variance"),
+        (upper, last.mean, 0.0, chance, "mean (sd)"),
+        (lower, np.diag(last.covariance), 1.0, chance * np.sqrt(2), "variance"),
     ):
         panel.axhspan(aim - width, aim + width, color="0.85", lw=0)
         panel.axhline(aim, color="black", lw=0.8)
         panel.plot(values, "o", ms=4, color=COLONY)
         panel.set_ylabel(what, fontsize=8)
         panel.tick_params(labelsize=7)
-    lower.set_xticks(range(len(labels)), labels, rotation=90, fontsize=6)
+    lower.set_xticks(range(len(last.labels)), last.labels, rotation=90, fontsize=6)
     figure.suptitle(
-        f"standardised residuals of {last['rows']} held-out simulations; grey: two standard errors of chance",
-        fontsize=9,
+        f"standardised residuals of {last.rows} held-out simulations; grey: two standard errors of chance", fontsize=9
     )
     return figure
 

@@ -1,104 +1,111 @@
 """The page of a posterior: doubts first, then parameters, the check against the data, chains, and how it was made."""
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from yeastfit.report import html as page
-
-if TYPE_CHECKING:
-    from yeastfit.report.posterior_files import Results
+from yeastfit.report.posterior_summary import Summary
 
 ALT = {
     "corner": "Posterior of every parameter and pair of parameters, with the prior",
     "traces": "Every parameter along the chains, or the weights of the draws",
     "ranks": "Ranks of the draws of every chain; grey: two standard deviations of chance",
     "predictive": "Predicted curves over the data",
-    "colonies": "Observed colonies above colonies grown from draws of the posterior",
+    "colonies": "Photographs above simulations at draws of the posterior",
     "emulator": "Residuals of simulations held out from the emulator",
 }
 
 
-def infer_page(results: "Results", pictures: Mapping[str, bytes], made: Mapping[str, Any], *, seen: bool) -> str:
-    """One HTML file. pictures: PNG by name, see `ALT`; made: versions, settings. seen: whether photographs are."""
-    samples, found = results.samples, results.predictive
+def posterior_page(
+    summary: Summary, pictures: Mapping[str, bytes], made: Mapping[str, str], *, photographed: bool
+) -> str:
+    """One HTML file.
+
+    Arguments:
+        summary: Of the posterior.
+        pictures: PNG by name, see `ALT`.
+        made: How the run was made: versions, settings.
+        photographed: Whether there are photographs among the pictures.
+    """
+    posterior, predicted = summary.posterior, summary.predicted
     lead = page.facts(
         [
-            (samples.method, "method"),
-            (page.number(samples.simulations), "simulated data sets"),
-            (page.number(round(float(results.effective_size.min()))), "independent draws, at least"),
-            (f"{int(found.inside(0.9).sum())} of {len(found.observed)}", "observations in the 90 % band"),
+            (posterior.method, "method"),
+            (page.number(posterior.simulations), "simulated data sets"),
+            (page.number(round(float(posterior.effective_size.min()))), "independent draws, at least"),
+            (f"{int(predicted.inside(0.9).sum())} of {len(predicted.observed)}", "observations in the 90 % band"),
         ]
     )
     sections = [
-        ("Doubts", _doubts(results)),
-        ("Parameters", _parameters(results) + _figure(pictures, "corner")),
-        ("The data, predicted", _predicted(results) + _figure(pictures, "predictive") + _predictions(results)),
-        ("Colonies", (_PHOTOGRAPHS if seen else "") + _GROWN + _figure(pictures, "colonies")),
-        ("Chains" if results.chains else "Populations", _chains(results) + _figure(pictures, "traces", "ranks")),
+        ("Doubts", _doubts(summary)),
+        ("Parameters", _parameters(summary) + _figure(pictures, "corner")),
+        ("The data, predicted", _predicted(summary) + _figure(pictures, "predictive") + _predictions(summary)),
     ]
-    if "emulator" in pictures:
-        sections.append(("Emulator", _emulator(results) + _figure(pictures, "emulator")))
+    if "colonies" in pictures:
+        words = (_PHOTOGRAPHS if photographed else "") + _drawn(summary)
+        sections.append((summary.model.nouns[1].capitalize(), words + _figure(pictures, "colonies")))
+    sections.append(
+        ("Chains" if posterior.chains else "Draws", _chains(summary) + _figure(pictures, "traces", "ranks"))
+    )
+    if method := _method(summary):
+        sections.append(("Method", method + _figure(pictures, "emulator")))
     sections.append(("How this was made", page.pairs(made.items())))
-    foot = '<p class="soft">Numbers: posterior.csv, predictive.csv, diagnostics.json; draws: samples.npz.</p>'
+    foot = '<p class="soft">Numbers: posterior.csv, predictive.csv, diagnostics.json; draws: posterior.npz.</p>'
     return page.document("Posterior of the parameters", lead, sections, foot)
 
 
 _PHOTOGRAPHS = "<p>Above, photographs at the last time, with what was taken for the colony.</p>"
-_GROWN = (
-    "<p>Grown anew, one colony each from draws of the posterior, to the last time of the data, all on one scale; their "
-    "titles are λ in the table's order.</p>"
-)
 
 
-def _doubts(results: "Results") -> str:
-    if not results.warnings:
-        return "<p>None.</p>"
-    items = "".join(f"<li>{page.text(one)}</li>" for one in results.warnings)
-    return f'<div class="note doubt"><ul>{items}</ul></div>'
-
-
-def _parameters(results: "Results") -> str:
-    rows = results.rows()
-    words = ("parameter", "inside_90")
-    columns = [page.Column(name, words=name in words) for name in rows[0]]
-    cells = [[_said(value) for value in row.values()] for row in rows]
-    known = " The truth stands beside." if results.truth else ""
-    said = (
-        "<p>Mean, standard deviation and quantiles of each parameter λ, dimensionless; q05 to q95 is the central 90 % "
-        f"interval.{known}</p>"
-    )
-    return said + page.table("Posterior of every parameter", columns, cells, ["corner"] * len(rows))
-
-
-def _predicted(results: "Results") -> str:
-    found = results.predictive
-    of = "one colony" if found.replicates == 1 else f"the mean of {found.replicates} colonies"
+def _drawn(summary: Summary) -> str:
+    one = summary.model.nouns[0]
     return (
-        f"<p>At {len(found.values)} draws of the posterior {of} was simulated anew. Where the model is right, about "
-        f"90 % of the observations lie in the wider band. All together p is {found.p_value:.2f}: the share of "
-        "predictions that lie as far from their mean as the data do. Statistics are named by their times in units of "
-        "1/μ*; lengths are in L0, areas in L0²; in the picture and in predictive.csv there are hours, too.</p>"
+        f"<p>One {page.text(one)} each, simulated at draws of the posterior to the last time of the data, all on one "
+        "scale; titles are parameters in the table's order.</p>"
     )
 
 
-def _predictions(results: "Results") -> str:
-    rows = results.predictive.rows()
+def _doubts(summary: Summary) -> str:
+    status = f"<p>{page.text(str(summary.posterior.status))}.</p>"
+    if not summary.warnings:
+        return f"{status}<p>None.</p>"
+    items = "".join(f"<li>{page.text(one)}</li>" for one in summary.warnings)
+    return f'{status}<div class="note doubt"><ul>{items}</ul></div>'
+
+
+def _parameters(summary: Summary) -> str:
+    rows = summary.rows()
+    columns = [page.Column(name, words=name in ("parameter", "inside_90")) for name in rows[0]]
+    truth = " The truth is beside them." if summary.truth else ""
+    words = (
+        "<p>Mean, standard deviation and quantiles of each parameter; q05 to q95 is the central 90 % "
+        f"interval.{truth}</p>"
+    )
+    return words + page.table("Posterior of every parameter", columns, _cells(rows), ["corner"] * len(rows))
+
+
+def _predicted(summary: Summary) -> str:
+    predicted, (one, several) = summary.predicted, summary.model.nouns
+    what = f"one {one}" if predicted.replicates == 1 else f"the mean of {predicted.replicates} {several}"
+    words = (
+        f"At {len(predicted.values)} draws of the posterior {what} was simulated anew. Where the model is right, about "
+        f"90 % of the observations lie in the wider band. All together p is {predicted.p_value:.2f}: the share of "
+        f"predictions that lie as far from their mean as the data do. {summary.model.units}"
+    )
+    return f"<p>{page.text(words.strip())}</p>"
+
+
+def _predictions(summary: Summary) -> str:
+    rows = summary.predicted.rows()
     columns = [page.Column(name, words=name in ("statistic", "inside_90")) for name in rows[0]]
-    cells = [[_said(value) for value in row.values()] for row in rows]
-    table = page.table("Observed statistics and their predictions", columns, cells, ["predictive"] * len(rows))
+    table = page.table("Observed statistics and their predictions", columns, _cells(rows), ["predictive"] * len(rows))
     return f"<details><summary>All {len(rows)} statistics</summary>{table}</details>"
 
 
-def _chains(results: "Results") -> str:
-    samples, chains = results.samples, results.chains
+def _chains(summary: Summary) -> str:
+    posterior, chains = summary.posterior, summary.posterior.chains
     if chains is None:
-        epsilon = samples.diagnostics.get("epsilon", [])
-        each = zip(epsilon, samples.acceptance.tolist(), strict=False)
-        parts = [
-            (f"population {k}", f"ε {one if one is None else page.number(one)}, {100 * share:.1f} % accepted")
-            for k, (one, share) in enumerate(each)
-        ]
-        return page.pairs([*parts, ("ended", samples.diagnostics.get("end", ""))])
+        return f"<p>{posterior.weights.size} weighted draws.</p>"
     columns = [
         page.Column("parameter", words=True),
         page.Column("autocorrelation_time", "draws"),
@@ -109,43 +116,30 @@ def _chains(results: "Results") -> str:
     ]
     numbers = (chains.times, chains.lengths, chains.effective_size, chains.r_hat, chains.unequal)
     cells = [[name, *(float(one[k]) for one in numbers)] for k, name in enumerate(chains.free)]
-    accepted = f"{100 * samples.acceptance.min():.1f} to {100 * samples.acceptance.max():.1f} %"
+    accepted = f"{100 * posterior.acceptance.min():.1f} to {100 * posterior.acceptance.max():.1f} %"
     words = f"<p>{chains.chains} chains of {chains.draws} draws each; {accepted} of the proposals were accepted.</p>"
     return words + page.table("Diagnostics of the chains", columns, cells, ["traces"] * len(cells))
 
 
-def _emulator(results: "Results") -> str:
-    rounds = results.samples.diagnostics["rounds"]
-    columns = [
-        page.Column("round"),
-        page.Column("simulations"),
-        page.Column("failed"),
-        page.Column("moved", "sd"),
-        page.Column("error_share", "%"),
-    ]
-    cells = [
-        [k, one["simulations"], one["failed"], _number(one["moved"]), 100 * one["error_share"]]
-        for k, one in enumerate(rounds, start=1)
-    ]
-    words = (
-        "<p>Networks learn the mean and the scatter of a colony's statistics, round by round where the posterior is. "
-        "Moved: by how much the posterior changed from the round before, in standard deviations, of the parameter that "
-        "changed most. Error share: of the emulator's own error in the variance that data are compared with.</p>"
-    )
-    return words + page.table("Rounds of the emulator", columns, cells, ["emulator"] * len(cells))
-
-
-def _figure(pictures: Mapping[str, bytes], *names: str) -> str:
-    parts = []
-    for name in names:
-        if name in pictures:
-            parts.append(page.card(name, pictures[name], ALT[name], page.text(ALT[name])))
+def _method(summary: Summary) -> str:
+    """What the method reports of its own run; empty where it reports nothing."""
+    diagnostics = summary.posterior.diagnostics
+    parts = [f"<p>{page.text(diagnostics.caption)}</p>"] if diagnostics.caption else []
+    if facts := diagnostics.facts():
+        parts.append(page.pairs(facts))
+    if rows := diagnostics.rows():
+        columns = [page.Column(name) for name in rows[0]]
+        parts.append(page.table("What the method reports", columns, _cells(rows), ["traces"] * len(rows)))
     return "".join(parts)
 
 
-def _said(value: Any) -> Any:
-    return ("yes" if value else "no") if isinstance(value, bool) else value
+def _figure(pictures: Mapping[str, bytes], *names: str) -> str:
+    shown = [name for name in names if name in pictures]
+    return "".join(page.card(name, pictures[name], ALT[name], page.text(ALT[name])) for name in shown)
 
 
-def _number(value: float | None) -> float:
-    return float("nan") if value is None else float(value)
+def _cells(rows: list[dict[str, Any]]) -> list[list[Any]]:
+    """Values of a table, with words for truth values."""
+    return [
+        [("yes" if value else "no") if isinstance(value, bool) else value for value in row.values()] for row in rows
+    ]

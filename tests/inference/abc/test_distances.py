@@ -1,13 +1,13 @@
 """Distances and kernels on numbers done by hand."""
 
-import json
-
 import numpy as np
 import pytest
 from helpers import wrong_types
 
 from yeastfit import InputError
 from yeastfit.inference.abc.distances import LiDistance, Mahalanobis, WeightedCurves, log_kernel
+from yeastfit.inference.posterior.diagnostics import plain
+from yeastfit.storage import as_json, from_json
 
 OBSERVED = np.array([0.2, 0.5, 1.0])
 SIMULATED = np.array([[0.2, 0.5, 1.0], [0.44, 0.5, 1.0], [0.2, 0.8, 2.0], [np.nan, 0.5, 1.0], [np.inf, 0.5, 1.0]])
@@ -25,7 +25,7 @@ def test_li_distance_on_condition_of_the_area() -> None:
     expected = [0.1, 0.1, 0.25, np.inf, np.inf]
     np.testing.assert_allclose(distance(simulated), expected, atol=1e-15)
     assert np.isinf(distance(SIMULATED)[3:]).all()
-    assert distance.asdict()["area"] == 1
+    assert distance.area == 1
     for wrong in (3, -1):
         with pytest.raises(InputError, match="number of an observed area among 3"):
             LiDistance(OBSERVED, area=wrong)
@@ -59,9 +59,10 @@ def test_mahalanobis_of_simulations_leaves_out_those_that_came_to_nothing() -> N
 
 def test_distances_are_told_apart_by_plain_data() -> None:
     one = np.ones(3)
-    found = [each.asdict() for each in (LiDistance(one), WeightedCurves(one, 2 * one), Mahalanobis(one, np.eye(3)))]
-    assert json.loads(json.dumps(found)) == found
-    assert found[1] == {"distance": "weighted curves", "observed": [1.0, 1.0, 1.0], "scale": [2.0, 2.0, 2.0]}
+    distances = (LiDistance(one), WeightedCurves(one, 2 * one), Mahalanobis(one, np.eye(3)))
+    found = from_json(as_json([plain(each) for each in distances]))
+    assert found[1] == {"kind": "WeightedCurves", "observed": [1.0, 1.0, 1.0], "scale": [2.0, 2.0, 2.0]}
+    assert [each["kind"] for each in found] == ["LiDistance", "WeightedCurves", "Mahalanobis"]
 
 
 def test_kernels() -> None:

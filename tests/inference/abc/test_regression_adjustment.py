@@ -9,7 +9,7 @@ from yeastfit.inference.abc.regression_adjustment import Accepted, from_line, to
 from yeastfit.inference.posterior.prior import Prior
 
 INF = np.inf
-PRIOR = Prior.of({"a": {"law": "normal", "mean": 0.0, "sd": 10.0}})
+PRIOR = Prior.of({"a": {"distribution": "normal", "mean": 0.0, "sd": 10.0}})
 
 
 def accepted(seed: int, *, off: float = 0.0, draws: int = 40, chains: int = 0) -> Accepted:
@@ -46,7 +46,7 @@ def test_ends_of_the_support_are_finite_on_the_line() -> None:
 
 
 def test_a_straight_line_is_taken_out_whatever_the_units() -> None:
-    prior = Prior.of({"a": {"law": "log-normal", "median": 1.0, "sd": 1.0}})
+    prior = Prior.of({"a": {"distribution": "log-normal", "median": 1.0, "sd": 1.0}})
     rng = np.random.default_rng(0)
     statistics, weights = rng.normal(size=(200, 2)) * [1e-6, 1e3], np.full(200, 1 / 200)
     values = 3.0 * np.exp(statistics @ [4e5, -2e-4])[:, None]
@@ -57,7 +57,7 @@ def test_a_straight_line_is_taken_out_whatever_the_units() -> None:
 
 
 def test_a_statistic_that_never_varies_does_no_harm() -> None:
-    prior = Prior.of({"a": {"law": "normal", "mean": 0.0, "sd": 1.0}})
+    prior = Prior.of({"a": {"distribution": "normal", "mean": 0.0, "sd": 1.0}})
     rng = np.random.default_rng(1)
     statistics = np.column_stack([rng.normal(size=100), np.full(100, 0.1)])
     values, weights = 2.0 * statistics[:, :1], np.full(100, 0.01)
@@ -67,7 +67,7 @@ def test_a_statistic_that_never_varies_does_no_harm() -> None:
 
 def test_draws_that_all_lie_at_no_distance_weigh_the_same() -> None:
     """A distance that leaves out a statistic, such as Li's with area, may be 0 throughout while that one varies."""
-    prior = Prior.of({"a": {"law": "normal", "mean": 0.0, "sd": 1.0}})
+    prior = Prior.of({"a": {"distribution": "normal", "mean": 0.0, "sd": 1.0}})
     statistics = np.random.default_rng(1).normal(size=(100, 1))
     even = np.full(100, 0.01)
     found, weights, said = Accepted(2 * statistics, even, statistics, np.zeros(100), np.zeros(1), prior).adjusted()
@@ -77,7 +77,7 @@ def test_draws_that_all_lie_at_no_distance_weigh_the_same() -> None:
 
 
 def test_too_few_draws_are_left_as_they_were() -> None:
-    prior = Prior.of({"a": {"law": "normal", "mean": 0.0, "sd": 1.0}})
+    prior = Prior.of({"a": {"distribution": "normal", "mean": 0.0, "sd": 1.0}})
     values, weights = np.arange(6.0)[:, None], np.full(6, 1 / 6)
     statistics = np.random.default_rng(2).normal(size=(6, 3))
     found, same, said = Accepted(values, weights, statistics, np.arange(6.0) / 6, np.zeros(3), prior).adjusted()

@@ -7,14 +7,14 @@ from known_likelihoods import Known, curved, fragile, linear, simulations
 
 from yeastfit import InputError
 from yeastfit.inference.neural_likelihood import emulator as emulator_module
-from yeastfit.inference.neural_likelihood.cross_validation import HeldOut
+from yeastfit.inference.neural_likelihood.cross_validation import CrossValidation
 from yeastfit.inference.neural_likelihood.emulator import Emulator, train
-from yeastfit.inference.neural_likelihood.network import EmulatorSettings
+from yeastfit.inference.neural_likelihood.network import TrainingSettings
 
-QUICK = EmulatorSettings(members=3)
+QUICK = TrainingSettings(members=3)
 
 
-def trained(known: Known, count: int = 1024, seed: int = 0, settings: EmulatorSettings = QUICK) -> Emulator:
+def trained(known: Known, count: int = 1024, seed: int = 0, settings: TrainingSettings = QUICK) -> Emulator:
     values, statistics = simulations(known, count, seed)
     return train(values, statistics, prior=known.prior, labels=known.labels, seed=seed, settings=settings)
 
@@ -51,7 +51,7 @@ def test_the_error_it_claims_is_the_error_it_makes() -> None:
         values = inside(known)
         exact, _ = known.moments(values)
         for seed in range(6):
-            mean, scatter, error, _ = trained(known, seed=seed, settings=EmulatorSettings()).moments(values)
+            mean, scatter, error, _ = trained(known, seed=seed, settings=TrainingSettings()).moments(values)
             precision, off = np.linalg.inv(scatter), mean - exact
             made.append(np.einsum("ri,rij,rj->r", off, precision, off).mean())
             claimed.append(np.einsum("rij,rji->r", precision, error).mean())
@@ -59,7 +59,7 @@ def test_the_error_it_claims_is_the_error_it_makes() -> None:
 
 
 def test_held_out_residuals_are_standard_normal(of_curved: Emulator) -> None:
-    found = of_curved.held_out
+    found = of_curved.cross_validation
     assert found.rows == 2048
     np.testing.assert_allclose(found.mean, 0.0, atol=4 / np.sqrt(2048))
     np.testing.assert_allclose(found.covariance, np.eye(3), atol=0.12)
@@ -136,7 +136,7 @@ def test_what_is_off_is_told_in_words() -> None:
     terms = np.stack([np.ones(1000), x, x**2], axis=1)
     residuals = rng.normal(size=(1000, 3)) * [1.0, 1.5, 1.0] + [0.3, 0.0, 0.0]
     residuals[:, 2] += 0.5 * x
-    found = HeldOut.of(residuals, terms, ("area", "length", "count"))
+    found = CrossValidation.of(residuals, terms, ("area", "length", "count"))
     assert found.sentences()[0].startswith("emulator: held-out area is off by +0.")
     assert "held-out length scatters with 2." in found.sentences()[1]
     np.testing.assert_allclose(found.misfit, [0.09, 0.0, 0.25], atol=0.04)
@@ -158,4 +158,4 @@ def test_what_is_refused() -> None:
     refused("a must be finite and vary", values=np.stack([np.ones(64), values[:, 1]], axis=1))
     refused("shapes", statistics=statistics[:, :2])
     with pytest.raises(InputError, match="members is 1, it must be at least 2"):
-        EmulatorSettings(members=1)
+        TrainingSettings(members=1)

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,41 +12,60 @@ from known_likelihoods import Known, curved, fragile, linear
 from scipy.stats import chi2
 
 from yeastfit import InputError
-from yeastfit.inference.abc.pilot import first_values
-from yeastfit.inference.neural_likelihood.network import EmulatorSettings
-from yeastfit.inference.neural_likelihood.sequential import emulated, far_draws, proposed
-from yeastfit.inference.neural_likelihood.settings import EmulatedSettings
+from yeastfit.inference.neural_likelihood.network import TrainingSettings
+from yeastfit.inference.neural_likelihood.rounds import EmulatorDiagnostics
+from yeastfit.inference.neural_likelihood.sequential import SequentialEmulator, far_draws, proposed
+from yeastfit.inference.posterior.emcee_file import write_chains
 from yeastfit.inference.posterior.prior import Prior
-from yeastfit.inference.posterior.samples import Samples
+from yeastfit.inference.posterior.problem import Problem
+from yeastfit.inference.posterior.result import Posterior
 from yeastfit.inference.posterior.simulation_store import Store
+from yeastfit.inference.posterior.simulations import Simulations
+from yeastfit.inference.posterior.status import Status
+from yeastfit.inference.samplers import infer
 from yeastfit.inference.simulator import seed_of
 
-NETWORKS = EmulatorSettings(members=4)
-FEW = EmulatorSettings(members=2, width=16, steps=200)
-SETTINGS = EmulatedSettings(first=1024, each=1024, most=3072, batch=1024, emulator=NETWORKS)
-SMALL = EmulatedSettings(first=64, each=64, most=192, settle=1e-6, walkers=32, most_steps=500, batch=32, emulator=FEW)
+NETWORKS = TrainingSettings(members=4)
+FEW = TrainingSettings(members=2, width=16, steps=200)
+SETTINGS = SequentialEmulator(first=1024, simulations=3072, batch=1024, training=NETWORKS)
+SMALL = SequentialEmulator(first=64, simulations=192, settle=1e-6, walkers=32, most_steps=500, training=FEW)
 TRUTH = (1.3, 0.8)
 
 
 @pytest.fixture(scope="module")
-def undisturbed() -> Samples:
+def undisturbed() -> Posterior:
     """Three small rounds of `linear`, of data with seed 4, by seed 7."""
     known = linear()
     with wrong_types():
-        return emulated(known, known.prior, known.observed(TRUTH, 1, seed=4), SMALL, seed=7)
+        return emulated(known, known, known.observed(TRUTH, 1, seed=4), SMALL, seed=7)
 
 
-def compared(samples: Samples, known: Known, observed: np.ndarray, replicates: int) -> tuple[np.ndarray, np.ndarray]:
+def emulated(
+    simulator: Any, known: Known, observed: np.ndarray, settings: SequentialEmulator, **more: Any
+) -> Posterior:
+    return infer(simulator, known.prior, observed, method=settings, **more)
+
+
+def reported(posterior: Posterior) -> EmulatorDiagnostics:
+    assert isinstance(posterior.diagnostics, EmulatorDiagnostics)
+    return posterior.diagnostics
+
+
+def compared(
+    posterior: Posterior, known: Known, observed: np.ndarray, replicates: int
+) -> tuple[np.ndarray, np.ndarray]:
     """Shift of the mean in posterior standard deviations, and ratio of standard deviations, in log λ."""
     mean, covariance = known.posterior(observed, replicates)
     sd = np.sqrt(np.diag(covariance))
-    x = np.log(samples.flat)
+    x = np.log(posterior.flat)
     return (x.mean(axis=0) - mean) / sd, x.std(axis=0) / sd
 
 
 def test_simulations_are_proposed_around_most_of_the_posterior() -> None:
     """w times as wide as a normal one; of one with 8 % of its draws on a trail half of them stay around the others."""
-    prior = Prior.of({name: {"law": "log-uniform", "low": np.exp(-20), "high": np.exp(20)} for name in ("a", "b")})
+    prior = Prior.of(
+        {name: {"distribution": "log-uniform", "low": np.exp(-20), "high": np.exp(20)} for name in ("a", "b")}
+    )
     rng = np.random.default_rng(0)
     body = rng.standard_normal((9200, 2)) @ np.array([[0.1, -0.08], [0.0, 0.05]])
     wide = proposed(body, 20_000, 2.5, prior, rng)
@@ -60,7 +80,7 @@ def test_simulations_are_proposed_around_most_of_the_posterior() -> None:
 
 def test_draws_far_off_are_told_of() -> None:
     """Their share in both rounds, and where they are, in λ; nothing of a normal law."""
-    prior = Prior.of({name: {"law": "log-uniform", "low": 1e-3, "high": 1e3} for name in ("a", "b")})
+    prior = Prior.of({name: {"distribution": "log-uniform", "low": 1e-3, "high": 1e3} for name in ("a", "b")})
     body = 0.1 * np.random.default_rng(0).standard_normal((9600, 2))
     with_trail = np.concatenate([body, np.full((400, 2), np.log([5.0, 0.2]))])
     (said,) = far_draws(with_trail, np.concatenate([body, with_trail[-200:]]), prior)
@@ -76,12 +96,12 @@ def test_draws_far_off_are_told_of() -> None:
 @pytest.mark.parametrize("measured", [False, True])
 def test_a_linear_gaussian_simulator_has_its_closed_form(measured: bool) -> None:
     """With log λ ~ N(0, 1) before the data its posterior is N(V MᵀW o, V), V = (MᵀWM + 1)⁻¹, W with the noise."""
-    normal = {"law": "log-normal", "median": 1.0, "sd": 1.0}
+    normal = {"distribution": "log-normal", "median": 1.0, "sd": 1.0}
     known = replace(linear(), prior=Prior.of({"a": normal, "b": normal}))
     observed = known.observed(TRUTH, 1, seed=1)
     scatter = known.moments(np.ones((1, 2)))[1][0]
     noise = 2.0 * scatter + 0.5 * np.trace(scatter) if measured else None
-    found = emulated(known, known.prior, observed, SETTINGS, noise=noise, seed=0)
+    found = emulated(known, known, observed, SETTINGS, noise=noise, seed=0)
     slopes = known.moments(np.exp(np.eye(2)))[0].T
     weighted = np.linalg.solve(scatter if noise is None else scatter + noise, slopes)
     covariance = np.linalg.inv(slopes.T @ weighted + np.eye(2))
@@ -90,8 +110,8 @@ def test_a_linear_gaussian_simulator_has_its_closed_form(measured: bool) -> None
     np.testing.assert_allclose((x.mean(axis=0) - covariance @ weighted.T @ observed) / sd, 0.0, atol=0.15)
     np.testing.assert_allclose(x.std(axis=0) / sd, 1.0, atol=0.1)
     np.testing.assert_allclose(np.corrcoef(x.T)[0, 1], covariance[0, 1] / sd.prod(), atol=0.1)
-    assert found.warnings == []
-    assert found.simulations == found.diagnostics["rounds"][-1]["simulations"] <= 3072
+    assert found.sentences() == []
+    assert found.simulations == reported(found).rounds[-1].simulations <= 3072
     assert (found.effective_size > 1000).all()
 
 
@@ -99,7 +119,7 @@ def test_a_linear_gaussian_simulator_has_its_closed_form(measured: bool) -> None
 def test_curved_means_and_noise_that_depends_on_the_parameters() -> None:
     known = curved()
     observed = known.observed(TRUTH, 5, seed=2)
-    found = emulated(known, known.prior, observed, SETTINGS, replicates=5, seed=0)
+    found = emulated(known, known, observed, SETTINGS, replicates=5, seed=0)
     shift, ratio = compared(found, known, observed, 5)
     np.testing.assert_allclose(shift, 0.0, atol=0.25)
     np.testing.assert_allclose(ratio, 1.0, atol=0.15)
@@ -112,8 +132,8 @@ def test_failures_count_as_evidence() -> None:
     """Six data sets that did not fail tell against λ at which simulations fail."""
     known = fragile()
     observed = known.observed((2.4, 0.8), 6, seed=3)
-    found = emulated(known, known.prior, observed, replace(SETTINGS, most=6144), replicates=6, seed=0)
-    assert found.warnings == []
+    found = emulated(known, known, observed, replace(SETTINGS, simulations=6144), replicates=6, seed=0)
+    assert found.sentences() == []
     shift, ratio = compared(found, known, observed, 6)
     np.testing.assert_allclose(shift, 0.0, atol=0.3)
     np.testing.assert_allclose(ratio, 1.0, atol=0.15)
@@ -125,7 +145,7 @@ def test_data_that_the_prior_does_not_reach_are_told_of() -> None:
     known = linear()
     observed = known.observed(TRUTH, 1, seed=4)
     observed[0] = 40.0
-    said = emulated(known, known.prior, observed, replace(SMALL, most=64), seed=7).warnings
+    said = emulated(known, known, observed, replace(SMALL, simulations=64), seed=7).warnings
     assert any(f"{known.labels[0]} was observed as 40, the prior's simulations have" in one for one in said)
 
 
@@ -144,23 +164,23 @@ class Stops:
 
 
 @pytest.mark.usefixtures("unchecked")
-def test_a_run_that_was_stopped_goes_on_to_the_same_bits(tmp_path: Path, undisturbed: Samples) -> None:
+def test_a_run_that_was_stopped_goes_on_to_the_same_bits(tmp_path: Path, undisturbed: Posterior) -> None:
     known = linear()
     observed = known.observed(TRUTH, 1, seed=4)
-    assert len(undisturbed.diagnostics["rounds"]) == 3
+    assert len(reported(undisturbed).rounds) == 3
     for rows in (40, 130):
         with (
             Store(tmp_path / f"{rows}.h5", known.free, known.labels) as store,
             pytest.raises(KeyboardInterrupt),
         ):
-            emulated(Stops(known, rows), known.prior, observed, SMALL, seed=7, store=store)
+            emulated(Stops(known, rows), known, observed, SMALL, seed=7, store=store)
     with Store(tmp_path / "130.h5", known.free, known.labels) as store:
         kept = len(store)
-        again = emulated(Stops(known, 192 - kept), known.prior, observed, SMALL, seed=7, store=store)
+        again = emulated(Stops(known, 192 - kept), known, observed, SMALL, seed=7, store=store)
     assert kept == 128
     np.testing.assert_array_equal(again.values, undisturbed.values)
     np.testing.assert_array_equal(again.statistics, undisturbed.statistics)
-    other = emulated(known, known.prior, observed, SMALL, seed=8)
+    other = emulated(known, known, observed, SMALL, seed=8)
     assert (other.values[:, :10] != undisturbed.values[:, :10]).all()
 
 
@@ -170,61 +190,70 @@ def test_a_longer_run_has_use_for_all_of_a_shorter_one(tmp_path: Path) -> None:
     known = linear()
     observed = known.observed(TRUTH, 1, seed=4)
     with Store(tmp_path / "simulations.h5", known.free, known.labels) as store:
-        short = emulated(known, known.prior, observed, replace(SMALL, most=100), seed=7, store=store)
+        short = emulated(known, known, observed, replace(SMALL, simulations=100), seed=7, store=store)
         assert short.simulations == len(store) == 100
-        emulated(known, known.prior, observed, SMALL, seed=7, store=store)
+        emulated(known, known, observed, SMALL, seed=7, store=store)
         assert len(store) == 192
-        once = emulated(known, known.prior, observed, replace(SMALL, most=64), seed=7, store=store)
+        once = emulated(known, known, observed, replace(SMALL, simulations=64), seed=7, store=store)
     assert "not settled: whether one round more would move it is not known" in "\n".join(once.warnings)
 
 
 @pytest.mark.usefixtures("unchecked")
-def test_simulations_of_other_runs_are_learnt_from(undisturbed: Samples) -> None:
+def test_simulations_of_other_runs_are_learnt_from(undisturbed: Posterior) -> None:
     known = linear()
     observed = known.observed(TRUTH, 1, seed=4)
     own = known.prior.quantile(np.random.default_rng(1).random((300, len(known.free))))
     outside = own.copy()
     outside[:, 0] = 1e6
-    values = np.concatenate([own, outside])
-    statistics = known(values, np.arange(len(values)))
-    found = emulated(known, known.prior, observed, SMALL, seed=7, given=(values, statistics))
-    assert [one["simulations"] for one in found.diagnostics["rounds"]] == [364, 428, 492]
-    assert (found.simulations, found.settings["given"]) == (192, 300)
-    first = first_values(known.prior, 64, 7)
-    same = (first, known(first, seed_of(7, range(64))))
+    values, seeds = np.concatenate([own, outside]), np.arange(600).astype(np.uint64)
+    statistics = known(values, seeds)
+    store = Simulations(known.free, known.labels)
+    store.reuse(values, seeds, statistics)
+    found = emulated(known, known, observed, SMALL, seed=7, store=store)
+    assert [one.simulations for one in reported(found).rounds] == [364, 428, 492]
+    assert (found.simulations, reported(found).reused) == (192, 300)
+    first, seeds = Problem(known, known.prior, observed).prior_values(64, 7), seed_of(7, range(64))
+    store = Simulations(known.free, known.labels)
+    store.reuse(first, seeds, known(first, seeds))
     np.testing.assert_array_equal(
-        emulated(known, known.prior, observed, SMALL, seed=7, given=same).values, undisturbed.values
+        emulated(known, known, observed, SMALL, seed=7, store=store).values, undisturbed.values
     )
-    with wrong_types(), pytest.raises(InputError, match="given has shapes"):
-        emulated(known, known.prior, observed, SMALL, given=(values, statistics[:5]))
+    with wrong_types(), pytest.raises(InputError, match="reuse: values and statistics have shapes"):
+        store.reuse(first, seeds, known(first, seeds)[:5])
 
 
 @pytest.mark.usefixtures("unchecked")
-def test_samples_save_what_the_emulator_said(tmp_path: Path) -> None:
+def test_posteriors_save_what_the_emulator_said(tmp_path: Path) -> None:
     known = linear()
     heard = list[tuple[str, float]]()
-    settings = replace(SMALL, emulator=replace(FEW, members=5))  # fewer disagree in fewer directions than 4 statistics
+    settings = replace(SMALL, training=replace(FEW, members=5))  # fewer disagree in fewer directions than 4 statistics
     found = emulated(
         known,
-        known.prior,
+        known,
         known.moments(np.array([TRUTH]))[0][0],
         settings,
         replicates=50_000,
         seed=1,
-        path=tmp_path / "chains.h5",
         progress=lambda what, share: heard.append((what, share)),
     )
     assert found.values.shape[1] >= 50  # however long the chains hang together
     assert "the posterior has not settled: it moved by" in "\n".join(found.warnings)
     assert "of the variance of the data and widens the posterior" in "\n".join(found.warnings)
     assert [what for what, _ in heard] == ["round 1", "round 2", "done"]
-    found.save(tmp_path / "samples.npz")
-    back = Samples.load(tmp_path / "samples.npz")
-    assert back.diagnostics["rounds"][-1]["held_out"]["labels"] == ["s0", "s1", "s2", "s3"]
+    found.save(tmp_path / "posterior.npz")
+    back = Posterior.load(tmp_path / "posterior.npz")
+    assert reported(back).rounds[-1].cross_validation.labels == ("s0", "s1", "s2", "s3")
+    for one, other in zip(reported(back).rounds, reported(found).rounds, strict=True):
+        assert (one.moved, one.error_share) == (other.moved, other.error_share)
+        np.testing.assert_array_equal(one.cross_validation.covariance, other.cross_validation.covariance)
+    assert back.sentences() == found.sentences()
     assert back.method == "emulator"
-    assert back.settings["replicates"] == 50_000
+    assert back.status is found.status is Status.STILL_MOVING
+    assert back.replicates == 50_000
+    assert found.backend is not None
+    write_chains(tmp_path / "chains.h5", found.backend)
     chains = HDFBackend(tmp_path / "chains.h5", read_only=True)
-    assert chains.iteration == found.diagnostics["steps"] == 500
+    assert chains.iteration == reported(found).steps == 500
     draws = np.swapaxes(found.values, 0, 1)
     kept = [  # how many are burn-in, and how far apart the others are, is a matter of how long they hang together
         chains.get_chain(discard=burnt, thin=thin)
@@ -242,18 +271,27 @@ def test_what_is_refused() -> None:
     known = linear()
     observed = np.zeros(4)
     with pytest.raises(InputError, match=r"observed is .* 4 finite statistics are expected"):
-        emulated(known, known.prior, np.zeros(3), SMALL)
+        emulated(known, known, np.zeros(3), SMALL)
     with pytest.raises(InputError, match="replicates is 0, it must be at least 1"):
-        emulated(known, known.prior, observed, SMALL, replicates=0)
+        emulated(known, known, observed, SMALL, replicates=0)
     for noise in (np.eye(3), -np.eye(4)):
         with wrong_types(), pytest.raises(InputError, match="noise must be a covariance of 4 statistics"):
-            emulated(known, known.prior, observed, SMALL, noise=noise)
+            emulated(known, known, observed, SMALL, noise=noise)
     with pytest.raises(InputError, match="first is 100, it must be a power of two"):
-        EmulatedSettings(first=100)
-    with pytest.raises(InputError, match="most is 64, it must be at least first, which is 512"):
-        EmulatedSettings(most=64)
+        SequentialEmulator(first=100)
+    with pytest.raises(InputError, match="simulations is 64, it must be at least those of the first round, 512"):
+        SequentialEmulator(first=512, simulations=64)
     with pytest.raises(InputError, match="simulations came to something"):
-        emulated(replace(known, fails=lambda values: np.ones(len(values))), known.prior, observed, SMALL)
+        emulated(replace(known, fails=lambda values: np.ones(len(values))), known, observed, SMALL)
+    with pytest.raises(InputError, match=r"the first round has 16 simulations, .* needs at least 24"):
+        emulated(known, known, observed, replace(SMALL, first=16))
+
+
+def test_the_first_round_is_as_large_as_the_budget_and_the_parameters_ask_for() -> None:
+    sizes = [SequentialEmulator(simulations=most).round_sizes(2) for most in (4096, 512, 96)]
+    assert sizes == [(512, 512), (256, 256), (64, 64)]
+    assert SequentialEmulator(first=128, each=32).round_sizes(2) == (128, 32)
+    assert SequentialEmulator(simulations=96).resolved(2).first == 64
 
 
 @pytest.mark.slow
@@ -264,7 +302,7 @@ def test_ranks_of_the_truth_are_uniform() -> None:
     for number in range(40):
         truth = known.prior.sample(1, np.random.default_rng(number))[0]
         observed = known.observed(tuple(truth), 3, seed=1000 + number)
-        found = emulated(known, known.prior, observed, SETTINGS, replicates=3, seed=number)
+        found = emulated(known, known, observed, SETTINGS, replicates=3, seed=number)
         ranks.append((found.flat < truth).mean(axis=0))
     shares = np.sort(np.array(ranks), axis=0)
     expected = (np.arange(40) + 0.5) / 40

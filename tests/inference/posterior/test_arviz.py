@@ -1,4 +1,4 @@
-"""Samples as ArviZ has them: groups, names, a file that comes back, and what is said where ArviZ is missing."""
+"""Posteriors as ArviZ has them: groups, names, a file that comes back, and what is said where ArviZ is missing."""
 
 import sys
 import warnings
@@ -9,12 +9,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from made_posteriors import made_posterior
 
 from yeastfit import InputError
-from yeastfit.inference.posterior.arviz import groups_of, to_arviz, to_netcdf
-from yeastfit.inference.posterior.diagnostics import autocorrelation_time
+from yeastfit.inference.posterior.arviz import groups_of, resampled
+from yeastfit.inference.posterior.chain_diagnostics import autocorrelation_time
 from yeastfit.inference.posterior.predictive_check import Predictive
-from yeastfit.inference.posterior.samples import Samples
+from yeastfit.inference.posterior.result import Posterior
 
 PREDICTED = Predictive(
     free=("mobility", "aspect_ratio"),
@@ -27,22 +28,20 @@ PREDICTED = Predictive(
 )
 
 
-def samples(chains: int = 3, draws: int = 50, weights: np.ndarray | None = None) -> Samples:
+def made_up(chains: int = 3, draws: int = 50, weights: np.ndarray | None = None) -> Posterior:
     rng = np.random.default_rng(0)
-    return Samples(
-        free=("mobility", "aspect_ratio"),
-        values=rng.normal(size=(chains, draws, 2)),
-        weights=np.full((chains, draws), 1 / (chains * draws)) if weights is None else weights,
+    return made_posterior(
+        rng.normal(size=(chains, draws, 2)),
+        weights,
         log_probability=rng.normal(size=(chains, draws)),
         acceptance=np.linspace(0.2, 0.4, chains),
         labels=("area", "length", "count"),
         statistics=rng.normal(size=(chains, draws, 3)),
         simulations=1234,
-        seconds=1.0,
         seed=5,
-        method="ABC-MCMC",
+        method="abc-mcmc",
         settings={"steps": 50, "matrix": np.eye(2)},
-        warnings=["too short"],
+        warnings=("too short",),
     )
 
 
@@ -54,8 +53,8 @@ def arviz() -> Any:
 
 
 def test_a_file_comes_back_with_all_groups(arviz: Any, tmp_path: Path) -> None:
-    found = samples()
-    to_netcdf(found, tmp_path / "posterior.nc", PREDICTED)
+    found = made_up()
+    found.to_netcdf(tmp_path / "posterior.nc", PREDICTED)
     back = arviz.from_netcdf(str(tmp_path / "posterior.nc"), engine="h5netcdf")
     np.testing.assert_array_equal(back["posterior"]["mobility"].values, found.values[:, :, 0])
     assert back["posterior"]["aspect_ratio"].dims == ("chain", "draw")
@@ -68,21 +67,21 @@ def test_a_file_comes_back_with_all_groups(arviz: Any, tmp_path: Path) -> None:
     np.testing.assert_array_equal(back["sample_stats"]["lp"].values, found.log_probability)
     np.testing.assert_allclose(back["sample_stats"]["acceptance_rate"].mean("draw").values, [0.2, 0.3, 0.4])
     about = back["posterior"].attrs
-    assert (about["method"], about["seed"], about["simulations"]) == ("ABC-MCMC", 5, 1234)
+    assert (about["method"], about["seed"], about["simulations"]) == ("abc-mcmc", 5, 1234)
     assert about["warnings"] == '["too short"]'
     assert [path.name for path in tmp_path.iterdir()] == ["posterior.nc"]
 
 
 def test_arviz_finds_what_diagnostics_find(arviz: Any) -> None:
     """A random walk that returns slowly: ArviZ's effective sizes and split R̂ beside one's own."""
-    from yeastfit.inference.posterior.diagnostics import split_r_hat
+    from yeastfit.inference.posterior.chain_diagnostics import split_r_hat
 
     rng = np.random.default_rng(1)
     chains = np.zeros((4, 4000, 2))
     for k in range(1, 4000):
         chains[:, k] = 0.8 * chains[:, k - 1] + rng.normal(size=(4, 2))
-    found = Samples(**{**vars(samples(4, 4000)), "values": chains})
-    data = to_arviz(found)
+    found = replace(made_up(4, 4000), values=chains)
+    data = found.to_arviz()
     sizes = arviz.ess(data, method="mean")
     own = 16000 / autocorrelation_time(chains)
     np.testing.assert_allclose(own, [float(sizes[name]) for name in found.free], rtol=0.15)
@@ -90,15 +89,49 @@ def test_arviz_finds_what_diagnostics_find(arviz: Any) -> None:
     np.testing.assert_allclose(split_r_hat(chains), [float(r_hat[name]) for name in found.free], atol=1e-3)
 
 
-def test_weighted_draws_and_what_is_not_there() -> None:
-    weights = np.linspace(1, 2, 50)[None] / np.linspace(1, 2, 50).sum()
-    found = samples(1, 50, weights)
-    unsimulated = Samples(**{**vars(found), "statistics": np.full((1, 50, 3), np.nan), "acceptance": np.ones(4)})
-    groups = groups_of(unsimulated)
+WEIGHTS = np.linspace(0.1, 2, 400)[None] / np.linspace(0.1, 2, 400).sum()
+
+
+def test_what_is_not_there() -> None:
+    found = replace(made_up(), statistics=np.full((3, 50, 3), np.nan), acceptance=np.ones(4))
+    groups = groups_of(found)
     assert set(groups) == {"posterior", "sample_stats"}
-    assert set(groups["sample_stats"]) == {"lp", "weight"}
-    with pytest.raises(InputError, match=r"found is of area, count, expected .* area, length, count"):
+    assert set(groups["sample_stats"]) == {"lp"}
+    with pytest.raises(InputError, match=r"predictive is of area, count, expected .* area, length, count"):
         groups_of(found, replace(PREDICTED, labels=("area", "count")))
+
+
+def test_weighted_draws_are_resampled_and_kept(arviz: Any, tmp_path: Path) -> None:
+    """ArviZ, which reads no weights, finds the weighted mean and standard deviation; the weights are there, too."""
+    found = made_up(1, 400, WEIGHTS)
+    found.to_netcdf(tmp_path / "posterior.nc", PREDICTED)
+    back = arviz.from_netcdf(str(tmp_path / "posterior.nc"), engine="h5netcdf")
+    own = back["weighted_draws"]
+    np.testing.assert_array_equal(own["mobility"].values, found.values[:, :, 0])
+    np.testing.assert_array_equal(own["weight"].values, WEIGHTS)
+    np.testing.assert_array_equal(own["lp"].values, found.log_probability)
+    np.testing.assert_array_equal(own["simulated"].sel(statistic="length").values, found.statistics[:, :, 1])
+    posterior, stats = back["posterior"], back["sample_stats"]
+    for k, name in enumerate(found.free):
+        assert posterior[name].shape == (1, 400)
+        assert abs(float(posterior[name].mean()) - found.mean[k]) < 0.1 * found.sd[k]
+        assert float(posterior[name].std()) == pytest.approx(found.sd[k], rel=0.1)
+    drawn = {value: k for k, value in enumerate(found.values[0, :, 0].tolist())}
+    numbers = [drawn[value] for value in posterior["mobility"].values[0].tolist()]
+    np.testing.assert_array_equal(stats["lp"].values[0], found.log_probability[0, numbers])
+    np.testing.assert_array_equal(stats["simulated"].values[0], found.statistics[0, numbers])
+    np.testing.assert_array_equal(
+        back["posterior"]["mobility"].values, found.to_arviz()["posterior"]["mobility"].values
+    )
+
+
+def test_draws_are_resampled_as_often_as_their_weight_says() -> None:
+    numbers = resampled(WEIGHTS[0], np.random.default_rng(3))
+    counts = np.bincount(numbers, minlength=400)
+    assert counts.sum() == 400
+    assert (np.abs(counts - 400 * WEIGHTS[0]) < 1).all()
+    assert np.abs(np.corrcoef(numbers[:-1], numbers[1:])[0, 1]) < 0.15, "they are in order"
+    assert resampled(np.array([0.0, 1.0, 0.0]), np.random.default_rng(0)).tolist() == [1, 1, 1]
 
 
 def test_what_arviz_1_is_called_with(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -110,14 +143,16 @@ def test_what_arviz_1_is_called_with(monkeypatch: pytest.MonkeyPatch) -> None:
         return "tree"
 
     monkeypatch.setitem(sys.modules, "arviz", SimpleNamespace(__version__="1.2.0", from_dict=from_dict))
-    assert to_arviz(samples(), PREDICTED) == "tree"
+    assert made_up().to_arviz(PREDICTED) == "tree"
     assert set(called["data"]) == {"posterior", "posterior_predictive", "sample_stats", "observed_data"}
     assert called["dims"] == {"statistics": ["statistic"], "simulated": ["statistic"]}
     assert called["coords"] == {"statistic": ["area", "length", "count"]}
     assert called["attrs"]["posterior"]["seed"] == 5
+    made_up(1, 400, WEIGHTS).to_arviz()
+    assert set(called["data"]) == {"posterior", "sample_stats", "weighted_draws"}
 
 
 def test_without_arviz_it_is_said_how_to_get_it(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "arviz", None)
     with pytest.raises(InputError, match=r"ArviZ is not installed .*pip install yeastfit\[arviz\]"):
-        to_arviz(samples())
+        made_up().to_arviz()

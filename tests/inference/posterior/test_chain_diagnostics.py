@@ -5,8 +5,8 @@ import pytest
 from emcee.autocorr import integrated_time
 
 from yeastfit import InputError
-from yeastfit.inference.posterior.diagnostics import (
-    Diagnostics,
+from yeastfit.inference.posterior.chain_diagnostics import (
+    ChainDiagnostics,
     autocorrelation_time,
     diagnose,
     rank_statistics,
@@ -25,7 +25,7 @@ def autoregressive(coefficient: float, chains: int = 8, draws: int = 20000, seed
     return values
 
 
-def diagnosed(values: np.ndarray, acceptance: float = 0.4) -> Diagnostics:
+def diagnosed(values: np.ndarray, acceptance: float = 0.4) -> ChainDiagnostics:
     return diagnose(values, free=("a", "b"), acceptance=np.full(len(values), acceptance))
 
 
@@ -56,6 +56,7 @@ def test_short_chains_are_not_worth_more_than_they_are() -> None:
 def test_good_chains_are_said_to_be_good() -> None:
     found = diagnosed(autoregressive(0.8, draws=4000))
     assert found.sentences() == []
+    assert found.converged
     np.testing.assert_allclose(found.effective_size, 8 * 4000 / 9, rtol=0.15)
     np.testing.assert_allclose(found.lengths, 4000 / 9, rtol=0.15)
     assert (found.r_hat < 1.01).all()
@@ -136,7 +137,8 @@ def test_short_and_stuck_chains_in_words() -> None:
     assert "8 of 8 chains accept 1.0 to 1.0 % of proposals, 5 to 95 % are usual" in said
     still = diagnosed(np.ones((2, 50, 2)), acceptance=0.0)
     assert np.isinf(still.times).all()
-    assert (still.effective_size == 0).all()
+    assert (still.effective_size == 1).all()
+    assert not still.converged
     assert "it does not move" in still.sentences()[0]
 
 

@@ -2,35 +2,28 @@
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from known_posteriors import Drawing
+from made_posteriors import flat_prior, made_posterior
 
 from yeastfit.errors import InputError
-from yeastfit.inference.posterior.predictive_check import Predictive, Replicates, predict
-from yeastfit.inference.posterior.samples import Samples
-from yeastfit.inference.simulator import Mismeasured, root_of
+from yeastfit.inference.posterior.predictive_check import Predictive
+from yeastfit.inference.simulator import Mismeasured, Replicates, Simulator, root_of
 
 NORMAL = Drawing(("mean",), ("a", "b"), lambda value, rng: value + rng.standard_normal(2))
 
 
-def samples_at(values: np.ndarray) -> Samples:
-    """One chain of these draws of the mean."""
-    count = len(values)
-    return Samples(
-        free=("mean",),
-        values=values[None, :, None],
-        weights=np.full((1, count), 1 / count),
-        log_probability=np.zeros((1, count)),
-        acceptance=np.ones(1),
-        labels=("a", "b"),
-        statistics=np.zeros((1, count, 2)),
-        simulations=0,
-        seconds=0.0,
-        seed=0,
-        method="none",
+def predict(values: np.ndarray, simulator: Simulator, observed: np.ndarray, **more: Any) -> Predictive:
+    """A check of the posterior with one chain of these draws of the mean."""
+    data = {name: more.pop(name) for name in ("replicates", "noise") if name in more}
+    labels = ("a", "b")
+    posterior = made_posterior(
+        values[None, :, None], prior=flat_prior("mean"), labels=labels, observed=observed, **data
     )
+    return posterior.predict(simulator, **more)
 
 
 def test_a_mean_over_replicates_scatters_less() -> None:
@@ -49,7 +42,7 @@ def test_one_failure_fails_the_mean() -> None:
 
 
 def test_bands_are_those_of_the_normal_distribution(tmp_path: Path) -> None:
-    posterior = samples_at(np.random.default_rng(1).normal(size=4000))
+    posterior = np.random.default_rng(1).normal(size=4000)
     found = predict(posterior, NORMAL, np.array([0.5, -0.5]), replicates=4, draws=2000, seed=3)
     sd = np.sqrt(1 + 1 / 4)
     np.testing.assert_allclose(found.band(0.9), [[-1.645 * sd, 1.645 * sd]] * 2, atol=0.15)
@@ -64,7 +57,7 @@ def test_bands_are_those_of_the_normal_distribution(tmp_path: Path) -> None:
 
 def test_errors_of_measurement_are_not_averaged_out() -> None:
     noise = np.array([[4.0, 3.0], [3.0, 4.0]])
-    found = predict(samples_at(np.zeros(100)), NORMAL, np.zeros(2), replicates=4, noise=noise, draws=4000, seed=1)
+    found = predict(np.zeros(100), NORMAL, np.zeros(2), replicates=4, noise=noise, draws=4000, seed=1)
     np.testing.assert_allclose(np.cov(found.statistics.T), noise + np.eye(2) / 4, rtol=0.1)
     simulator = Mismeasured(NORMAL, root_of(np.array([[4.0, 2.0], [2.0, 1.0]])))
     values, seeds = np.zeros((50, 1)), np.arange(50)
@@ -74,14 +67,14 @@ def test_errors_of_measurement_are_not_averaged_out() -> None:
 
 
 def test_data_that_the_model_does_not_make_are_told_of() -> None:
-    found = predict(samples_at(np.zeros(100)), NORMAL, np.array([0.0, 6.0]), draws=200)
+    found = predict(np.zeros(100), NORMAL, np.array([0.0, 6.0]), draws=200)
     assert found.p_value == 1 / 201
     (said,) = found.sentences()
     assert "mostly by b" in said
 
 
 def test_p_values_of_data_like_the_predicted_are_uniform() -> None:
-    posterior, rng = samples_at(np.zeros(100)), np.random.default_rng(5)
+    posterior, rng = np.zeros(100), np.random.default_rng(5)
     shares = [predict(posterior, NORMAL, rng.normal(size=2), draws=100, seed=k).p_value for k in range(200)]
     assert np.mean(shares) == pytest.approx(0.5, abs=0.08)
     assert np.mean(np.array(shares) < 0.2) == pytest.approx(0.2, abs=0.1)
@@ -100,6 +93,6 @@ def test_few_draws_do_not_accuse_a_model_that_is_right() -> None:
 
 def test_too_few_draws_are_refused() -> None:
     with pytest.raises(InputError, match="at least 10"):
-        predict(samples_at(np.zeros(100)), NORMAL, np.zeros(2), draws=9)
+        predict(np.zeros(100), NORMAL, np.zeros(2), draws=9)
     with pytest.raises(InputError, match="simulator is of"):
-        predict(samples_at(np.zeros(100)), NORMAL, np.zeros(3))
+        predict(np.zeros(100), Drawing(("mean",), ("a",), NORMAL.draw), np.zeros(2))

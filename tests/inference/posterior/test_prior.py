@@ -6,18 +6,19 @@ import numpy as np
 import pytest
 from helpers import wrong_types
 from scipy import stats
+from simulators import parameters_named
 
 from yeastfit import PARAMETERS, InputError
-from yeastfit.inference.posterior.distributions import LAWS, Law
-from yeastfit.inference.posterior.prior import Prior, default_prior, template
-from yeastfit.model.parameters import NAMES
+from yeastfit.inference.posterior.distributions import FAMILIES, Distribution
+from yeastfit.inference.posterior.prior import Prior, template
+from yeastfit.parameter_set import Parameter, ParameterSet
 
 TABLES = {
-    "u": {"law": "uniform", "low": -1.0, "high": 3.0},
-    "lu": {"law": "log-uniform", "low": 0.02, "high": 20.0},
-    "n": {"law": "normal", "mean": 1.0, "sd": 0.5, "low": 0.8},
-    "ln": {"law": "log-normal", "median": 2.0, "sd": 0.7, "high": 5.0},
-    "b": {"law": "beta", "a": 2.0, "b": 3.0, "low": 0.2, "high": 0.9},
+    "u": {"distribution": "uniform", "low": -1.0, "high": 3.0},
+    "lu": {"distribution": "log-uniform", "low": 0.02, "high": 20.0},
+    "n": {"distribution": "normal", "mean": 1.0, "sd": 0.5, "low": 0.8},
+    "ln": {"distribution": "log-normal", "median": 2.0, "sd": 0.7, "high": 5.0},
+    "b": {"distribution": "beta", "a": 2.0, "b": 3.0, "low": 0.2, "high": 0.9},
 }
 PRIOR = Prior.of(TABLES)
 
@@ -34,7 +35,7 @@ def test_densities_integrate_to_the_cumulative_share_that_quantiles_invert(name:
     assert share == pytest.approx(0.75, abs=1e-6)
 
 
-def test_laws_are_those_of_the_textbooks() -> None:
+def test_distributions_are_those_of_the_textbooks() -> None:
     values = np.array([[2.5, 3.0, 1.2, 1.7, 0.4]])
     plain = [
         stats.uniform(-1, 4).logpdf(2.5),
@@ -69,14 +70,14 @@ def test_coordinates_are_logarithms_where_the_law_is_one_of_logarithms() -> None
 
 def test_samples_are_of_the_law() -> None:
     drawn = PRIOR.sample(4000, np.random.default_rng(1))
-    for k, law in enumerate(PRIOR.laws.values()):
+    for k, law in enumerate(PRIOR.distributions.values()):
         x = PRIOR.coordinates(drawn)[:, k]
         assert stats.kstest(x, law.density.cdf).pvalue > 0.001
     np.testing.assert_array_equal(drawn, PRIOR.sample(4000, np.random.default_rng(1)))
 
 
 def test_ends_of_the_unit_cube_stay_in_the_support() -> None:
-    prior = default_prior(NAMES)
+    prior = Prior.default(PARAMETERS)
     ends = prior.quantile(np.array([[0.0] * 7, [1.0] * 7]))
     np.testing.assert_allclose(ends.T, prior.support, rtol=1e-12)
     assert np.isfinite(prior.log_density(ends)).all()
@@ -89,44 +90,71 @@ def test_ends_of_the_unit_cube_stay_in_the_support() -> None:
 
 def test_the_template_is_the_default_prior(tmp_path: Path) -> None:
     path = tmp_path / "prior.toml"
-    path.write_text(template(("mobility", "aspect_ratio")), encoding="utf-8")
-    prior = Prior.read(path)
-    assert prior == default_prior(("mobility", "aspect_ratio"))
+    path.write_text(template(PARAMETERS.subset(("mobility", "aspect_ratio"))), encoding="utf-8")
+    prior = Prior.read(path, PARAMETERS.subset(("mobility", "aspect_ratio")))
+    assert prior == Prior.default(PARAMETERS.subset(("mobility", "aspect_ratio")))
     assert prior.free == ("mobility", "aspect_ratio")
     assert [tuple(row) for row in prior.support] == [PARAMETERS[name].plausible for name in prior.free]
-    assert all(law in template() for law in LAWS)
-    with pytest.raises(InputError, match="free parameter 'speed' is unknown, expected some of diffusivity"):
-        template(("mobility", "speed"))
-    assert PARAMETERS["mobility"].meaning in template()
-    path.write_text(template(("mobility", "repulsion_radius"), bounded="beta"), encoding="utf-8")
-    laws = {name: one.law for name, one in Prior.read(path).laws.items()}
-    assert laws == {"repulsion_radius": "beta", "mobility": "log-uniform"}
+    assert all(name in template(PARAMETERS) for name in FAMILIES)
+    assert PARAMETERS["mobility"].meaning in template(PARAMETERS)
+    two = PARAMETERS.subset(("mobility", "repulsion_radius"))
+    path.write_text(template(two, bounded="beta"), encoding="utf-8")
+    families = {name: one.family for name, one in Prior.read(path, two).distributions.items()}
+    assert families == {"repulsion_radius": "beta", "mobility": "log-uniform"}
+
+
+def test_parameters_whose_plausible_range_reaches_0_have_a_uniform_prior() -> None:
+    below = Parameter("shift", "s", "a shift", (-2.0, 3.0), 0.0, smallest=-10.0)
+    above = Parameter("rate", "r", "a rate", (0.1, 3.0), 1.0, largest=5.0)
+    prior = Prior.default(ParameterSet((below, above)))
+    assert prior.asdict() == {
+        "shift": {"distribution": "uniform", "low": -2.0, "high": 3.0},
+        "rate": {"distribution": "log-uniform", "low": 0.1, "high": 3.0},
+    }
+    assert "# s: a shift" in prior.toml(ParameterSet((below, above)))
+    assert "#" not in prior.toml()
 
 
 def test_every_law_comes_back_from_a_file(tmp_path: Path) -> None:
     path = tmp_path / "prior.toml"
     path.write_text(PRIOR.toml(), encoding="utf-8")
-    assert Prior.read(path, tuple(TABLES)) == PRIOR
+    assert Prior.read(path, parameters_named(tuple(TABLES))) == PRIOR
     assert Prior.of(PRIOR.asdict()) == PRIOR
-    assert Prior.read(path, ("ln", "b", "n", "lu", "u")).free == ("ln", "b", "n", "lu", "u")
+    other = ("ln", "b", "n", "lu", "u")
+    assert Prior.read(path, parameters_named(other)).free == other
 
 
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("[mobility]\nlaw = 'flat'", "prior of mobility: law is 'flat', expected one of uniform, log-uniform"),
-        ("[mobility]\nlaw = 'normal'\nmean = 1", "normal needs mean, sd, sd is missing"),
-        ("[mobility]\nlaw = 'uniform'\nlow = 0\nhigh = 1\nsd = 2", "uniform has no 'sd', its numbers are low, high"),
-        ("[mobility]\nlaw = 'uniform'\nlow = 'a'\nhigh = 1", "low is 'a', it must be a finite number"),
-        ("[mobility]\nlaw = 'uniform'\nlow = nan\nhigh = 1", "low is nan, it must be a finite number"),
-        ("[mobility]\nlaw = 'uniform'\nlow = true\nhigh = 2", "low is True, it must be a finite number"),
-        ("[mobility]\nlaw = 'uniform'\nlow = 2\nhigh = 1", "low is 2 and high 1, low must be below high"),
-        ("[mobility]\nlaw = 'log-uniform'\nlow = 0\nhigh = 1", "low is 0, log-uniform is a law of positive values"),
-        ("[mobility]\nlaw = 'log-normal'\nmedian = 1\nsd = -1", "sd is -1, it must be above 0"),
-        ("[mobility]\nlaw = 'normal'\nmean = 1\nsd = 1", "normal reaches from -inf to inf, admissible is 0 and above"),
-        ("[aspect_ratio]\nlaw = 'uniform'\nlow = 0.5\nhigh = 2", "uniform reaches from 0.5 to 2, admissible is 0..1"),
-        ("[speed]\nlaw = 'uniform'\nlow = 0\nhigh = 1", "unknown parameter 'speed', expected diffusivity"),
-        ("mobility = 3", "prior of mobility is 3, it must be a table with law"),
+        (
+            "[mobility]\ndistribution = 'flat'",
+            "prior of mobility: distribution is 'flat', expected one of uniform, log-uniform",
+        ),
+        ("[mobility]\ndistribution = 'normal'\nmean = 1", "normal needs mean, sd, sd is missing"),
+        (
+            "[mobility]\ndistribution = 'uniform'\nlow = 0\nhigh = 1\nsd = 2",
+            "uniform has no 'sd', its numbers are low, high",
+        ),
+        ("[mobility]\ndistribution = 'uniform'\nlow = 'a'\nhigh = 1", "low is 'a', it must be a finite number"),
+        ("[mobility]\ndistribution = 'uniform'\nlow = nan\nhigh = 1", "low is nan, it must be a finite number"),
+        ("[mobility]\ndistribution = 'uniform'\nlow = true\nhigh = 2", "low is True, it must be a finite number"),
+        ("[mobility]\ndistribution = 'uniform'\nlow = 2\nhigh = 1", "low is 2 and high 1, low must be below high"),
+        (
+            "[mobility]\ndistribution = 'log-uniform'\nlow = 0\nhigh = 1",
+            "low is 0, log-uniform is a distribution of positive values",
+        ),
+        ("[mobility]\ndistribution = 'log-normal'\nmedian = 1\nsd = -1", "sd is -1, it must be above 0"),
+        (
+            "[mobility]\ndistribution = 'normal'\nmean = 1\nsd = 1",
+            "normal reaches from -inf to inf, mobility must be finite and at least 0",
+        ),
+        (
+            "[aspect_ratio]\ndistribution = 'uniform'\nlow = 0.5\nhigh = 2",
+            "uniform reaches from 0.5 to 2, aspect_ratio must be in (0, 1]",
+        ),
+        ("[speed]\ndistribution = 'uniform'\nlow = 0\nhigh = 1", "unknown parameter 'speed', expected diffusivity"),
+        ("mobility = 3", "prior of mobility is 3, it must be a table with distribution"),
         ("[mobility", "no prior can be read"),
         ("", "the prior is empty"),
     ],
@@ -135,19 +163,19 @@ def test_what_is_wrong_with_a_file_is_said(tmp_path: Path, text: str, message: s
     path = tmp_path / "prior.toml"
     path.write_text(text, encoding="utf-8")
     with wrong_types(), pytest.raises(InputError, match=r"prior\.toml") as caught:
-        Prior.read(path)
+        Prior.read(path, PARAMETERS)
     assert message in str(caught.value)
 
 
 def test_files_must_be_there_and_hold_what_is_free(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="no prior can be read"):
-        Prior.read(tmp_path / "nowhere.toml")
+        Prior.read(tmp_path / "nowhere.toml", PARAMETERS)
     path = tmp_path / "prior.toml"
-    path.write_text(template(("mobility",)), encoding="utf-8")
+    path.write_text(template(PARAMETERS.subset(("mobility",))), encoding="utf-8")
     with pytest.raises(InputError, match=r"no prior of aspect_ratio"):
-        Prior.read(path, ("mobility", "aspect_ratio"))
+        Prior.read(path, PARAMETERS.subset(("mobility", "aspect_ratio")))
 
 
-def test_laws_compare_by_their_numbers() -> None:
-    assert Law("beta", {"a": 1, "b": 2}) == Law("beta", {"a": 1.0, "b": 2.0, "low": 0.0, "high": 1.0})
-    assert Law("beta", {"a": 1, "b": 2}) != Law("beta", {"a": 1, "b": 3})
+def test_distributions_compare_by_their_numbers() -> None:
+    assert Distribution("beta", {"a": 1, "b": 2}) == Distribution("beta", {"a": 1.0, "b": 2.0, "low": 0.0, "high": 1.0})
+    assert Distribution("beta", {"a": 1, "b": 2}) != Distribution("beta", {"a": 1, "b": 3})

@@ -1,33 +1,51 @@
-"""Samples: weighted moments and quantiles, what draws are worth, and their files."""
+"""Posteriors: weighted moments and quantiles, what draws are worth, how they ended, and their files."""
 
-from dataclasses import replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from made_posteriors import flat_prior, made_posterior
 from scipy import stats
+from simulators import observables_named, parameters_named
 
 from yeastfit import InputError
-from yeastfit.inference.posterior.samples import Samples
+from yeastfit.inference.posterior.diagnostics import Diagnostics
+from yeastfit.inference.posterior.problem import Problem
+from yeastfit.inference.posterior.result import Posterior
+from yeastfit.inference.posterior.status import Status
+from yeastfit.storage import as_json
 
 
-def made_up(values: np.ndarray, weights: np.ndarray | None = None) -> Samples:
-    shape = values.shape[:2]
-    return Samples(
-        free=("mobility", "aspect_ratio")[: values.shape[2]],
-        values=values,
-        weights=np.full(shape, 1.0 / values[..., 0].size) if weights is None else weights,
+@dataclass(frozen=True)
+class Part:
+    share: float
+    name: str
+
+
+@dataclass(frozen=True)
+class Reported(Diagnostics):
+    """One of each kind of field."""
+
+    parts: tuple[Part, ...]
+    matrix: np.ndarray
+    pair: tuple[float, int]
+    end: str | None
+
+    def sentences(self) -> list[str]:
+        return ["the method has a doubt"]
+
+
+def made_up(values: np.ndarray, weights: np.ndarray | None = None) -> Posterior:
+    return made_posterior(
+        values,
+        weights,
         log_probability=-0.5 * values[..., 0] ** 2,
-        acceptance=np.full(shape[0], 0.5),
-        labels=("area",),
-        statistics=np.full((*shape, 1), np.nan),
-        simulations=100,
-        seconds=1.5,
-        seed=3,
-        method="made up",
-        settings={"epsilon": 0.1, "observed": [1.0, float("inf")]},
-        warnings=["none"],
-        diagnostics={"list": [0.1, None]},
+        settings={"tolerance": 0.1, "observed": [1.0, float("inf")]},
+        warnings=("none",),
+        diagnostics=Reported((Part(0.1, "a"), Part(np.inf, "b")), np.eye(2), (0.5, 3), None),
+        noise=np.eye(1),
+        status=Status.TOO_FEW_DRAWS,
     )
 
 
@@ -43,19 +61,19 @@ def test_weighted_draws_have_the_moments_of_what_they_stand_for() -> None:
     """Uniform draws weighted by a Gaussian density."""
     grid = np.linspace(-8, 10, 40001)
     weights = stats.norm(1.0, 2 / 3).pdf(grid)
-    samples = made_up(grid[None, :, None], (weights / weights.sum())[None])
-    np.testing.assert_allclose([samples.mean[0], samples.sd[0]], [1.0, 2 / 3], rtol=1e-6)
+    posterior = made_up(grid[None, :, None], (weights / weights.sum())[None])
+    np.testing.assert_allclose([posterior.mean[0], posterior.sd[0]], [1.0, 2 / 3], rtol=1e-6)
     for level in (0.5, 0.9):
-        np.testing.assert_allclose(samples.interval(level)[0], stats.norm(1.0, 2 / 3).interval(level), atol=1e-4)
-    np.testing.assert_allclose(samples.quantile(0.5), 1.0, atol=1e-4)
-    assert samples.weighted
-    np.testing.assert_allclose(samples.effective_size, 1 / np.sum(samples.weights**2))
+        np.testing.assert_allclose(posterior.interval(level)[0], stats.norm(1.0, 2 / 3).interval(level), atol=1e-4)
+    np.testing.assert_allclose(posterior.quantile(0.5), 1.0, atol=1e-4)
+    assert posterior.weighted
+    np.testing.assert_allclose(posterior.effective_size, 1 / np.sum(posterior.weights**2))
 
 
 def test_chains_are_worth_their_length_over_tau() -> None:
-    samples = made_up(walk(0.8, 4, 4000))
-    assert not samples.weighted
-    assert samples.effective_size[0] == pytest.approx(16000 / 9, rel=0.15)
+    posterior = made_up(walk(0.8, 4, 4000))
+    assert not posterior.weighted
+    assert posterior.effective_size[0] == pytest.approx(16000 / 9, rel=0.15)
     assert made_up(walk(0.0, 4, 4000)).effective_size[0] == pytest.approx(16000, rel=0.1)
 
 
@@ -70,31 +88,70 @@ def test_chains_that_stand_still_are_worth_little() -> None:
 
 def test_draws_of_equal_weight() -> None:
     weights = np.array([[0.7, 0.0, 0.3]])
-    samples = made_up(np.array([[[1.0, 2.0], [3.0, 4.0], [5.0, 6.0]]]), weights)
-    drawn = samples.drawn(3000, np.random.default_rng(0))
+    posterior = made_up(np.array([[[1.0, 2.0], [3.0, 4.0], [5.0, 6.0]]]), weights)
+    drawn = posterior.drawn(3000, np.random.default_rng(0))
     assert set(map(tuple, drawn.tolist())) == {(1.0, 2.0), (5.0, 6.0)}
     assert np.mean(drawn[:, 0] == 1.0) == pytest.approx(0.7, abs=0.04)
 
 
 def test_files_keep_every_bit(tmp_path: Path) -> None:
-    samples = made_up(walk(0.5, 2, 50))
-    path = tmp_path / "deeper" / "samples.npz"
-    samples.save(path)
-    found = Samples.load(path)
-    for name in Samples.__dataclass_fields__:
-        np.testing.assert_equal(getattr(found, name), getattr(samples, name))
-    assert replace(found, warnings=[]).warned("one", "two").warnings == ["one", "two"]
+    posterior = made_up(walk(0.5, 2, 50))
+    path = tmp_path / "deeper" / "posterior.npz"
+    posterior.save(path)
+    found = Posterior.load(path)
+    for name in [one.name for one in fields(Posterior) if one.name != "diagnostics"]:
+        np.testing.assert_equal(getattr(found, name), getattr(posterior, name))
+    assert isinstance(found.diagnostics, Reported)
+    assert as_json(found.diagnostics.asdict()) == as_json(posterior.diagnostics.asdict())
+    assert found.diagnostics.parts == (Part(0.1, "a"), Part(np.inf, "b"))
+    assert found.diagnostics.pair == (0.5, 3)
+    assert found.sentences() == posterior.sentences()
+    assert found.sentences()[0] == "none"
+    assert found.sentences()[-1] == "the method has a doubt"
+    assert replace(found, warnings=()).warned("one", "two").warnings == ("one", "two")
+
+
+def test_diagnostics_that_no_imported_file_defines_are_refused() -> None:
+    with pytest.raises(InputError, match="diagnostics are of kind 'Elsewhere', which no imported file defines"):
+        Diagnostics.restored({"kind": "Elsewhere"})
+    assert Diagnostics.restored(Diagnostics().asdict()) == Diagnostics()
 
 
 def test_files_of_something_else_are_refused(tmp_path: Path) -> None:
-    path = tmp_path / "samples.npz"
+    path = tmp_path / "posterior.npz"
     made_up(walk(0.5, 2, 50)).save(path)
     path.write_bytes(path.read_bytes()[:-100])
     (tmp_path / "text.npz").write_text("mobility")
     np.savez(tmp_path / "other.npz", x=np.zeros(3))
-    for name in ("samples.npz", "text.npz", "other.npz", "nowhere.npz"):
-        with pytest.raises(InputError, match=f"{name}: these are no samples that were saved whole"):
-            Samples.load(tmp_path / name)
+    for name in ("posterior.npz", "text.npz", "other.npz", "nowhere.npz"):
+        with pytest.raises(InputError, match=f"{name}: this is no posterior that was saved whole"):
+            Posterior.load(tmp_path / name)
+
+
+class Nothing:
+    """A simulator of one parameter and one statistic."""
+
+    parameters, observables = parameters_named(("mobility",)), observables_named(("area",))
+
+    def __call__(self, values: np.ndarray, seeds: np.ndarray) -> np.ndarray:
+        return values
+
+
+def test_what_is_left_out_is_filled_in_and_the_status_is_what_chains_say() -> None:
+    problem = Problem(Nothing(), flat_prior("mobility"), np.array([1.0]), replicates=3)
+    long, short = (Posterior.of(problem, walk(0.5, 4, count), simulations=7) for count in (2000, 20))
+    assert (long.status, short.status) == (Status.SETTLED, Status.CHAINS_TOO_SHORT)
+    assert (long.settled, short.settled) == (True, False)
+    assert str(short.status).startswith("not settled: chains are too short")
+    assert (long.free, long.labels, long.replicates, long.simulations) == (("mobility",), ("area",), 3, 7)
+    np.testing.assert_allclose(long.weights, 1 / 8000)
+    assert np.isnan(long.statistics).all()
+    assert np.isnan(long.acceptance).all()
+    weights = np.linspace(1, 2, 50)[None] / 75
+    assert Posterior.of(problem, walk(0.5, 1, 50), weights=weights, simulations=7).settled
+    assert Posterior.of(problem, walk(0.5, 1, 2), simulations=7).status is Status.CHAINS_TOO_SHORT
+    chosen = Posterior.of(problem, walk(0.5, 4, 2000), simulations=7, status=Status.STILL_MOVING)
+    assert chosen.status is Status.STILL_MOVING
 
 
 def test_what_makes_no_sense_is_refused() -> None:

@@ -14,7 +14,9 @@ import pytest
 from simulators import observables_named, parameters_named
 
 from yeastfit import InputError
-from yeastfit.inference.posterior.simulation_store import ROOM, Recorded, Store
+from yeastfit.inference.posterior.cached_simulator import CachedSimulator
+from yeastfit.inference.posterior.simulation_store import Store
+from yeastfit.inference.posterior.simulations import ROOM, Simulations
 from yeastfit.inference.simulator import Simulator, Stream, seed_of, stream_of
 
 FREE, LABELS = ("mobility", "aspect_ratio"), ("area", "compactness", "radius")
@@ -243,6 +245,17 @@ def test_a_closed_store_says_so(tmp_path: Path) -> None:
         store.append(*rows(1))
 
 
+def test_simulations_of_another_run_are_found_and_remembered() -> None:
+    store = Simulations(FREE, LABELS)
+    store.append(*rows(3))
+    assert len(store.reused[0]) == 0
+    store.reuse(*rows(10))
+    assert_same(store.all(), rows(10))
+    np.testing.assert_array_equal(store.reused[0], rows(10)[0])
+    known, _ = store.find(*rows(10)[:2])
+    assert known.all()
+
+
 # --- batches ----------------------------------------------------------------------------------------------------------
 
 
@@ -251,7 +264,7 @@ def test_batches_have_one_size_and_nothing_is_simulated_twice(tmp_path: Path) ->
     assert isinstance(simulator, Simulator)
     values, seeds, _ = rows(10)
     with Store(tmp_path / "simulations.h5", FREE, LABELS) as store:
-        recorded = Recorded(simulator, 4, store)
+        recorded = CachedSimulator(simulator, 4, store)
         found = recorded(values, seeds)
         assert simulator.sizes == [4, 4, 4]
         np.testing.assert_array_equal(found, simulator(values, seeds))
@@ -260,9 +273,11 @@ def test_batches_have_one_size_and_nothing_is_simulated_twice(tmp_path: Path) ->
         recorded(*rows(6, first=8)[:2])
         assert simulator.sizes == [4]
         assert (recorded.asked, recorded.fresh, len(store)) == (18, 14, 14)
-    alone = Recorded(Doubling(), 3)
+    alone = CachedSimulator(Doubling(), 3)
     np.testing.assert_array_equal(alone(values, seeds), found)
-    assert (alone.asked, alone.notes) == (10, [])
+    assert (alone.asked, alone.store.notes) == (10, [])
+    np.testing.assert_array_equal(alone(values, seeds), found)
+    assert (alone.asked, alone.fresh) == (20, 10)
     assert alone(values[:0], seeds[:0]).shape == (0, 3)
 
 
@@ -272,8 +287,8 @@ def test_what_a_simulator_gives_is_checked(tmp_path: Path) -> None:
             return super().__call__(values, seeds)[:, :2]
 
     with pytest.raises(InputError, match=r"simulator gave shape \(4, 2\), expected \(4, 3\)"):
-        Recorded(Short(), 4)(*rows(4)[:2])
+        CachedSimulator(Short(), 4)(*rows(4)[:2])
     with pytest.raises(InputError, match="batch is 0, it must be at least 1"):
-        Recorded(Doubling(), 0)
+        CachedSimulator(Doubling(), 0)
     with Store(tmp_path / "simulations.h5", FREE[:1], LABELS) as store, pytest.raises(InputError, match="store holds"):
-        Recorded(Doubling(), 4, store)
+        CachedSimulator(Doubling(), 4, store)

@@ -4,15 +4,14 @@
     Mahalanobis:      d = √((s − o)ᵀ C⁻¹ (s − o)),   C a covariance of the simulator's statistics
     weighted curves:  d = √(1/K Σ_k ((s_k − o_k) / scale_k)²)
 
-o observed, s simulated. Where a simulation came to nothing, d = ∞. Li et al. let no simulation pass whose area was more
-than 5 % off the observed one, and compared it by the others. Kernels K_ε(d), of which only ratios matter:
+o observed, s simulated. Where a simulation came to nothing, d = ∞. Li et al. accept no simulation whose area is more
+than 5 % off the observed one, and compare by the other statistics. Kernels K_ε(d), of which only ratios matter:
 
     indicator:  1 where d ≤ ε, else 0            Gaussian:  exp(−d² / 2ε²)
 """
 
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass
-from typing import Any, Literal, Protocol, runtime_checkable
+from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from jaxtyping import Float
@@ -29,26 +28,13 @@ Statistics = Float[np.ndarray, "draw statistic"]
 Vector = Float[np.ndarray, " statistic"]
 
 
-@runtime_checkable
-class Distance(Protocol):
-    """From data that it holds to any number of simulated ones."""
-
-    @property
-    def observed(self) -> Vector:
-        """Observed statistics."""
-
-    def __call__(self, simulated: Statistics) -> Float[np.ndarray, " draw"]:
-        """Inf where a row holds nan."""
-
-    def asdict(self) -> dict[str, Any]:
-        """Plain data that tell one distance from another."""
-
-
 @dataclass(frozen=True)
 class LiDistance:
-    """Differences relative to 1 + observed; the statistics are those of shapes, at least 0.
+    """Differences relative to 1 + observed, for statistics of shapes, which are at least 0.
 
-    area: number of the statistic, if any, that must be near instead of entering d.
+    Attributes:
+        observed: Statistics.
+        area: Number of the statistic, if any, that must lie within 5 % of the observed one instead of entering d.
     """
 
     observed: Vector
@@ -63,22 +49,18 @@ class LiDistance:
             raise InputError(f"observed holds {self.observed.min():g}, this distance is one of statistics above −1")
 
     def __call__(self, simulated: Statistics) -> Float[np.ndarray, " draw"]:
-        """d, see above."""
+        """d of Li et al."""
         if self.area is None:
             return _root_of_squares(simulated, self.observed, 1 + self.observed) / len(self.observed)
         rest, area = np.delete(self.observed, self.area), self.observed[self.area]
-        found = LiDistance(rest)(np.delete(simulated, self.area, axis=1))
+        others = LiDistance(rest)(np.delete(simulated, self.area, axis=1))
         near = np.abs(simulated[:, self.area] - area) <= NEAR_AREA * area
-        return np.where(near, found, np.inf)
-
-    def asdict(self) -> dict[str, Any]:
-        """Plain data."""
-        return {"distance": "Li", "observed": self.observed.tolist(), "area": self.area}
+        return np.where(near, others, np.inf)
 
 
 @dataclass(frozen=True)
 class WeightedCurves:
-    """Root mean squared difference in units of a scale, such as a standard deviation, of each statistic."""
+    """Root mean squared difference, each statistic in units of its scale, such as a standard deviation."""
 
     observed: Vector
     scale: Vector
@@ -90,17 +72,13 @@ class WeightedCurves:
             raise InputError(f"scale is {self.scale}, it needs {len(self.observed)} values above 0, as observed has")
 
     def __call__(self, simulated: Statistics) -> Float[np.ndarray, " draw"]:
-        """d, see above."""
+        """d of weighted curves."""
         return _root_of_squares(simulated, self.observed, self.scale) / np.sqrt(len(self.observed))
-
-    def asdict(self) -> dict[str, Any]:
-        """Plain data."""
-        return {"distance": "weighted curves", **_lists(self)}
 
 
 @dataclass(frozen=True)
 class Mahalanobis:
-    """Differences in standard deviations of their combinations, which C tells."""
+    """Differences in standard deviations of uncorrelated combinations of the statistics."""
 
     observed: Vector
     covariance: Float[np.ndarray, "statistic statistic"]
@@ -119,7 +97,7 @@ class Mahalanobis:
 
     @staticmethod
     def of(observed: Vector, simulated: Statistics) -> "Mahalanobis":
-        """With the covariance of simulated statistics, without those that came to nothing."""
+        """With the covariance of simulated statistics, leaving out simulations that came to nothing."""
         whole = simulated[np.isfinite(simulated).all(axis=1)]
         if len(whole) <= len(observed):
             raise InputError(
@@ -129,36 +107,27 @@ class Mahalanobis:
         return Mahalanobis(observed, np.atleast_2d(np.cov(whole, rowvar=False)))
 
     def __call__(self, simulated: Statistics) -> Float[np.ndarray, " draw"]:
-        """d, see above."""
+        """d of Mahalanobis."""
         scale = np.sqrt(np.diag(self.covariance))
         root = np.linalg.cholesky(self.covariance / np.outer(scale, scale))
-        apart, whole = _differences(simulated, self.observed, scale)
-        white = solve_triangular(root, apart.T, lower=True).T
+        differences, whole = _differences(simulated, self.observed, scale)
+        white = solve_triangular(root, differences.T, lower=True).T
         return np.where(whole, np.linalg.norm(white, axis=1), np.inf)
-
-    def asdict(self) -> dict[str, Any]:
-        """Plain data."""
-        return {"distance": "Mahalanobis", **_lists(self)}
-
-
-def restored(plain: Mapping[str, Any]) -> Distance:
-    """The distance that `asdict` tells of."""
-    arrays = {name: np.array(one, dtype=float) for name, one in plain.items() if isinstance(one, list)}
-    if plain["distance"] == "Li":
-        return LiDistance(**arrays, area=plain["area"])
-    return WeightedCurves(**arrays) if plain["distance"] == "weighted curves" else Mahalanobis(**arrays)
 
 
 def log_kernel(kernel: KernelName, distance: Float[np.ndarray, " draw"], epsilon: float) -> Float[np.ndarray, " draw"]:
-    """log K_ε(d); −inf where the weight is 0. An infinite ε lets pass whatever is finite."""
+    """log K_ε(d); −inf where the weight is 0. An infinite ε accepts every finite distance."""
     if kernel == "indicator":
         return np.where((distance <= epsilon) & np.isfinite(distance), 0.0, -np.inf)
     return -0.5 * (distance / epsilon) ** 2 if np.isfinite(epsilon) else np.where(np.isfinite(distance), 0.0, -np.inf)
 
 
+Distance = LiDistance | WeightedCurves | Mahalanobis
+
+
 def _root_of_squares(simulated: Statistics, observed: Vector, scale: Vector) -> Float[np.ndarray, " draw"]:
-    apart, whole = _differences(simulated, observed, scale)
-    return np.where(whole, np.linalg.norm(apart, axis=1), np.inf)
+    differences, whole = _differences(simulated, observed, scale)
+    return np.where(whole, np.linalg.norm(differences, axis=1), np.inf)
 
 
 def _differences(simulated: Statistics, observed: Vector, scale: Vector) -> tuple[Statistics, np.ndarray]:
@@ -167,10 +136,6 @@ def _differences(simulated: Statistics, observed: Vector, scale: Vector) -> tupl
         raise InputError(f"simulated has {simulated.shape[1]} statistics, observed has {len(observed)}")
     whole = np.isfinite(simulated).all(axis=1)
     return np.where(whole[:, None], simulated - observed, 0.0) / scale, whole
-
-
-def _lists(distance: "WeightedCurves | Mahalanobis") -> dict[str, list[Any]]:
-    return {name: values.tolist() for name, values in asdict(distance).items()}
 
 
 def _check_finite(name: str, values: np.ndarray) -> None:

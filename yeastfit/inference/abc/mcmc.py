@@ -1,222 +1,282 @@
 """ABC-MCMC: chains whose likelihood is a simulation close to the data.
 
-Marjoram et al. 2003, doi:10.1073/pnas.0306899100.
-The target is the joint density of λ and one simulated data set s given λ,
+Marjoram et al. 2003, doi:10.1073/pnas.0306899100. The target is the joint density of λ and one simulated data set s,
 
     π(λ) p(s | λ) K_ε(d(s, o)),
 
 o observed, d a distance, K_ε a kernel (`distances`). A chain at (λ, s) proposes λ* ~ q(λ* | λ), simulates
-s* ~ p(· | λ*), one simulation a proposal, and accepts with probability
+s* ~ p(· | λ*), one data set per proposal, and accepts with probability
 
     min(1, π(λ*) K_ε(d*) q(λ | λ*) / (π(λ) K_ε(d) q(λ* | λ))).
 
-K_ε(d) of the current point is the stored one, never simulated again: with that the λ of the chain have exactly the
-density π(λ) E[K_ε(d) | λ] (pseudo-marginal: Andrieu & Roberts 2009, doi:10.1214/07-AOS574). With the indicator kernel
-and a Gaussian q of covariance Σ/3 this is the method of Li et al. 2024.
+K_ε(d) of the current point is never simulated again: the λ of the chain then have exactly the density
+π(λ) E[K_ε(d) | λ] (pseudo-marginal: Andrieu & Roberts 2009, doi:10.1214/07-AOS574). With the indicator kernel and a
+Gaussian q of covariance Σ/3 this is the method of Li et al. 2024.
 
 **Pilot.** Simulations of λ from the prior give what is not given: ε, a quantile of their distances; Σ, the covariance
-of the nearest; and where the chains start, drawn from them with weights K_ε. With the indicator kernel that is a draw
+of the nearest; and the starting points, drawn from them with weights K_ε. With the indicator kernel these are draws
 from the target, so that no burn-in is needed.
 
-**Chains** are emcee's walkers, in the coordinates of the prior (log λ where its law is one of log λ). With the Gaussian
-proposal they are independent; emcee's own `GaussianMove` is not used because with a full covariance it moves all
-walkers by one and the same vector. "stretch" and "de" are emcee's moves of ensembles, whose chains are not independent.
-λ* outside the prior are not simulated.
+**Chains** are emcee's walkers, in the coordinates of the prior (log λ where its distribution is one of log λ). With the
+Gaussian proposal they are independent. "stretch" and "de" are emcee's ensemble moves, whose chains are not. λ* outside
+the prior are not simulated. Every step has random numbers of its own, so that a run that is repeated with the same
+store repeats its chains bit by bit.
 """
 
-import time as clock
-from dataclasses import asdict, dataclass
-from pathlib import Path
-from typing import Any
+from dataclasses import dataclass
+from typing import Annotated, Any
 
 import emcee
 import numpy as np
+from emcee.backends import Backend
 from jaxtyping import Bool, Float
 
 from yeastfit.errors import InputError
-from yeastfit.inference.abc.chain_file import ChainFile
-from yeastfit.inference.abc.distances import Distance, log_kernel
-from yeastfit.inference.abc.mcmc_settings import McmcSettings, move_of
-from yeastfit.inference.abc.pilot import Pilot, check_problem, pilot_of
-from yeastfit.inference.posterior.prior import Prior
-from yeastfit.inference.posterior.samples import Samples
-from yeastfit.inference.posterior.simulation_store import Recorded, Store
-from yeastfit.inference.simulator import Simulator, Stream, labels_of, seed_of, stream_of
-from yeastfit.progress import Progress, silent
+from yeastfit.inference.abc.distances import KERNELS, Distance, KernelName, log_kernel
+from yeastfit.inference.abc.pilot import DISTANCES, DistanceName, Pilot, distance_of, pilot_of
+from yeastfit.inference.abc.proposals import MOVES, Move, move_of
+from yeastfit.inference.posterior.cached_simulator import CachedSimulator
+from yeastfit.inference.posterior.diagnostics import Diagnostics
+from yeastfit.inference.posterior.problem import Problem
+from yeastfit.inference.posterior.result import Posterior
+from yeastfit.inference.posterior.settings import Setting, check_at_least, check_choice
+from yeastfit.inference.posterior.simulations import Simulations
+from yeastfit.inference.simulator import Simulator, Stream, seed_of, stream_of
+from yeastfit.progress import Progress
 
+PILOT_QUANTILE = 0.02
 STANDSTILL = 0.25  # of a run, and `STILL` steps: a chain that does not move for longer is warned of
 STILL = 50
-LARGER = "a larger tolerance epsilon would let it move"  # what to do about it
+REMEDY = "a larger tolerance would let it move"
 
 
-def abc_mcmc(
-    simulator: Simulator,
-    prior: Prior,
-    distance: Distance,
-    settings: McmcSettings | None = None,
-    *,
-    seed: int = 0,
-    path: str | Path | None = None,
-    store: Store | None = None,
-    progress: Progress | None = None,
-) -> Samples:
-    """Chains of λ with the density above.
+@dataclass(frozen=True)
+class McmcDiagnostics(Diagnostics):
+    """What a run of ABC-MCMC reports.
 
-    path: file of the chains, emcee's HDF5; where it exists, they are taken up and go on to the same bits as if nothing
-    had happened. store: of simulations. `log_probability` of the result is log π + log K_ε, π the density in the
-    prior's coordinates. Raises `InputError`, also where no simulation of the pilot lies within ε.
+    Attributes:
+        tolerance: ε.
+        distance: From the data.
+        proposal_covariance: Σ/3 of the Gaussian proposal.
     """
-    began = clock.perf_counter()
-    settings = settings or McmcSettings()
-    check_problem(simulator, prior, distance)
-    settings.check_walkers(len(prior.free))
-    say = progress or silent
-    recorded = Recorded(simulator, settings.rows, store)
-    backend: emcee.backends.Backend | ChainFile = emcee.backends.Backend()
-    done, notes = 0, list[str]()
-    if path is not None:
-        head = {"prior": prior.asdict(), "labels": labels_of(simulator), "seed": seed, "about": recorded.about}
-        head |= {f"distance's {name}": one for name, one in distance.asdict().items()}
-        backend = ChainFile(path, {**head, **settings.fixed}, lambda: recorded.asked)
-        done, notes = backend.take_up(), backend.notes
-    say("pilot", 0.0)
-    pilot = pilot_of(recorded, prior, distance, settings.pilot, seed)
-    epsilon = settings.epsilon if settings.epsilon is not None else pilot.quantile(settings.share)
-    covariance = _covariance(settings, pilot, epsilon)
-    target = _Target(recorded, prior, distance, settings, epsilon, seed)
-    first = target.start(pilot)
-    if not done:
-        backend.reset(*first.coords.shape)
-    sampler = emcee.EnsembleSampler(
-        *first.coords.shape,
-        target,
-        moves=move_of(settings.move, covariance),
-        backend=backend,
-        vectorize=True,
-        blobs_dtype=float,
+
+    caption = "Draws are simulations within the tolerance; the distance is measured from the data."
+
+    tolerance: float
+    distance: Distance
+    proposal_covariance: Float[np.ndarray, "free free"]
+
+    def facts(self) -> list[tuple[str, str]]:
+        """Tolerance and distance."""
+        return [("tolerance", f"{self.tolerance:.4g}"), ("distance", type(self.distance).__name__)]
+
+
+@dataclass(frozen=True)
+class AbcMcmc:
+    """ABC-MCMC (module `abc.mcmc`): chains that accept simulations within a tolerance of the data.
+
+    Attributes:
+        steps: Of each chain in all; a run that is resumed with more goes on.
+        walkers: Chains.
+        distance: From the data, a name or an object.
+        tolerance: ε; by default the quantile `pilot_quantile` of the pilot's distances.
+        pilot_quantile: 0.02 by default.
+        pilot: Simulations from the prior before the chains.
+        kernel: Weight of a distance.
+        move: Proposal.
+        replicates: Replicates that a simulated data set is the mean of.
+        covariance: Σ of the Gaussian proposal in the prior's coordinates; by default the pilot's.
+        discard: Steps at the beginning that are left out.
+        batch: Rows of every call of the simulator; by default all that one step asks for.
+    """
+
+    steps: Annotated[int, Setting("Steps of each chain in all, those of a resumed run included.", extends=True)] = 1000
+    walkers: Annotated[int, Setting("Number of chains.")] = 32
+    distance: Annotated[DistanceName | Distance, Setting("How simulated data are compared with the data.")] = (
+        "mahalanobis"
     )
-    sampler.log_prob_fn = target  # emcee's wrapper around it would print what a simulator raises
-    if isinstance(backend, ChainFile) and done:
-        recorded.asked = backend.simulations(min(done, settings.steps))
-    if done < settings.steps:
-        _walk(sampler, target, backend.get_last_sample() if done else first, done, say)
-    moved, drawn = _drawn(backend, first, prior, settings)
-    return Samples(
-        free=prior.free,
-        labels=labels_of(simulator),
-        **drawn,
-        simulations=recorded.asked,
-        seconds=clock.perf_counter() - began,
-        seed=seed,
-        method="ABC-MCMC",
-        settings={**asdict(settings), "prior": prior.asdict(), **distance.asdict()},  # its covariance, not Σ
-        warnings=[*recorded.notes, *notes, *pilot.warnings, *_standstills(moved)],
-        diagnostics={"epsilon": float(epsilon), "proposal_covariance": (covariance / 3).tolist()},
+    tolerance: Annotated[float | None, Setting("Largest distance that is accepted.")] = None
+    pilot_quantile: Annotated[
+        float | None, Setting("Or: the tolerance as this quantile of the pilot's distances; 0.02.")
+    ] = None
+    pilot: Annotated[int, Setting("Simulations from the prior before sampling starts.")] = 500
+    kernel: Annotated[KernelName, Setting("Weight of a distance: all within the tolerance alike, or Gaussian.")] = (
+        "indicator"
     )
+    move: Annotated[Move, Setting("How chains propose: Gaussian steps, or emcee's stretch and de moves.")] = "gaussian"
+    replicates: Annotated[
+        int,
+        Setting("Simulations whose mean is compared with the data; more narrow the posterior.", aliases=("colonies",)),
+    ] = 1
+    covariance: tuple[tuple[float, ...], ...] | None = None
+    discard: Annotated[int, Setting("Steps at the beginning of each chain that are left out.")] = 0
+    batch: Annotated[int | None, Setting("Simulations that run together; all of a step by default.")] = None
+
+    def __post_init__(self) -> None:
+        check_at_least(self, steps=1, walkers=1, pilot=2, discard=0, batch=1, replicates=1)
+        if self.discard >= self.steps:
+            raise InputError(f"discard is {self.discard}, it must be below the number of steps, {self.steps}")
+        if self.tolerance is not None and self.pilot_quantile is not None:
+            raise InputError("tolerance and pilot_quantile are given, need one of the two")
+        if self.tolerance is not None and not self.tolerance > 0:
+            raise InputError(f"tolerance is {self.tolerance}, it must be above 0")
+        if self.pilot_quantile is not None and not 0 < self.pilot_quantile <= 1:
+            raise InputError(f"pilot_quantile is {self.pilot_quantile}, it must lie in 0..1 and above 0")
+        check_choice(self, "move", MOVES)
+        check_choice(self, "kernel", KERNELS)
+        if isinstance(self.distance, str):
+            check_choice(self, "distance", DISTANCES)
+
+    @property
+    def simulations_at_most(self) -> int:
+        """Single simulations of a run, at most."""
+        return self.replicates * (self.pilot + self.steps * self.walkers)
+
+    @property
+    def asked_at_once(self) -> int:
+        """Data sets that the chains ask for at once; ensemble moves move half of the walkers at a time."""
+        return self.walkers if self.move == "gaussian" else (self.walkers + 1) // 2
+
+    def run(self, problem: Problem, store: Simulations, seed: int, progress: Progress) -> Posterior:
+        """Sample the posterior of a problem; see `Sampler`.
+
+        `log_probability` of the result is log π + log K_ε, with π the density in the prior's coordinates.
+        """
+        self._check_walkers(len(problem.prior.free))
+        batch = self.batch or self.replicates * self.asked_at_once
+        data_sets = problem.data_sets(CachedSimulator(problem.simulator, batch, store), self.replicates)
+        progress("pilot", 0.0)
+        distance = self.distance
+        if isinstance(distance, str):
+            distance = distance_of(distance, problem, data_sets, self.pilot, seed)
+        pilot = pilot_of(problem, data_sets, distance, self.pilot, seed)
+        tolerance = self.tolerance
+        if tolerance is None:
+            tolerance = pilot.quantile(self.pilot_quantile or PILOT_QUANTILE)
+        covariance = self._covariance(pilot, tolerance)
+        target = _Target(data_sets, problem, distance, self, tolerance, seed)
+        start = target.start(pilot)
+        backend = _walk(target, start, covariance, progress)
+        moved = np.any(np.diff(np.concatenate([start.coords[None], backend.get_chain()]), axis=0) != 0, axis=2)
+        x = np.swapaxes(backend.get_chain(), 0, 1)[:, self.discard :]
+        return Posterior.of(
+            problem,
+            problem.prior.values(x.reshape(-1, x.shape[2])).reshape(x.shape),
+            log_probability=backend.get_log_prob()[self.discard :].T,
+            statistics=np.swapaxes(backend.get_blobs()[self.discard :, :, 1:], 0, 1),
+            simulations=self.pilot + target.asked,
+            acceptance=moved.mean(axis=0),
+            warnings=[*store.notes, *pilot.warnings, *_standstills(moved)],
+            diagnostics=McmcDiagnostics(float(tolerance), distance, covariance / 3),
+            backend=backend,
+        )
+
+    def _covariance(self, pilot: Pilot, tolerance: float) -> Float[np.ndarray, "free free"]:
+        """Σ, as given or of the pilot."""
+        free = pilot.x.shape[1]
+        if self.covariance is None:
+            return pilot.covariance(tolerance)
+        covariance = np.array(self.covariance, dtype=float)
+        symmetric = covariance.shape == (free, free) and np.allclose(covariance, covariance.T)
+        if not symmetric or np.linalg.eigvalsh(covariance)[0] <= 0:
+            raise InputError(
+                f"covariance is {covariance.tolist()}, it must be symmetric and positive definite, {free} by {free}"
+            )
+        return covariance
+
+    def _check_walkers(self, free: int) -> None:
+        least = max(4, 2 * free)
+        if self.move != "gaussian" and self.walkers < least:
+            raise InputError(f"walkers is {self.walkers}, {self.move} with {free} parameters needs at least {least}")
 
 
 @dataclass
 class _Target:
     """log π + log K_ε of proposals, with distance and statistics as emcee's blobs."""
 
-    recorded: Recorded
-    prior: Prior
+    data_sets: Simulator
+    problem: Problem
     distance: Distance
-    settings: McmcSettings
-    epsilon: float
+    settings: AbcMcmc
+    tolerance: float
     seed: int
     next: int = 0
+    asked: int = 0
 
     def start(self, pilot: Pilot) -> emcee.State:
-        """Where the chains start, at simulations of the pilot."""
+        """Starting points of the chains: simulations of the pilot."""
         settings = self.settings
-        weights = pilot.weights(settings.kernel, self.epsilon)
+        weights = pilot.weights(settings.kernel, self.tolerance)
         within = int(np.count_nonzero(weights))
         if within < settings.walkers and settings.move != "gaussian":
             raise InputError(
-                f"epsilon is {self.epsilon:g}, only {within} of {len(weights)} pilot simulations come that close; "
-                f"{settings.move} starts {settings.walkers} walkers at different ones: give a larger pilot or epsilon"
+                f"tolerance is {self.tolerance:g}, only {within} of {len(weights)} pilot simulations come that close; "
+                f"{settings.move} starts {settings.walkers} walkers at different ones: give a larger pilot or tolerance"
             )
         rng = np.random.default_rng(stream_of(self.seed, Stream.STARTS, 0))
         at = rng.choice(len(weights), size=settings.walkers, replace=within < settings.walkers, p=weights)
-        columns = self._columns(pilot.log_prior[at], pilot.statistics[at])
-        return emcee.State(pilot.x[at], log_prob=columns[:, 0], blobs=columns[:, 1:])
+        log_probability, blobs = self._judged(pilot.log_prior[at], pilot.statistics[at])
+        return emcee.State(pilot.x[at], log_prob=log_probability, blobs=blobs)
 
-    def begin(self, step: int) -> None:
-        """Simulations have numbers by step and place in the step, whatever was simulated before."""
+    def begin(self, step: int) -> Any:
+        """Number simulations by step and place in the step, whatever was simulated before; random state of the step."""
         self.next = self.settings.pilot + step * self.settings.walkers
+        return np.random.MT19937(stream_of(self.seed, Stream.PROPOSALS, step)).state
 
-    def __call__(self, x: Float[np.ndarray, "proposal free"]) -> Float[np.ndarray, "proposal column"]:
+    def __call__(self, x: Float[np.ndarray, "proposal free"]) -> tuple[np.ndarray, np.ndarray]:
+        """Log-probability and blobs of proposals, each simulated once."""
         numbers = np.arange(self.next, self.next + len(x))
         self.next += len(x)
-        log_prior = self.prior.log_density_of_coordinates(x)
+        log_prior = self.problem.prior.log_density_of_coordinates(x)
         inside = np.isfinite(log_prior)
-        statistics = np.full((len(x), len(self.recorded.labels)), np.nan)
-        statistics[inside] = self.recorded(self.prior.values(x[inside]), seed_of(self.seed, numbers[inside]))
-        return self._columns(log_prior, statistics)
+        self.asked += int(inside.sum())
+        statistics = np.full((len(x), len(self.problem.labels)), np.nan)
+        statistics[inside] = self.data_sets(self.problem.prior.values(x[inside]), seed_of(self.seed, numbers[inside]))
+        return self._judged(log_prior, statistics)
 
-    def _columns(self, log_prior: np.ndarray, statistics: np.ndarray) -> Float[np.ndarray, "proposal column"]:
-        """Log-probability, distance and statistics side by side."""
+    def _judged(self, log_prior: np.ndarray, statistics: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Log-probability, and distance and statistics side by side."""
         distances = self.distance(statistics)
-        return np.column_stack(
-            [log_prior + log_kernel(self.settings.kernel, distances, self.epsilon), distances, statistics]
-        )
+        log_probability = log_prior + log_kernel(self.settings.kernel, distances, self.tolerance)
+        return log_probability, np.column_stack([distances, statistics])
 
 
-def _walk(sampler: emcee.EnsembleSampler, target: _Target, state: emcee.State, done: int, say: Progress) -> None:
-    """Steps done + 1 to the last, each with random numbers of its own."""
+class _Ensemble(emcee.EnsembleSampler):
+    """emcee's sampler, asking for the target as it is.
+
+    The wrapper that emcee puts around a log-probability prints whatever it raises, Ctrl-C among it.
+    """
+
+    def __init__(self, target: _Target, *shape: int, moves: emcee.moves.Move) -> None:
+        super().__init__(*shape, target, moves=moves)
+        self.target = target
+
+    def compute_log_prob(self, coords: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Log-probability and blobs."""
+        return self.target(coords)
+
+
+def _walk(
+    target: _Target, start: emcee.State, covariance: Float[np.ndarray, "free free"], progress: Progress
+) -> Backend:
+    """All steps of the chains, each with random numbers of its own."""
     steps = target.settings.steps
-
-    def begin(step: int) -> Any:
-        target.begin(step)
-        return np.random.MT19937(stream_of(target.seed, Stream.PROPOSALS, step)).state
-
-    state.random_state = begin(done)
-    states = sampler.sample(state, iterations=steps - done, skip_initial_state_check=True)
-    for step, _ in enumerate(states, start=done + 1):
-        say("chains", step / steps)
-        sampler.random_state = begin(step)
-
-
-def _drawn(
-    backend: emcee.backends.Backend, first: emcee.State, prior: Prior, settings: McmcSettings
-) -> tuple[Bool[np.ndarray, "draw chain"], dict[str, np.ndarray]]:
-    """Which proposals were accepted, and the arrays of `Samples`."""
-    chain, log_probability, blobs = (
-        one[: settings.steps] for one in (backend.get_chain(), backend.get_log_prob(), backend.get_blobs())
-    )
-    moved = np.any(np.diff(np.concatenate([first.coords[None], chain]), axis=0) != 0, axis=2)
-    kept = np.swapaxes(chain, 0, 1)[:, settings.discard :]
-    return moved, {
-        "values": prior.values(kept.reshape(-1, kept.shape[2])).reshape(kept.shape),
-        "weights": np.full(kept.shape[:2], 1.0 / (kept.shape[0] * kept.shape[1])),
-        "log_probability": log_probability[settings.discard :].T,
-        "acceptance": moved.mean(axis=0),
-        "statistics": np.swapaxes(blobs[settings.discard :, :, 1:], 0, 1),
-    }
-
-
-def _covariance(settings: McmcSettings, pilot: Pilot, epsilon: float) -> Float[np.ndarray, "free free"]:
-    """Σ, as given or of the pilot."""
-    free = pilot.x.shape[1]
-    if settings.covariance is None:
-        return pilot.covariance(epsilon)
-    given = np.array(settings.covariance, dtype=float)
-    if given.shape != (free, free) or not np.allclose(given, given.T) or np.linalg.eigvalsh(given)[0] <= 0:
-        raise InputError(
-            f"covariance is {given.tolist()}, it must be symmetric and positive definite, {free} by {free}"
-        )
-    return given
+    sampler = _Ensemble(target, *start.coords.shape, moves=move_of(target.settings.move, covariance))
+    start.random_state = target.begin(0)
+    for step, _ in enumerate(sampler.sample(start, iterations=steps, skip_initial_state_check=True), start=1):
+        progress("chains", step / steps)
+        sampler.random_state = target.begin(step)
+    return sampler.backend
 
 
 def _standstills(moved: Bool[np.ndarray, "draw chain"]) -> list[str]:
-    """What is to be said of chains that stood still for long."""
-    said, steps = [], len(moved)
+    """Warnings of chains that stood still for long."""
+    warnings, steps = [], len(moved)
     for chain, each in enumerate(moved.T):
         ends = np.flatnonzero(np.concatenate([[True], each, [True]]))
         longest = int(np.diff(ends).max()) - 1
         if longest == steps:
-            said.append(f"chain {chain} accepted none of {steps} proposals: {LARGER}, or smaller proposals")
+            warnings.append(f"chain {chain} accepted none of {steps} proposals: {REMEDY}, or smaller proposals")
         elif longest >= max(STILL, STANDSTILL * steps):
-            said.append(f"chain {chain} stood still for {longest} of {steps} steps: {LARGER}")
-    return said
+            warnings.append(f"chain {chain} stood still for {longest} of {steps} steps: {REMEDY}")
+    return warnings

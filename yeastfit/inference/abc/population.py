@@ -1,27 +1,29 @@
-"""Populations of ABC-SMC and the file that they are taken up from."""
+"""Populations of ABC-SMC, and the proposals that are made from them."""
 
-import zipfile
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
-from pathlib import Path
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
 from scipy.special import logsumexp
 
 from yeastfit.errors import InputError
-from yeastfit.storage import as_json, from_json, written_whole
 
-NEAREST = 10  # draws for each parameter, at least, that proposals are made from
+NEAREST = 10  # draws per parameter, at least, that proposals are made from
 
 
 @dataclass(frozen=True)
 class Population:
     """Weighted draws within ε.
 
-    x: in the prior's coordinates, log_prior: density in them. acceptance: share of the proposals within ε. simulated:
-    data sets for it and all before it.
+    Attributes:
+        x: In the prior's coordinates.
+        weights: Sum to 1.
+        log_prior: Density in the prior's coordinates.
+        statistics: Simulated.
+        distances: From the data.
+        epsilon: The tolerance ε.
+        acceptance: Share of the proposals within ε.
+        simulated: Data sets for this population and all before it.
     """
 
     x: Float[np.ndarray, "draw free"]
@@ -36,9 +38,14 @@ class Population:
 
 @dataclass(frozen=True)
 class Mixture:
-    """Proposals Σ_j w_j N(x_j, C_j) around draws x_j that are near the data, C_j = Σ_k w_k (x_k − x_j)(x_k − x_j)ᵀ.
+    """Proposals Σ_j w_j N(x_j, C_j) around draws x_j near the data, C_j = Σ_k w_k (x_k − x_j)(x_k − x_j)ᵀ.
 
-    That is C + (x_j − m)(x_j − m)ᵀ with their mean m and covariance C. roots: Cholesky factors of C_j.
+    C_j = C + (x_j − m)(x_j − m)ᵀ with their mean m and covariance C.
+
+    Attributes:
+        x: Draws.
+        weights: Sum to 1.
+        roots: Cholesky factors of C_j.
     """
 
     x: Float[np.ndarray, "near free"]
@@ -47,9 +54,10 @@ class Mixture:
 
     @staticmethod
     def of(population: Population, epsilon: float) -> "Mixture":
-        """Around the draws within ε, at least `NEAREST` of them for each parameter.
+        """Around the draws within ε, at least `NEAREST` of them per parameter.
 
-        Raises `InputError` where they do not span the space.
+        Raises:
+            InputError: They do not span the space.
         """
         free = population.x.shape[1]
         count = max(int(np.sum(population.distances <= epsilon)), NEAREST * free)
@@ -68,55 +76,9 @@ class Mixture:
         return self.x[chosen] + np.einsum("pab,pb->pa", self.roots[chosen], steps)
 
     def log_density(self, x: Float[np.ndarray, "proposal free"]) -> Float[np.ndarray, " proposal"]:
-        """Up to a constant."""
-        found = np.empty((len(x), len(self.x)))
+        """Log density up to a constant."""
+        exponents = np.empty((len(x), len(self.x)))
         for j, (centre, inverse) in enumerate(zip(self.x, np.linalg.inv(self.roots), strict=True)):
-            found[:, j] = -0.5 * np.sum(((x - centre) @ inverse.T) ** 2, axis=1)
+            exponents[:, j] = -0.5 * np.sum(((x - centre) @ inverse.T) ** 2, axis=1)
         volumes = np.diagonal(self.roots, axis1=1, axis2=2).prod(axis=1)
-        return logsumexp(found, b=self.weights / volumes, axis=1)
-
-
-class PopulationFile:
-    """Populations in one .npz file, written whole; head: what they are of, plain data, which must be the same.
-
-    Raises `InputError` for a file that is none of these.
-    """
-
-    def __init__(self, path: str | Path, head: Mapping[str, Any]) -> None:
-        self.path, self.head = Path(path), from_json(as_json(head))
-
-    def read(self) -> list[Population]:
-        """None where there is no file."""
-        if not self.path.exists():
-            return []
-        try:
-            with self.path.open("rb") as opened, np.load(opened, allow_pickle=False) as file:
-                head, count = from_json(str(file["head"])), int(file["count"])
-                found = [_population({name: file[f"{name}_{k}"] for name in FIELDS}) for k in range(count)]
-        except (OSError, KeyError, ValueError, EOFError, zipfile.BadZipFile) as error:
-            raise InputError(
-                f"{self.path}: no populations can be read, remove it and they are made anew from stored simulations: "
-                f"{error}"
-            ) from error
-        different = [key for key in self.head if head.get(key) != self.head[key]]
-        if different:
-            said = "; ".join(f"{key} was {head.get(key)}, now it is {self.head[key]}" for key in different)
-            raise InputError(
-                f"{self.path} holds other populations: {said}; remove it and they are made anew from stored simulations"
-            )
-        return found
-
-    def write(self, populations: Sequence[Population]) -> None:
-        """All of them."""
-        arrays = {f"{name}_{k}": value for k, one in enumerate(populations) for name, value in asdict(one).items()}
-        with written_whole(self.path) as temporary, temporary.open("wb") as file:
-            np.savez(file, allow_pickle=False, head=as_json(self.head), count=len(populations), **arrays)
-
-
-FIELDS = tuple(Population.__dataclass_fields__)
-
-
-def _population(data: Mapping[str, np.ndarray]) -> Population:
-    """Of arrays, numbers among them."""
-    plain: dict[str, Any] = {name: value if value.ndim else value.item() for name, value in data.items()}
-    return Population(**plain)
+        return logsumexp(exponents, b=self.weights / volumes, axis=1)

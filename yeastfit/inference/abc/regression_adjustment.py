@@ -5,16 +5,16 @@ squares with weights W_i = w_i (1 − d_i²/δ²), δ the largest distance (Epan
 
     u_i = α + (s_i − o)ᵀ β + error,    u_i* = α̂ + (u_i − α̂ − (s_i − o)ᵀ β̂) / √(1 − h_i),
 
-o observed, s_i simulated; the u_i* have weights W_i. Residuals are shorter than errors, by about √(1 − h_i), h_i the
-leverage (MacKinnon & White 1985, doi:10.1016/0304-4076(85)90158-7): divided by it, the u_i* scatter as widely as they
-should, however few they are. u is a map of λ on the whole line, parameter by parameter, so that
-λ* stays in the prior's support a..b (Hamilton, Stoneking & Excoffier 2005, doi:10.1073/pnas.0409071102):
+o observed, s_i simulated; the u_i* have weights W_i. Residuals are shorter than errors by about √(1 − h_i), h_i the
+leverage (MacKinnon & White 1985, doi:10.1016/0304-4076(85)90158-7); dividing by it gives few draws the right scatter.
+u maps λ to the whole line, parameter by parameter, so that λ* stays in the prior's support a..b (Hamilton, Stoneking &
+Excoffier 2005, doi:10.1073/pnas.0409071102):
 
     a > 0, b < ∞:  u = logit((log λ − log a) / (log b − log a))         a = 0, b = ∞:  u = log λ
     else finite:   u = logit((λ − a) / (b − a))                          one end:       u = ±log |λ − end|
 
-α̂ and β̂ have errors, which move all u_i* at once, the farther the more o lies at the edge of the s_i: means over u* are
-less well known than those over as many independent draws (`Accepted.worth`).
+Regression error shifts all adjusted draws together, most when the observation lies at the edge of the accepted
+simulations: means over u* are less precise than over as many independent draws (`Accepted.worth`).
 """
 
 from dataclasses import dataclass, replace
@@ -26,9 +26,9 @@ from scipy.special import expit, logit
 from yeastfit.inference.posterior.prior import Prior
 
 ENOUGH = 4.0  # independent draws per coefficient: with fewer, the fit is noise
-PARTS = 100  # of the draws, left out one after the other
-ROUNDING = 1e-12  # of λ: errors that are nothing else
-LEAST = 0.01  # of 1 − h: what has more leverage has no residual to speak of
+PARTS = 100  # blocks of the jackknife
+ROUNDING = 1e-12  # of λ: smaller errors are rounding
+LEAST = 0.01  # of 1 − h: a draw of more leverage has hardly a residual
 
 Draws = Float[np.ndarray, "draw free"]
 Weights = Float[np.ndarray, " draw"]
@@ -36,7 +36,16 @@ Weights = Float[np.ndarray, " draw"]
 
 @dataclass(frozen=True)
 class Accepted:
-    """Draws from a prior that ABC accepted, their weights, their simulations and how far these are from the data."""
+    """Draws that ABC accepted.
+
+    Attributes:
+        values: λ.
+        weights: Sum to 1.
+        statistics: Simulated with each draw.
+        distances: From the data.
+        observed: The data.
+        prior: Of λ.
+    """
 
     values: Draws
     weights: Weights
@@ -46,9 +55,13 @@ class Accepted:
     prior: Prior
 
     def adjusted(self) -> tuple[Draws, Weights, list[str]]:
-        """λ* and their weights; as they were, and why in words, where there are too few draws near the data."""
-        apart, weights = self.statistics - self.observed, self.weights
-        if not apart.any():
+        """λ* and their weights, or the draws as they are where too few lie near the data.
+
+        Returns:
+            Values, weights, and in words why the draws were not adjusted; empty where they were.
+        """
+        differences, weights = self.statistics - self.observed, self.weights
+        if not differences.any():
             return self.values, weights, []
         largest = self.distances.max()
         near = weights * (1 - (self.distances / largest) ** 2) if largest > 0 else weights
@@ -59,24 +72,27 @@ class Accepted:
             return self.values, weights, [why]
         columns = list(zip(self.values.T, self.prior.support, strict=True))
         u = np.stack([to_line(one, *ends) for one, ends in columns], axis=1)
-        scale = np.where(np.ptp(apart, axis=0) > 0, apart.std(axis=0), np.inf)
-        design = np.column_stack([np.ones(len(apart)), apart / scale])
+        scale = np.where(np.ptp(differences, axis=0) > 0, differences.std(axis=0), np.inf)
+        design = np.column_stack([np.ones(len(differences)), differences / scale])
         root = np.sqrt(near)[:, None]
         inverse = np.linalg.pinv(root * design, rcond=len(design) * np.finfo(float).eps)
         fit, leverage = inverse @ (root * u), np.sum(root * design * inverse.T, axis=1)
         moved = fit[0] + (u - design @ fit) / np.sqrt(np.maximum(1 - leverage, LEAST))[:, None]
-        found = [from_line(one, *ends) for one, ends in zip(moved.T, self.prior.support, strict=True)]
-        return np.stack(found, axis=1), near / near.sum(), []
+        adjusted = [from_line(one, *ends) for one, ends in zip(moved.T, self.prior.support, strict=True)]
+        return np.stack(adjusted, axis=1), near / near.sum(), []
 
     def worth(self, parts: int = PARTS) -> Float[np.ndarray, " free"]:
-        """Independent draws that would tell as much of the mean of λ as these do once they are adjusted.
+        """Independent draws that would give the mean of λ with the same error as these do once they are adjusted.
 
-        (sd / error)², the error by jackknife: of so many parts of consecutive draws, one after the other is left out,
-        and the others adjusted. At most what weights alone allow for, 1 / Σ W². parts: that are independent of each
-        other, such as chains; of independent draws, any.
+            worth = (sd / error)²,    at most 1 / Σ W²,
+
+        the error by block jackknife: consecutive draws are left out, block by block, and the others adjusted.
+
+        Arguments:
+            parts: Blocks; they must be independent of each other, such as chains. Independent draws have any.
         """
-        found, near, _ = self.adjusted()
-        sd = np.sqrt(near @ (found - near @ found) ** 2)
+        values, near, _ = self.adjusted()
+        sd = np.sqrt(near @ (values - near @ values) ** 2)
         parts = max(2, min(parts, len(near)))
         part, means = np.arange(len(near)) * parts // len(near), np.empty((parts, len(sd)))
         for k in range(parts):
@@ -89,7 +105,7 @@ class Accepted:
 
 
 def to_line(values: Float[np.ndarray, " draw"], low: float, high: float) -> Float[np.ndarray, " draw"]:
-    """u of λ, see above; finite inside the support."""
+    """u of λ; finite inside the support."""
     if np.isfinite(low) and np.isfinite(high):
         share = np.log(values / low) / np.log(high / low) if low > 0 else (values - low) / (high - low)
         return logit(np.clip(share, np.finfo(float).tiny, 1 - np.finfo(float).epsneg))

@@ -1,26 +1,26 @@
 """An emulator of a simulator: the mean and the scatter of the statistics of one simulated data set, given λ.
 
-Statistics s are whitened to u = L⁻¹(s − c), L Lᵀ the scatter that a quadratic in x leaves, x the prior's coordinates of
-λ standardised. Networks (`networks`) give u | x ~ N(m(x), C(x)).
+Statistics s are whitened to u = L⁻¹(s − c), with L Lᵀ the scatter about a quadratic in x, and x the standardised
+coordinates of the prior. Networks (`network`) give u | x ~ N(m(x), C(x)).
 
-**Members.** The simulations are dealt into as many parts as there are networks; each network, its baseline included,
-is learnt without one part. So every simulation is held out once, and its standardised residual e = P(u − m) should be
-a draw of N(0, 1).
+**Ensemble.** The simulations are dealt into as many folds as there are networks; each network, its baseline included,
+is trained without one fold. So every simulation is held out once, and its standardised residual e = P(u − m) should be
+a draw of N(0, 1) (`cross_validation`).
 
-**Error of the emulator.** It does not average out over replicates. Of R of them, none of which failed, the mean has
+**Error of the emulator.** It does not average out over replicates. The mean of R replicates, none of which failed, has
 
     ū | x ~ N(m̄(x), C̄(x) / R + W(x) + G Δ Gᵀ + N),    C̄ = G Gᵀ = mean of the members' C,
 
-N is the covariance of errors that the data have of their own, from being measured, where there are such. m̄ is the mean
-of m = Bφ + f_m over the M members, W its error by their covariances:
+with N the covariance of errors of measurement, where there are such. m̄ is the mean of m = Bφ + f_m over the M members,
+W its error, from their covariances:
 
     W = (M − 1)² / M · cov(Bφ) + 1 / M · cov(f_m).
 
 Quadratics Bφ depend on the simulations alone, of which members share most: their error is the jackknife's (Efron &
-Stein 1981, doi:10.1214/aos/1176345462). Corrections f_m differ by their starts and batches above all, each by its own,
-and average out. Δ is diagonal: the mean square of what a quadratic in x still finds in the held-out residuals, less
-what it finds in as much noise. The likelihood of data is that density times the probability of R successes. Networks
-as emulators of a likelihood: Lueckmann et al. 2019, arXiv:1805.09294.
+Stein 1981, doi:10.1214/aos/1176345462). Corrections f_m differ mainly by their starts and batches, independently, and
+average out. Δ is diagonal: the mean square of a quadratic in x fitted to the held-out residuals, less that of noise.
+The likelihood of data is that density times the probability of R successes. Networks as emulators of a likelihood:
+Lueckmann et al. 2019, arXiv:1805.09294.
 """
 
 from collections.abc import Callable, Sequence
@@ -34,13 +34,13 @@ from jaxtyping import Array, Bool, Float
 
 from yeastfit.errors import InputError
 from yeastfit.inference.curve_covariance import ROUNDING, correlation_root
-from yeastfit.inference.neural_likelihood.cross_validation import HeldOut
-from yeastfit.inference.neural_likelihood.ensemble import ROWS, Members, log_likelihood_of_rows, moments_of_rows
+from yeastfit.inference.neural_likelihood.cross_validation import CrossValidation
+from yeastfit.inference.neural_likelihood.ensemble import ROWS, Ensemble, log_likelihood_of_rows, moments_of_rows
 from yeastfit.inference.neural_likelihood.network import (
-    EmulatorSettings,
     Network,
     Shape,
     Simulated,
+    TrainingSettings,
     deal,
     fitted,
 )
@@ -48,7 +48,7 @@ from yeastfit.inference.polynomial import monomials
 from yeastfit.inference.posterior.prior import Prior
 
 ROWS_PER_TERM = 4  # simulations for each term of the quadratic, at least
-ROOM = 1024  # simulations: as many, or a multiple, are compiled for
+ROOM = 1024  # simulations: programs are compiled for multiples of as many
 
 Values = Float[np.ndarray, "simulation free"]
 Statistics = Float[np.ndarray, "simulation statistic"]
@@ -57,7 +57,7 @@ Square = Float[np.ndarray, "statistic statistic"]
 
 @dataclass(frozen=True)
 class Coordinates:
-    """x: the prior's coordinates, log λ where its law is one of log λ, standardised."""
+    """x, the prior's coordinates, log λ where its distribution is one of log λ, standardised."""
 
     prior: Prior
     shift: Float[np.ndarray, " free"]
@@ -76,17 +76,30 @@ class Coordinates:
 
 @dataclass(frozen=True)
 class Emulator:
-    """What `train` returns. simulations: learnt from, `failed` of them failures. center, root: c and L."""
+    """Result of `train`.
+
+    Attributes:
+        labels: Names of the statistics.
+        coordinates: x of λ.
+        center: c.
+        root: L.
+        ensemble: The networks.
+        cross_validation: Of held-out simulations.
+        simulations: Trained on.
+        failed: How many of them were failures.
+        settings: Of the training.
+        seed: Of the training.
+    """
 
     labels: tuple[str, ...]
     coordinates: Coordinates
     center: Float[np.ndarray, " statistic"]
     root: Float[np.ndarray, "statistic statistic"]
-    members: Members
-    held_out: HeldOut
+    ensemble: Ensemble
+    cross_validation: CrossValidation
     simulations: int
     failed: int
-    settings: EmulatorSettings
+    settings: TrainingSettings
     seed: int
 
     def log_likelihood(
@@ -96,16 +109,20 @@ class Emulator:
         replicates: int = 1,
         noise: Square | None = None,
     ) -> Float[np.ndarray, " row"]:
-        """log density of the mean of R replicates' statistics, and of none having failed, at each row of λ.
+        """Log density of the mean of R replicates' statistics, and of none having failed, at each row of λ.
 
-        noise: N, in the statistics' units.
+        Arguments:
+            values: λ.
+            observed: Statistics.
+            replicates: R.
+            noise: N, in the statistics' units.
         """
         return self.likelihood(observed, replicates, noise)(values)
 
     def likelihood(
         self, observed: Float[np.ndarray, " statistic"], replicates: int = 1, noise: Square | None = None
     ) -> Callable[[Values], Float[np.ndarray, " row"]]:
-        """`log_likelihood` of these data, for many calls: what does not depend on λ is computed once."""
+        """`log_likelihood` of these data as a function of λ; what does not depend on λ is computed once."""
         u = self.whiten(observed)
         white = np.zeros((len(u), len(u)))
         if noise is not None:
@@ -115,7 +132,7 @@ class Emulator:
 
         def of_rows(values: Values) -> Float[np.ndarray, " row"]:
             x = self.coordinates.of_values(values)
-            return np.asarray(log_likelihood_of_rows(self.members, x, *rest), dtype=float) - volume
+            return np.asarray(log_likelihood_of_rows(self.ensemble, x, *rest), dtype=float) - volume
 
         return of_rows
 
@@ -127,10 +144,10 @@ class Emulator:
         Float[np.ndarray, "row statistic statistic"],
         Float[np.ndarray, " row"],
     ]:
-        """Mean and covariance of one data set's statistics, covariance of the emulator's error, share that succeeds."""
+        """Mean and covariance of one replicate, covariance of the emulator's error, probability of success."""
         x = self.coordinates.of_values(values)
         pieces = in_pieces(x, ROWS)
-        every = zip(*(moments_of_rows(self.members, jnp.asarray(one)) for one in pieces), strict=True)
+        every = zip(*(moments_of_rows(self.ensemble, jnp.asarray(one)) for one in pieces), strict=True)
         mean, scatter, error, success = (np.concatenate(one).astype(float)[: len(x)] for one in every)
         back = self.root.T
         return self.center + mean @ back, self.root @ scatter @ back, self.root @ error @ back, np.exp(success)
@@ -142,14 +159,14 @@ class Emulator:
         replicates: int = 1,
         noise: Square | None = None,
     ) -> Float[np.ndarray, "row statistic"]:
-        """Statistics drawn at each row of λ, means over R replicates, with the emulator's error and the data's own."""
-        found = rng.standard_normal((len(values), len(self.labels)))
+        """Statistics drawn at each row of λ: means over R replicates, with all errors."""
+        drawn = rng.standard_normal((len(values), len(self.labels)))
         for start in range(0, len(values), ROWS):
             rows = slice(start, start + ROWS)
             mean, scatter, error, _ = self.moments(values[rows])
             roots = np.linalg.cholesky(scatter / replicates + error + (0.0 if noise is None else noise))
-            found[rows] = mean + np.einsum("rij,rj->ri", roots, found[rows])
-        return found
+            drawn[rows] = mean + np.einsum("rij,rj->ri", roots, drawn[rows])
+        return drawn
 
     def whiten(self, statistics: Float[np.ndarray, "*row statistic"]) -> Float[np.ndarray, "*row statistic"]:
         """u of s."""
@@ -163,20 +180,26 @@ def train(
     prior: Prior,
     labels: Sequence[str],
     seed: int,
-    settings: EmulatorSettings | None = None,
+    settings: TrainingSettings | None = None,
     near: Bool[np.ndarray, " simulation"] | None = None,
     room: int | None = None,
 ) -> Emulator:
-    """An emulator of the simulations whose parameters and statistics these are, the same for the same seed.
+    """Train an emulator.
 
-    A row of nan is a simulation that failed. near: which simulations the held-out checks, and Δ, are about; all by
-    default, and where they are too few. room: simulations that there may be in later calls, which then need no further
-    compilation.
+    Arguments:
+        values: λ of the simulations.
+        statistics: Of the simulations; a row of nan is one that failed.
+        prior: Its coordinates are used.
+        labels: Names of the statistics.
+        seed: Same seed, same emulator.
+        settings: Of the training.
+        near: Simulations that the cross-validation, and Δ, are about; all by default, and where they are too few.
+        room: Simulations that there may be in later calls, which then need no further compilation.
 
-    Raises `InputError` where simulations are too few, a parameter or a statistic does not vary, or statistics repeat
-    one another.
+    Raises:
+        InputError: Simulations are too few, a parameter or a statistic does not vary, or statistics repeat one another.
     """
-    settings = settings or EmulatorSettings()
+    settings = settings or TrainingSettings()
     came = np.isfinite(statistics).all(axis=1)
     _check(values, statistics, came, prior.free, tuple(labels), settings)
     rng = np.random.default_rng(seed)
@@ -186,26 +209,28 @@ def train(
     features = monomials(x)
     center, root = _whitening(features[came], statistics[came], tuple(labels))
     u = np.where(came[:, None], np.linalg.solve(root, (statistics - center).T).T, 0.0)
-    dealt, part = deal(len(values), settings, rng, room)
+    folds, part = deal(len(values), settings, rng, room)
     baselines = np.stack([_least_squares(features, u, came & (part != one)) for one in range(settings.members)])
     shape = Shape.of(root)
     data = Simulated(*(jnp.asarray(_padded(one, room)) for one in (x, u, came.astype(float))))
     starts = Network.start(x.shape[1], u.shape[1], settings, rng)
-    networks, _ = fitted(starts, jnp.asarray(baselines), shape, data, dealt, settings)
-    found = _residuals(networks, jnp.asarray(baselines), shape, data, jnp.asarray(_padded(part, room)))
-    residuals = np.asarray(found, dtype=float)[: len(values)]
+    networks, _ = fitted(starts, jnp.asarray(baselines), shape, data, folds, settings)
+    held_out = _residuals(networks, jnp.asarray(baselines), shape, data, jnp.asarray(_padded(part, room)))
+    residuals = np.asarray(held_out, dtype=float)[: len(values)]
     chosen = came & (np.ones(len(values), dtype=bool) if near is None else near)
     if chosen.sum() < ROWS_PER_TERM * features.shape[1]:
         chosen = came
-    held_out = HeldOut.of(residuals[chosen], features[chosen], tuple(labels))
-    members = Members(networks, jnp.asarray(baselines), shape, jnp.asarray(held_out.misfit), fails=not came.all())
+    cross_validation = CrossValidation.of(residuals[chosen], features[chosen], tuple(labels))
+    ensemble = Ensemble(
+        networks, jnp.asarray(baselines), shape, jnp.asarray(cross_validation.misfit), fails=not came.all()
+    )
     return Emulator(
         tuple(labels),
         coordinates,
         center,
         root,
-        members,
-        held_out,
+        ensemble,
+        cross_validation,
         len(values),
         int((~came).sum()),
         settings,
@@ -217,7 +242,7 @@ def train(
 def _residuals(
     networks: Network, baselines: Array, shape: Shape, data: Simulated, part: Array
 ) -> Float[Array, "row statistic"]:
-    """e of every row, by the member that it was held out from."""
+    """e of every row, from the member that it was held out from."""
 
     def by(network: Network, baseline: Array) -> Array:
         rest = data.u - monomials(data.x) @ baseline
@@ -228,7 +253,7 @@ def _residuals(
 
 
 def in_pieces(rows: Float[np.ndarray, "row free"], length: int) -> Float[np.ndarray, "piece length free"]:
-    """Of one length, whatever their number is: the last one begins again from the first row where rows end."""
+    """Rows in pieces of one length; the last piece is filled up from the first row on."""
     count = max(1, -(-len(rows) // length))
     return np.resize(rows, (count, length, rows.shape[1]))
 
@@ -257,7 +282,7 @@ def _whitening(
     return statistics.mean(axis=0), scale[:, None] * root
 
 
-def fewest(free: int, statistics: int, settings: EmulatorSettings) -> int:
+def fewest(free: int, statistics: int, settings: TrainingSettings) -> int:
     """Simulations that an emulator of so many parameters and statistics needs at least."""
     terms = (free + 1) * (free + 2) // 2
     return max(ROWS_PER_TERM * terms, 2 * (statistics + 1), settings.members)
@@ -269,9 +294,9 @@ def _check(
     came: Bool[np.ndarray, " simulation"],
     free: tuple[str, ...],
     labels: tuple[str, ...],
-    settings: EmulatorSettings,
+    settings: TrainingSettings,
 ) -> None:
-    """Raises `InputError` where the simulations cannot be learnt from."""
+    """Raise `InputError` where the simulations cannot be learnt from."""
     if values.shape != (len(statistics), len(free)) or statistics.shape[1] != len(labels):
         raise InputError(
             f"values and statistics have shapes {values.shape} and {statistics.shape}, "

@@ -1,4 +1,4 @@
-"""The networks of an emulator together: m̄, C̄, the emulator's error, and the likelihood they make (`emulator`)."""
+"""The ensemble of an emulator's networks: m̄, C̄, the emulator's error, and the likelihood they make (`emulator`)."""
 
 import equinox as eqx
 import jax
@@ -9,11 +9,19 @@ from jaxtyping import Array, Float
 from yeastfit.inference.neural_likelihood.network import Network, Shape
 from yeastfit.inference.polynomial import monomials
 
-ROWS = 128  # of λ at a time: each takes several covariances
+ROWS = 128  # of λ at a time, as each needs several covariances
 
 
-class Members(eqx.Module):
-    """All networks, their baselines B, and Δ. fails: whether simulations fail at all."""
+class Ensemble(eqx.Module):
+    """All networks together.
+
+    Attributes:
+        networks: With a leading axis.
+        baselines: B of each.
+        shape: L.
+        misfit: Δ.
+        fails: Whether simulations fail at all.
+    """
 
     networks: Network
     baselines: Float[Array, "member feature statistic"]
@@ -22,7 +30,7 @@ class Members(eqx.Module):
     fails: bool = eqx.field(static=True)
 
     def moments(self, x: Float[Array, " free"]) -> tuple[Array, Array, Array, Array]:
-        """m̄, C̄, the emulator's error W + GΔGᵀ, and the logarithm of the probability of success."""
+        """m̄, C̄, the emulator's error W + GΔGᵀ, and the log probability of success."""
         features = monomials(x)
 
         def one(network: Network, baseline: Array) -> tuple[Array, Array, Array, Array]:
@@ -58,19 +66,19 @@ def _covariance(rows: Float[Array, "member statistic"]) -> Float[Array, "statist
 
 
 @eqx.filter_jit
-def moments_of_rows(members: Members, x: Float[Array, "row free"]) -> tuple[Array, Array, Array, Array]:
-    """`Members.moments` of every row; compiled anew where their number is another."""
-    return jax.vmap(members.moments)(x)
+def moments_of_rows(ensemble: Ensemble, x: Float[Array, "row free"]) -> tuple[Array, Array, Array, Array]:
+    """`Ensemble.moments` of every row; each number of rows is compiled for."""
+    return jax.vmap(ensemble.moments)(x)
 
 
 @eqx.filter_jit
 def log_likelihood_of_rows(
-    members: Members,
+    ensemble: Ensemble,
     x: Float[Array | np.ndarray, "row free"],
     u: Float[Array | np.ndarray, " statistic"],
     replicates: Float[Array | np.ndarray, ""],
     noise: Float[Array | np.ndarray, "statistic statistic"],
 ) -> Float[Array, " row"]:
-    """`Members.log_likelihood` of every row, some rows at a time."""
+    """`Ensemble.log_likelihood` of every row, some rows at a time."""
     rest = [jnp.asarray(one) for one in (u, replicates, noise)]
-    return jax.lax.map(lambda one: members.log_likelihood(one, *rest), jnp.asarray(x), batch_size=ROWS)
+    return jax.lax.map(lambda one: ensemble.log_likelihood(one, *rest), jnp.asarray(x), batch_size=ROWS)

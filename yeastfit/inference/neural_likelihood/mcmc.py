@@ -1,63 +1,58 @@
 """Chains of emcee on a posterior whose likelihood is an emulator's.
 
-They walk in the prior's coordinates, log λ where its law is one of log λ. Half of the steps, where there are `KERNELS`
-walkers for each parameter, propose each half of the walkers from a kernel density of the other half, which takes them
-along thin trails and from mode to mode at once; in the others they move by differential evolution (ter Braak 2006,
-doi:10.1007/s11222-006-8769-1), which does not mind how many parameters there are. On the demo's trail 128 chains so
-forget in 20 steps, by differential evolution alone in 110. emcee's snooker update is not used: as of 3.1.6 it does not
-leave the density as it is (of a normal one in three dimensions it makes standard deviations of 0.89). Chains start at
-simulations drawn by their posterior density, and run until they are so many autocorrelation times long: `ENOUGH` for a
-result, `ROUGHLY` to see where the next simulations belong, for which `BRIEFLY` is the most where little is known yet.
+They walk in the prior's coordinates, log λ where its distribution is one of log λ. Given `KERNELS` walkers per
+parameter, half of the steps propose each half of the walkers from a kernel density of the other half, which moves them
+along thin trails and between modes at once; the other steps are differential evolution (ter Braak 2006,
+doi:10.1007/s11222-006-8769-1), which works in any number of parameters. On the demo's trail 128 chains then decorrelate
+in 20 steps, by differential evolution alone in 110. emcee's snooker update is not used: as of 3.1.6 it does not leave
+the density invariant (of a normal one in three dimensions it makes standard deviations of 0.89). Chains start at
+simulations drawn by their posterior density, and run for a number of autocorrelation times: `ENOUGH` for a result,
+`ROUGHLY` to see where the next simulations belong, `BRIEFLY` at most where little is known yet.
 """
 
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
 
 import emcee
 import numpy as np
-from emcee.backends import HDFBackend
 from jaxtyping import Float
 from threadpoolctl import threadpool_limits
 
-from yeastfit.inference.neural_likelihood.emulator import Emulator, Square, in_pieces
-from yeastfit.inference.posterior.diagnostics import LONG, autocorrelation_time
-from yeastfit.inference.posterior.prior import Prior
-from yeastfit.storage import hdf5_written_whole
+from yeastfit.inference.neural_likelihood.emulator import Emulator, in_pieces
+from yeastfit.inference.posterior.chain_diagnostics import LONG, autocorrelation_time
+from yeastfit.inference.posterior.problem import Problem
 
-ENOUGH = 1.2 * LONG  # autocorrelation times; `diagnose` has its own estimate of them, and asks for LONG
+ENOUGH = 1.2 * LONG  # autocorrelation times; `diagnose` estimates them again, and asks for LONG
 ROUGHLY = 20.0  # with 128 chains, quantiles are within some 0.03 standard deviations
 BRIEFLY = 1000  # steps of chains on what the first simulations say
 BURN_IN = 3  # autocorrelation times, after the first `PIECE` steps
 PIECE = 500  # steps between looks at the autocorrelation time
 APART = 0.5  # autocorrelation times between draws that are kept
-KERNELS = 10  # walkers for each parameter, at least: so many make a density that is worth drawing from
-FEWEST = 50  # that are kept of a chain, however long they hang together: it is then said to be too short
+KERNELS = 10  # walkers per parameter, at least, for a kernel density that is worth drawing from
+FEWEST = 50  # draws that are kept of a chain, however correlated; it is then said to be too short
 
 LogDensity = Callable[[np.ndarray], np.ndarray]  # of rows
 
 
 @dataclass(frozen=True)
-class Posterior:
-    """log posterior density in the prior's coordinates, up to a constant, as emcee calls it."""
+class LogPosterior:
+    """Log posterior density in the prior's coordinates, up to a constant, as emcee calls it."""
 
     emulator: Emulator
-    prior: Prior
-    observed: Float[np.ndarray, " statistic"]
-    replicates: int
-    noise: Square | None = None
+    problem: Problem
 
     def __call__(self, x: Float[np.ndarray, "walker free"]) -> Float[np.ndarray, " walker"]:
         """−inf outside the prior."""
-        before = self.prior.log_density_of_coordinates(x)
-        inside = np.isfinite(before)
-        values = np.where(inside[:, None], self.prior.values(x), self.prior.values(self._somewhere))
-        return np.where(inside, before + self._likelihood(values), -np.inf)
+        prior = self.problem.prior
+        log_prior = prior.log_density_of_coordinates(x)
+        inside = np.isfinite(log_prior)
+        values = np.where(inside[:, None], prior.values(x), prior.values(self._somewhere))
+        return np.where(inside, log_prior + self._likelihood(values), -np.inf)
 
     @cached_property
     def _likelihood(self) -> LogDensity:
-        return self.emulator.likelihood(self.observed, self.replicates, self.noise)
+        return self.emulator.likelihood(self.problem.observed, self.problem.replicates, self.problem.noise)
 
     @property
     def _somewhere(self) -> Float[np.ndarray, "1 free"]:
@@ -67,7 +62,15 @@ class Posterior:
 
 @dataclass(frozen=True)
 class Chains:
-    """x: coordinates of the draws kept. steps: of every walker, burn-in included; acceptance: of every walker."""
+    """Draws that are kept of the walkers.
+
+    Attributes:
+        x: In the prior's coordinates.
+        log_density: Of each draw.
+        acceptance: Share of accepted proposals of each walker.
+        times: Autocorrelation times, in steps.
+        steps: Of every walker, burn-in included.
+    """
 
     x: Float[np.ndarray, "chain draw free"]
     log_density: Float[np.ndarray, "chain draw"]
@@ -83,7 +86,7 @@ class Chains:
 
 @dataclass
 class Walk:
-    """Chains under way. state: where the walkers are."""
+    """Chains under way; `state` is where the walkers are."""
 
     sampler: emcee.EnsembleSampler
     state: emcee.State
@@ -91,23 +94,23 @@ class Walk:
 
     @staticmethod
     def start(
-        posterior: LogDensity,
+        log_density: LogDensity,
         places: Float[np.ndarray, "place free"],
         *,
         walkers: int,
         most_steps: int,
         seed: int,
     ) -> "Walk":
-        """From places of which some have a high density, the same for the same seed."""
+        """Start at places of which some have a high density; same seed, same chains."""
         rng = np.random.default_rng(seed)
         places = places[np.sort(np.unique(places, axis=0, return_index=True)[1])]  # replicates share one
-        start, density = _start(posterior, places, walkers, rng)
-        sampler = emcee.EnsembleSampler(*start.shape, posterior, moves=_moves(*start.shape), vectorize=True)
+        start, density = _start(log_density, places, walkers, rng)
+        sampler = emcee.EnsembleSampler(*start.shape, log_density, moves=_moves(*start.shape), vectorize=True)
         random = np.random.RandomState(rng.integers(2**32)).get_state()
         return Walk(sampler, emcee.State(start, log_prob=density, random_state=random), most_steps)
 
     def until(self, enough: float = ENOUGH, most: float = np.inf) -> Chains:
-        """Goes on until chains are so many autocorrelation times long, or of that many steps, `most_steps` at most."""
+        """Run until chains are `enough` autocorrelation times long, or have `most` steps or `most_steps`."""
         sampler, most = self.sampler, min(most, self.most_steps)
         times, burnt = self._times()
         while sampler.iteration < most and sampler.iteration - burnt < enough * times.max():
@@ -123,20 +126,10 @@ class Walk:
             sampler.iteration,
         )
 
-    def save(self, path: str | Path) -> None:
-        """All steps so far, burn-in included, into a file of emcee's `HDFBackend`."""
-        backend = self.sampler.backend
-        with hdf5_written_whole(path) as image:
-            kept = HDFBackend(image)
-            kept.reset(*backend.shape)
-            kept.grow(backend.iteration, None)
-            with kept.open("a") as file:
-                group = file[kept.name]
-                group["chain"][...], group["log_prob"][...] = backend.get_chain(), backend.get_log_prob()
-                group["accepted"][...] = backend.accepted
-                group.attrs["iteration"] = backend.iteration
-                for k, part in enumerate(self.state.random_state):
-                    group.attrs[f"random_state_{k}"] = part
+    @property
+    def backend(self) -> emcee.backends.Backend:
+        """All steps so far, burn-in included."""
+        return self.sampler.backend
 
     def _times(self) -> tuple[Float[np.ndarray, " free"], int]:
         """Autocorrelation times, and steps of burn-in."""
@@ -148,7 +141,7 @@ class Walk:
 
 
 def _moves(walkers: int, free: int) -> list[tuple[emcee.moves.Move, float]]:
-    """And their shares."""
+    """emcee's moves and their shares."""
     evolution = [(emcee.moves.DEMove(), 0.8), (emcee.moves.DEMove(gamma0=1.0), 0.2)]
     if walkers < KERNELS * free:
         return evolution
@@ -156,10 +149,10 @@ def _moves(walkers: int, free: int) -> list[tuple[emcee.moves.Move, float]]:
 
 
 def _start(
-    posterior: LogDensity, places: Float[np.ndarray, "place free"], walkers: int, rng: np.random.Generator
+    log_density: LogDensity, places: Float[np.ndarray, "place free"], walkers: int, rng: np.random.Generator
 ) -> tuple[Float[np.ndarray, "walker free"], Float[np.ndarray, " walker"]]:
-    """Different places, drawn without replacement by their density (Gumbel's trick), and its logarithm."""
+    """Different places drawn by their density, without replacement (Gumbel's trick), and log densities."""
     pieces = in_pieces(places, walkers // 2)  # of as many rows as steps have, which are compiled for
-    density = np.concatenate([posterior(one) for one in pieces])[: len(places)]
+    density = np.concatenate([log_density(one) for one in pieces])[: len(places)]
     chosen = np.argsort(-(density + rng.gumbel(size=len(places))))[:walkers]
     return places[chosen], density[chosen]

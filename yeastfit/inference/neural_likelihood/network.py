@@ -4,13 +4,13 @@ Of statistics s = c + L u, given coordinates x of which φ(x) are the terms of a
 
     u | x ~ N(m(x), C(x)),    m = Bφ(x) + f_m(x),    C⁻¹ = PᵀP,    P = (1 + A) L⁻¹ diag(exp(−f_s(x))) L.
 
-B is a least-squares fit that the network f corrects, L Lᵀ the covariance of what such a fit leaves. f_s scales the
-statistics themselves, A is strictly lower triangular and the same for all x: scatter depends on x, correlations of
-statistics do not. On curves, neighbours of which hang together, that does better than scaling the entries of u, and
-than an A that depends on x. Where simulations fail, one more output is the logit of their success.
+B is a least-squares fit, corrected by the network f; L Lᵀ is the covariance of the residuals of such a fit. f_s scales
+the statistics themselves, and A is strictly lower triangular and the same for all x: scatter depends on x, correlations
+of statistics do not. On curves, whose neighbouring points are correlated, that does better than scaling the entries of
+u, and than an A that depends on x. Where simulations fail, one more output is the logit of their success.
 
 Trained by maximum likelihood, and cross-entropy of success, with Adam, decoupled weight decay (Loshchilov & Hutter
-2019, arXiv:1711.05101) and a rate that falls as a cosine. What did best on held-out simulations is kept.
+2019, arXiv:1711.05101) and a cosine learning-rate schedule. The state with the smallest held-out loss is kept.
 """
 
 import math
@@ -28,16 +28,22 @@ from yeastfit.errors import InputError
 from yeastfit.inference.polynomial import monomials
 
 Table = TypeVar("Table", Array, np.ndarray)
-LARGEST_LOG_SCALE = 6.0  # of f_s either way: a scatter 400 times smaller than elsewhere is as good as none
+LARGEST_LOG_SCALE = 6.0  # |f_s| at most: a scatter 400 times smaller than elsewhere is as good as none
 
 
 @dataclass(frozen=True)
-class EmulatorSettings:
+class TrainingSettings:
     """How an emulator is trained.
 
-    members: networks, and parts that the simulations are dealt into. width, depth: of hidden layers. steps: of Adam,
-    each with `batch` simulations. rate: of learning, at the start. decay: of weights. checks: how often the held-out
-    simulations are looked at.
+    Attributes:
+        members: Networks of the ensemble, and folds of the cross-validation.
+        width: Of hidden layers.
+        depth: Number of hidden layers.
+        steps: Of Adam.
+        batch: Simulations of each step.
+        rate: Learning rate at the start.
+        decay: Of weights.
+        checks: How often the held-out loss is computed.
     """
 
     members: int = 5
@@ -60,14 +66,14 @@ class EmulatorSettings:
 
 
 class Network(eqx.Module):
-    """One member, or all of them with a leading axis. mixing: A's entries below the diagonal."""
+    """One member, or all of them with a leading axis; `mixing` holds A's entries below the diagonal."""
 
     layers: eqx.nn.MLP
     mixing: Float[Array, "*member pair"]
 
     @staticmethod
-    def start(free: int, statistics: int, settings: EmulatorSettings, rng: np.random.Generator) -> "Network":
-        """All members, hardly a correction yet: the last layer's weights are small, A is 0."""
+    def start(free: int, statistics: int, settings: TrainingSettings, rng: np.random.Generator) -> "Network":
+        """All members, hardly correcting yet: the last layer's weights are small, A is 0."""
         sizes = free, 2 * statistics + 1, settings.width, settings.depth
         layers = eqx.filter_eval_shape(eqx.nn.MLP, *sizes, jax.nn.silu, key=jax.random.key(0))
 
@@ -110,28 +116,28 @@ class Network(eqx.Module):
 
 
 class Shape(eqx.Module):
-    """L with each row over a number of its own, which changes nothing in P, and its inverse."""
+    """L with rows of length 1, which changes nothing in P, and its inverse."""
 
     root: Float[Array, "statistic statistic"]
     inverse: Float[Array, "statistic statistic"]
 
     @staticmethod
     def of(root: Float[np.ndarray, "statistic statistic"]) -> "Shape":
-        """Rows of length 1."""
+        """From L."""
         scaled = root / np.linalg.norm(root, axis=1, keepdims=True)
         return Shape(jnp.asarray(scaled), jnp.asarray(np.linalg.inv(scaled)))
 
 
 class Simulated(eqx.Module):
-    """What networks learn from, padded to one length. came: whether a simulation came to something."""
+    """Training data, padded to one length; `came` is 1 for simulations that came to something, 0 for failures."""
 
     x: Float[Array, "row free"]
     u: Float[Array, "row statistic"]
     came: Float[Array, " row"]
 
 
-class Dealt(eqx.Module):
-    """Which rows each member learns from, step by step, and which it is tested on: the first `count` of `test`."""
+class Folds(eqx.Module):
+    """Rows that each member learns from, step by step, and that it is tested on: the first `count` of `test`."""
 
     learn: Int[Array, "member check step batch"]
     test: Int[Array, "member test"]
@@ -139,12 +145,17 @@ class Dealt(eqx.Module):
 
 
 def deal(
-    rows: int, settings: EmulatorSettings, rng: np.random.Generator, room: int
-) -> tuple[Dealt, Int[np.ndarray, " row"]]:
-    """Rows dealt at random into one part per member; also the member that each row is held out from.
+    rows: int, settings: TrainingSettings, rng: np.random.Generator, room: int
+) -> tuple[Folds, Int[np.ndarray, " row"]]:
+    """Deal rows at random into one fold per member; also the member that each row is held out from.
 
-    room: rows that there may be later; there is a place for them, so that more data need no further compilation. All
-    that is random is drawn here and not in compiled code: random numbers would be most of what is to be compiled.
+    All randomness is drawn here and not in compiled code, where random numbers would be most of what is compiled.
+
+    Arguments:
+        rows: How many there are.
+        settings: Members, steps and batch.
+        rng: Where randomness comes from.
+        room: Rows that there may be later; there is a place for them, so that more data need no further compilation.
     """
     members = settings.members
     part = rng.permutation(np.arange(rows) % members)
@@ -153,7 +164,7 @@ def deal(
     test, count = np.zeros((members, room // members + 1), dtype=int), np.bincount(part, minlength=members)
     for member, line in enumerate(test):
         line[: count[member]] = np.flatnonzero(part == member)
-    return Dealt(jnp.asarray(learn), jnp.asarray(test), jnp.asarray(count)), part
+    return Folds(jnp.asarray(learn), jnp.asarray(test), jnp.asarray(count)), part
 
 
 @eqx.filter_jit
@@ -162,10 +173,10 @@ def fitted(
     baselines: Float[Array, "member feature statistic"],
     shape: Shape,
     data: Simulated,
-    dealt: Dealt,
-    settings: EmulatorSettings,
+    folds: Folds,
+    settings: TrainingSettings,
 ) -> tuple[Network, Float[Array, "member check"]]:
-    """Networks after training from these, each as it was when its held-out loss was least, and these losses."""
+    """Trained networks, each as it was when its held-out loss was smallest, and these losses."""
     optimiser = optax.adamw(optax.cosine_decay_schedule(settings.rate, settings.steps), weight_decay=settings.decay)
     features = monomials(data.x)
     trained, still = eqx.partition(starts, eqx.is_inexact_array)
@@ -190,13 +201,13 @@ def fitted(
         def check(carry: tuple[Network, optax.OptState, Network, Array], rows: Array) -> tuple[Any, Array]:
             params, state, best, least = carry
             (params, state), _ = jax.lax.scan(step, (params, state), rows)
-            found = jnp.sum(weight * loss(params, baseline, test))
-            best = jax.tree.map(lambda new, old: jnp.where(found < least, new, old), params, best)
-            return (params, state, best, jnp.minimum(found, least)), found
+            held_out = jnp.sum(weight * loss(params, baseline, test))
+            best = jax.tree.map(lambda new, old: jnp.where(held_out < least, new, old), params, best)
+            return (params, state, best, jnp.minimum(held_out, least)), held_out
 
         start = (params, optimiser.init(params), params, jnp.asarray(jnp.inf))
         (_, _, best, _), losses = jax.lax.scan(check, start, learn)
         return best, losses
 
-    best, losses = jax.vmap(train)(trained, baselines, dealt.learn, dealt.test, dealt.count)
+    best, losses = jax.vmap(train)(trained, baselines, folds.learn, folds.test, folds.count)
     return eqx.combine(best, still), losses

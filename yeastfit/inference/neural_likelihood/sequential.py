@@ -1,92 +1,162 @@
-"""Posteriors by an emulator of the likelihood, learnt in rounds where the posterior is.
+"""Posteriors by an emulator of the likelihood, trained in rounds where the posterior is.
 
 1. λ of low discrepancy from the prior (scrambled Sobol') are simulated.
-2. An emulator learns from all simulations so far (`emulator`); chains sample its likelihood times the prior, for long
-   once the rounds are over and briefly before (`posterior_chain`).
-3. Unless the posterior has settled, further λ are simulated: draws x + √(w² − 1) ξ, in the prior's coordinates, x from
-   the posterior and ξ ~ N(0, its covariance), which has w times its width; of one with a trail, the covariance of most
-   of it (`covariance_of_most`). Those outside the prior are drawn again. Then 2. again.
+2. An emulator is trained on all simulations so far (`emulator`); chains sample its likelihood times the prior, briefly
+   between rounds and at length after the last (`mcmc`).
+3. Unless the posterior has settled, further λ are simulated: draws x + √(w² − 1) ξ in the prior's coordinates, x from
+   the posterior and ξ ~ N(0, its covariance), which are w times as wide; the covariance is that of the bulk
+   (`covariance_of_most`), as posteriors may have thin trails. Draws outside the prior are repeated. Then step 2 again.
 
-**Settled**: from one round to the next no parameter's law moved by more than `settle` standard deviations, which
-`apart` reads off the shares of draws below the median and the two quantiles that hold 68 %; and the emulator's error is
-at most settle² of the variance that the data are compared with, so that it moves a mean by some `settle` standard
-deviations or less. Else rounds go on until the budget of simulations is spent. Of rare draws far off this says nothing:
-how many there are is less certain, and a warning has their share in the last two rounds.
+**Settled**: from one round to the next no parameter's distribution moved by more than `settle` standard deviations, as
+`apart` measures it by the median and the two quantiles around 68 % of the draws; and the emulator's error is at most
+settle² of the variance that the data are compared with, so that it moves a mean by about `settle` standard deviations
+or less. Otherwise rounds go on until the simulations are spent. This criterion is insensitive to rare outlying draws; a
+warning reports their fraction in the last two rounds.
 
-As the likelihood is what is learnt, where the simulations were made has no influence on the posterior but by the
-emulator's error (Papamakarios et al. 2019, arXiv:1805.07226): those of other runs, whatever their method, serve as
-well. Every step depends on the seed alone: a run that is repeated with the store of simulations of one that was stopped
-repeats its training and its chains, simulates only what is missing, and comes to the same result.
+As the likelihood is what is emulated, where the simulations were made does not influence the posterior other than
+through the emulator's error (Papamakarios et al. 2019, arXiv:1805.07226): simulations of other runs, whatever their
+method, are trained on as well (`Simulations.reused`). Every step depends on the seed alone: a run that is repeated with
+the store of one that was stopped repeats its training and its chains, simulates only what is missing, and ends with the
+same result.
 """
 
-import time as clock
-from dataclasses import asdict, dataclass, replace
-from pathlib import Path
-from typing import Any
+from dataclasses import dataclass, field, replace
+from typing import Annotated, ClassVar
 
 import numpy as np
 from jaxtyping import Bool, Float
 from scipy.stats import chi2
 
 from yeastfit.errors import InputError
-from yeastfit.inference.abc.pilot import first_values, unreached
-from yeastfit.inference.neural_likelihood.emulator import Emulator, Square, train
-from yeastfit.inference.neural_likelihood.mcmc import BRIEFLY, ROUGHLY, Chains, Posterior, Walk
-from yeastfit.inference.neural_likelihood.settings import EmulatedSettings, Given, all_once, usable
-from yeastfit.inference.posterior.diagnostics import diagnose
+from yeastfit.inference.neural_likelihood.emulator import Emulator, fewest, train
+from yeastfit.inference.neural_likelihood.mcmc import BRIEFLY, ROUGHLY, Chains, LogPosterior, Walk
+from yeastfit.inference.neural_likelihood.network import TrainingSettings
+from yeastfit.inference.neural_likelihood.rounds import EmulatorDiagnostics, RoundDiagnostics
+from yeastfit.inference.posterior.cached_simulator import CachedSimulator
 from yeastfit.inference.posterior.prior import Prior
+from yeastfit.inference.posterior.problem import Problem
+from yeastfit.inference.posterior.result import Posterior
 from yeastfit.inference.posterior.robust_summary import apart, covariance_of_most, far_off
-from yeastfit.inference.posterior.samples import Samples
-from yeastfit.inference.posterior.simulation_store import Recorded, Store
-from yeastfit.inference.simulator import Simulator, Stream, labels_of, seed_of, stream_of
-from yeastfit.progress import Progress, silent
+from yeastfit.inference.posterior.settings import Setting, check_at_least
+from yeastfit.inference.posterior.simulations import Simulations
+from yeastfit.inference.posterior.status import Status
+from yeastfit.inference.simulator import Stream, seed_of, stream_of
+from yeastfit.progress import Progress
 
-NEAR = 0.99  # of draws w times as wide as the posterior with its trail: where simulations check the emulator
-LARGEST_ERROR = 0.3  # of the variance of the data, from which the emulator's error is warned of
-FEW = 0.01  # of the draws, from which those far off are warned of
-TRIES = 100  # rounds of drawing again what fell outside the prior
+FIRST = 512  # simulations of the first round, where many are allowed
+NEAR = 0.99  # of draws w times as wide as the posterior with its trail: simulations there cross-validate the emulator
+LARGEST_ERROR = 0.3  # of the variance of the data, above which the emulator's error is warned of
+FEW = 0.01  # of the draws, above which outlying ones are warned of
+TRIES = 100  # times that draws outside the prior are repeated
+
+Values = Float[np.ndarray, "row free"]
+Statistics = Float[np.ndarray, "row statistic"]
 
 
-def emulated(
-    simulator: Simulator,
-    prior: Prior,
-    observed: Float[np.ndarray, " statistic"],
-    settings: EmulatedSettings | None = None,
-    *,
-    replicates: int = 1,
-    noise: Square | None = None,
-    seed: int = 0,
-    store: Store | None = None,
-    given: Given | None = None,
-    path: str | Path | None = None,
-    progress: Progress | None = None,
-) -> Samples:
-    """The posterior of λ given the mean statistics of R replicates.
+@dataclass(frozen=True)
+class SequentialEmulator:
+    """An emulator of the likelihood, trained in rounds where the posterior is (module `neural_likelihood.sequential`).
 
-    noise: covariance of errors of that mean which come from measuring, and which replicates do not average out. store:
-    of simulations, see above. given: λ and statistics of further ones, to learn from as well; they do not count as
-    simulations of this run. path: of an HDF5 file for the last round's chains, burn-in included and in the prior's
-    coordinates, as emcee's `HDFBackend` reads it. `statistics` of the result are drawn from the emulator, as means of R
-    replicates; `log_probability` is that in the prior's coordinates; the emulator's checks, round by round, are in
-    `diagnostics`. Raises `InputError`, also where too many simulations fail.
+    Attributes:
+        simulations: At most.
+        walkers: Chains, at most as many as simulations.
+        first: Simulations from the prior, a power of two; by default 512, or fewer where few are allowed.
+        each: Simulations of every further round; by default as many as `first`.
+        widen: w.
+        settle: See above.
+        most_steps: Of each chain.
+        batch: Rows of every call of the simulator.
+        training: Of the networks.
     """
-    began = clock.perf_counter()
-    settings = settings or EmulatedSettings()
-    known = usable(given, prior, len(labels_of(simulator)))
-    settings.check(simulator, prior, observed, replicates, noise, len(known[0]))
-    run = _Run(Recorded(simulator, settings.batch, store), prior, observed, replicates, noise, settings, seed, known)
-    found, said = run.rounds(progress or silent)
-    if path is not None:
-        found[-1].walk.save(path)
-    return run.samples(found, clock.perf_counter() - began).warned(*said)
+
+    simulations: Annotated[int, Setting("Simulations at most, those of a resumed run included.", extends=True)] = 4096
+    walkers: Annotated[int, Setting("Number of chains.")] = 128
+    first: Annotated[int | None, Setting("Simulations of the first round, a power of two; at most 512 by default.")] = (
+        None
+    )
+    each: Annotated[int | None, Setting("Simulations of every further round; as the first by default.")] = None
+    widen: Annotated[float, Setting("Width of the proposals of a round relative to the posterior's.")] = 2.5
+    settle: Annotated[
+        float, Setting("Largest change of the posterior, in standard deviations, that counts as settled.")
+    ] = 0.2
+    most_steps: Annotated[int, Setting("Steps of each chain at most.")] = 5000
+    batch: Annotated[int, Setting("Simulations that run together.")] = 32
+    training: TrainingSettings = field(default_factory=TrainingSettings)
+    learns: ClassVar[bool] = True
+
+    def __post_init__(self) -> None:
+        check_at_least(self, simulations=2, first=2, each=1, walkers=4, most_steps=500, batch=1)
+        if self.first is not None and self.first & (self.first - 1):
+            raise InputError(f"first is {self.first}, it must be a power of two: Sobol' points are balanced then")
+        if self.first is not None and self.simulations < self.first:
+            raise InputError(
+                f"simulations is {self.simulations}, it must be at least those of the first round, {self.first}"
+            )
+        if not self.widen >= 1 or not self.settle > 0:
+            raise InputError(f"widen is {self.widen} and settle {self.settle}, they must be at least 1 and above 0")
+
+    @property
+    def simulations_at_most(self) -> int:
+        """Single simulations of a run, at most."""
+        return self.simulations
+
+    def resolved(self, free: int) -> "SequentialEmulator":
+        """With `first` and `each` for so many free parameters."""
+        first, each = self.round_sizes(free)
+        return replace(self, first=first, each=each)
+
+    def round_sizes(self, free: int) -> tuple[int, int]:
+        """`first` and `each` for so many free parameters.
+
+        Where few simulations are allowed, `first` is half of them, or more where a quadratic needs more.
+        """
+        most = 2 ** int(np.log2(max(self.simulations, 4)))  # powers of two, all of them
+        needed = 2 ** int(np.ceil(np.log2(2 * fewest(free, 0, self.training))))
+        first = self.first or min(FIRST, max(most // 2, min(most, needed)))
+        return first, self.each or first
+
+    def run(self, problem: Problem, store: Simulations, seed: int, progress: Progress) -> Posterior:
+        """Sample the posterior of a problem; see `Sampler`.
+
+        `statistics` of the result are drawn from the emulator as means of the problem's replicates, `log_probability`
+        is that in the prior's coordinates, and `backend` holds the last round's chains.
+
+        Raises:
+            InputError: The settings do not suit the problem, or too many simulations fail.
+        """
+        first, each = self.round_sizes(len(problem.prior.free))
+        values, statistics = store.reused
+        inside = np.isfinite(problem.prior.log_density(values))
+        self._check(problem, first + int(inside.sum()))
+        simulator = CachedSimulator(problem.simulator, self.batch, store)
+        run = _Rounds(simulator, problem, self, seed, first, each, values[inside], statistics[inside])
+        rounds, warnings = run.all(progress)
+        return run.posterior(rounds).warned(*warnings)
+
+    def _check(self, problem: Problem, simulations: int) -> None:
+        free, statistics = len(problem.prior.free), len(problem.labels)
+        least = fewest(free, statistics, self.training)
+        if simulations < least:
+            raise InputError(
+                f"the first round has {simulations} simulations, an emulator of {free} parameters and {statistics} "
+                f"statistics needs at least {least}: allow more of them"
+            )
+        if self.walkers < 2 * free:
+            raise InputError(f"walkers is {self.walkers}, {free} parameters need at least {2 * free}")
 
 
 @dataclass(frozen=True)
 class Round:
-    """One round's emulator and chains. walk: what could make these longer.
+    """One round's emulator and chains.
 
-    mean, covariance: of the prior's coordinates. moved: how far `apart` it is from the round before, of all parameters
-    the farthest. error_share: of the emulator's error in the variance that data are compared with, at the mean.
+    Attributes:
+        emulator: Trained on all simulations so far.
+        walk: Can make the chains longer.
+        chains: On its posterior.
+        mean: Of the prior's coordinates.
+        covariance: Of the prior's coordinates.
+        moved: How far `apart` the posterior is from that of the round before, in the parameter that moved most.
+        error_share: Share of the emulator's error in the variance that data are compared with, at the mean.
     """
 
     emulator: Emulator
@@ -101,27 +171,37 @@ class Round:
 def proposed(
     draws: Float[np.ndarray, "draw free"], count: int, widen: float, prior: Prior, rng: np.random.Generator
 ) -> Float[np.ndarray, "count free"]:
-    """Where simulations are made: around draws of the posterior, w times as wide as most of it, in x of the prior."""
+    """Proposals around draws of the posterior, w times as wide as the bulk of it, in the prior's coordinates.
+
+    Raises:
+        InputError: Hardly any proposal lies in the prior.
+    """
     root = np.sqrt(widen**2 - 1.0) * np.linalg.cholesky(covariance_of_most(draws))
-    found = np.zeros((0, draws.shape[1]))
+    proposals = np.zeros((0, draws.shape[1]))
     for _ in range(TRIES):
         x = draws[rng.integers(len(draws), size=count)]
         x = x + rng.standard_normal(x.shape) @ root.T
-        found = np.concatenate([found, x[np.isfinite(prior.log_density_of_coordinates(x))]])
-        if len(found) >= count:
-            return found[:count]
+        proposals = np.concatenate([proposals, x[np.isfinite(prior.log_density_of_coordinates(x))]])
+        if len(proposals) >= count:
+            return proposals[:count]
     raise InputError(f"widen is {widen:g}: with it hardly a draw lies in the prior, lower it")
 
 
 def far_draws(
     draws: Float[np.ndarray, "draw free"], before: Float[np.ndarray, "draw2 free"] | None, prior: Prior
 ) -> list[str]:
-    """In words, how many draws of the last round, and of the one before, are far off, and where. In x of the prior."""
+    """A warning of outlying draws: their fraction in the last round and the one before, and where they lie.
+
+    Arguments:
+        draws: Of the last round, in the prior's coordinates.
+        before: Of the round before, where there was one.
+        prior: Of the parameters.
+    """
     far = far_off(draws, draws)
     if far.mean() < FEW:
         return []
     low, high = prior.values(np.quantile(draws[far], [0.05, 0.95], axis=0)).tolist()
-    where = ", ".join(f"{one} {a:.3g} to {b:.3g}" for one, a, b in zip(prior.free, low, high, strict=True))
+    where = ", ".join(f"{name} {a:.3g} to {b:.3g}" for name, a, b in zip(prior.free, low, high, strict=True))
     then = "" if before is None else f", {100 * far_off(before, draws).mean():.1f} % did in the round before"
     return [
         f"{100 * far.mean():.1f} % of the draws lie far from the others ({where}){then}: how many do is the least "
@@ -130,59 +210,55 @@ def far_draws(
 
 
 @dataclass(frozen=True)
-class _Run:
-    recorded: Recorded
-    prior: Prior
-    observed: Float[np.ndarray, " statistic"]
-    replicates: int
-    noise: Square | None
-    settings: EmulatedSettings
-    seed: int
-    given: Given
+class _Rounds:
+    """A run under way; `reused_values` and `reused_statistics` are of other runs."""
 
-    def rounds(self, say: Progress) -> tuple[list[Round], list[str]]:
-        """Until settled, or the budget is spent; also what of the data the prior does not reach, in words."""
-        most = self.settings.most
-        values = first_values(self.prior, self.settings.first, self.seed)
+    simulator: CachedSimulator
+    problem: Problem
+    settings: SequentialEmulator
+    seed: int
+    first: int
+    each: int
+    reused_values: Values
+    reused_statistics: Statistics
+
+    def all(self, progress: Progress) -> tuple[list[Round], list[str]]:
+        """Rounds until settled, or until the simulations are spent; also warnings of data beyond the prior's reach."""
+        most = self.settings.simulations
+        values = self.problem.prior_values(self.first, self.seed)
         statistics = self._simulated(values, 0)
-        came = np.isfinite(statistics).all(axis=1)
-        said = unreached(statistics[came], self.observed, self.recorded.labels) if came.any() else []
-        done = [self._round(values, statistics, None)]
-        while not self._settled(done[-1]) and len(values) < most:
-            say(f"round {len(done)}", len(values) / most)
-            new = self._proposals(done[-1], min(self.settings.each, most - len(values)), len(done))
+        whole = np.isfinite(statistics).all(axis=1)
+        warnings = self.problem.unreached(statistics[whole]) if whole.any() else []
+        rounds = [self._round(values, statistics, None)]
+        while not self._settled(rounds[-1]) and len(values) < most:
+            progress(f"round {len(rounds)}", len(values) / most)
+            new = self._proposals(rounds[-1], min(self.each, most - len(values)), len(rounds))
             statistics = np.concatenate([statistics, self._simulated(new, len(values))])
             values = np.concatenate([values, new])
-            done.append(self._round(values, statistics, done[-1]))
-        done[-1] = replace(done[-1], chains=done[-1].walk.until())
-        say("done", 1.0)
-        return done, said
+            rounds.append(self._round(values, statistics, rounds[-1]))
+        rounds[-1] = replace(rounds[-1], chains=rounds[-1].walk.until())
+        progress("done", 1.0)
+        return rounds, warnings
 
-    def _simulated(self, values: Float[np.ndarray, "row free"], start: int) -> Float[np.ndarray, "row statistic"]:
-        return self.recorded(values, seed_of(self.seed, range(start, start + len(values))))
+    def _simulated(self, values: Values, start: int) -> Statistics:
+        return self.simulator(values, seed_of(self.seed, range(start, start + len(values))))
 
-    def _round(
-        self,
-        values: Float[np.ndarray, "row free"],
-        statistics: Float[np.ndarray, "row statistic"],
-        before: Round | None,
-    ) -> Round:
-        values, statistics = all_once(values, statistics, self.given)
-        near = None if before is None else self._near(values, before)
+    def _round(self, values: Values, statistics: Statistics, before: Round | None) -> Round:
+        values, statistics = self._with_reused(values, statistics)
         emulator = train(
             values,
             statistics,
-            prior=self.prior,
-            labels=self.recorded.labels,
+            prior=self.problem.prior,
+            labels=self.problem.labels,
             seed=self.seed,
-            settings=self.settings.emulator,
-            near=near,
-            room=self.settings.most + len(self.given[0]),
+            settings=self.settings.training,
+            near=None if before is None else self._near(values, before),
+            room=self.settings.simulations + len(self.reused_values),
         )
-        came = np.isfinite(statistics).all(axis=1)
+        whole = np.isfinite(statistics).all(axis=1)
         walk = Walk.start(
-            Posterior(emulator, self.prior, self.observed, self.replicates, self.noise),
-            self.prior.coordinates(values[came]),
+            LogPosterior(emulator, self.problem),
+            self.problem.prior.coordinates(values[whole]),
             walkers=self.settings.walkers,
             most_steps=self.settings.most_steps,
             seed=self.seed,
@@ -192,90 +268,84 @@ class _Run:
         moved = np.inf if before is None else float(apart(chains.flat, before.chains.flat).max())
         return Round(emulator, walk, chains, mean, covariance, moved, self._error_share(emulator, mean))
 
+    def _with_reused(self, values: Values, statistics: Statistics) -> tuple[Values, Statistics]:
+        """These simulations and the reused ones, each once."""
+        own = {row.tobytes() for row in np.column_stack([values, statistics])}
+        reused = np.column_stack([self.reused_values, self.reused_statistics])
+        new = np.array([row.tobytes() not in own for row in reused], dtype=bool)
+        return (
+            np.concatenate([values, self.reused_values[new]]),
+            np.concatenate([statistics, self.reused_statistics[new]]),
+        )
+
     def _settled(self, one: Round) -> bool:
         return one.moved <= self.settings.settle and one.error_share <= self.settings.settle**2
 
-    def _near(self, values: Float[np.ndarray, "row free"], last: Round) -> Bool[np.ndarray, " row"]:
-        off = self.prior.coordinates(values) - last.mean
+    def _near(self, values: Values, last: Round) -> Bool[np.ndarray, " row"]:
+        off = self.problem.prior.coordinates(values) - last.mean
         distance = np.einsum("rf,rf->r", off, np.linalg.solve(last.covariance, off.T).T)
         return distance <= self.settings.widen**2 * chi2.ppf(NEAR, len(last.mean))
 
-    def _proposals(self, last: Round, count: int, number: int) -> Float[np.ndarray, "row free"]:
-        """As many of a whole round's, the same whatever the count is: a longer run has use for each of them."""
+    def _proposals(self, last: Round, count: int, number: int) -> Values:
+        """The first of a whole round's proposals, so that a longer run uses each of them."""
         rng = np.random.default_rng(stream_of(self.seed, Stream.PROPOSALS, number))
-        whole = proposed(last.chains.flat, max(count, self.settings.each), self.settings.widen, self.prior, rng)
-        return self.prior.values(whole[:count])
-
-    def samples(self, rounds: list[Round], seconds: float) -> Samples:
-        """The last round's chains."""
-        last = rounds[-1]
-        chains, draws, free = last.chains.x.shape
-        values = self.prior.values(last.chains.flat)
-        rng = np.random.default_rng(stream_of(self.seed, Stream.DRAWS, 0))
-        found = Samples(
-            free=self.prior.free,
-            values=values.reshape(chains, draws, free),
-            weights=np.full((chains, draws), 1.0 / (chains * draws)),
-            log_probability=last.chains.log_density,
-            acceptance=last.chains.acceptance,
-            labels=self.recorded.labels,
-            statistics=last.emulator.draw(values, rng, self.replicates, self.noise).reshape(chains, draws, -1),
-            simulations=self.recorded.asked,
-            seconds=seconds,
-            seed=self.seed,
-            method="emulator",
-            settings={
-                **asdict(self.settings),
-                "prior": self.prior.asdict(),
-                "observed": self.observed.tolist(),
-                "replicates": self.replicates,
-                "given": len(self.given[0]),
-                "noise": None if self.noise is None else self.noise.tolist(),
-            },
-            diagnostics={
-                "rounds": [self._said(one) for one in rounds],
-                "steps": last.chains.steps,
-                "autocorrelation_time": last.chains.times.tolist(),
-                "chains": diagnose(last.chains.x, free=self.prior.free, acceptance=last.chains.acceptance).asdict(),
-            },
-        )
-        before = rounds[-2].chains.flat if len(rounds) > 1 else None
-        far = far_draws(last.chains.flat, before, self.prior)
-        return found.warned(*self._warnings(last), *far)
-
-    def _said(self, one: Round) -> dict[str, Any]:
-        """What is kept of a round."""
-        held_out = one.emulator.held_out
-        return {
-            "simulations": one.emulator.simulations,
-            "failed": one.emulator.failed,
-            "moved": one.moved,
-            "error_share": one.error_share,
-            "settled": self._settled(one),
-            "held_out": {**asdict(held_out), "sentences": held_out.sentences()},
-        }
+        whole = max(count, self.each)
+        x = proposed(last.chains.flat, whole, self.settings.widen, self.problem.prior, rng)
+        return self.problem.prior.values(x[:count])
 
     def _error_share(self, emulator: Emulator, mean: Float[np.ndarray, " free"]) -> float:
-        _, scatter, error, _ = emulator.moments(self.prior.values(mean[None]))
-        total = scatter[0] / self.replicates + error[0] + (0.0 if self.noise is None else self.noise)
+        problem = self.problem
+        _, scatter, error, _ = emulator.moments(problem.prior.values(mean[None]))
+        total = scatter[0] / problem.replicates + error[0] + (0.0 if problem.noise is None else problem.noise)
         return float(np.trace(np.linalg.solve(total, error[0])) / len(total))
 
+    def posterior(self, rounds: list[Round]) -> Posterior:
+        """The last round's chains."""
+        last, problem = rounds[-1], self.problem
+        chains, draws, free = last.chains.x.shape
+        values = problem.prior.values(last.chains.flat)
+        rng = np.random.default_rng(stream_of(self.seed, Stream.DRAWS, 0))
+        before = rounds[-2].chains.flat if len(rounds) > 1 else None
+        statistics = last.emulator.draw(values, rng, problem.replicates, problem.noise)
+        return Posterior.of(
+            problem,
+            values.reshape(chains, draws, free),
+            simulations=self.simulator.asked,
+            log_probability=last.chains.log_density,
+            acceptance=last.chains.acceptance,
+            statistics=statistics.reshape(chains, draws, -1),
+            status=None if self._settled(last) else Status.STILL_MOVING,
+            warnings=[
+                *self.simulator.store.notes,
+                *self._warnings(last),
+                *far_draws(last.chains.flat, before, problem.prior),
+            ],
+            diagnostics=EmulatorDiagnostics(
+                tuple(self._reported(one) for one in rounds), last.chains.steps, len(self.reused_values)
+            ),
+            backend=last.walk.backend,
+        )
+
+    def _reported(self, one: Round) -> RoundDiagnostics:
+        emulator, settled = one.emulator, self._settled(one)
+        return RoundDiagnostics(
+            emulator.simulations, emulator.failed, one.moved, one.error_share, settled, emulator.cross_validation
+        )
+
     def _warnings(self, last: Round) -> list[str]:
-        said = [*self.recorded.notes, *last.emulator.held_out.sentences()]
-        settle, share = self.settings.settle, last.error_share
+        settle, share, warnings = self.settings.settle, last.error_share, list[str]()
         if not self._settled(last):
             moved = f"it moved by {last.moved:.2f} standard deviations in the last round, {settle:g} is wanted"
             if np.isinf(last.moved):
                 moved = "whether one round more would move it is not known"
-            said.append(
+            warnings.append(
                 f"the posterior has not settled: {moved}, the emulator's error is {100 * share:.1f} % of the variance "
-                f"of the data, {100 * settle**2:g} % is wanted; {self.recorded.asked} simulations were allowed: allow "
+                f"of the data, {100 * settle**2:g} % is wanted; {self.simulator.asked} simulations were allowed: allow "
                 "more"
             )
         if share > LARGEST_ERROR:
-            said.append(
+            warnings.append(
                 f"the emulator's error is {100 * share:.0f} % of the variance of the data and widens the posterior: "
                 "more simulations narrow it"
             )
-        found = diagnose(last.chains.x, free=self.prior.free, acceptance=last.chains.acceptance)
-        return said + found.sentences()
+        return warnings

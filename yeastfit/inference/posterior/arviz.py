@@ -1,90 +1,124 @@
-"""Posteriors for ArviZ: one NetCDF file with all that its plots and checks ask for.
+"""Posteriors for ArviZ: one NetCDF file with everything its plots and checks ask for.
 
-Groups, after ArviZ's schema: `posterior`, a variable [chain, draw] for each parameter; `posterior_predictive`, the
-statistics [1, draw, statistic] of data sets simulated anew at some of the draws; `observed_data`, those observed;
-`sample_stats`, lp, the log probability, acceptance_rate, of the draw's chain, weight where draws differ in weight, and
-simulated [chain, draw, statistic], what each draw has of its own: in ABC the simulation that was accepted, near to the
-data because it was accepted; with the emulator what that draws.
+Groups, after ArviZ's schema:
 
-ArviZ before 1.0 holds them as `InferenceData`, from 1.0 on as xarray's `DataTree`; files are the same. It is imported
-when it is needed: `pip install yeastfit[arviz]`.
+    posterior             one variable [chain, draw] per parameter
+    sample_stats          lp, the log probability; acceptance_rate, of the draw's chain; simulated
+                          [chain, draw, statistic], the draw's own simulation (ABC) or prediction (emulator)
+    posterior_predictive  statistics [1, draw, statistic] of data sets simulated at draws of the posterior
+    observed_data         statistics observed
+
+ArviZ reads no weights. Of weighted draws (ABC-SMC), `posterior` and `sample_stats` hold as many draws resampled by
+weight (systematic resampling, in random order), which plots and summaries take as they are. A group `weighted_draws`
+holds the original ones: parameters, lp, simulated and `weight`.
+
+ArviZ before 1.0 has `InferenceData`, from 1.0 on xarray's `DataTree`; the files are the same. It is imported when it is
+needed: `pip install yeastfit[arviz]`.
 """
 
 import warnings
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from jaxtyping import Int
 
 from yeastfit.errors import InputError
+from yeastfit.inference.posterior.draws import Draws
 from yeastfit.inference.posterior.predictive_check import Predictive
-from yeastfit.inference.posterior.samples import Samples
-from yeastfit.storage import as_json, check_room, written_whole
+from yeastfit.inference.simulator import Stream, stream_of
+from yeastfit.storage import check_room, written_whole
 
-STATISTICS, SIMULATED = "statistics", "simulated"
+STATISTICS, SIMULATED, WEIGHTED = "statistics", "simulated", "weighted_draws"
+DIMS = {STATISTICS: ["statistic"], SIMULATED: ["statistic"]}
 Groups = dict[str, dict[str, np.ndarray]]
 
 
-def to_arviz(samples: Samples, found: Predictive | None = None) -> Any:
-    """`InferenceData` or `DataTree`, whichever the ArviZ that is installed has.
+def inference_data(draws: Draws, predictive: Predictive | None, about: Mapping[str, Any], seed: int) -> Any:
+    """`InferenceData` or `DataTree`, whichever the installed ArviZ has.
 
-    found: of `predict`, what was observed and what was predicted; without it there are no groups of these. Raises
-    `InputError` where ArviZ is missing, or `found` is of other statistics.
+    Arguments:
+        draws: Of the posterior.
+        predictive: Predicted data; without it there are no groups of predicted and observed data.
+        about: Attributes of the posterior.
+        seed: For resampling weighted draws.
+
+    Raises:
+        InputError: ArviZ is missing, or `predictive` is of other statistics.
     """
-    return _arviz_of(groups_of(samples, found), samples)
+    return _assembled(groups_of(draws, predictive, seed), draws.labels, about)
 
 
-def _arviz_of(groups: Groups, samples: Samples) -> Any:
-    arviz = _arviz()
-    about = {
-        "inference_library": "yeastfit",
-        "method": samples.method,
-        "seed": samples.seed,
-        "simulations": samples.simulations,
-        "settings": as_json(samples.settings),
-        "warnings": as_json(samples.warnings),
-    }
-    dims = {STATISTICS: ["statistic"], SIMULATED: ["statistic"]}
-    named = {"dims": dims, "coords": {"statistic": list(samples.labels)}}
-    with warnings.catch_warnings():  # one chain of weighted draws is as meant
-        warnings.filterwarnings("ignore", "More chains", UserWarning)
-        warnings.filterwarnings("ignore", "Found chain dimension to be longer", UserWarning)
-        if int(arviz.__version__.split(".")[0]) < 1:
-            return arviz.from_dict(**groups, **named, posterior_attrs=about)
-        return arviz.from_dict(groups, **named, attrs={"posterior": about})
-
-
-def to_netcdf(samples: Samples, path: str | Path, found: Predictive | None = None) -> None:
-    """`to_arviz` as a NetCDF file, written whole or not at all; `arviz.from_netcdf` reads it."""
-    groups = groups_of(samples, found)
-    data = _arviz_of(groups, samples)
+def write_netcdf(
+    path: str | Path, draws: Draws, predictive: Predictive | None, about: Mapping[str, Any], seed: int
+) -> None:
+    """`inference_data` as a NetCDF file, written whole or not at all."""
+    groups = groups_of(draws, predictive, seed)
+    data = _assembled(groups, draws.labels, about)
     size = sum(values.nbytes for group in groups.values() for values in group.values())
     with written_whole(path) as temporary:
         check_room(temporary, 2 * size)
         data.to_netcdf(str(temporary), engine="h5netcdf")
 
 
-def groups_of(samples: Samples, found: Predictive | None = None) -> Groups:
-    """Arrays by group and variable. Raises `InputError` where `found` is of other statistics."""
-    chains, draws = samples.weights.shape
-    stats = {"lp": samples.log_probability}
-    if len(samples.acceptance) == chains:
-        stats["acceptance_rate"] = np.repeat(samples.acceptance[:, None], draws, axis=1)
-    if samples.weighted:
-        stats["weight"] = samples.weights
-    if np.isfinite(samples.statistics).any():
-        stats[SIMULATED] = samples.statistics
-    groups = {"posterior": {name: samples.values[:, :, k] for k, name in enumerate(samples.free)}}
-    groups["sample_stats"] = stats
-    if found is not None:
-        if found.labels != samples.labels:
+def groups_of(draws: Draws, predictive: Predictive | None = None, seed: int = 0) -> Groups:
+    """Arrays by group and variable.
+
+    Raises:
+        InputError: `predictive` is of other statistics.
+    """
+    parameters = {name: draws.values[:, :, k] for k, name in enumerate(draws.free)}
+    stats = {"lp": draws.log_probability}
+    if np.isfinite(draws.statistics).any():
+        stats[SIMULATED] = draws.statistics
+    groups = {"posterior": parameters, "sample_stats": stats}
+    if draws.weighted:
+        chosen = resampled(draws.weights.ravel(), np.random.default_rng(stream_of(seed, Stream.RESAMPLING, 0)))
+        groups = {name: _chosen(group, chosen) for name, group in groups.items()}
+        groups[WEIGHTED] = {**parameters, **stats, "weight": draws.weights}
+    elif len(draws.acceptance) == len(draws.weights):
+        stats["acceptance_rate"] = np.repeat(draws.acceptance[:, None], draws.weights.shape[1], axis=1)
+    if predictive is not None:
+        if predictive.labels != draws.labels:
             raise InputError(
-                f"found is of {', '.join(found.labels)}, expected the statistics of the samples, "
-                f"{', '.join(samples.labels)}"
+                f"predictive is of {', '.join(predictive.labels)}, expected the statistics of the posterior, "
+                f"{', '.join(draws.labels)}"
             )
-        groups["posterior_predictive"] = {STATISTICS: found.statistics[None]}
-        groups["observed_data"] = {STATISTICS: found.observed}
+        groups["posterior_predictive"] = {STATISTICS: predictive.statistics[None]}
+        groups["observed_data"] = {STATISTICS: predictive.observed}
     return groups
+
+
+def resampled(weights: np.ndarray, rng: np.random.Generator) -> Int[np.ndarray, " draw"]:
+    """Numbers of as many draws as there are weights, by systematic resampling, in random order.
+
+    Draw i is taken ⌊n w_i⌋ or ⌈n w_i⌉ times.
+    """
+    count = len(weights)
+    places = (rng.random() + np.arange(count)) / count
+    numbers = np.searchsorted(np.cumsum(weights) / weights.sum(), places, side="right")
+    return rng.permutation(np.minimum(numbers, count - 1))
+
+
+def _chosen(group: Mapping[str, np.ndarray], numbers: Int[np.ndarray, " draw"]) -> dict[str, np.ndarray]:
+    """Draws with these numbers, as one chain."""
+    return {name: one.reshape(-1, *one.shape[2:])[numbers][None] for name, one in group.items()}
+
+
+def _assembled(groups: Groups, labels: tuple[str, ...], about: Mapping[str, Any]) -> Any:
+    arviz = _arviz()
+    coords = {"statistic": list(labels)}
+    with warnings.catch_warnings():  # that there is one chain only is no mistake
+        warnings.filterwarnings("ignore", "More chains", UserWarning)
+        warnings.filterwarnings("ignore", "Found chain dimension to be longer", UserWarning)
+        if int(arviz.__version__.split(".")[0]) >= 1:
+            return arviz.from_dict(groups, dims=DIMS, coords=coords, attrs={"posterior": about})
+        known = {name: group for name, group in groups.items() if name != WEIGHTED}
+        data = arviz.from_dict(**known, dims=DIMS, coords=coords, posterior_attrs=about)
+        if WEIGHTED in groups:
+            data.add_groups({WEIGHTED: arviz.dict_to_dataset(groups[WEIGHTED], dims=DIMS, coords=coords)})
+    return data
 
 
 def _arviz() -> Any:

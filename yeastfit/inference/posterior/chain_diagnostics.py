@@ -1,24 +1,25 @@
 """Whether chains can be trusted: how long they are, whether they agree, whether they move.
 
 **Autocorrelation time** τ = 1 + 2 Σ_t ρ_t up to the first lag above 5 τ (Sokal 1997), so that n draws of a chain are
-worth n / τ. What chains differ by counts as persistent (Vehtari et al. 2021, doi:10.1214/20-BA1221, equation 10):
+worth n / τ independent ones. Differences between chains count as persistent (Vehtari et al. 2021,
+doi:10.1214/20-BA1221, equation 10):
 
     ρ_t = 1 − (W − A_t) / V,
 
-W and V variances within chains and of all, A_t the mean autocovariance of a chain. Autocorrelations of single chains
-about their own means, as emcee has them, give a τ that is too short where chains are short. It is too short here, too,
-where chains are shorter than `LONG` τ, but by less.
+with W the variance within chains, V the variance of all draws and A_t the mean autocovariance of a chain.
+Autocorrelations of single chains about their own means, as emcee computes them, underestimate τ for short chains. This
+estimate is also too small for chains shorter than `LONG` τ, but less so.
 
-**Split R̂.** Each chain is cut into two halves. With W the mean of their variances, B/n the variance of their means,
+**Split R̂.** Each chain is cut into two halves. With W the mean of their variances and B/n the variance of their means,
 
     R̂ = √((n − 1) / n + (B / n) / W),
 
-of draws replaced by normal scores of their ranks, and of their distances from the median: the larger of the two, which
-sees chains that differ in place and in spread (Vehtari et al. 2021, doi:10.1214/20-BA1221).
+computed from normal scores of the ranks of the draws, and of their distances from the median; the larger of the two
+detects chains that differ in location or in spread (Vehtari et al. 2021, doi:10.1214/20-BA1221).
 
 **Rank statistics.** The share of each chain's draws in each of `bins` bins of equal number over all draws; 1 / bins
-where chains agree. Draws count as worth 1/τ_b each in their χ² and in what chance allows, τ_b the autocorrelation time
-of being in bin b: a tail that chains seldom leave has a longer one than the middle.
+where chains agree. In their χ² and its chance level draws count as 1/τ_b each, with τ_b the autocorrelation time of
+being in bin b: a tail that chains seldom leave has a longer one than the middle.
 """
 
 from dataclasses import dataclass
@@ -33,6 +34,7 @@ from yeastfit.errors import InputError
 LONG = 50.0  # autocorrelation times, from which their estimate is to be trusted
 LARGEST_R_HAT = 1.05  # chains of LONG τ have 1.02 for their length alone
 FEWEST = 400.0  # effective draws, over all chains
+FEWEST_DRAWS = 4  # of each chain, for split R̂
 WINDOW = 5.0  # autocorrelation times that are summed over
 ACCEPTANCE = (0.05, 0.95)
 
@@ -40,11 +42,20 @@ Chain = Float[np.ndarray, "chain draw free"]
 
 
 @dataclass(frozen=True)
-class Diagnostics:
-    """Of the chains of one run.
+class ChainDiagnostics:
+    """Diagnostics of the chains of one run.
 
-    ranks: share of each chain's draws in each bin; chance: standard deviation of a share where chains agree; unequal:
-    p-value of their χ².
+    Attributes:
+        free: Names of the parameters.
+        chains: Number of chains.
+        draws: Number of draws of each chain.
+        times: Autocorrelation times, in draws.
+        effective_size: Independent draws that all chains together are worth; at least 1.
+        r_hat: Split R̂.
+        acceptance: Share of accepted proposals of each chain; nan where unknown.
+        ranks: Share of each chain's draws in each rank bin.
+        chance: Standard deviation of such a share where chains agree.
+        unequal: p-value of the χ² of the shares.
     """
 
     free: tuple[str, ...]
@@ -60,35 +71,43 @@ class Diagnostics:
 
     @property
     def lengths(self) -> Float[np.ndarray, " free"]:
-        """N/τ of one chain."""
+        """Length of one chain in autocorrelation times."""
         return self.draws / self.times
+
+    @property
+    def converged(self) -> bool:
+        """Whether chains are long enough, agree, and are worth enough independent draws."""
+        enough = (self.lengths >= LONG) & (self.effective_size >= FEWEST) & (self.r_hat <= LARGEST_R_HAT)
+        return bool(enough.all())
 
     def sentences(self) -> list[str]:
         """What is wrong; empty where all is well."""
-        said = []
+        sentences = []
         for name, time, length in zip(self.free, self.times, self.lengths, strict=True):
             if not length >= LONG:
                 more = f"run at least {int(np.ceil(LONG * time))} draws" if np.isfinite(time) else "it does not move"
-                said.append(
+                sentences.append(
                     f"chains are too short for {name}: {self.draws} draws are {length:.1f} autocorrelation times of "
                     f"{time:.1f} draws each, {LONG:g} are wanted: {more}"
                 )
         for name, size in zip(self.free, self.effective_size, strict=True):
             if not size >= FEWEST:
-                said.append(
+                sentences.append(
                     f"{name}: all chains together are worth {size:.0f} independent draws, {FEWEST:g} are wanted"
                 )
         for name, ratio in zip(self.free, self.r_hat, strict=True):
             if not ratio <= LARGEST_R_HAT:
-                said.append(f"{name}: chains do not agree, split R̂ is {ratio:.3f}, at most {LARGEST_R_HAT} is wanted")
+                sentences.append(
+                    f"{name}: chains do not agree, split R̂ is {ratio:.3f}, at most {LARGEST_R_HAT} is wanted"
+                )
         low, high = ACCEPTANCE
         odd = (self.acceptance < low) | (self.acceptance > high)
         if odd.any():
-            said.append(
+            sentences.append(
                 f"{odd.sum()} of {self.chains} chains accept {100 * self.acceptance[odd].min():.1f} to "
                 f"{100 * self.acceptance[odd].max():.1f} % of proposals, {100 * low:g} to {100 * high:g} % are usual"
             )
-        return said
+        return sentences
 
     def asdict(self) -> dict[str, Any]:
         """Plain data, parameters by name."""
@@ -101,24 +120,31 @@ class Diagnostics:
 
 def diagnose(
     values: Chain, *, free: tuple[str, ...], acceptance: Float[np.ndarray, " chain"], bins: int = 10
-) -> Diagnostics:
-    """Of draws, chain by chain. Raises `InputError` where there are fewer than 4 draws, or shapes disagree."""
+) -> ChainDiagnostics:
+    """Diagnostics of draws, chain by chain.
+
+    Raises:
+        InputError: There are fewer than 4 draws of each chain, or shapes disagree.
+    """
     chains, draws, count = values.shape
-    if draws < 4 or count != len(free) or len(acceptance) != chains:
+    if draws < FEWEST_DRAWS or count != len(free) or len(acceptance) != chains:
         raise InputError(
-            f"values have shape {values.shape}, with {len(acceptance)} acceptances and {len(free)} names; at least 4 "
-            "draws of each chain are needed, one acceptance a chain and one name a parameter"
+            f"values have shape {values.shape}, with {len(acceptance)} acceptances and {len(free)} names; at least "
+            f"{FEWEST_DRAWS} draws of each chain are needed, one acceptance a chain and one name a parameter"
         )
     times = autocorrelation_time(values)
-    size, ratio = chains * draws / times, split_r_hat(values)
-    return Diagnostics(free, chains, draws, times, size, ratio, acceptance, *rank_statistics(values, bins))
+    size, ratio = np.maximum(chains * draws / times, 1.0), split_r_hat(values)
+    return ChainDiagnostics(free, chains, draws, times, size, ratio, acceptance, *rank_statistics(values, bins))
 
 
 def autocorrelation_time(values: Chain, *, alike: bool = False, least: float = 0.0) -> Float[np.ndarray, " free"]:
     """τ of every parameter, at least 1; inf where no chain moves.
 
-    alike: as if chains differed by chance alone. Autocorrelations about a chain's own mean lack τ / draws each then,
-    which is put back; it can be up to lags of a quarter of the draws. least: sums go on as with a τ of so many draws.
+    Arguments:
+        values: Draws of all chains.
+        alike: Assume that chains differ by chance alone. Autocorrelations about a chain's own mean then lack τ / draws
+            each, which is added back; lags reach up to a quarter of the draws.
+        least: Lower bound of τ where the window of the sum ends.
     """
     chains, draws, count = values.shape
     times, lags = np.full(count, np.inf), np.arange(draws)
@@ -140,7 +166,7 @@ def autocorrelation_time(values: Chain, *, alike: bool = False, least: float = 0
 
 
 def split_r_hat(values: Chain) -> Float[np.ndarray, " free"]:
-    """R̂ as above, nan where nothing moves."""
+    """Split R̂ of every parameter; nan where nothing moves."""
     half = values.shape[1] // 2
     split = np.concatenate([values[:, :half], values[:, -half:]])
     folded = np.abs(split - np.median(split, axis=(0, 1)))
@@ -150,7 +176,11 @@ def split_r_hat(values: Chain) -> Float[np.ndarray, " free"]:
 def rank_statistics(
     values: Chain, bins: int = 10
 ) -> tuple[Float[np.ndarray, "free chain bin"], Float[np.ndarray, "free bin"], Float[np.ndarray, " free"]]:
-    """Shares as above, their standard deviation by chance, and the p-value of their χ²: small where chains differ."""
+    """Rank statistics of every parameter.
+
+    Returns:
+        The shares, their standard deviation where chains agree, and the p-value of their χ², small where they do not.
+    """
     chains, draws, count = values.shape
     ranks = stats.rankdata(values.reshape(-1, count), axis=0).reshape(values.shape)
     which = np.minimum((ranks - 0.5) * bins / (chains * draws), bins - 1).astype(int)

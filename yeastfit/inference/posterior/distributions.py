@@ -1,11 +1,11 @@
-"""Laws of one parameter λ, by name and numbers.
+"""Prior distributions of one parameter λ, by name and numbers.
 
-A law has a density p(x) in its own coordinate, x = λ or x = log λ; that of λ is p(x) |dx/dλ|:
+A distribution has a density p(x) in its own coordinate, x = λ or x = log λ; the density of λ is p(x) |dx/dλ|:
 
     uniform       x = λ       low, high
     log-uniform   x = log λ   low, high
-    normal        x = λ       mean, sd; cut off at low, high where these are given
-    log-normal    x = log λ   median of λ, sd of log λ; likewise
+    normal        x = λ       mean, sd; truncated at low and high where these are given
+    log-normal    x = log λ   median of λ, sd of log λ; truncated likewise
     beta          x = λ       a, b: λ = low + (high − low) u with density ∝ u^(a−1) (1 − u)^(b−1); low 0, high 1
 """
 
@@ -20,100 +20,119 @@ from scipy import stats
 
 from yeastfit.errors import InputError
 
+Numbers = Mapping[str, float]
+
 
 @dataclass(frozen=True)
-class LawInfo:
-    """Numbers that a law needs and those that it has defaults for, its coordinate, and how its density p(x) is made."""
+class Family:
+    """A family of distributions.
 
-    needs: tuple[str, ...]
+    Attributes:
+        required: Names of the numbers that must be given.
+        defaults: Numbers that may be left out.
+        logarithmic: Whether the coordinate is log λ.
+        density: Makes p(x), a frozen distribution of scipy, from the numbers.
+    """
+
+    required: tuple[str, ...]
     defaults: dict[str, float]
     logarithmic: bool
-    density: Callable[[Mapping[str, float]], Any]
+    density: Callable[[Numbers], Any]
 
 
-def _uniform(n: Mapping[str, float]) -> Any:
+def _uniform(n: Numbers) -> Any:
     return stats.uniform(n["low"], n["high"] - n["low"])
 
 
-def _log_uniform(n: Mapping[str, float]) -> Any:
+def _log_uniform(n: Numbers) -> Any:
     return stats.uniform(np.log(n["low"]), np.log(n["high"]) - np.log(n["low"]))
 
 
-def _normal(n: Mapping[str, float]) -> Any:
+def _normal(n: Numbers) -> Any:
     return stats.truncnorm((n["low"] - n["mean"]) / n["sd"], (n["high"] - n["mean"]) / n["sd"], n["mean"], n["sd"])
 
 
-def _log_normal(n: Mapping[str, float]) -> Any:
+def _log_normal(n: Numbers) -> Any:
     low = np.log(n["low"]) if n["low"] > 0 else -np.inf
     return _normal({"mean": np.log(n["median"]), "sd": n["sd"], "low": low, "high": np.log(n["high"])})
 
 
-def _beta(n: Mapping[str, float]) -> Any:
+def _beta(n: Numbers) -> Any:
     return stats.beta(n["a"], n["b"], n["low"], n["high"] - n["low"])
 
 
-LAWS: dict[str, LawInfo] = {
-    "uniform": LawInfo(("low", "high"), {}, False, _uniform),
-    "log-uniform": LawInfo(("low", "high"), {}, True, _log_uniform),
-    "normal": LawInfo(("mean", "sd"), {"low": -math.inf, "high": math.inf}, False, _normal),
-    "log-normal": LawInfo(("median", "sd"), {"low": 0.0, "high": math.inf}, True, _log_normal),
-    "beta": LawInfo(("a", "b"), {"low": 0.0, "high": 1.0}, False, _beta),
+FAMILIES: dict[str, Family] = {
+    "uniform": Family(("low", "high"), {}, False, _uniform),
+    "log-uniform": Family(("low", "high"), {}, True, _log_uniform),
+    "normal": Family(("mean", "sd"), {"low": -math.inf, "high": math.inf}, False, _normal),
+    "log-normal": Family(("median", "sd"), {"low": 0.0, "high": math.inf}, True, _log_normal),
+    "beta": Family(("a", "b"), {"low": 0.0, "high": 1.0}, False, _beta),
 }
 
 
 @dataclass(frozen=True)
-class Law:
-    """Prior of one parameter: a law of `LAWS` and its numbers by name, completed with the law's defaults."""
+class Distribution:
+    """Distribution of one parameter.
 
-    law: str
-    numbers: Mapping[str, float] = field(hash=False)
+    Attributes:
+        family: One of `FAMILIES`.
+        numbers: By name; the family's defaults are filled in.
+
+    Raises:
+        InputError: The family is unknown, or a number is missing, unknown or out of range.
+    """
+
+    family: str
+    numbers: Numbers = field(hash=False)
 
     def __post_init__(self) -> None:
-        if self.law not in LAWS:
-            raise InputError(f"law is {self.law!r}, expected one of {', '.join(LAWS)}")
-        object.__setattr__(self, "numbers", _numbers(self.law, self.numbers))
+        if self.family not in FAMILIES:
+            raise InputError(f"distribution is {self.family!r}, expected one of {', '.join(FAMILIES)}")
+        object.__setattr__(self, "numbers", _completed(self.family, self.numbers))
 
     @property
     def logarithmic(self) -> bool:
-        """Whether its coordinate is log λ."""
-        return LAWS[self.law].logarithmic
+        """Whether the coordinate is log λ."""
+        return FAMILIES[self.family].logarithmic
 
     @property
     def support(self) -> tuple[float, float]:
-        """Of λ."""
+        """Smallest and largest λ."""
         return self.numbers["low"], self.numbers["high"]
 
     @cached_property
     def density(self) -> Any:
-        """p(x), a distribution of scipy."""
-        return LAWS[self.law].density(self.numbers)
+        """p(x), a frozen distribution of scipy."""
+        return FAMILIES[self.family].density(self.numbers)
 
     @cached_property
-    def middle(self) -> float:
-        """Median of x."""
+    def median(self) -> float:
+        """Median of the coordinate x."""
         return float(self.density.median())
 
 
-def _numbers(law: str, given: Mapping[str, Any]) -> dict[str, float]:
-    """All numbers of a law as floats, or `InputError`."""
-    info = LAWS[law]
-    for key in given:
-        if key not in info.needs and key not in info.defaults:
-            raise InputError(f"{law} has no {key!r}, its numbers are {', '.join((*info.needs, *info.defaults))}")
-    for key in info.needs:
-        if key not in given:
-            raise InputError(f"{law} needs {', '.join(info.needs)}, {key} is missing")
-    for key, one in given.items():
-        infinite = key in info.defaults and one == info.defaults[key]
-        if isinstance(one, bool) or not isinstance(one, int | float) or not (math.isfinite(one) or infinite):
-            raise InputError(f"{key} is {one!r}, it must be a finite number")
-    numbers = {**info.defaults, **{key: float(one) for key, one in given.items()}}
+def _completed(name: str, numbers: Mapping[str, Any]) -> dict[str, float]:
+    """All numbers of a distribution as floats, checked."""
+    family = FAMILIES[name]
+    for key in numbers:
+        if key not in family.required and key not in family.defaults:
+            raise InputError(
+                f"{name} has no {key!r}, its numbers are {', '.join((*family.required, *family.defaults))}"
+            )
+    for key in family.required:
+        if key not in numbers:
+            raise InputError(f"{name} needs {', '.join(family.required)}, {key} is missing")
+    for key, value in numbers.items():
+        infinite = key in family.defaults and value == family.defaults[key]
+        if isinstance(value, bool) or not isinstance(value, int | float) or not (math.isfinite(value) or infinite):
+            raise InputError(f"{key} is {value!r}, it must be a finite number")
+    completed = {**family.defaults, **{key: float(value) for key, value in numbers.items()}}
     for key in ("sd", "a", "b", "median"):
-        if key in numbers and numbers[key] <= 0:
-            raise InputError(f"{key} is {numbers[key]:g}, it must be above 0")
-    low, high = numbers["low"], numbers["high"]
+        if key in completed and completed[key] <= 0:
+            raise InputError(f"{key} is {completed[key]:g}, it must be above 0")
+    low, high = completed["low"], completed["high"]
     if low >= high:
         raise InputError(f"low is {low:g} and high {high:g}, low must be below high")
-    if (law == "log-uniform" and low <= 0) or (law == "log-normal" and low < 0):
-        raise InputError(f"low is {low:g}, {law} is a law of positive values")
-    return {key: numbers[key] for key in (*info.needs, *info.defaults)}
+    if (name == "log-uniform" and low <= 0) or (name == "log-normal" and low < 0):
+        raise InputError(f"low is {low:g}, {name} is a distribution of positive values")
+    return {key: completed[key] for key in (*family.required, *family.defaults)}

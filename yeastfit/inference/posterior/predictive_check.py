@@ -1,14 +1,14 @@
-"""What a posterior says of data like those observed: simulated again at draws of λ, with as many replicates.
+"""Posterior predictive check: data simulated at draws of the posterior, with as many replicates as were observed.
 
-Of draws λ_i, i = 1..n, each gives statistics s_i, means over R colonies as the data o are. The band of a level holds
-that share of the s_i, statistic by statistic. How far a data set is from them, all statistics together:
+Draws λ_i, i = 1..n, each give statistics s_i, means over R replicates as the data o are. The band of a level holds that
+share of the s_i, statistic by statistic. Of all statistics together,
 
     T(y) = Σ_k ((y_k − m_k) / σ_k)²,    m, σ mean and standard deviation of the s_i and o together;
     p = (1 + number of the s_i with T(s_i) ≥ T(o)) / (1 + n),
 
-a posterior predictive p-value (Gelman, Meng & Stern 1996, Statistica Sinica 6, 733), no less than 1 / (1 + n): near 0
-the model with these parameters does not make such data; uniform it is not, as the data were used to find λ. Quantiles
-are those between which one more draw would lie with that probability: of n draws in order, the k-th is at k / (n + 1).
+a posterior predictive p-value (Gelman, Meng & Stern 1996, Statistica Sinica 6, 733), at least 1 / (1 + n). Near 0 the
+model with these parameters does not make such data. It is not uniform, as the data were used to find λ. Quantiles are
+those between which one more draw would lie with that probability: of n draws in order, the k-th is at k / (n + 1).
 """
 
 from collections.abc import Sequence
@@ -20,7 +20,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from yeastfit.errors import InputError
-from yeastfit.inference.posterior.samples import Samples
+from yeastfit.inference.posterior.draws import Draws
 from yeastfit.inference.simulator import (
     Mismeasured,
     Replicates,
@@ -32,13 +32,23 @@ from yeastfit.inference.simulator import (
 )
 from yeastfit.storage import written_whole
 
-LEAST_P = 0.025  # from where it is said that the model does not make such data; the least that 40 draws can tell
-FEWEST = 10  # draws, for a band to be one
+LEAST_P = 0.025  # below, a warning says that the model does not make such data; 40 draws resolve just that
+FEWEST = 10  # draws of a band
 
 
 @dataclass(frozen=True)
 class Predictive:
-    """Result of `predict`. values: λ; statistics: of each, means over `replicates`, without those that failed."""
+    """Data sets predicted by a posterior, and the one observed.
+
+    Attributes:
+        free: Names of the parameters.
+        labels: Names of the statistics.
+        values: λ of each data set.
+        statistics: Means over `replicates`.
+        observed: The data.
+        replicates: Replicates that a data set is the mean of.
+        failed: Further draws whose simulations came to nothing.
+    """
 
     free: tuple[str, ...]
     labels: tuple[str, ...]
@@ -53,7 +63,7 @@ class Predictive:
         return self.quantiles([0.5 - 0.5 * level, 0.5 + 0.5 * level]).T
 
     def quantiles(self, shares: Sequence[float]) -> Float[np.ndarray, "share statistic"]:
-        """Of each statistic."""
+        """Quantiles of each statistic."""
         return np.quantile(self.statistics, shares, axis=0, method="weibull")
 
     def inside(self, level: float) -> Bool[np.ndarray, " statistic"]:
@@ -63,7 +73,7 @@ class Predictive:
 
     @property
     def p_value(self) -> float:
-        """p, see above."""
+        """Posterior predictive p-value p."""
         every = np.vstack([self.observed, self.statistics])
         mean, sd = every.mean(axis=0), every.std(axis=0)
         apart = np.sum(((every - mean) / np.where(sd > 0, sd, 1.0)) ** 2, axis=1)
@@ -71,30 +81,30 @@ class Predictive:
 
     def sentences(self) -> list[str]:
         """What is wrong; empty where all is well."""
-        said = [] if not self.failed else [f"posterior predictive: {self.failed} draws came to nothing"]
+        sentences = [] if not self.failed else [f"posterior predictive: {self.failed} draws came to nothing"]
         if (1 + len(self.values)) * LEAST_P < 1:
-            said.append(
+            sentences.append(
                 f"posterior predictive: {len(self.values)} draws are too few to tell data that the model does not "
                 f"make, {round(1 / LEAST_P) - 1} are needed"
             )
         if self.p_value <= LEAST_P:
-            away = [label for label, one in zip(self.labels, self.inside(0.99), strict=True) if not one]
+            away = [label for label, inside in zip(self.labels, self.inside(0.99), strict=True) if not inside]
             where = f", mostly by {', '.join(away)}" if away else ""
-            said.append(
+            sentences.append(
                 f"posterior predictive: p = {self.p_value:.3f}, the model with these parameters hardly makes such "
                 f"data{where}: look at their curves, pixel size and times, and at what was held fixed"
             )
-        return said
+        return sentences
 
     def rows(self) -> list[dict[str, Any]]:
-        """A row for each statistic: observed, and what was predicted."""
+        """One row per statistic: observed value and predicted quantiles."""
         shares = (0.05, 0.25, 0.5, 0.75, 0.95)
         quantiles = self.quantiles(shares).T.tolist()
         names = [f"q{100 * share:02.0f}" for share in shares]
         rows = zip(self.labels, self.observed.tolist(), quantiles, self.inside(0.9).tolist(), strict=True)
         return [
-            {"statistic": label, "observed": seen, **dict(zip(names, each, strict=True)), "inside_90": within}
-            for label, seen, each, within in rows
+            {"statistic": label, "observed": observed, **dict(zip(names, each, strict=True)), "inside_90": inside}
+            for label, observed, each, inside in rows
         ]
 
     def save(self, path: str | Path) -> None:
@@ -112,46 +122,37 @@ class Predictive:
         return Predictive(**{**read, **plain})
 
 
-def predict(
-    samples: Samples,
-    simulator: Simulator,
-    observed: Float[np.ndarray, " statistic"],
-    *,
-    replicates: int = 1,
-    noise: Float[np.ndarray, "statistic statistic"] | None = None,
-    draws: int = 40,
-    seed: int = 0,
-) -> Predictive:
-    """Simulates at `draws` draws of the samples, `replicates` data sets each, the same ones for the same seed.
+def predict(draws_of: Draws, simulator: Simulator, *, draws: int = 40, seed: int = 0) -> Predictive:
+    """Simulate data like those observed at draws of a posterior.
 
-    simulator: of one data set. noise: covariance of the mean's errors of measurement. Raises `InputError` for
-    fewer than `FEWEST` draws, or where fewer came to something.
+    Arguments:
+        draws_of: The posterior, with its data.
+        simulator: Of one replicate.
+        draws: How many data sets.
+        seed: Same seed, same draws and simulations.
+
+    Raises:
+        InputError: There are fewer than `FEWEST` draws, or fewer came to something, or the simulator has other
+            parameters or statistics.
     """
     if draws < FEWEST:
         raise InputError(f"draws is {draws}, a predictive check needs at least {FEWEST}")
-    names, labels = simulator.parameters.names, labels_of(simulator)
-    if names != samples.free or len(labels) != len(observed):
+    names, labels, observed = simulator.parameters.names, labels_of(simulator), draws_of.observed
+    if names != draws_of.free or len(labels) != len(observed):
         raise InputError(
-            f"simulator is of {names} and {len(labels)} statistics, the samples of {samples.free} "
+            f"simulator is of {names} and {len(labels)} statistics, the posterior of {draws_of.free} "
             f"and the data of {len(observed)}"
         )
-    values = samples.drawn(draws, np.random.default_rng(stream_of(seed, Stream.PREDICTIVE, 0)))
+    values = draws_of.drawn(draws, np.random.default_rng(stream_of(seed, Stream.PREDICTIVE, 0)))
     seeds = np.array(
         [stream_of(seed, Stream.PREDICTIVE, 1, k).generate_state(1)[0] for k in range(draws)], dtype=np.uint64
     )
-    means: Simulator = Replicates(simulator, replicates)
-    if noise is not None:
-        means = Mismeasured(means, root_of(noise))
+    means: Simulator = Replicates(simulator, draws_of.replicates)
+    if draws_of.noise is not None:
+        means = Mismeasured(means, root_of(draws_of.noise))
     statistics = means(values, seeds)
-    came = np.isfinite(statistics).all(axis=1)
-    if came.sum() < FEWEST:
-        raise InputError(f"draws: {came.sum()} of {draws} came to something, a predictive check needs {FEWEST}")
-    return Predictive(
-        samples.free,
-        labels,
-        values[came],
-        statistics[came],
-        observed,
-        replicates,
-        int(draws - came.sum()),
-    )
+    whole = np.isfinite(statistics).all(axis=1)
+    if whole.sum() < FEWEST:
+        raise InputError(f"draws: {whole.sum()} of {draws} came to something, a predictive check needs {FEWEST}")
+    failed = int(draws - whole.sum())
+    return Predictive(names, labels, values[whole], statistics[whole], observed, draws_of.replicates, failed)

@@ -1,13 +1,14 @@
-"""What is held of λ before the data: independent priors by name, read from and written to TOML.
+"""Priors: independent distributions of named parameters, read from and written to TOML.
 
-Samplers walk in the coordinates of the laws (`laws`): log λ where the law is one of log λ, else λ. Parameters of the
-model must have their whole prior where they are admissible: the cut-offs of the laws serve for that. A file has a table
-per parameter; `template` makes the default, log-uniform over each parameter's plausible range.
+    π(λ) = Π_k p_k(x_k) |dx_k/dλ_k|,    x_k = λ_k or log λ_k as the distribution says (`distributions`)
+
+Samplers walk in the coordinates x. A prior must not reach beyond what is admissible for its parameters: distributions
+have truncations for that. A file has one table per parameter; `template` writes the default prior as such a file.
 """
 
 import math
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -17,122 +18,172 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from yeastfit.errors import InputError
-from yeastfit.inference.posterior.distributions import LAWS, Law
-from yeastfit.model.parameters import NAMES, PARAMETERS
+from yeastfit.inference.posterior.distributions import FAMILIES, Distribution
+from yeastfit.parameter_set import Parameter, ParameterSet
 
-UNINFORMED = {"a": 2.0, "b": 2.0}  # of beta
+WIDE_BETA = {"a": 2.0, "b": 2.0}  # the widest of the beta priors of Li et al. 2024
 
 Values = Float[np.ndarray, "draw free"]
 
 
 @dataclass(frozen=True)
 class Prior:
-    """Independent laws of named parameters; the names are any, those of the model are checked."""
+    """Independent distributions of named parameters.
 
-    laws: Mapping[str, Law] = field(hash=False)
+    Attributes:
+        distributions: By parameter name, in the order of the columns.
+
+    Raises:
+        InputError: There is no parameter.
+    """
+
+    distributions: Mapping[str, Distribution] = field(hash=False)
 
     def __post_init__(self) -> None:
-        if not self.laws:
+        if not self.distributions:
             raise InputError("the prior is empty, it needs at least one parameter")
-        for name, law in self.laws.items():
-            _check_admissible(name, law)
 
     @property
     def free(self) -> tuple[str, ...]:
-        """Names, in the order of the columns."""
-        return tuple(self.laws)
+        """Names of the parameters, in the order of the columns."""
+        return tuple(self.distributions)
 
     @cached_property
     def support(self) -> Float[np.ndarray, "free 2"]:
         """Smallest and largest λ."""
-        return np.array([law.support for law in self.laws.values()], dtype=float)
+        return np.array([one.support for one in self.distributions.values()], dtype=float)
 
     def log_density(self, values: Values) -> Float[np.ndarray, " draw"]:
-        """Of λ; −inf outside the support."""
+        """Log density of λ; −inf outside the support."""
         inside, x = self._inside(values)
-        found = self._log_density(x) - x[:, self._logarithmic].sum(axis=1)
-        return np.where(inside, found, -np.inf)
+        density = self._log_density(x) - x[:, self._logarithmic].sum(axis=1)
+        return np.where(inside, density, -np.inf)
 
     def log_density_of_coordinates(self, x: Values) -> Float[np.ndarray, " draw"]:
-        """Of the coordinates; −inf outside the support."""
+        """Log density of the coordinates x; −inf outside the support."""
         inside, x = self._inside(self.values(x))
         return np.where(inside, self._log_density(x), -np.inf)
 
     def coordinates(self, values: Values) -> Values:
-        """λ or log λ, whichever the law of the parameter is of."""
-        found = np.array(values, dtype=float)
-        found[:, self._logarithmic] = np.log(values[:, self._logarithmic])
-        return found
+        """x of λ."""
+        x = np.array(values, dtype=float)
+        x[:, self._logarithmic] = np.log(values[:, self._logarithmic])
+        return x
 
     def values(self, x: Values) -> Values:
-        """λ of coordinates. The inverse of `coordinates`; what would overflow is inf, outside every support."""
-        found = np.array(x, dtype=float)
+        """λ of x, the inverse of `coordinates`; inf, which is outside every support, where exp overflows."""
+        values = np.array(x, dtype=float)
         with np.errstate(over="ignore"):
-            found[:, self._logarithmic] = np.exp(x[:, self._logarithmic])
-        return found
+            values[:, self._logarithmic] = np.exp(x[:, self._logarithmic])
+        return values
 
     def quantile(self, unit: Values) -> Values:
-        """Points of the unit cube → λ, for draws of low discrepancy."""
+        """λ at points of the unit cube, one cumulative probability per parameter.
+
+        Raises:
+            InputError: A point lies outside the cube.
+        """
         if not ((unit >= 0) & (unit <= 1)).all():
             raise InputError(f"unit holds values from {unit.min():g} to {unit.max():g}, they must lie in 0..1")
-        columns = zip(self.laws.values(), unit.T, strict=True)
-        values = self.values(np.stack([law.density.ppf(one) for law, one in columns], axis=1))
+        columns = zip(self.distributions.values(), unit.T, strict=True)
+        values = self.values(np.stack([one.density.ppf(share) for one, share in columns], axis=1))
         return np.clip(values, *self.support.T)  # exp(log high) may exceed high by its last bit
 
     def sample(self, count: int, rng: np.random.Generator) -> Values:
-        """Independent draws."""
-        return self.quantile(rng.random((count, len(self.laws))))
+        """Independent draws of λ."""
+        return self.quantile(rng.random((count, len(self.distributions))))
+
+    def check(self, parameters: ParameterSet) -> None:
+        """Raise `InputError` where a distribution reaches values that are not admissible for its parameter."""
+        for name, one in self.distributions.items():
+            if name in parameters:
+                _check_admissible(parameters[name], one)
 
     def asdict(self) -> dict[str, dict[str, Any]]:
-        """Plain tables, one per parameter; cut-offs that are not there are left out."""
+        """Plain tables, one per parameter; infinite truncations are left out."""
         return {
-            name: {"law": law.law, **{key: one for key, one in law.numbers.items() if math.isfinite(one)}}
-            for name, law in self.laws.items()
+            name: {
+                "distribution": one.family,
+                **{key: value for key, value in one.numbers.items() if math.isfinite(value)},
+            }
+            for name, one in self.distributions.items()
         }
 
-    def toml(self) -> str:
-        """`asdict` as TOML with a comment on each parameter of the model."""
+    def toml(self, parameters: ParameterSet | None = None) -> str:
+        """`asdict` as TOML, with symbol and meaning of each parameter as a comment where `parameters` are given."""
         tables = []
         for name, table in self.asdict().items():
-            lines = [f"# {PARAMETERS[name].symbol}: {PARAMETERS[name].meaning}"] if name in PARAMETERS else []
-            lines += [f"[{name}]", f'law = "{table.pop("law")}"', *(f"{key} = {one!r}" for key, one in table.items())]
-            tables.append("\n".join(lines))
+            known = parameters[name] if parameters is not None and name in parameters else None
+            lines = [f"# {known.symbol}: {known.meaning}"] if known else []
+            lines += [f"[{name}]", f'distribution = "{table.pop("distribution")}"']
+            tables.append("\n".join([*lines, *(f"{key} = {value!r}" for key, value in table.items())]))
         return "\n\n".join(tables) + "\n"
 
     @staticmethod
     def of(tables: Mapping[str, Any]) -> "Prior":
-        """What `asdict` gave: a table with `law` and its numbers for each parameter. Raises `InputError`."""
-        laws = {}
+        """From a table per parameter, such as `{"rate": {"distribution": "uniform", "low": 0.0, "high": 1.0}}`.
+
+        Raises:
+            InputError: A table has no distribution, or its numbers are wrong.
+        """
+        distributions = {}
         for name, table in tables.items():
-            if not (isinstance(table, Mapping) and isinstance(table.get("law"), str)):
-                raise InputError(f'prior of {name} is {table!r}, it must be a table with law = "..." and its numbers')
+            if not (isinstance(table, Mapping) and isinstance(table.get("distribution"), str)):
+                raise InputError(
+                    f'prior of {name} is {table!r}, it must be a table with distribution = "..." and its numbers'
+                )
+            numbers = {key: value for key, value in table.items() if key != "distribution"}
             try:
-                laws[name] = Law(table["law"], {key: one for key, one in table.items() if key != "law"})
+                distributions[name] = Distribution(table["distribution"], numbers)
             except InputError as error:
                 raise InputError(f"prior of {name}: {error}") from None
-        return Prior(laws)
+        return Prior(distributions)
 
     @staticmethod
-    def read(path: str | Path, free: Sequence[str] | None = None) -> "Prior":
-        """Of a TOML file, whose parameters must be the model's, or those of `free` and then all of them."""
+    def default(parameters: ParameterSet, *, bounded: str = "log-uniform") -> "Prior":
+        """Log-uniform over each parameter's plausible range where that is above 0, uniform otherwise.
+
+        Arguments:
+            parameters: The free ones, as `simulator.parameters`.
+            bounded: Distribution of those that have a largest admissible value; "beta" is Beta(2, 2) on the plausible
+                range.
+        """
+        distributions = {}
+        for name, one in parameters.items():
+            low, high = one.plausible
+            family = "log-uniform" if low > 0 else "uniform"
+            if math.isfinite(one.largest) and bounded == "beta":
+                family = bounded
+            numbers = {"low": low, "high": high, **(WIDE_BETA if family == "beta" else {})}
+            distributions[name] = Distribution(family, numbers)
+        return Prior(distributions)
+
+    @staticmethod
+    def read(path: str | Path, parameters: ParameterSet) -> "Prior":
+        """From a TOML file with a table for each of `parameters`, in their order.
+
+        Raises:
+            InputError: The file cannot be read, lacks a parameter or has an unknown one, or a table is wrong.
+        """
         try:
             tables = tomllib.loads(Path(path).read_text(encoding="utf-8"))
         except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
             raise InputError(f"{path}: no prior can be read: {error}") from error
-        known = NAMES if free is None else tuple(free)
         for name in tables:
-            if name not in known:
-                raise InputError(f"{path}: unknown parameter {name!r}, expected {', '.join(known)}")
-        missing = [name for name in free or () if name not in tables]
-        if missing:
-            raise InputError(f"{path}: no prior of {', '.join(missing)}")
+            if name not in parameters:
+                raise InputError(f"{path}: unknown parameter {name!r}, expected {', '.join(parameters.names)}")
         try:
-            return Prior.of({name: tables[name] for name in known if name in tables})
+            prior = Prior.of({name: tables[name] for name in parameters if name in tables})
+            prior.check(parameters)
         except InputError as error:
             raise InputError(f"{path}: {error}") from None
+        missing = [name for name in parameters if name not in tables]
+        if missing:
+            raise InputError(f"{path}: no prior of {', '.join(missing)}")
+        return prior
 
     def _inside(self, values: Values) -> tuple[np.ndarray, Values]:
-        """Which draws lie in the support, and coordinates in which those that do not are replaced by medians."""
+        """Which draws lie in the support, and coordinates, with medians for those that do not."""
         low, high = self.support.T
         each = (values >= low) & (values <= high) & ((values > 0) | ~self._logarithmic)
         inside = each.all(axis=1)
@@ -140,48 +191,30 @@ class Prior:
 
     @cached_property
     def _logarithmic(self) -> Bool[np.ndarray, " free"]:
-        return np.array([law.logarithmic for law in self.laws.values()])
+        return np.array([one.logarithmic for one in self.distributions.values()])
 
     @cached_property
     def _medians(self) -> Float[np.ndarray, "1 free"]:
-        return self.values(np.array([[law.middle for law in self.laws.values()]]))
+        return self.values(np.array([[one.median for one in self.distributions.values()]]))
 
     def _log_density(self, x: Values) -> Float[np.ndarray, " draw"]:
-        return np.sum([law.density.logpdf(one) for law, one in zip(self.laws.values(), x.T, strict=True)], axis=0)
+        columns = zip(self.distributions.values(), x.T, strict=True)
+        return np.sum([one.density.logpdf(column) for one, column in columns], axis=0)
 
 
-def default_prior(free: Sequence[str], *, bounded: str = "log-uniform") -> Prior:
-    """Log-uniform over the plausible range of each parameter of the model.
-
-    bounded: law of those that have a largest admissible value; "beta" is Beta(2, 2), the widest of those that Li et al.
-    2024 have for theirs, all of which lie between 0 and 1.
-    """
-    for name in free:
-        if name not in PARAMETERS:
-            raise InputError(f"free parameter {name!r} is unknown, expected some of {', '.join(NAMES)}")
-    laws = {}
-    for name in (name for name in NAMES if name in free):
-        low, high = PARAMETERS[name].plausible
-        law = "log-uniform" if math.isinf(PARAMETERS[name].largest) else bounded
-        laws[name] = Law(law, {"low": low, "high": high, **(UNINFORMED if law == "beta" else {})})
-    return Prior(laws)
+def template(parameters: ParameterSet, *, bounded: str = "log-uniform") -> str:
+    """A file of the default prior to start from; comments list every distribution and its numbers."""
+    numbers = {name: [*one.required, *(f"{key} (optional)" for key in one.defaults)] for name, one in FAMILIES.items()}
+    head = ["# Priors of the free parameters, one table each. Distributions and their numbers:"]
+    head += [f"#   {name}: {', '.join(each)}" for name, each in numbers.items()]
+    head += ["# The median of a log-normal distribution is that of λ, its sd that of log λ."]
+    return "\n".join(head) + "\n\n" + Prior.default(parameters, bounded=bounded).toml(parameters)
 
 
-def template(free: Sequence[str] = NAMES, *, bounded: str = "log-uniform") -> str:
-    """A file of `default_prior` to start from, with every law in its comments."""
-    numbers = {name: [*info.needs, *(f"{key} (optional)" for key in info.defaults)] for name, info in LAWS.items()}
-    laws = [f"#   {name}: {', '.join(each)}" for name, each in numbers.items()]
-    head = ["# Priors of the free parameters, one table each. Laws and their numbers:", *laws]
-    head += ["# The median of a log-normal law is that of λ, its sd that of log λ."]
-    return "\n".join(head) + "\n\n" + default_prior(free, bounded=bounded).toml()
-
-
-def _check_admissible(name: str, law: Law) -> None:
-    """A prior must not reach where the model has no meaning."""
-    if name not in PARAMETERS:
-        return
-    low, high = law.support
-    largest = PARAMETERS[name].largest
-    if low < 0 or high > largest:
-        limit = f"0..{largest:g}" if math.isfinite(largest) else "0 and above"
-        raise InputError(f"prior of {name}: {law.law} reaches from {low:g} to {high:g}, admissible is {limit}")
+def _check_admissible(parameter: Parameter, distribution: Distribution) -> None:
+    low, high = distribution.support
+    if low < parameter.smallest or high > parameter.largest:
+        raise InputError(
+            f"prior of {parameter.name}: {distribution.family} reaches from {low:g} to {high:g}, "
+            f"{parameter.name} must be {parameter.limits}"
+        )

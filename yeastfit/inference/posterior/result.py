@@ -1,128 +1,185 @@
-"""Draws from a posterior, whichever method they come from, with all it takes to judge and to repeat them."""
+"""A posterior: draws from it, whichever method they come from, with all it takes to judge and to repeat them."""
 
 import zipfile
-from dataclasses import dataclass, field, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from emcee.backends import Backend
 from jaxtyping import Float
 
 from yeastfit.errors import InputError
-from yeastfit.inference.posterior.diagnostics import autocorrelation_time
+from yeastfit.inference.posterior.arviz import inference_data, write_netcdf
+from yeastfit.inference.posterior.diagnostics import Diagnostics
+from yeastfit.inference.posterior.draws import Draws
+from yeastfit.inference.posterior.predictive_check import Predictive, predict
+from yeastfit.inference.posterior.prior import Prior
+from yeastfit.inference.posterior.problem import Problem
+from yeastfit.inference.posterior.status import Status
+from yeastfit.inference.simulator import Simulator
 from yeastfit.storage import as_json, from_json, written_whole
 
-ARRAYS = ("values", "weights", "log_probability", "acceptance", "statistics")
+ARRAYS = ("values", "weights", "log_probability", "acceptance", "statistics", "observed")
+NOT_SAVED = ("backend",)
 
 
-@dataclass(frozen=True)
-class Samples:
-    """Result of every sampler.
+@dataclass(frozen=True, kw_only=True)
+class Posterior(Draws):
+    """Result of every sampler: `Draws`, and how they were made.
 
-    free: names of the columns of `values`, λ themselves. weights: sum to 1 over all chains and draws, equal for chains.
-    log_probability: as the method keeps it, up to a constant. acceptance: share of proposals, of each chain, or of each
-    population where there is one chain of weighted draws. statistics: simulated with each draw, by `labels`; nan where
-    none are. simulations: data sets that were simulated for it, whether now or found in a store. seconds: of the call
-    that made it. settings: what it takes to repeat it. warnings: in words. diagnostics: of the method, plain data.
+    Attributes:
+        simulations: Data sets that were simulated, or read from a store.
+        status: How the run ended.
+        diagnostics: What the method reports of its own run.
+        warnings: In words.
+        method: Name in `SAMPLERS`.
+        settings: Of the method, by name.
+        seed: Of the run.
+        seconds: That the run took.
+        backend: emcee's, with every step of the chains, burn-in included, in the prior's coordinates; it is not saved.
     """
 
-    free: tuple[str, ...]
-    values: Float[np.ndarray, "chain draw free"]
-    weights: Float[np.ndarray, "chain draw"]
-    log_probability: Float[np.ndarray, "chain draw"]
-    acceptance: Float[np.ndarray, " part"]
-    labels: tuple[str, ...]
-    statistics: Float[np.ndarray, "chain draw statistic"]
     simulations: int
-    seconds: float
-    seed: int
-    method: str
-    settings: dict[str, Any] = field(default_factory=dict)
-    warnings: list[str] = field(default_factory=list)
-    diagnostics: dict[str, Any] = field(default_factory=dict)
+    status: Status
+    diagnostics: Diagnostics = field(default_factory=Diagnostics)
+    warnings: tuple[str, ...] = ()
+    method: str = ""
+    settings: Mapping[str, Any] = field(default_factory=dict)
+    seed: int = 0
+    seconds: float = 0.0
+    backend: Backend | None = field(default=None, repr=False)
 
-    def __post_init__(self) -> None:
-        total = self.weights.sum()
-        if not (np.isfinite(self.values).all() and (self.weights >= 0).all() and np.isclose(total, 1.0)):
-            raise InputError(f"values must be finite and weights at least 0 with sum 1, their sum is {total:g}")
+    @staticmethod
+    def of(
+        problem: Problem,
+        values: Float[np.ndarray, "chain draw free"],
+        *,
+        simulations: int,
+        status: Status | None = None,
+        weights: Float[np.ndarray, "chain draw"] | None = None,
+        log_probability: Float[np.ndarray, "chain draw"] | None = None,
+        acceptance: Float[np.ndarray, " part"] | None = None,
+        statistics: Float[np.ndarray, "chain draw statistic"] | None = None,
+        warnings: Sequence[str] = (),
+        **more: Any,
+    ) -> "Posterior":
+        """A sampler's result for a problem.
 
-    @property
-    def flat(self) -> Float[np.ndarray, "draw free"]:
-        """All chains' draws, chain by chain, as `weights.ravel()` has them."""
-        return self.values.reshape(-1, len(self.free))
-
-    @property
-    def weighted(self) -> bool:
-        """Whether draws differ in weight."""
-        return bool(np.ptp(self.weights) > 1e-9 * self.weights.max())
-
-    @property
-    def mean(self) -> Float[np.ndarray, " free"]:
-        """Of λ."""
-        return self.weights.ravel() @ self.flat
-
-    @property
-    def sd(self) -> Float[np.ndarray, " free"]:
-        """Standard deviations of λ."""
-        return np.sqrt(self.weights.ravel() @ (self.flat - self.mean) ** 2)
-
-    def quantile(self, share: float) -> Float[np.ndarray, " free"]:
-        """λ below which that share of the posterior lies, parameter by parameter.
-
-        Between draws it is linear in the share, each draw standing at the middle of its weight.
+        Arguments:
+            problem: What was sampled: prior, statistics and data.
+            values: λ, one row of draws per chain.
+            simulations: Data sets that were simulated.
+            status: How the run ended; by default what the chains say, and that weighted draws have settled.
+            weights: Equal ones by default.
+            log_probability: nan by default.
+            acceptance: nan for each chain by default.
+            statistics: nan by default.
+            warnings: In words.
+            **more: Further attributes, by name.
         """
-        if not 0 <= share <= 1:
-            raise InputError(f"share is {share}, it must lie in 0..1")
-        return np.array([weighted_quantile(column, self.weights.ravel(), share) for column in self.flat.T])
-
-    def interval(self, level: float) -> Float[np.ndarray, "free 2"]:
-        """Central interval that holds `level` of the posterior."""
-        return np.stack([self.quantile(0.5 - 0.5 * level), self.quantile(0.5 + 0.5 * level)], axis=1)
+        shape = values.shape[:2]
+        posterior = Posterior(
+            prior=problem.prior,
+            labels=problem.labels,
+            observed=problem.observed,
+            replicates=problem.replicates,
+            noise=problem.noise,
+            values=values,
+            weights=np.full(shape, 1.0 / (shape[0] * shape[1])) if weights is None else weights,
+            log_probability=np.full(shape, np.nan) if log_probability is None else log_probability,
+            acceptance=np.full(shape[0], np.nan) if acceptance is None else acceptance,
+            statistics=np.full((*shape, len(problem.labels)), np.nan) if statistics is None else statistics,
+            simulations=simulations,
+            status=status or Status.SETTLED,
+            warnings=tuple(warnings),
+            **more,
+        )
+        if status is None and not posterior.weighted and not (posterior.chains and posterior.chains.converged):
+            return replace(posterior, status=Status.CHAINS_TOO_SHORT)
+        return posterior
 
     @property
-    def effective_size(self) -> Float[np.ndarray, " free"]:
-        """Independent draws that would tell as much of the mean.
+    def settled(self) -> bool:
+        """Whether the run came to its end; `status` says why not."""
+        return self.status is Status.SETTLED
 
-        Of weighted draws 1 / Σw² (Kish), of chains their number over `autocorrelation_time`; where draws were adjusted,
-        less than that, as `adjustment.Accepted` has it.
+    def sentences(self) -> list[str]:
+        """Everything to be doubted: warnings, the chains' diagnostics, and the method's own."""
+        chains = self.chains.sentences() if self.chains is not None else []
+        return list(dict.fromkeys([*self.warnings, *chains, *self.diagnostics.sentences()]))
+
+    def predict(self, simulator: Simulator, *, draws: int = 40, seed: int = 0) -> Predictive:
+        """Posterior predictive check: simulate data like those observed at draws of the posterior.
+
+        Arguments:
+            simulator: Of one replicate; it may be one that stores its simulations.
+            draws: How many data sets.
+            seed: Same seed, same draws and simulations.
+
+        Raises:
+            InputError: There are fewer than 10 draws, or the simulator has other parameters or statistics.
         """
-        if "effective_size" in self.diagnostics:
-            return np.array(self.diagnostics["effective_size"])
-        if self.weighted:
-            return np.full(len(self.free), 1.0 / np.sum(self.weights**2))
-        return np.clip(self.weights.size / autocorrelation_time(self.values), 1.0, self.weights.size)
+        return predict(self, simulator, draws=draws, seed=seed)
 
-    def drawn(self, count: int, rng: np.random.Generator) -> Float[np.ndarray, "draw free"]:
-        """`count` of the draws, with replacement, each as likely as its weight says."""
-        return self.flat[rng.choice(self.weights.size, size=count, p=self.weights.ravel() / self.weights.sum())]
+    def to_arviz(self, predictive: Predictive | None = None) -> Any:
+        """ArviZ's `InferenceData`, or xarray's `DataTree` where ArviZ is 1.0 or later.
+
+        Weighted draws are resampled, as ArviZ reads no weights; the original ones are in a group `weighted_draws`.
+
+        Arguments:
+            predictive: Result of `predict`; without it the groups of predicted and observed data are missing.
+
+        Raises:
+            InputError: ArviZ is not installed, or `predictive` is of other statistics.
+        """
+        return inference_data(self, predictive, self._about, self.seed)
+
+    def to_netcdf(self, path: str | Path, predictive: Predictive | None = None) -> None:
+        """`to_arviz` as a NetCDF file, which `arviz.from_netcdf` reads."""
+        write_netcdf(path, self, predictive, self._about, self.seed)
 
     def save(self, path: str | Path) -> None:
-        """All of it as one .npz file."""
+        """Write all of it but `backend` as one .npz file."""
         arrays = {name: getattr(self, name) for name in ARRAYS}
-        rest = {name: getattr(self, name) for name in self.__dataclass_fields__ if name not in ARRAYS}
+        names = [one.name for one in fields(self) if one.name not in (*ARRAYS, *NOT_SAVED)]
+        rest = {name: getattr(self, name) for name in names}
+        rest |= {"prior": self.prior.asdict(), "status": self.status.name, "diagnostics": self.diagnostics.asdict()}
         with written_whole(path) as temporary, temporary.open("wb") as file:
             np.savez_compressed(file, allow_pickle=False, rest=as_json(rest), **arrays)
 
     @staticmethod
-    def load(path: str | Path) -> "Samples":
-        """What `save` wrote. Raises `InputError` for anything else."""
+    def load(path: str | Path) -> "Posterior":
+        """Read what `save` wrote.
+
+        Raises:
+            InputError: The file is something else, or damaged.
+        """
         try:
             with Path(path).open("rb") as opened, np.load(opened, allow_pickle=False) as file:
                 arrays = {name: file[name] for name in ARRAYS}
                 rest = from_json(str(file["rest"]))
+            rest |= {name: tuple(rest[name]) for name in ("labels", "warnings")}
+            arrays |= {name: np.array(rest.pop(name)) for name in ("noise", "worth") if rest[name] is not None}
+            rest |= {"prior": Prior.of(rest["prior"]), "status": Status[rest["status"]]}
         except (OSError, KeyError, ValueError, EOFError, zipfile.BadZipFile) as error:
-            raise InputError(f"{path}: these are no samples that were saved whole: {error}") from error
-        tuples = {name: tuple(rest[name]) for name in ("free", "labels")}
-        return Samples(**{**rest, **tuples, **arrays})
+            raise InputError(f"{path}: this is no posterior that was saved whole: {error}") from error
+        return Posterior(**rest | {"diagnostics": Diagnostics.restored(rest["diagnostics"])}, **arrays)
 
-    def warned(self, *said: str) -> "Samples":
-        """With further warnings."""
-        return replace(self, warnings=[*self.warnings, *said])
+    def warned(self, *sentences: str) -> "Posterior":
+        """The same with further warnings."""
+        return replace(self, warnings=(*self.warnings, *sentences))
 
-
-def weighted_quantile(values: Float[np.ndarray, " draw"], weights: Float[np.ndarray, " draw"], share: float) -> float:
-    """Of weighted draws, see `Samples.quantile`."""
-    order = np.argsort(values, kind="stable")
-    each = weights[order]
-    middles = (np.cumsum(each) - 0.5 * each) / each.sum()
-    return float(np.interp(share, middles, values[order]))
+    @property
+    def _about(self) -> dict[str, Any]:
+        """Attributes of the `posterior` group."""
+        return {
+            "inference_library": "yeastfit",
+            "method": self.method,
+            "seed": self.seed,
+            "simulations": self.simulations,
+            "status": str(self.status),
+            "settings": as_json(self.settings),
+            "warnings": as_json(self.warnings),
+        }

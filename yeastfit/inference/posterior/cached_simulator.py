@@ -1,0 +1,52 @@
+"""A simulator that reads from a store what is there and adds what is not."""
+
+import numpy as np
+
+from yeastfit.errors import InputError
+from yeastfit.inference.posterior.simulations import Simulations
+from yeastfit.inference.simulator import Rows, Seeds, Simulator, Values, labels_of
+
+
+class CachedSimulator:
+    """A simulator whose results are kept, called with batches of one size only.
+
+    Batches of one size compile once. A smaller one is filled up with copies of its first row.
+
+    Attributes:
+        batch: Rows of every call.
+        store: Where results are kept.
+        asked: Rows that were asked for.
+        fresh: Those of them that had to be simulated.
+    """
+
+    def __init__(self, simulator: Simulator, batch: int, store: Simulations | None = None) -> None:
+        """Wrap a simulator; without a store, results are kept in memory.
+
+        Raises:
+            InputError: `batch` is below 1, or the store holds other parameters or statistics.
+        """
+        if batch < 1:
+            raise InputError(f"batch is {batch}, it must be at least 1")
+        names, labels = simulator.parameters.names, labels_of(simulator)
+        self.store = store if store is not None else Simulations(names, labels)
+        if (self.store.free, self.store.labels) != (names, labels):
+            raise InputError(f"store holds {self.store.free}, {self.store.labels}, the simulator {names}, {labels}")
+        self.simulator, self.batch = simulator, batch
+        self.parameters, self.observables, self.labels = simulator.parameters, simulator.observables, labels
+        self.asked = self.fresh = 0
+
+    def __call__(self, values: Values, seeds: Seeds) -> Rows:
+        """As the simulator's own, for any number of rows."""
+        stored, statistics = self.store.find(values, seeds)
+        missing = np.flatnonzero(~stored)
+        for start in range(0, len(missing), self.batch):
+            rows = missing[start : start + self.batch]
+            padded = np.concatenate([rows, np.full(self.batch - len(rows), rows[0])])
+            simulated = np.asarray(self.simulator(values[padded], seeds[padded]), dtype=float)
+            if simulated.shape != (self.batch, len(self.labels)):
+                raise InputError(f"simulator gave shape {simulated.shape}, expected {(self.batch, len(self.labels))}")
+            statistics[rows] = simulated[: len(rows)]
+            self.store.append(values[rows], seeds[rows], statistics[rows])
+        self.asked += len(seeds)
+        self.fresh += len(missing)
+        return statistics

@@ -1,0 +1,126 @@
+"""Draws from a posterior: moments, quantiles, and how many independent draws they are worth."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from jaxtyping import Float
+
+from yeastfit.errors import InputError
+from yeastfit.inference.posterior.chain_diagnostics import FEWEST_DRAWS, ChainDiagnostics, diagnose
+from yeastfit.inference.posterior.prior import Prior
+
+
+@dataclass(frozen=True, kw_only=True)
+class Draws:
+    """Draws of λ, in chains or weighted, each with its simulated statistics.
+
+    Attributes:
+        prior: Of the parameters.
+        labels: Names of the statistics.
+        observed: The data.
+        replicates: How many replicates `observed` is the mean of.
+        noise: Covariance of the errors of measurement of `observed`.
+        values: λ.
+        weights: Sum to 1 over all chains and draws; equal for chains.
+        log_probability: As the method keeps it, up to a constant; nan where it keeps none.
+        acceptance: Share of accepted proposals of each chain, or of each population of weighted draws.
+        statistics: Simulated with each draw; nan where none are.
+        worth: Independent draws per parameter, where the method knows better than chains or weights tell.
+
+    Raises:
+        InputError: A value is not finite, or the weights do not sum to 1.
+    """
+
+    prior: Prior
+    labels: tuple[str, ...]
+    observed: Float[np.ndarray, " statistic"]
+    replicates: int = 1
+    noise: Float[np.ndarray, "statistic statistic"] | None = None
+    values: Float[np.ndarray, "chain draw free"]
+    weights: Float[np.ndarray, "chain draw"]
+    log_probability: Float[np.ndarray, "chain draw"]
+    acceptance: Float[np.ndarray, " part"]
+    statistics: Float[np.ndarray, "chain draw statistic"]
+    worth: Float[np.ndarray, " free"] | None = None
+
+    def __post_init__(self) -> None:
+        total = self.weights.sum()
+        if not (np.isfinite(self.values).all() and (self.weights >= 0).all() and np.isclose(total, 1.0)):
+            raise InputError(f"values must be finite and weights at least 0 with sum 1, their sum is {total:g}")
+
+    @property
+    def free(self) -> tuple[str, ...]:
+        """Names of the parameters, the columns of `values`."""
+        return self.prior.free
+
+    @property
+    def flat(self) -> Float[np.ndarray, "draw free"]:
+        """Draws of all chains, chain by chain, in the order of `weights.ravel()`."""
+        return self.values.reshape(-1, len(self.free))
+
+    @property
+    def weighted(self) -> bool:
+        """Whether draws differ in weight."""
+        return bool(np.ptp(self.weights) > 1e-9 * self.weights.max())
+
+    @property
+    def mean(self) -> Float[np.ndarray, " free"]:
+        """Mean of λ."""
+        return self.weights.ravel() @ self.flat
+
+    @property
+    def sd(self) -> Float[np.ndarray, " free"]:
+        """Standard deviation of λ."""
+        return np.sqrt(self.weights.ravel() @ (self.flat - self.mean) ** 2)
+
+    def quantile(self, share: float) -> Float[np.ndarray, " free"]:
+        """λ below which `share` of the posterior lies, parameter by parameter.
+
+        Interpolated linearly in the share, with each draw at the middle of its weight.
+
+        Raises:
+            InputError: The share is not in 0..1.
+        """
+        if not 0 <= share <= 1:
+            raise InputError(f"share is {share}, it must lie in 0..1")
+        return np.array([weighted_quantile(column, self.weights.ravel(), share) for column in self.flat.T])
+
+    def interval(self, level: float) -> Float[np.ndarray, "free 2"]:
+        """Central interval that holds `level` of the posterior."""
+        return np.stack([self.quantile(0.5 - 0.5 * level), self.quantile(0.5 + 0.5 * level)], axis=1)
+
+    def drawn(self, count: int, rng: np.random.Generator) -> Float[np.ndarray, "draw free"]:
+        """`count` of the draws, with replacement, each as likely as its weight says."""
+        return self.flat[rng.choice(self.weights.size, size=count, p=self.weights.ravel() / self.weights.sum())]
+
+    @cached_property
+    def chains(self) -> ChainDiagnostics | None:
+        """Diagnostics of the chains, in the prior's coordinates; None for weighted draws and for very short chains."""
+        count, draws = self.weights.shape
+        if self.weighted or draws < FEWEST_DRAWS:
+            return None
+        x = self.prior.coordinates(self.flat).reshape(self.values.shape)
+        each = len(self.acceptance) == count
+        acceptance = self.acceptance if each else np.full(count, self.acceptance[-1])
+        return diagnose(x, free=self.free, acceptance=acceptance)
+
+    @property
+    def effective_size(self) -> Float[np.ndarray, " free"]:
+        """Independent draws that would give the mean with the same error.
+
+        `worth` where the method states it; N/τ of chains, τ their autocorrelation time; else 1 / Σw² (Kish).
+        """
+        if self.worth is not None:
+            return self.worth
+        if self.chains is not None:
+            return self.chains.effective_size
+        return np.full(len(self.free), 1.0 / np.sum(self.weights**2))
+
+
+def weighted_quantile(values: Float[np.ndarray, " draw"], weights: Float[np.ndarray, " draw"], share: float) -> float:
+    """Quantile of weighted draws, interpolated as in `Draws.quantile`."""
+    order = np.argsort(values, kind="stable")
+    each = weights[order]
+    middles = (np.cumsum(each) - 0.5 * each) / each.sum()
+    return float(np.interp(share, middles, values[order]))

@@ -1,0 +1,39 @@
+"""Settings of samplers: what the command line says about a field, and checks."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from yeastfit.errors import InputError
+
+
+@dataclass(frozen=True)
+class Setting:
+    """What the command line says about a field of a sampler, given as `Annotated[int, Setting("Number of chains.")]`.
+
+    Fields without it are options, too, where they are numbers, strings or choices.
+
+    Attributes:
+        help: One line for a user who does not know the method.
+        aliases: Further names of the option.
+        extends: Whether a larger value merely makes a run longer, so that a resumed run may have it.
+    """
+
+    help: str
+    aliases: tuple[str, ...] = ()
+    extends: bool = False
+
+
+def check_at_least(sampler: Any, **least: float) -> None:
+    """Raise `InputError` where a setting that is not None lies below its least value."""
+    for name, bound in least.items():
+        value = getattr(sampler, name)
+        if value is not None and not value >= bound:
+            raise InputError(f"{name} is {value}, it must be at least {bound}")
+
+
+def check_choice(sampler: Any, name: str, choices: Sequence[str]) -> None:
+    """Raise `InputError` where a setting is none of its choices."""
+    value = getattr(sampler, name)
+    if value not in choices:
+        raise InputError(f"{name} is {value!r}, it must be one of {', '.join(choices)}")

@@ -1,0 +1,133 @@
+"""Methods of sampling posteriors by name, and the one function that runs any of them.
+
+`SAMPLERS` maps names to classes. A new method is one class with settings as fields and a `run` (`Sampler`), and one
+entry here or, from outside the package, `yeastfit.SAMPLERS["name"] = Class`; Python and command line then know it.
+"""
+
+import time
+from collections.abc import Mapping, Sequence
+from contextlib import nullcontext
+from dataclasses import fields, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from yeastfit.errors import InputError
+from yeastfit.inference.abc.mcmc import AbcMcmc
+from yeastfit.inference.abc.smc import AbcSmc
+from yeastfit.inference.neural_likelihood.sequential import SequentialEmulator
+from yeastfit.inference.posterior.diagnostics import plain
+from yeastfit.inference.posterior.prior import Prior
+from yeastfit.inference.posterior.problem import Problem
+from yeastfit.inference.posterior.result import Posterior
+from yeastfit.inference.posterior.sampler import Sampler
+from yeastfit.inference.posterior.simulation_store import Store
+from yeastfit.inference.posterior.simulations import Simulations
+from yeastfit.inference.simulator import Simulator, labels_of
+from yeastfit.inference.targets import Targets
+from yeastfit.progress import Progress, silent
+
+SAMPLERS: dict[str, type[Sampler]] = {
+    "emulator": SequentialEmulator,
+    "abc-mcmc": AbcMcmc,
+    "abc-smc": AbcSmc,
+}
+
+
+def infer(
+    simulator: Simulator,
+    prior: Prior,
+    observed: Targets | Float[np.ndarray, " statistic"] | Sequence[float],
+    *,
+    method: str | Sampler = "emulator",
+    replicates: int = 1,
+    noise: Float[np.ndarray, "statistic statistic"] | None = None,
+    seed: int = 0,
+    store: Simulations | str | Path | None = None,
+    progress: Progress | None = None,
+    **settings: Any,
+) -> Posterior:
+    """Sample the posterior of a simulator's parameters.
+
+        p(λ | o) ∝ π(λ) p(o | λ),    o the mean of `replicates` simulations, with errors of covariance `noise`
+
+    Arguments:
+        simulator: Simulates one replicate per row of parameters (`Simulator`).
+        prior: Of the simulator's parameters; `Prior.default(simulator.parameters)` covers their plausible ranges.
+        observed: Statistics in the order of the simulator's observables; or `Targets`, which bring their own replicates
+            and errors of measurement.
+        method: Name in `SAMPLERS` ("emulator", "abc-mcmc", "abc-smc"), or a sampler with its settings.
+        replicates: How many replicates `observed` is the mean of.
+        noise: Covariance of the errors of measurement of `observed`, which replicates do not average out.
+        seed: Same seed, same posterior.
+        store: Where simulations are kept: a path, or an open `Store`. A run that was stopped is resumed by repeating it
+            with the same store. By default they are kept in memory.
+        progress: Called with what is being done and the share that is done.
+        **settings: Of the method, where it is given by name.
+
+    Returns:
+        Draws with their status, diagnostics and warnings. It raises nothing where the posterior has not settled:
+        see `Posterior.status`.
+
+    Raises:
+        InputError: An argument is wrong, arguments do not belong together, or no simulation comes to anything.
+    """
+    problem = Problem.of(simulator, prior, observed, replicates, noise)
+    if isinstance(method, str):
+        sampler = sampler_of(method, settings)
+    elif settings:
+        raise InputError(f"settings {', '.join(settings)} are given beside a sampler, which has its own")
+    else:
+        sampler = method
+    with _opened(store, simulator) as simulations:
+        return sample(problem, sampler, simulations, seed, progress or silent)
+
+
+def sample(problem: Problem, sampler: Sampler, store: Simulations, seed: int, progress: Progress) -> Posterior:
+    """`infer` for a problem and a sampler that are made already."""
+    began = time.perf_counter()
+    posterior = sampler.run(problem, store, seed, progress)
+    seconds = time.perf_counter() - began
+    return replace(posterior, method=name_of(sampler), settings=settings_of(sampler), seed=int(seed), seconds=seconds)
+
+
+def sampler_of(method: str, settings: Mapping[str, Any]) -> Sampler:
+    """A registered sampler with its settings.
+
+    Raises:
+        InputError: The method is unknown, or does not have such a setting.
+    """
+    if method not in SAMPLERS:
+        raise InputError(f"method is {method!r}, it must be one of {', '.join(SAMPLERS)}")
+    for name in settings:
+        if name not in setting_names(method):
+            owners = [other for other in SAMPLERS if name in setting_names(other)]
+            what = f"a setting of {' and '.join(owners)}, not of {method}" if owners else "no setting of any method"
+            raise InputError(f"{name} is {what}: leave it out")
+    return SAMPLERS[method](**settings)
+
+
+def setting_names(method: str) -> tuple[str, ...]:
+    """Names of a registered method's settings."""
+    return tuple(one.name for one in fields(SAMPLERS[method]))  # type: ignore[arg-type]
+
+
+def settings_of(sampler: Sampler) -> dict[str, Any]:
+    """A sampler's settings as plain data."""
+    return {one.name: plain(getattr(sampler, one.name)) for one in fields(sampler)}  # type: ignore[arg-type]
+
+
+def name_of(sampler: Sampler) -> str:
+    """Its name in `SAMPLERS`, or that of its class where it is not registered."""
+    names = [name for name, kind in SAMPLERS.items() if kind is type(sampler)]
+    return names[0] if names else type(sampler).__name__
+
+
+def _opened(store: Simulations | str | Path | None, simulator: Simulator) -> Any:
+    """A context manager that gives the store."""
+    names, labels = simulator.parameters.names, labels_of(simulator)
+    if store is None:
+        return nullcontext(Simulations(names, labels))
+    return nullcontext(store) if isinstance(store, Simulations) else Store(store, names, labels)

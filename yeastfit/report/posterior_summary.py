@@ -1,0 +1,113 @@
+"""A posterior, judged: its table, its diagnostics and all that is to be doubted."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from rich.box import SIMPLE
+from rich.table import Table
+
+from yeastfit.inference.forward_models import ForwardModel
+from yeastfit.inference.posterior.predictive_check import Predictive
+from yeastfit.inference.posterior.result import Posterior
+
+SHARES = {"q05": 0.05, "median": 0.5, "q95": 0.95}
+
+
+@dataclass(frozen=True)
+class Summary:
+    """A posterior with its predictive check.
+
+    Attributes:
+        posterior: The draws.
+        predicted: Data sets at some of them.
+        truth: True parameters, where known.
+        warnings: All that is to be doubted, in words.
+        model: What was inferred the parameters of.
+    """
+
+    posterior: Posterior
+    predicted: Predictive
+    truth: Mapping[str, float] | None
+    warnings: list[str]
+    model: ForwardModel
+
+    @staticmethod
+    def of(
+        posterior: Posterior,
+        predicted: Predictive,
+        truth: Mapping[str, float] | None,
+        doubts: Sequence[str],
+        model: ForwardModel,
+    ) -> "Summary":
+        """With the warnings of posterior and predictive check, and further doubts."""
+        warnings = [*posterior.sentences(), *predicted.sentences(), *doubts]
+        return Summary(posterior, predicted, truth, list(dict.fromkeys(warnings)), model)
+
+    def rows(self) -> list[dict[str, Any]]:
+        """Rows of posterior.csv, one per parameter."""
+        posterior, rows = self.posterior, []
+        quantiles = {name: posterior.quantile(share) for name, share in SHARES.items()}
+        columns = {"mean": posterior.mean, "sd": posterior.sd, **quantiles, "effective_size": posterior.effective_size}
+        for k, name in enumerate(posterior.free):
+            row: dict[str, Any] = {"parameter": name, **{label: float(values[k]) for label, values in columns.items()}}
+            if self.truth:
+                truth = self.truth[name]
+                row |= {"truth": truth, "inside_90": row["q05"] <= truth <= row["q95"]}
+            rows.append(row)
+        return rows
+
+    def diagnostics(self) -> dict[str, Any]:
+        """Content of diagnostics.json."""
+        posterior, predicted = self.posterior, self.predicted
+        return {
+            "method": posterior.method,
+            "status": posterior.status.name,
+            "simulations": posterior.simulations,
+            "seconds": posterior.seconds,
+            "draws": int(posterior.weights.size),
+            "effective_size": dict(zip(posterior.free, posterior.effective_size.tolist(), strict=True)),
+            "acceptance": posterior.acceptance,
+            "chains": posterior.chains.asdict() if posterior.chains else None,
+            "predictive_p_value": predicted.p_value,
+            "observations_inside_90": int(predicted.inside(0.9).sum()),
+            "observations": len(predicted.observed),
+            "method_own": posterior.diagnostics.asdict(),
+            "warnings": self.warnings,
+        }
+
+    def table(self) -> Table:
+        """For a terminal, of 80 columns at least; `draws` are effective ones."""
+        table = Table(box=SIMPLE, padding=0)
+        table.add_column("parameter", no_wrap=True)
+        columns = ["mean", "sd", "5 %", "median", "95 %", "draws", *(["true", "in 90 %"] if self.truth else [])]
+        for name in columns:
+            table.add_column(name, justify="right", no_wrap=True)
+        for row in self.rows():
+            cells = [row["parameter"], *(f"{row[name]:.3g}" for name in ("mean", "sd", *SHARES))]
+            cells.append(f"{row['effective_size']:.0f}")
+            table.add_row(*cells, *([f"{row['truth']:.3g}", "yes" if row["inside_90"] else "no"] if self.truth else []))
+        return table
+
+    def lines(self) -> list[str]:
+        """Diagnostics for a terminal."""
+        posterior, predicted = self.posterior, self.predicted
+        lines = [str(posterior.status)]
+        if posterior.chains:
+            chains = posterior.chains
+            lines.append(
+                f"{chains.chains} chains of {chains.draws} draws, {chains.lengths.min():.0f} autocorrelation times of "
+                f"{chains.times.max():.1f} draws or more; split R̂ at most {np.nanmax(chains.r_hat, initial=1.0):.3f}; "
+                f"acceptance {posterior.acceptance.mean():.1%}"
+            )
+        else:
+            lines.append(
+                f"{posterior.weights.size} weighted draws; acceptance "
+                f"{', '.join(f'{one:.1%}' for one in posterior.acceptance)}"
+            )
+        inside, count = int(predicted.inside(0.9).sum()), len(predicted.observed)
+        lines.append(
+            f"posterior predictive: {inside} of {count} observations in the 90 % band, p {predicted.p_value:.2f}"
+        )
+        return lines
