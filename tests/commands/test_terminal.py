@@ -23,7 +23,7 @@ def test_the_time_that_is_left_follows_from_all_the_time_that_went_by(monkeypatc
         assert pace.share == pytest.approx(number / 8)
         minutes, seconds = divmod(80 * (8 - number), 60)
         assert str(pace) == f"{512 * number} colonies, 6.4 a second, at most 0:{minutes:02.0f}:{seconds:02.0f} left"
-    again = Pace(most=4096, done=3072)
+    again = Pace(most=4096, done=3072, noun="colonies")
     assert again.share == 0.75
     now[0] += 16.0
     again.grown += 64
