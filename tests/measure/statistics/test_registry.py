@@ -12,7 +12,6 @@ from own_statistics import SIDE, STEPS, side_of_pixels
 from PIL import Image
 
 from yeastfit import (
-    HARD,
     STATISTICS,
     Imaging,
     InputError,
@@ -29,8 +28,9 @@ from yeastfit import (
 from yeastfit.commands import app
 from yeastfit.commands.measure_batch import measure_batch
 from yeastfit.inference.colony_simulator import COARSE, ColonySimulator
+from yeastfit.inference.targets_from_table import read_measurements, targets_of
+from yeastfit.measure import HardStatistics, measure_mask
 from yeastfit.measure.reading.batch_inputs import find_images
-from yeastfit.measure.statistics.measure_mask import measure_mask
 from yeastfit.measure.statistics.registry import (
     OTHER_COLUMNS,
     RECORDED,
@@ -43,6 +43,7 @@ from yeastfit.measure.statistics.registry import (
 )
 from yeastfit.report.measurement_files import OWN_COLUMNS
 
+ESTIMATORS: tuple[tuple[Estimator, float], ...] = (("smooth", 0.01), ("mask", 1e-12))
 SMALL = Numerics(domain=8.0, spacing=0.2, dt=0.02, capacity=8)
 
 
@@ -114,16 +115,17 @@ def test_masks_and_simulations_have_it(own: None) -> None:
     square = measure_mask(np.ones((20, 20)), 0.5)
     assert square.side == 10.0
     assert list(square)[-1] == "side"
-    keys = member_keys(0, 2)
-    for relaxation in (None, HARD):
-        run = simulate(Parameters(), keys, times=[1.5, 2.5], numerics=SMALL, relaxation=relaxation)
-        np.testing.assert_allclose(run.statistics["side"], np.sqrt(run.statistics["area"]), rtol=1e-6)
-        np.testing.assert_array_equal(run.statistics["steps"], [[75, 125], [75, 125]])
-        row = run.rows()[-1]
-        assert row["side_um"] == pytest.approx(7.5 * row["side"])
-        assert "steps_um" not in row
-        titles = [axes.get_title() for axes in plot.curves(run).axes]
-        assert {"side (L0)", "steps done"} < set(titles)
+    run = simulate(Parameters(), member_keys(0, 2), times=[1.5, 2.5], numerics=SMALL)
+    np.testing.assert_allclose(run.statistics["side"], np.sqrt(run.statistics["area"]), rtol=1e-6)
+    np.testing.assert_array_equal(run.statistics["steps"], [[75, 125], [75, 125]])
+    row = run.rows()[-1]
+    assert row["side_um"] == pytest.approx(7.5 * row["side"])
+    assert "steps_um" not in row
+    titles = [axes.get_title() for axes in plot.curves(run).axes]
+    assert {"side (L0)", "steps done"} < set(titles)
+    hard = HardStatistics(4.0, 0.5).finish({"mask": np.ones((2, 1, 6, 6), bool), "steps": np.ones((2, 1))})
+    np.testing.assert_array_equal(hard["side"], [[3.0], [3.0]])
+    np.testing.assert_array_equal(hard["steps"], 1.0)
 
 
 @pytest.mark.parametrize("estimator", ["smooth", "mask"])
@@ -145,14 +147,22 @@ def test_sensitivities_may_name_it(own: None) -> None:
         sensitivity(times=[1.5], statistics=("side", "sides"), numerics=SMALL)
 
 
-def test_measure_has_a_column_and_says_what_it_is(own: None, undrawn: None, tmp_path: Path) -> None:
-    folder = write_squares(tmp_path / "squares", 1)
-    assert app.run(["measure", str(folder), "--out", str(tmp_path / "out"), "--pixel-size", "2", "--jobs", "1"]) == 0
-    columns = json.loads((tmp_path / "out" / "columns.json").read_text())
+def test_measure_has_a_column_that_fits_can_read(own: None, undrawn: None, tmp_path: Path) -> None:
+    """Of a square of 30 pixels of 1.5 µm: 45 µm, 6 L0; by both estimators."""
+    folder, out = write_squares(tmp_path / "squares", 1), tmp_path / "out"
+    (folder / "manifest.csv").write_text("file,replicate,hours,um_per_pixel\n0.png,1,5,1.5\n")
+    assert app.run(["measure", str(folder), "--out", str(out), "--jobs", "1"]) == 0
+    columns = json.loads((out / "columns.json").read_text())
     assert columns["side"] == {"unit": "µm", "meaning": "side of the square of the same area"}
-    header, row = (tmp_path / "out" / "measurements.csv").read_text().splitlines()
-    assert dict(zip(header.split(","), row.split(","), strict=True))["side"] == "60.0"
-    assert "side of the square of the same area" in (tmp_path / "out" / "index.html").read_text()
+    assert "side of the square of the same area" in (out / "index.html").read_text()
+    assert [line.split(",")[2] for line in (out / "curves.csv").read_text().splitlines()][-1] == "side"
+    rows = read_measurements(out / "measurements.csv")
+    assert rows[0]["side"] == 45.0
+    (smooth,), (exact,) = (
+        targets_of(rows, out, statistics=("side",), estimator=how).values for how in ("smooth", "mask")
+    )
+    assert exact == pytest.approx(6.0, rel=1e-12)
+    assert smooth == pytest.approx(6.0, rel=0.01)
 
 
 def test_what_other_processes_cannot_import_is_measured_in_this_one(
