@@ -191,7 +191,7 @@ def test_what_other_processes_cannot_import_is_measured_in_this_one(
         ({"reach": 0.0}, "reach is 0.0, it is for lengths and areas, above 0"),
         ({"unit_power": 0, "reach": 1.0}, "reach is 1.0, it is for lengths and areas"),
     ],
-    ids=str,
+    ids=lambda one: ",".join(one) if isinstance(one, dict) else "message",
 )
 def test_bad_entries_are_refused_in_words(changed: dict[str, Any], message: str) -> None:
     values: dict[str, Any] = {"name": "mine", "unit_power": 1, "meaning": "of mine", "mask": side_of_pixels}
