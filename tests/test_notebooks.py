@@ -9,6 +9,10 @@ import nbformat
 import pytest
 from nbclient import NotebookClient
 
+import yeastfit
+from yeastfit import measure, model, plot
+
+PUBLIC = {room.__name__: room.__all__ for room in (yeastfit, measure, model, plot)}
 NOTEBOOKS = sorted((Path(__file__).parents[1] / "notebooks").glob("*.ipynb"))
 FIGURES = {  # statements about each in the last table of source_figures.ipynb
     "2.1": 1,
@@ -40,6 +44,27 @@ VERDICTS = {
 
 def code_cells(notebook: Any) -> list[Any]:
     return [cell for cell in notebook.cells if cell.cell_type == "code"]
+
+
+def imports_in(notebook: Any) -> list[ast.Import | ast.ImportFrom]:
+    """Import statements of all code cells, wherever they stand."""
+    source = "\n".join(cell.source for cell in code_cells(notebook))
+    plain = re.sub(r"^%.*$", "", source, flags=re.MULTILINE)
+    return [node for node in ast.walk(ast.parse(plain)) if isinstance(node, ast.Import | ast.ImportFrom)]
+
+
+def private(imports: list[ast.Import | ast.ImportFrom]) -> list[str]:
+    """What is imported from yeastfit and is not in the `__all__` of the package or of a public room."""
+    found = []
+    for node in imports:
+        for alias in node.names:
+            if isinstance(node, ast.Import):
+                public, name = alias.name in PUBLIC, alias.name
+            else:
+                public, name = alias.name in PUBLIC.get(node.module or "", ()), f"{node.module}.{alias.name}"
+            if name.split(".")[0] == "yeastfit" and not public:
+                found.append(name)
+    return found
 
 
 def statements(notebook: Any) -> list[str]:
@@ -84,13 +109,30 @@ def test_runs_in_reduced_size(path: Path, tmp_path: Path, monkeypatch: pytest.Mo
 
 
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.name)
-def test_imports_what_there_is(path: Path) -> None:
-    """Slow ones, too: so much is known in a moment."""
-    source = "\n".join(cell.source for cell in code_cells(nbformat.read(path, as_version=4)))
-    plain = re.sub(r"^%.*$", "", source, flags=re.MULTILINE)
-    imports = [node for node in ast.walk(ast.parse(plain)) if isinstance(node, ast.Import | ast.ImportFrom)]
+def test_imports_public_names_only(path: Path) -> None:
+    """And only names that exist."""
+    imports = imports_in(nbformat.read(path, as_version=4))
     assert "yeastfit" in " ".join(map(ast.unparse, imports))
+    assert private(imports) == []
     exec("\n".join(map(ast.unparse, imports)), {})
+
+
+def test_private_imports_are_found() -> None:
+    source = """
+import yeastfit
+import yeastfit.model.colony
+from yeastfit import fit, storage
+from yeastfit.model import Cells, numerics
+from yeastfit.inference.fit.result import Fit
+"""
+    imports = [node for node in ast.parse(source).body if isinstance(node, ast.Import | ast.ImportFrom)]
+    found = [
+        "yeastfit.model.colony",
+        "yeastfit.storage",
+        "yeastfit.model.numerics",
+        "yeastfit.inference.fit.result.Fit",
+    ]
+    assert private(imports) == found
 
 
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.name)

@@ -1,0 +1,33 @@
+"""The public names of the package and of its rooms: whoever changes them decides to change these lists.
+
+Those of `yeastfit.plot` are pinned in plot/test_names.py.
+"""
+
+import yeastfit
+from yeastfit import measure, model
+
+
+def test_the_package() -> None:
+    names = """
+    FORWARD_MODELS HARD PARAMETERS RULES SAMPLERS STATISTICS BirthRule Births BuddingRule CachedSimulator
+    ColonySimulator ContactRule Context Dataset DeathRule Design Diagnostics Fit FitSettings FitStatus ForwardModel
+    GradientCheck Imaging Information InputError Model Numerics Observable Parameter ParameterSet Parameters
+    Posterior Prior Problem Relaxation Resolution Scales Sensitivity Setting Simulation SimulationError Simulator
+    Statistic Status Store Targets UptakeRule available_processors check_derivatives check_gradients design explore
+    fit infer information information_of measure_dataset measure_file member_keys plot profiles read_dataset
+    read_truth register_statistic robust_mean sensitivity simulate
+    """
+    assert sorted(yeastfit.__all__) == sorted(names.split())
+    assert all(hasattr(yeastfit, name) for name in yeastfit.__all__)
+
+
+def test_the_model() -> None:
+    names = "Cells Colony Snapshot TurnedBudding biomass cells_of level_set start"
+    assert model.__all__ == names.split()
+    assert all(hasattr(model, name) for name in model.__all__)
+
+
+def test_measuring() -> None:
+    names = "HardStatistics Indicator Pixels SmoothStatistics measure_mask node_statistics"
+    assert measure.__all__ == names.split()
+    assert all(hasattr(measure, name) for name in measure.__all__)
