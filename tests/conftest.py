@@ -13,8 +13,8 @@ from jaxtyping import install_import_hook
 from PIL import Image
 
 # Half of what the tests take is compiling, and most programs run once: XLA's older code generator, its first level of
-# optimisation and loops that are not vectorised take half as long, and their programs run as fast. What users run is
-# tested once more by those marked users_compiler: `XLA_FLAGS= pytest -m users_compiler`, a part of `make test`.
+# optimisation and loops that are not vectorised compile faster. What users run is tested once more by those marked
+# users_compiler: `XLA_FLAGS= pytest -m users_compiler`, a part of `make test`.
 QUICK = (
     "--xla_cpu_use_fusion_emitters=false --xla_backend_optimization_level=1 --xla_llvm_disable_expensive_passes=true"
 )
