@@ -181,8 +181,13 @@ def problems_of(simulator: Simulator) -> Counter[str]:
 
 def once(values: Values, seeds: Seeds) -> np.ndarray:
     """Numbers of the rows that differ from all before them."""
-    keys = [int(seed).to_bytes(8, "little") + row.tobytes() for row, seed in zip(values, seeds, strict=True)]
+    keys = row_keys(values, seeds)
     return np.array(sorted({key: k for k, key in reversed(list(enumerate(keys)))}.values()), dtype=int)
+
+
+def row_keys(values: Values, seeds: Seeds) -> list[bytes]:
+    """What a simulation is found by: the bits of its parameters and its seed."""
+    return [int(seed).to_bytes(8, "little") + row.tobytes() for row, seed in zip(values, seeds, strict=True)]
 
 
 def root_of(covariance: Float[np.ndarray, "statistic statistic"]) -> Float[np.ndarray, "statistic statistic"]:

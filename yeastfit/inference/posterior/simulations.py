@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Shaped
 
 from yeastfit.errors import InputError
+from yeastfit.inference.simulator import row_keys
 
 ROOM = 1024  # rows to begin with
 
@@ -38,7 +39,7 @@ class Simulations:
         new = np.zeros(len(seeds), self._type)
         new["seed"], new["values"], new["statistics"] = seeds, values, statistics
         new["check"] = checks(new)
-        first = {key: k for k, key in reversed(list(enumerate(_keys(values, seeds))))}
+        first = {key: k for k, key in reversed(list(enumerate(row_keys(values, seeds))))}
         fresh = {key: k for key, k in sorted(first.items(), key=lambda pair: pair[1]) if key not in self._row_of}
         start, stop = self._count, self._count + len(fresh)
         if stop > len(self._rows):
@@ -66,7 +67,7 @@ class Simulations:
 
     def find(self, values: Values, seeds: Seeds) -> tuple[Bool[np.ndarray, " draw"], Statistics]:
         """Which of these simulations are there, and their statistics, nan for the others."""
-        rows = np.array([self._row_of.get(key, -1) for key in _keys(values, seeds)], dtype=int)
+        rows = np.array([self._row_of.get(key, -1) for key in row_keys(values, seeds)], dtype=int)
         stored = rows >= 0
         return stored, np.where(stored[:, None], self._rows["statistics"][rows], np.nan)
 
@@ -82,13 +83,8 @@ class Simulations:
         """Hold these rows and no others, with room for further ones."""
         self._count = len(rows)
         self._rows = np.concatenate([rows, np.zeros(room - len(rows), self._type)])
-        keys = _keys(rows["values"], rows["seed"])
+        keys = row_keys(rows["values"], rows["seed"])
         self._row_of = {key: row for row, key in enumerate(keys)}
-
-
-def _keys(values: Values, seeds: Seeds) -> list[bytes]:
-    """What a simulation is found by: the bits of its parameters and its seed."""
-    return [int(seed).to_bytes(8, "little") + row.tobytes() for row, seed in zip(values, seeds, strict=True)]
 
 
 def checks(rows: np.ndarray) -> np.ndarray:
