@@ -1,0 +1,64 @@
+"""Text of users and files is shown whole, in one line, and acts on nothing."""
+
+import unicodedata
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from yeastfit.text import HIDDEN, JOINERS, LONGEST_VALUE, as_html, quoted, shown
+
+# any text, surrogates of file names that are not UTF-8 included
+TEXTS = st.text(st.characters(exclude_categories=()), max_size=40)
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("a_24h.tif", "a_24h.tif"),
+        ("50 µM, YPD\u202fagar", "50 µM, YPD\u202fagar"),
+        ("培养基 $x_1$ [red] \\alpha", "培养基 $x_1$ [red] \\alpha"),
+        ("👩\u200d🔬", "👩\u200d🔬"),
+        ("a\nb\tc\r", r"a\nb\tc\r"),
+        ("\x1b[31mred\x07", r"\x1b[31mred\x07"),
+        ("gpj.\u202ejpg", r"gpj.\u202ejpg"),
+        ("zero\u200bwidth\ufeff", r"zero\u200bwidth\ufeff"),
+        ("line\u2028end\x85", r"line\u2028end\x85"),
+        (b"caf\xe9.tif".decode(errors="surrogateescape"), r"caf\xe9.tif"),
+        ("\ud800", r"\ud800"),
+        ("\U000e0041", r"\U000e0041"),
+        (3.5, "3.5"),
+    ],
+)
+def test_text_is_shown(text: object, expected: str) -> None:
+    assert shown(text) == expected
+
+
+@settings(deadline=None, derandomize=True)
+@given(TEXTS)
+def test_shown_text_is_one_line_of_valid_utf8_that_hides_nothing(text: str) -> None:
+    result = shown(text)
+    result.encode()
+    assert len(result.splitlines()) <= 1
+    assert not any(unicodedata.category(each) in HIDDEN and each not in JOINERS for each in result)
+    assert shown(result) == result
+    assert all(each in result for each in text if each.isprintable())
+
+
+@settings(deadline=None, derandomize=True)
+@given(TEXTS)
+def test_html_holds_no_markup(text: str) -> None:
+    assert not set("<>\"'") & set(as_html(text))
+
+
+def test_values_of_messages_are_short() -> None:
+    assert quoted("a\nb") == r"'a\nb'"
+    assert quoted(b"\xff") == r"b'\xff'"
+    assert quoted(2.5) == "2.5"
+    for huge in ("x" * 10**6, list(range(10**4)), 10**5000):
+        assert len(quoted(huge)) <= LONGEST_VALUE
+    assert quoted("x" * 1000).startswith("'xxx")
+    nested: list = []
+    for _ in range(10**5):
+        nested = [nested]
+    assert quoted(nested) == "a list nested thousands of times"

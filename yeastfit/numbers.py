@@ -1,0 +1,88 @@
+"""Numbers from users and files: how their text is read, and which are admissible."""
+
+import math
+import re
+from dataclasses import KW_ONLY, dataclass
+from numbers import Real
+from typing import Any
+
+from yeastfit.errors import InputError
+from yeastfit.text import quoted
+
+DECIMAL = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?", re.ASCII)
+
+
+def number_of(value: Any) -> float:
+    """Read a number: of a numeric type, or as text in digits with a decimal point, a sign and an exponent.
+
+    Arguments:
+        value: Anything.
+
+    Returns:
+        The number; nan for anything else, such as `1_0`, `0x10`, digits of other scripts, `inf`, `true` or nothing.
+        A number beyond double precision is not finite.
+    """
+    if isinstance(value, str):
+        return float(value) if DECIMAL.fullmatch(value := value.strip()) else math.nan
+    if isinstance(value, bool) or not isinstance(value, Real):
+        return math.nan
+    try:
+        return float(value)
+    except OverflowError:
+        return math.nan
+
+
+@dataclass(frozen=True)
+class Range:
+    """Admissible numbers: finite, from `low` to `high`, both included.
+
+    Attributes:
+        low: The least; -inf for none.
+        high: The largest; inf for none.
+        unit: For messages.
+        above: Whether `low` itself is not admissible.
+    """
+
+    low: float = -math.inf
+    high: float = math.inf
+    unit: str = ""
+    _: KW_ONLY
+    above: bool = False
+
+    def __contains__(self, value: float) -> bool:
+        return math.isfinite(value) and self.low <= value <= self.high and not (self.above and value == self.low)
+
+    def __str__(self) -> str:
+        """As in "a number from 0.001 to 1000 µm"."""
+        unit = f" {self.unit}" if self.unit else ""
+        low, high = f"{self.low:g}", f"{self.high:g}{unit}"
+        if self.high < math.inf and self.low > -math.inf:
+            return f"a number above {low}, up to {high}" if self.above else f"a number from {low} to {high}"
+        if self.low > -math.inf:
+            return f"a number above {low}{unit}" if self.above else f"a number of at least {low}{unit}"
+        return f"a number of at most {high}" if self.high < math.inf else f"a finite number{unit and ' of'}{unit}"
+
+    def read(self, value: Any, what: str) -> float:
+        """Read a number, strictly.
+
+        Arguments:
+            value: A number or its text, see `number_of`.
+            what: What the message begins with: where the value stands and what it is.
+
+        Returns:
+            The number.
+
+        Raises:
+            InputError: It is none, or not admissible.
+        """
+        number = number_of(value)
+        if number not in self:
+            raise InputError(f"{what} is {quoted(value)}, it must be {self}")
+        return number
+
+
+POSITIVE = Range(0.0, above=True)
+PIXEL_SIZES = Range(1e-3, 1e3, "µm")
+"""Of micrographs: from 1 nm to 1 mm."""
+HOURS = Range(0.0, 1e5, "hours", above=True)
+"""Since a colony was one cell; 1e5 are eleven years."""
