@@ -9,7 +9,7 @@ from yeastfit import measure, model
 
 def test_the_package() -> None:
     names = """
-    FORWARD_MODELS HARD PARAMETERS RULES SAMPLERS STATISTICS BirthRule Births BuddingRule CachedSimulator
+    FORWARD_MODELS HARD LI2024 PARAMETERS RULES SAMPLERS STATISTICS BirthRule Births BuddingRule CachedSimulator
     ColonySimulator ContactRule Context Dataset DeathRule Design Diagnostics Fit FitSettings FitStatus ForwardModel
     GradientCheck Imaging Information InputError Model Numerics Observable Parameter ParameterSet Parameters
     Posterior Prior Problem Relaxation Resolution Scales Sensitivity Setting Simulation SimulationError Simulator

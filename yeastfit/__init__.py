@@ -21,6 +21,7 @@ from yeastfit.inference.information.design_result import Design
 from yeastfit.inference.information.experiment import information_of
 from yeastfit.inference.information.fisher import information
 from yeastfit.inference.information.result import Information
+from yeastfit.inference.li2024 import LI2024
 from yeastfit.inference.posterior.cached_simulator import CachedSimulator
 from yeastfit.inference.posterior.diagnostics import Diagnostics
 from yeastfit.inference.posterior.prior import Prior
@@ -66,6 +67,7 @@ __version__ = version("yeastfit")
 __all__ = [
     "FORWARD_MODELS",
     "HARD",
+    "LI2024",
     "PARAMETERS",
     "RULES",
     "SAMPLERS",

@@ -193,3 +193,6 @@ ENTRIES = (
     _entry("branch_index", 0, "I_B of Li et al. 2024: (ends of a quadrant's skeleton − 25) / 575", "I_B"),
 )
 """As entries for the registry of statistics: with `register_statistic`, `measure` has them in its tables."""
+
+PUBLISHED = ("li2024_filament_area_index", "li2024_filament_radius_index", "li2024_branch_index")
+"""I_F, I_R and I_B, which Li et al. compare colonies in."""

@@ -70,6 +70,15 @@ PARAMETERS = ParameterSet(
     )
 )
 
+PRIOR = {
+    "transition": (5.0, 2.0),
+    "sated_from_pseudohyphal": (2.0, 2.0),
+    "pseudohyphal_from_sated": (2.0, 2.0),
+    "fork": (2.0, 5.0),
+    "any_mother": (2.0, 5.0),
+}
+"""a and b of Li et al.'s beta priors, by name."""
+
 
 def rates_of(parameters: Mapping[str, float] | Sequence[float] | Float[np.ndarray, " parameter"]) -> Rates:
     """Values by name, those not given at their defaults, or all five in order; whether they lie in [0, 1] is not asked.

@@ -15,7 +15,8 @@ Gaussian q of covariance Σ/3 this is the method of Li et al. 2024.
 
 **Pilot.** Simulations of λ from the prior give what is not given: ε, a quantile of their distances; Σ, the covariance
 of the nearest; and the starting points, drawn from them with weights K_ε. With the indicator kernel these are draws
-from the target, so that no burn-in is needed.
+from the target, so that no burn-in is needed. Where all three are given, nothing is simulated beforehand: chains leave
+the given points as if these had been accepted, close to the data or not, and take time to forget them.
 
 **Chains** are emcee's walkers, in the coordinates of the prior (log λ where its distribution is one of log λ). With the
 Gaussian proposal they are independent. "stretch" and "de" are emcee's ensemble moves, whose chains are not. λ* outside
@@ -33,10 +34,11 @@ from jaxtyping import Bool, Float
 
 from yeastfit.errors import InputError
 from yeastfit.inference.abc.distances import KERNELS, Distance, KernelName, log_kernel
-from yeastfit.inference.abc.pilot import DISTANCES, DistanceName, Pilot, distance_of, pilot_of
+from yeastfit.inference.abc.pilot import DISTANCES, DistanceName, Pilot, distance_of, no_pilot, pilot_of
 from yeastfit.inference.abc.proposals import MOVES, Move, move_of
 from yeastfit.inference.posterior.cached_simulator import CachedSimulator
 from yeastfit.inference.posterior.diagnostics import Diagnostics
+from yeastfit.inference.posterior.prior import Prior
 from yeastfit.inference.posterior.problem import Problem
 from yeastfit.inference.posterior.result import Posterior
 from yeastfit.inference.posterior.settings import Setting, check_at_least, check_choice
@@ -86,6 +88,7 @@ class AbcMcmc:
         move: Proposal.
         replicates: Replicates that a simulated data set is the mean of.
         covariance: Σ of the Gaussian proposal in the prior's coordinates; by default the pilot's.
+        start: λ at which each chain starts; by default draws from the pilot.
         discard: Steps at the beginning that are left out.
         batch: Rows of every call of the simulator; by default all that one step asks for.
     """
@@ -109,6 +112,7 @@ class AbcMcmc:
         Setting("Simulations whose mean is compared with the data; more narrow the posterior.", aliases=("colonies",)),
     ] = 1
     covariance: tuple[tuple[float, ...], ...] | None = None
+    start: tuple[tuple[float, ...], ...] | None = None
     discard: Annotated[int, Setting("Steps at the beginning of each chain that are left out.")] = 0
     batch: Annotated[int | None, Setting("Simulations that run together; all of a step by default.")] = None
 
@@ -130,7 +134,12 @@ class AbcMcmc:
     @property
     def simulations_at_most(self) -> int:
         """Single simulations of a run, at most."""
-        return self.replicates * (self.pilot + self.steps * self.walkers)
+        return self.replicates * (self.pilot * self.asks_pilot + self.steps * self.walkers)
+
+    @property
+    def asks_pilot(self) -> bool:
+        """Whether anything is left for the pilot to give."""
+        return self.tolerance is None or self.covariance is None or self.start is None
 
     @property
     def asked_at_once(self) -> int:
@@ -142,14 +151,14 @@ class AbcMcmc:
 
         `log_probability` of the result is log π + log K_ε, with π the density in the prior's coordinates.
         """
-        self._check_walkers(len(problem.prior.free))
+        self._check_walkers(problem.prior)
         batch = self.batch or self.replicates * self.asked_at_once
         data_sets = problem.data_sets(CachedSimulator(problem.simulator, batch, store), self.replicates)
         progress("pilot", 0.0)
         distance = self.distance
         if isinstance(distance, str):
             distance = distance_of(distance, problem, data_sets, self.pilot, seed)
-        pilot = pilot_of(problem, data_sets, distance, self.pilot, seed)
+        pilot = pilot_of(problem, data_sets, distance, self.pilot, seed) if self.asks_pilot else no_pilot(problem)
         tolerance = self.tolerance
         if tolerance is None:
             tolerance = pilot.quantile(self.pilot_quantile or PILOT_QUANTILE)
@@ -164,7 +173,7 @@ class AbcMcmc:
             problem.prior.values(x.reshape(-1, x.shape[2])).reshape(x.shape),
             log_probability=backend.get_log_prob()[self.discard :].T,
             statistics=np.swapaxes(backend.get_blobs()[self.discard :, :, 1:], 0, 1),
-            simulations=self.pilot + target.asked,
+            simulations=len(pilot.x) + target.asked,
             acceptance=moved.mean(axis=0),
             warnings=[*store.notes, *pilot.warnings, *_standstills(moved)],
             diagnostics=McmcDiagnostics(float(tolerance), distance, covariance / 3),
@@ -184,10 +193,16 @@ class AbcMcmc:
             )
         return covariance
 
-    def _check_walkers(self, free: int) -> None:
-        least = max(4, 2 * free)
+    def _check_walkers(self, prior: Prior) -> None:
+        least = max(4, 2 * len(prior.free))
         if self.move != "gaussian" and self.walkers < least:
-            raise InputError(f"walkers is {self.walkers}, {self.move} with {free} parameters needs at least {least}")
+            raise InputError(
+                f"walkers is {self.walkers}, {self.move} with {len(prior.free)} parameters needs at least {least}"
+            )
+        if self.start is not None:
+            start, shape = np.array(self.start, dtype=float), (self.walkers, len(prior.free))
+            if start.shape != shape or not np.isfinite(prior.log_density(start)).all():
+                raise InputError(f"start is {start.tolist()}, it must be {shape[0]} points inside the prior")
 
 
 @dataclass
@@ -204,8 +219,12 @@ class _Target:
     asked: int = 0
 
     def start(self, pilot: Pilot) -> emcee.State:
-        """Starting points of the chains: simulations of the pilot."""
+        """Starting points of the chains: simulations of the pilot, or given ones, of which nothing was simulated."""
         settings = self.settings
+        if settings.start is not None:
+            x = self.problem.prior.coordinates(np.array(settings.start, dtype=float))
+            blobs = np.full((len(x), 1 + len(self.problem.labels)), np.nan)
+            return emcee.State(x, log_prob=self.problem.prior.log_density_of_coordinates(x), blobs=blobs)
         weights = pilot.weights(settings.kernel, self.tolerance)
         within = int(np.count_nonzero(weights))
         if within < settings.walkers and settings.move != "gaussian":

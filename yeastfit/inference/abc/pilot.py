@@ -115,6 +115,12 @@ def pilot_of(problem: Problem, data_sets: Simulator, distance: Distance, count: 
     return Pilot(x, problem.prior.log_density_of_coordinates(x), statistics, distances, warnings)
 
 
+def no_pilot(problem: Problem) -> Pilot:
+    """One without simulations, where nothing is asked of it."""
+    nothing = np.zeros(0)
+    return Pilot(np.zeros((0, len(problem.prior.free))), nothing, np.zeros((0, len(problem.labels))), nothing, [])
+
+
 def distance_of(name: DistanceName, problem: Problem, data_sets: Simulator, count: int, seed: int) -> Distance:
     """A distance from the problem's data.
 
