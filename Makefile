@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 .PHONY: demo test test-arviz lint types data notebooks clean
 
 demo: $(VENV)/.installed
-	$(BIN)/yeastfit fit data/synthetic/demo --out out/demo --truth
+	$(BIN)/yeastfit demo
 
 test: $(VENV)/.installed-test lint types
 	$(BIN)/python -m pytest --numprocesses auto --maxprocesses 4 --dist worksteal

@@ -11,6 +11,8 @@ from packaging.version import Version
 
 import yeastfit
 from yeastfit.commands import app as cli
+from yeastfit.errors import InputError
+from yeastfit.measure.reading.dataset import read_dataset
 
 ROOT = Path(__file__).parents[1]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
@@ -74,3 +76,15 @@ def test_the_command_line_completes_in_shells(
 
 def test_type_checkers_see_the_types() -> None:
     assert importlib.resources.files("yeastfit").joinpath("py.typed").is_file()
+
+
+@pytest.mark.parametrize("options", [[], ["--quick"]])
+def test_the_demo_fits_the_data_set_that_comes_with_the_package(
+    options: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def look(source: Path, condition: object) -> None:
+        raise InputError(f"{len(read_dataset(source).frames)} photographs")
+
+    monkeypatch.setattr("yeastfit.commands.fit.check_source", look)
+    assert cli.run(["demo", "--out", str(tmp_path), *options]) == 2
+    assert capsys.readouterr().err == "error: 110 photographs\n"

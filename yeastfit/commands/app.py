@@ -9,6 +9,7 @@ from typing import Annotated
 import jax
 import typer
 
+from yeastfit.commands.demo import demo
 from yeastfit.commands.design import design
 from yeastfit.commands.fit import fit
 from yeastfit.commands.gradcheck import gradcheck
@@ -24,7 +25,7 @@ HELP = """Estimate how yeast colonies grow from micrographs: simulate, measure, 
 
 Every command leaves a manifest.json that says how its results were made. Bad input ends with one line and exit code 2.
 """
-COMMANDS = (simulate, measure, synthesize, fit, infer, gradcheck, design)
+COMMANDS = (demo, simulate, measure, synthesize, fit, infer, gradcheck, design)
 INTERRUPTED = 130  # typer's exit code after Ctrl-C
 
 app = typer.Typer(no_args_is_help=True, pretty_exceptions_enable=False)

@@ -1,0 +1,39 @@
+"""`yeastfit demo`: fit the synthetic photographs that come with the package."""
+
+from importlib.resources import as_file, files
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from yeastfit.commands.fit import fit
+from yeastfit.commands.options import Jobs
+from yeastfit.errors import InputError
+
+IN_WHEEL = files("yeastfit") / "demo"
+IN_CLONE = Path(__file__).parents[2] / "data" / "synthetic" / "demo"
+QUICK = ["--starts", "1"]
+
+
+def demo(
+    folder: Annotated[
+        Path, typer.Option("--out", help="Folder for the results. It is made if it does not exist.")
+    ] = Path("out/demo"),
+    quick: Annotated[
+        bool, typer.Option("--quick", help="Start the fit from one place of the search range instead of several.")
+    ] = False,
+    jobs: Jobs = None,
+) -> None:
+    """Fit 110 photographs of ten synthetic colonies and show the fitted parameters beside the true ones.
+
+    The same as `yeastfit fit` on that data set with --truth.
+    """
+    source = IN_WHEEL if IN_WHEEL.is_dir() else IN_CLONE
+    if not source.is_dir():
+        raise InputError(f"{IN_CLONE} is missing: neither a wheel of yeastfit nor a whole clone is installed")
+    options = [*(QUICK if quick else []), *(["--jobs", str(jobs)] if jobs else [])]
+    command = typer.Typer(pretty_exceptions_enable=False)
+    command.command()(fit)
+    with as_file(source) as images:
+        code = command([str(images), "--out", str(folder), "--truth", *options], standalone_mode=False)
+    raise typer.Exit(code or 0)
