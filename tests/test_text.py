@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from yeastfit.text import HIDDEN, JOINERS, LONGEST_VALUE, as_html, quoted, shown
+from yeastfit.text import HIDDEN, JOINERS, LONGEST, as_html, quoted, shown
 
 # any text, surrogates of file names that are not UTF-8 included
 TEXTS = st.text(st.characters(exclude_categories=()), max_size=40)
@@ -56,7 +56,7 @@ def test_values_of_messages_are_short() -> None:
     assert quoted(b"\xff") == r"b'\xff'"
     assert quoted(2.5) == "2.5"
     for huge in ("x" * 10**6, list(range(10**4)), 10**5000):
-        assert len(quoted(huge)) <= LONGEST_VALUE
+        assert len(quoted(huge)) <= LONGEST
     assert quoted("x" * 1000).startswith("'xxx")
     nested: list = []
     for _ in range(10**5):

@@ -12,7 +12,9 @@ from typing import Any
 
 HIDDEN = ("Cc", "Cf", "Cs", "Zl", "Zp")  # Unicode categories: control, format, surrogate, separators of lines
 JOINERS = "\u200c\u200d"  # which belong to emoji and to words of some scripts
-LONGEST_VALUE = 80  # characters of a value that a message repeats
+NOT_IN_NAMES = '/\\<>:"|?*'  # on one system or another
+LONGEST_NAME = 120  # bytes of the name of a file; systems take 255, with what is put before and behind it
+LONGEST = 80  # characters of a text that a message repeats
 
 
 def shown(text: object) -> str:
@@ -29,18 +31,35 @@ def shown(text: object) -> str:
     return text if text.isascii() and text.isprintable() else "".join(map(_visible, text))
 
 
+def short(text: object) -> str:
+    """Like `shown`; what is longer than `LONGEST` is cut in the middle."""
+    text = str(text)
+    return shown(text) if len(text) <= LONGEST else shown(f"{text[: LONGEST // 2 - 2]} ... {text[3 - LONGEST // 2 :]}")
+
+
 def quoted(value: Any) -> str:
-    """Write a value as Python does, for a message; what is longer than `LONGEST_VALUE` is cut in the middle."""
+    """Write a value as Python does, for a message, in no more than `LONGEST` characters."""
     try:
-        whole = repr(value)
+        return short(repr(value))
     except ValueError:  # Python writes no integer of more than 4300 digits
         return "a whole number of thousands of digits"
     except RecursionError:
         return f"a {type(value).__name__} nested thousands of times"
-    if len(whole) <= LONGEST_VALUE:
-        return shown(whole)
-    half = LONGEST_VALUE // 2 - 3
-    return shown(f"{whole[:half]} ... {whole[-half:]}")
+
+
+def file_name(text: str) -> str:
+    r"""Make a name for a file of any text: visible, without `/ \ < > : " | ? *`, of at most `LONGEST_NAME` bytes.
+
+    Arguments:
+        text: The name of another file, without suffix, for instance.
+
+    Returns:
+        The name in Unicode's composed form, with `_` for what does not belong into it. Different texts may have one
+        name.
+    """
+    composed = unicodedata.normalize("NFC", text)
+    name = "".join("_" if shown(each) != each or each in NOT_IN_NAMES else each for each in composed)
+    return name.encode()[:LONGEST_NAME].decode(errors="ignore").strip(". ").lstrip("-") or "_"
 
 
 def as_html(text: object) -> str:

@@ -224,7 +224,7 @@ def test_the_user_comes_first(tmp_path):
 def test_a_given_size_is_checked(tmp_path, value):
     with pytest.raises(InputError) as caught:
         read_micrograph(tmp_path / "a.tif", value)
-    one_line(caught, "pixel_size", value, "positive")
+    one_line(caught, "pixel_size", value, "from 0.001 to 1000 µm")
 
 
 @pytest.mark.parametrize(("size", "unit"), [(0.75, None), (750, "nm"), (0.00075, "mm"), (0.75, "µm"), (7500, "Å")])

@@ -9,8 +9,11 @@ from pathlib import Path
 from yeastfit.errors import InputError
 from yeastfit.measure.reading.dataset import Dataset, dataset_folder, read_dataset
 from yeastfit.measure.reading.segmentation_options import AUTOMATIC, SegmentationOptions
+from yeastfit.numbers import PIXEL_SIZES
+from yeastfit.text import file_name, shown
 
 SUFFIXES = (".tif", ".tiff", ".png", ".jpg", ".jpeg")
+FORMULA = ("=", "+", "-", "@")  # what a spreadsheet takes for a formula begins so
 
 
 @dataclass(frozen=True)
@@ -19,8 +22,9 @@ class InputImage:
 
     Attributes:
         path: The file.
-        label: What tables call it.
-        name: Of its mask and overlay, without suffix.
+        label: What tables call it: its path, shown as `yeastfit.text.shown` does, with "./" before what a spreadsheet
+            would take for a formula.
+        name: Of its mask and overlay, without suffix; a name for a file on any system.
         pixel_size: In µm; None where the file states it.
         options: How to outline it.
         condition: Empty outside a data set.
@@ -54,9 +58,11 @@ def find_images(
         The images, the data set they come from, and files of folders that are no images by their names.
 
     Raises:
-        InputError: A path does not exist, a data set is given beside other things, a file is given twice, or there is
-            no image.
+        InputError: A path does not exist, a data set is given beside other things, a file is given twice, there is no
+            image, or the pixel size is not from 1 nm to 1 mm.
     """
+    if pixel_size is not None:
+        PIXEL_SIZES.read(pixel_size, "pixel_size")
     for path in paths:
         if not os.path.lexists(path):
             raise InputError(f"{path}: there is no such file or folder, need micrographs or a data set")
@@ -89,7 +95,7 @@ def dataset_images(
     images = [
         InputImage(
             frame.path,
-            Path(os.path.relpath(frame.path, dataset.folder)).as_posix(),
+            _label(Path(os.path.relpath(frame.path, dataset.folder)).as_posix()),
             "",
             frame.pixel_size or pixel_size,
             replace(options, **frame.options.as_arguments()),
@@ -113,10 +119,14 @@ def _natural_order(path: Path) -> list[str | int]:
     return [int(part) if k % 2 else part for k, part in enumerate(re.split(r"([0-9]+)", path.name))]
 
 
+def _label(path: str) -> str:
+    return shown(f"./{path}" if path.startswith(FORMULA) else path)
+
+
 def _labels(files: Sequence[Path]) -> list[str]:
     """Names of the files, with folders where two share a name."""
-    names = [path.name for path in files]
-    return names if len(set(names)) == len(names) else [path.as_posix() for path in files]
+    names = [_label(path.name) for path in files]
+    return names if len(set(names)) == len(names) else [_label(path.as_posix()) for path in files]
 
 
 def _with_names(images: list[InputImage]) -> list[InputImage]:
@@ -128,10 +138,10 @@ def _with_names(images: list[InputImage]) -> list[InputImage]:
     folder = os.path.commonpath([os.path.dirname(place) for place in places])
     inside = [Path(place).relative_to(folder) for place in places]
     choices: list[list[str]] = [
-        [image.path.stem for image in images],
-        [image.path.name for image in images],
-        ["_".join(path.parts) for path in inside],
-        [f"{k:04}_{image.path.stem}" for k, image in enumerate(images, 1)],
+        [file_name(image.path.stem) for image in images],
+        [file_name(image.path.name) for image in images],
+        [file_name("_".join(path.parts)) for path in inside],
+        [f"{k:04}_{file_name(image.path.stem)}" for k, image in enumerate(images, 1)],
     ]
     names = next(names for names in choices if len({name.casefold() for name in names}) == len(names))
     side = max(120, min(1000, round(4800 / len(images) ** 0.5)))

@@ -16,8 +16,6 @@ Condition and replicate together identify a colony. At the top of `manifest.toml
 the note may be given once, for all images that do not say otherwise.
 """
 
-import csv
-import tomllib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from difflib import get_close_matches
@@ -25,17 +23,16 @@ from pathlib import Path
 from typing import Any
 
 from yeastfit.errors import InputError
-from yeastfit.measure.reading.segmentation_options import (
-    AUTOMATIC,
-    SegmentationOptions,
-    positive_number,
-    read_options,
-)
+from yeastfit.measure.reading.segmentation_options import AUTOMATIC, SegmentationOptions, read_options
+from yeastfit.numbers import HOURS, PIXEL_SIZES
+from yeastfit.text import quoted, short, shown
+from yeastfit.text_files import read_csv, read_toml
 
 MANIFESTS = ("manifest.csv", "manifest.toml")
 NEEDED = ("file", "replicate", "hours")
 SHARED = ("um_per_pixel", "condition", "seed_point", "threshold", "roi")
 KNOWN = (*NEEDED, *SHARED, "note")
+LONGEST_NAME = 200  # characters of a condition or a replicate
 COLUMNS = (*NEEDED, "um_per_pixel")  # which manifest.csv must have
 
 
@@ -122,10 +119,7 @@ def read_dataset(folder: str | Path) -> Dataset:
     manifest = find_manifest(folder)
     if manifest is None:
         raise InputError(f"{folder}: no manifest.csv or manifest.toml there, a data set has one: {', '.join(COLUMNS)}")
-    try:
-        rows = list(_csv_rows(manifest) if manifest.suffix == ".csv" else _toml_rows(manifest))
-    except UnicodeDecodeError as error:
-        raise InputError(f"{manifest}: not a text file in UTF-8 ({error.reason})") from None
+    rows = _csv_rows(manifest) if manifest.suffix == ".csv" else list(_toml_rows(manifest))
     if not rows:
         raise InputError(f"{manifest}: no rows, a data set needs at least one micrograph")
     frames = tuple(_frame(row, folder, where) for where, row in rows)
@@ -141,23 +135,9 @@ def read_dataset(folder: str | Path) -> Dataset:
     return Dataset(folder, frames)
 
 
-def _csv_rows(manifest: Path) -> Iterator[tuple[str, dict[str, str]]]:
+def _csv_rows(manifest: Path) -> list[tuple[str, dict[str, str]]]:
     """The place of each row in the file, and its cells by column, without empty ones."""
-    with manifest.open(newline="", encoding="utf-8-sig") as file:
-        reader = csv.reader(file, strict=True)
-        try:
-            names = [name.strip() for name in next(reader, [])]
-            _check_columns(names, manifest)
-            for cells in reader:
-                if not any(cell.strip() for cell in cells):
-                    continue
-                where = f"{manifest}, line {reader.line_num}"
-                if len(cells) > len(names):
-                    raise InputError(f"{where}: {len(cells)} cells, the first line names {len(names)} columns")
-                pairs = zip(names, cells, strict=False)
-                yield where, {name: cell.strip() for name, cell in pairs if cell.strip()}
-        except csv.Error as error:
-            raise InputError(f"{manifest}, line {reader.line_num}: not CSV ({error})") from None
+    return read_csv(manifest, lambda names: _check_columns(names, manifest))[1]
 
 
 def _check_columns(names: list[str], manifest: Path) -> None:
@@ -166,8 +146,6 @@ def _check_columns(names: list[str], manifest: Path) -> None:
         semicolons = ", separated by commas and not by semicolons" if ";" in "".join(names) else ""
         raise InputError(f"{manifest}: no column {missing[0]!r}, expected {', '.join(COLUMNS)}{semicolons}")
     _check_names(names, KNOWN, f"{manifest}, line 1: column")
-    if len(set(names)) < len(names):
-        raise InputError(f"{manifest}, line 1: a column stands twice in {', '.join(names)}")
 
 
 def _check_names(names: list[str], known: tuple[str, ...], where: str) -> None:
@@ -175,25 +153,22 @@ def _check_names(names: list[str], known: tuple[str, ...], where: str) -> None:
         if name not in known:
             close = get_close_matches(name.lower().replace(" ", "_"), known, 1)
             hint = f"did you mean {close[0]!r}?" if close else f"known are {', '.join(known)}"
-            raise InputError(f"{where} {name!r} is unknown, {hint}")
+            raise InputError(f"{where} {quoted(name)} is unknown, {hint}")
 
 
 def _toml_rows(manifest: Path) -> Iterator[tuple[str, dict[str, Any]]]:
     """The place of each image in the file, and its values by key, with those that all images share."""
-    try:
-        content = tomllib.loads(manifest.read_text(encoding="utf-8-sig"))
-    except tomllib.TOMLDecodeError as error:
-        raise InputError(f"{manifest}: not TOML ({error})") from None
+    content = read_toml(manifest)
     images = content.pop("image", [])
     _check_names(list(content), SHARED, f"{manifest}, at the top: key")
     _optional(content, f"{manifest}, at the top")
     if not isinstance(images, list):
-        raise InputError(f"{manifest}: image is {images!r}, write a table [[image]] for each micrograph")
+        raise InputError(f"{manifest}: image is {quoted(images)}, write a table [[image]] for each micrograph")
     for number, image in enumerate(images, 1):
         where = f"{manifest}, image {number}"
         if not isinstance(image, dict):
-            raise InputError(f"{where}: is {image!r}, write a table [[image]] for each micrograph")
-        where += f" ({image['file']})" if isinstance(image.get("file"), str) else ""
+            raise InputError(f"{where}: is {quoted(image)}, write a table [[image]] for each micrograph")
+        where += f" ({short(image['file'])})" if isinstance(image.get("file"), str) else ""
         _check_names(list(image), KNOWN, f"{where}: key")
         yield where, {**content, **image}
 
@@ -209,20 +184,25 @@ def _frame(row: Mapping[str, Any], folder: Path, where: str) -> Frame:
     except OSError:  # a name longer than the file system takes
         exists = False
     if not exists:
-        raise InputError(f"{where}: there is no file {file}")
-    hours = positive_number(row.get("hours", ""), "hours", where)
+        raise InputError(f"{where}: there is no file {short(file)}")
+    hours = HOURS.read(row.get("hours", ""), f"{where}: hours")
     pixel_size, condition, options = _optional(row, where)
     return Frame(path, replicate, hours, pixel_size, condition, options)
 
 
 def _optional(row: Mapping[str, Any], where: str) -> tuple[float | None, str, SegmentationOptions]:
     """Checked values of `SHARED`."""
-    size = positive_number(row["um_per_pixel"], "um_per_pixel", where) if "um_per_pixel" in row else None
+    size = PIXEL_SIZES.read(row["um_per_pixel"], f"{where}: um_per_pixel") if "um_per_pixel" in row else None
     return size, _text(row, "condition", where), read_options(row, where)
 
 
 def _text(row: Mapping[str, Any], name: str, where: str) -> str:
     value = row.get(name, "")
     if isinstance(value, bool) or not isinstance(value, str | int | float):
-        raise InputError(f"{where}: {name} is {value!r}, it must be a text or a number")
-    return str(value).strip()
+        raise InputError(f"{where}: {name} is {quoted(value)}, it must be a text or a number")
+    text = str(value).strip()
+    if name != "file" and (shown(text) != text or len(text) > LONGEST_NAME):
+        raise InputError(
+            f"{where}: {name} is {quoted(text)}, it must be one line of at most {LONGEST_NAME} visible characters"
+        )
+    return text

@@ -17,7 +17,8 @@ import numpy.typing as npt
 from jaxtyping import Float32, UInt8, UInt16
 
 from yeastfit.errors import InputError, PixelSizeError
-from yeastfit.measure.reading.pixel_size import PixelSize, is_length, pillow_sizes, tiff_sizes
+from yeastfit.measure.reading.pixel_size import PixelSize, pillow_sizes, tiff_sizes
+from yeastfit.numbers import PIXEL_SIZES
 
 Grey = UInt8[np.ndarray, "row column"] | UInt16[np.ndarray, "row column"] | Float32[np.ndarray, "row column"]
 
@@ -95,19 +96,23 @@ def read_micrograph(path: str | Path, pixel_size: float | None = None) -> Microg
 
     Raises:
         PixelSizeError: The file states no size.
-        InputError: x and y differ by more than 1 %, or `read_image` refuses the file.
+        InputError: x and y differ by more than 1 %, the size is not from 1 nm to 1 mm, or `read_image` refuses the
+            file.
     """
     path = Path(path)
-    if pixel_size is not None and (isinstance(pixel_size, bool) or not is_length(pixel_size)):
-        raise InputError(f"pixel_size: got {pixel_size!r}, need a positive number of µm per pixel")
+    given = None if pixel_size is None else PIXEL_SIZES.read(pixel_size, "pixel_size")
     contents = _read(path)
-    if pixel_size is not None:
-        return Micrograph(contents.pixels, float(pixel_size), "given by the user", path)
+    if given is not None:
+        return Micrograph(contents.pixels, given, "given by the user", path)
     if not contents.sizes:
         raise PixelSizeError(
             f"{path}: no pixel size in the file{contents.remark}, pass pixel_size / --pixel-size in µm"
         )
     source, x, y = contents.sizes[0]
+    if x not in PIXEL_SIZES or y not in PIXEL_SIZES:
+        raise PixelSizeError(
+            f"{path}: pixels of {x:.5g} by {y:.5g} µm ({source}), need {PIXEL_SIZES}: pass pixel_size / --pixel-size"
+        )
     if abs(x - y) > 0.01 * max(x, y):
         raise InputError(
             f"{path}: pixels of {x:.5g} by {y:.5g} µm ({source}), need square ones (1 %): resample the image"
@@ -130,7 +135,7 @@ def _read(path: Path) -> Contents:
     except Exception as error:  # a damaged file makes readers raise anything at all
         reason = getattr(error, "strerror", None) or " ".join(str(error).split()) or type(error).__name__
         raise InputError(f"{path}: cannot be read ({reason[:200]}), need an intact TIFF, PNG or JPEG file") from error
-    return Contents(_finite(pixels, path), [size for size in sizes if is_length(size.x * size.y)], remark)
+    return Contents(_finite(pixels, path), sizes, remark)
 
 
 def _reader(path: Path, start: bytes) -> Callable[[Path, BinaryIO], Contents]:

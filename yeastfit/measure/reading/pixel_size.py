@@ -1,9 +1,10 @@
 """Find the size of a pixel in the metadata of an image file, in µm along x and y."""
 
 from collections.abc import Iterable, Iterator
-from math import isfinite
 from typing import Any, NamedTuple
 from xml.etree import ElementTree
+
+from yeastfit.numbers import POSITIVE, number_of
 
 LARGEST_PIXEL = 20.0  # µm; a coarser print density (72, 96, 300 dpi, 1 x 1) says nothing about a microscope
 MICROMETRES = {
@@ -43,11 +44,6 @@ def tiff_sizes(tif: Any, page: Any) -> Stated:
 def pillow_sizes(image: Any) -> Stated:
     """Sizes that an image states which Pillow opened."""
     return _trusted(_of_pillow(image))
-
-
-def is_length(value: float) -> bool:
-    """Whether a number is finite and above 0."""
-    return isfinite(value) and value > 0
 
 
 def _trusted(found: Iterable[tuple[bool, PixelSize]]) -> Stated:
@@ -103,8 +99,5 @@ def _ratio(value: Any) -> float:
 
 def _number(value: Any) -> float:
     """A positive finite number; 0 for everything else a metadata field may hold."""
-    try:
-        number = float(value.decode() if isinstance(value, bytes) else value)
-    except (TypeError, ValueError):
-        return 0.0
-    return number if is_length(number) else 0.0
+    number = number_of(value.decode(errors="replace") if isinstance(value, bytes) else value)
+    return number if number in POSITIVE else 0.0

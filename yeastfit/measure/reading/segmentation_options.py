@@ -8,6 +8,8 @@ from typing import Any
 
 from yeastfit.errors import InputError
 from yeastfit.measure.reading.images import MIN_SIDE
+from yeastfit.numbers import POSITIVE, number_of
+from yeastfit.text import quoted
 
 
 @dataclass(frozen=True)
@@ -87,36 +89,19 @@ def read_options(values: Mapping[str, Any], where: str) -> SegmentationOptions:
     threshold = values.get("threshold")
     return SegmentationOptions(
         None if point is None else (point[0], point[1]),
-        None if threshold is None else positive_number(threshold, "threshold", where),
+        None if threshold is None else POSITIVE.read(threshold, f"{where}: threshold"),
         None if roi is None else (round(roi[0]), round(roi[1]), round(roi[2]), round(roi[3])),
     )
-
-
-def positive_number(value: Any, name: str, where: str) -> float:
-    """Read a finite number above 0; raise `InputError` that begins with `where` for anything else."""
-    number = _float(value)
-    if not (math.isfinite(number) and number > 0):
-        raise InputError(f"{where}: {name} is {value!r}, it must be a number above 0")
-    return number
 
 
 def _numbers(value: Any, name: str, size: int, where: str) -> tuple[float, ...]:
     """`size` finite numbers from a list, or from a text in which commas, semicolons or spaces stand between them."""
     parts = value.replace(",", " ").replace(";", " ").split() if isinstance(value, str) else value
-    numbers = tuple(map(_float, parts)) if isinstance(parts, list | tuple) else ()
+    numbers = tuple(map(number_of, parts)) if isinstance(parts, list | tuple) else ()
     if len(numbers) != size or not all(map(math.isfinite, numbers)):
         names = "x y" if size == 2 else "x0 y0 x1 y1"
-        raise InputError(f"{where}: {name} is {value!r}, it must be {size} numbers, {names} in pixels")
+        raise InputError(f"{where}: {name} is {quoted(value)}, it must be {size} numbers, {names} in pixels")
     return numbers
-
-
-def _float(value: Any) -> float:
-    if isinstance(value, bool) or not isinstance(value, str | int | float):
-        return math.nan
-    try:
-        return float(value)
-    except (ValueError, OverflowError):
-        return math.nan
 
 
 def _is_number(value: Any) -> bool:

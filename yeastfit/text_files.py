@@ -1,0 +1,103 @@
+"""Read text files of users: UTF-8, CSV tables and TOML. What is wrong is one line that names the file and the place."""
+
+import codecs
+import csv
+import tomllib
+from collections.abc import Callable
+from io import StringIO
+from pathlib import Path
+from typing import Any
+
+from yeastfit.errors import InputError
+
+UTF_16 = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
+
+
+def read_text(path: str | Path) -> str:
+    """Read a text file in UTF-8, with or without a byte order mark.
+
+    Arguments:
+        path: The file.
+
+    Returns:
+        Its text, with line ends as they are.
+
+    Raises:
+        InputError: It cannot be opened, is not UTF-8, or holds a NUL character.
+    """
+    path = Path(path)
+    if path.exists() and not (path.is_file() or path.is_dir()):  # a pipe would be waited for
+        raise InputError(f"{path}: is no regular file, need a text file in UTF-8")
+    try:
+        data = path.read_bytes()
+    except (OSError, ValueError) as error:  # ValueError: a NUL in the name
+        raise InputError(f"{path}: cannot be read ({getattr(error, 'strerror', None) or error})") from None
+    if data.startswith(UTF_16):
+        raise InputError(f"{path}: is a text file in UTF-16, need UTF-8: save it again as UTF-8")
+    try:
+        text = data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        line = data.count(b"\n", 0, error.start) + 1
+        raise InputError(f"{path}, line {line}: not a text file in UTF-8 ({error.reason})") from None
+    if (place := text.find("\0")) >= 0:
+        line = text.count("\n", 0, place) + 1
+        raise InputError(f"{path}, line {line}: holds a NUL character, need a text file in UTF-8")
+    return text
+
+
+def read_csv(
+    path: str | Path, check: Callable[[list[str]], None] = lambda names: None
+) -> tuple[list[str], list[tuple[str, dict[str, str]]]]:
+    """Read a CSV table with commas and a header.
+
+    Arguments:
+        path: The file.
+        check: Called with the names of the columns, before any other line is looked at.
+
+    Returns:
+        The names of the columns; and for each row, but empty ones, where it stands ("table.csv, line 2") and its cells
+        by column, without those that are empty. Space around names and cells is left out.
+
+    Raises:
+        InputError: It is no text file, no CSV, a column stands twice, or a row has more cells than there are columns.
+    """
+    reader = csv.reader(StringIO(read_text(path), newline=""), strict=True)
+    rows = []
+    try:
+        names = [name.strip() for name in next(reader, [])]
+        check(names)
+        twice = next((name for name in names if name and names.count(name) > 1), None)
+        if twice:
+            raise InputError(f"{path}, line 1: a column stands twice, {twice!r}")
+        for cells in reader:
+            where = f"{path}, line {reader.line_num}"
+            if len(cells) > len(names) and any(cell.strip() for cell in cells):
+                raise InputError(f"{where}: {len(cells)} cells, the first line names {len(names)} columns")
+            row = {name: cell.strip() for name, cell in zip(names, cells, strict=False) if cell.strip()}
+            rows += [(where, row)] if row else []
+    except csv.Error as error:
+        raise InputError(f"{path}, line {reader.line_num}: not CSV ({error})") from None
+    return names, rows
+
+
+def read_toml(path: str | Path) -> dict[str, Any]:
+    """Read a TOML file.
+
+    Arguments:
+        path: The file.
+
+    Returns:
+        Its content.
+
+    Raises:
+        InputError: It is no text file, or no TOML; numbers of thousands of digits and tables nested hundreds of times
+            are neither.
+    """
+    try:
+        return tomllib.loads(read_text(path))
+    except InputError:
+        raise
+    except ValueError as error:  # of TOML, and of Python, which reads no integer of more than 4300 digits
+        raise InputError(f"{path}: not TOML ({str(error).partition(';')[0]})") from None
+    except RecursionError:
+        raise InputError(f"{path}: not TOML that can be read (tables within tables, too many)") from None
