@@ -139,7 +139,9 @@ def test_rows_that_no_fit_can_use_are_refused_in_words(measured: Path, tmp_path:
     with pytest.raises(InputError, match=r"colony01_06\.0h\.tif: its hours are unknown"):
         targets_of(rows, measured)
     rows = read_measurements(written([{**row, "um_per_pixel": ""} for row in raw(measured)], tmp_path / TABLE))
-    with pytest.raises(InputError, match=r"colony01_06\.0h\.tif: um_per_pixel is nan, it must be a number above 0"):
+    with pytest.raises(
+        InputError, match=r"colony01_06\.0h\.tif: um_per_pixel is nan, it must be a number from 0\.001 to 1000 µm"
+    ):
         targets_of(rows, measured)
     rows = read_measurements(measured / TABLE)
     for twice in ([{**row, "replicate": ""} for row in rows], [*rows, {**rows[0], "file": "again.tif"}]):

@@ -1,6 +1,5 @@
 """The measurements that `yeastfit fit` and `yeastfit infer` start from: read from a table, or made from micrographs."""
 
-import csv
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,6 +12,7 @@ from yeastfit.inference.targets_from_table import (
     TABLE,
     conditions_of,
     files_of,
+    missing_masks,
     read_measurements,
     table_in,
     targets_of,
@@ -23,6 +23,7 @@ from yeastfit.model.parameters import Scales
 from yeastfit.progress import Progress
 from yeastfit.report.measurement_files import clear_results, refuse_mixed_folder, write_results
 from yeastfit.simulation.synthetic_data import read_truth
+from yeastfit.text_files import read_csv
 
 
 @dataclass(frozen=True)
@@ -124,14 +125,19 @@ def recorded_warnings(rows: Sequence[Mapping[str, Any]], folder: Path) -> list[s
         folder: Of measurements.csv.
 
     Returns:
-        One sentence for each image left out and each doubt.
+        One sentence for each image left out, each doubt, and each condition of which a mask is missing.
+
+    Raises:
+        InputError: There is a failures.csv that `yeastfit measure` did not write.
     """
     failures, failed = folder / "failures.csv", list[str]()
     if failures.is_file():
-        with failures.open(newline="", encoding="utf-8") as file:
-            failed = [f"left out: {row['error']}" for row in csv.DictReader(file)]
+        names, left_out = read_csv(failures)
+        if not {"file", "error"} <= set(names):
+            raise InputError(f"{failures}: no columns file and error, need that of `yeastfit measure`, or none")
+        failed = [f"left out: {row.get('error', row.get('file'))}" for _, row in left_out]
     doubts = [(row["file"], one) for row in rows for one in str(row.get("warnings") or "").split(";")]
-    return failed + [f"{name}: {one.strip()}" for name, one in doubts if one.strip()]
+    return failed + [f"{name}: {one.strip()}" for name, one in doubts if one.strip()] + missing_masks(rows, folder)
 
 
 def truth_of(source: Path) -> dict[str, float]:

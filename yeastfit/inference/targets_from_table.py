@@ -5,7 +5,6 @@ through the same smooth estimator. Otherwise the table's own numbers are taken, 
 masks are, on pixels of the same size.
 """
 
-import csv
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -17,13 +16,20 @@ from yeastfit.errors import InputError
 from yeastfit.inference.imaging import SMOOTHING, SPACING, Imaging
 from yeastfit.inference.targets import Targets
 from yeastfit.measure.reading.images import read_image
+from yeastfit.measure.statistics.pixels import Mask
 from yeastfit.measure.statistics.registry import STATISTICS, Estimator, most_telling_first, names_with
 from yeastfit.measure.statistics.smooth_statistics import measure_mask_smoothly
 from yeastfit.model.parameters import Scales
+from yeastfit.numbers import HOURS, PIXEL_SIZES, Range
+from yeastfit.text import quoted, shown
+from yeastfit.text_files import read_csv
 
 TABLE = "measurements.csv"
 NEEDED = ("file", "condition", "replicate", "hours", "um_per_pixel", "mask", "max_radius")
+KNOWN = {"hours": HOURS, "um_per_pixel": PIXEL_SIZES}
 SAME_SIZE = 0.02  # relative difference of pixel sizes within which masks are taken for equally fine
+ROUNDING = 1e-6  # relative difference of numbers that should be equal
+LARGEST_REACH = 10_000  # steps of the grid on which colonies are measured, from its middle to its edge
 
 
 def table_in(source: Path) -> Path:
@@ -38,28 +44,67 @@ def files_of(table: Path, rows: Sequence[Mapping[str, Any]]) -> list[Path]:
 
 
 def read_measurements(path: str | Path) -> list[dict[str, Any]]:
-    """Rows of a measurements.csv, numbers as numbers, nan where a cell is empty.
+    """Read the rows of a measurements.csv.
 
-    Raises `InputError` for a table without the columns of `yeastfit measure`, and for a cell that is no number.
+    Arguments:
+        path: The table.
+
+    Returns:
+        Rows by column: numbers as numbers, nan where a cell is empty, and text.
+
+    Raises:
+        InputError: It lacks columns of `yeastfit measure`, or a cell is no number, is none that its column can have, or
+            does not fit others of its row. The message names the line, the column, the value and what is admissible.
     """
     path = Path(path)
-    try:
-        with path.open(newline="", encoding="utf-8-sig") as file:
-            rows = list(csv.DictReader(file))
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise InputError(f"{path}: no table ({error}), need the {TABLE} of `yeastfit measure`") from None
-    missing = [name for name in NEEDED if not rows or name not in rows[0]]
-    if missing:
-        what = f"no column {', '.join(missing)}" if rows else "no rows"
+    if not path.is_file():
+        raise InputError(f"{path}: no table there, need the {TABLE} of `yeastfit measure`")
+    names, cells = read_csv(path)
+    missing = [name for name in NEEDED if name not in names]
+    if missing or not cells:
+        what = f"no column {', '.join(missing)}" if names and missing else "no rows"
         raise InputError(f"{path}: {what}, need the {TABLE} of `yeastfit measure`")
-    numbers = [name for name in rows[0] if name in names_with("mask") or name in ("hours", "um_per_pixel")]
-    for line, row in enumerate(rows, start=2):
-        for name in numbers:
-            try:
-                row[name] = float(row[name]) if row[name] else math.nan
-            except (TypeError, ValueError):
-                raise InputError(f"{path}, line {line}: {name} is {row[name]!r}, it must be a number") from None
+    numbers = KNOWN | {name: STATISTICS[name].admissible for name in names_with("mask")}
+    rows = []
+    for where, row in cells:
+        rows.append(
+            {
+                name: _number(row, name, numbers[name], where) if name in numbers else _text(row, name, where)
+                for name in names
+            }
+        )
+        _check_row(rows[-1], where)
     return rows
+
+
+def _number(row: Mapping[str, str], name: str, admissible: Range, where: str) -> float:
+    """The number in a cell, nan where it is empty."""
+    text = row.get(name, "nan")
+    if text == "nan":
+        return math.nan
+    value = admissible.read(text, f"{where}: {name}")
+    if name in STATISTICS and STATISTICS[name].is_count and not value.is_integer():
+        raise InputError(f"{where}: {name} is {text!r}, it must be a whole number")
+    return value
+
+
+def _text(row: Mapping[str, str], name: str, where: str) -> str:
+    text = row.get(name, "")
+    if shown(text) != text:
+        raise InputError(f"{where}: {name} is {quoted(text)}, it must be one line without invisible characters")
+    return text
+
+
+def _check_row(row: Mapping[str, Any], where: str) -> None:
+    """Raise `InputError` where sizes do not fit each other: r ≤ r_max and A ≤ π (r_max + h / √2)², pixels of side h."""
+    longest, pixel = row["max_radius"], row["um_per_pixel"]
+    if row.get("radius", 0.0) > longest * (1 + ROUNDING):
+        raise InputError(f"{where}: radius is {row['radius']:g} µm, it must be at most max_radius, {longest:g} µm")
+    largest = math.pi * (longest + pixel / math.sqrt(2)) ** 2
+    if row.get("area", 0.0) > largest * (1 + ROUNDING):
+        raise InputError(
+            f"{where}: area is {row['area']:g} µm², it must be at most {largest:g} µm², as max_radius is {longest:g} µm"
+        )
 
 
 def targets_of(
@@ -83,8 +128,7 @@ def targets_of(
         if not (isinstance(hours, int | float) and math.isfinite(hours) and hours > 0):
             raise InputError(f"{row['file']}: its hours are unknown, a fit needs them: measure a data set")
         for name in ("um_per_pixel", "max_radius"):
-            if not (math.isfinite(row[name]) and row[name] > 0):
-                raise InputError(f"{row['file']}: {name} is {row[name]:g}, it must be a number above 0")
+            (PIXEL_SIZES if name in KNOWN else STATISTICS[name].admissible).read(row[name], f"{row['file']}: {name}")
     _refuse_twice(chosen)
     masks = [folder / str(row["mask"]) for row in chosen]
     smooth = all(name in names_with("smooth") for name in statistics) and all(mask.is_file() for mask in masks)
@@ -92,8 +136,8 @@ def targets_of(
     pixels = np.array([row["um_per_pixel"] for row in chosen], dtype=float) / scales.length
     if estimator == "smooth":
         values = [
-            measure_mask_smoothly(read_image(mask) > 0, float(pixel), spacing=SPACING, smoothing=SMOOTHING)
-            for mask, pixel in zip(masks, pixels, strict=True)
+            measure_mask_smoothly(_read_mask(mask, row), float(pixel), spacing=SPACING, smoothing=SMOOTHING)
+            for mask, row, pixel in zip(masks, chosen, pixels, strict=True)
         ]
         spacing, smoothing = SPACING, SMOOTHING
     else:
@@ -105,6 +149,9 @@ def targets_of(
             )
         values = [_in_lengths(row, statistics, scales) for row in chosen]
         spacing, smoothing = float(pixels.mean()), 0.0
+    for row in chosen:
+        reach = Range(high=LARGEST_REACH * spacing * scales.length, unit="µm")
+        reach.read(row["max_radius"], f"{row['file']}: max_radius")
     extent = max(float(row["max_radius"]) for row in chosen) / scales.length
     hours = sorted({float(row["hours"]) for row in chosen})
     replicates = list(dict.fromkeys(row["replicate"] for row in chosen))
@@ -130,6 +177,42 @@ def rows_of(rows: Sequence[Mapping[str, Any]], condition: str | None) -> list[Ma
     if condition is not None and condition not in there:
         raise InputError(f"condition: got {condition!r}, there are {known}")
     return [row for row in rows if condition is None or str(row["condition"] or "") == condition]
+
+
+def missing_masks(rows: Sequence[Mapping[str, Any]], folder: Path) -> list[str]:
+    """Say which conditions have lost masks, and what follows from it.
+
+    Arguments:
+        rows: Of measurements.csv.
+        folder: Where it lies.
+
+    Returns:
+        One sentence for each condition of which a mask is missing.
+    """
+    sentences = []
+    for condition in conditions_of(rows):
+        own = rows_of(rows, condition)
+        gone = [str(row["mask"]) for row in own if not (folder / str(row["mask"])).is_file()]
+        if gone:
+            of = f" of condition {condition!r}" if condition else ""
+            some = ", ".join(gone[:3]) + (", …" if gone[3:] else "")
+            sentences.append(
+                f"{len(gone)} of {len(own)} masks{of} are missing ({some}): its curves are the table's own numbers, "
+                "and simulated colonies are measured as masks are, without smoothing"
+            )
+    return sentences
+
+
+def _read_mask(path: Path, row: Mapping[str, Any]) -> Mask:
+    """A mask, which must be the one that the row was measured on."""
+    mask = read_image(path) > 0
+    area = float(mask.sum()) * row["um_per_pixel"] ** 2
+    stated = row.get("area", math.nan)
+    if math.isfinite(stated) and abs(area - stated) > 1e-3 * max(area, stated):
+        raise InputError(
+            f"{row['file']}: area is {stated:g} µm², its mask {path} has {area:g} µm²: measure the image again"
+        )
+    return mask
 
 
 def _refuse_twice(rows: Sequence[Mapping[str, Any]]) -> None:

@@ -44,6 +44,7 @@ from scipy import ndimage
 
 from yeastfit.measure.statistics.pixels import TIE, Mask, PerPixel, Pixels
 from yeastfit.measure.statistics.statistic import Statistic
+from yeastfit.numbers import Range
 
 RING = 4
 """δ, pixels."""
@@ -189,6 +190,7 @@ ENTRIES = (
         "I_F: share of area beyond csr_radius, over 0.65",
         mask=lambda p: filaments(p).area_index,
         may_vanish=True,
+        possible=Range(0.0, 1 / 0.65),
     ),
     Statistic(
         "filament_radius_index",
@@ -196,6 +198,7 @@ ENTRIES = (
         "I_R: (max_radius / csr_radius − 1.1) / 1.7",
         mask=lambda p: filaments(p).radius_index,
         may_vanish=True,
+        possible=Range(-1.1 / 1.7),
     ),
     Statistic(
         "perimeter_radius",
@@ -216,6 +219,7 @@ ENTRIES = (
         f"ends of the skeleton beyond csr_radius, mean of four quadrants; {SKELETON}",
         mask=lambda p: filaments(p).branches[0],
         may_vanish=True,
+        possible=Range(0.0),
     ),
     Statistic(
         "branch_length",

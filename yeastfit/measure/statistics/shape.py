@@ -43,9 +43,13 @@ from scipy import ndimage
 
 from yeastfit.measure.statistics.pixels import TIE, Mask, Pixels
 from yeastfit.measure.statistics.statistic import Statistic
+from yeastfit.numbers import Range
 
 if TYPE_CHECKING:
     from scipy.spatial import ConvexHull
+
+COMPACTNESS = Range(0.9)
+"""Discs have 1, and down to 0.92 where they are smaller than 50 pixels; only a few pixels can have less than 0.9."""
 
 
 def convex_hull(pixels: Pixels) -> "ConvexHull":
@@ -102,6 +106,7 @@ ENTRIES = (
         mask=lambda p: p.perimeter**2 / (4 * pi * p.area),
         smooth=lambda i: i.perimeter**2 / (4 * jnp.pi * i.area),
         measurement_error=0.02,
+        possible=COMPACTNESS,
     ),
     Statistic(
         "outer_compactness",
@@ -109,6 +114,7 @@ ENTRIES = (
         "compactness with holes filled",
         mask=lambda p: p.outer_perimeter**2 / (4 * pi * float(p.filled.sum())),
         measurement_error=0.02,
+        possible=COMPACTNESS,
     ),
     Statistic(
         "radius",
@@ -122,8 +128,22 @@ ENTRIES = (
     Statistic(
         "max_radius", 1, "largest distance of the colony from its centroid", mask=lambda p: p.max_radius, reach=1.0
     ),
-    Statistic("centroid_x", 1, "centroid, from the left", mask=lambda p: p.centre[1] + p.corner[1], comparable=False),
-    Statistic("centroid_y", 1, "centroid, from the top", mask=lambda p: p.centre[0] + p.corner[0], comparable=False),
+    Statistic(
+        "centroid_x",
+        1,
+        "centroid, from the left",
+        mask=lambda p: p.centre[1] + p.corner[1],
+        comparable=False,
+        possible=Range(0.0, unit="µm"),
+    ),
+    Statistic(
+        "centroid_y",
+        1,
+        "centroid, from the top",
+        mask=lambda p: p.centre[0] + p.corner[0],
+        comparable=False,
+        possible=Range(0.0, unit="µm"),
+    ),
     Statistic(
         "object_count",
         0,
@@ -139,12 +159,13 @@ ENTRIES = (
         is_count=True,
         may_vanish=True,
     ),
-    Statistic("solidity", 0, "area over that of the convex hull", mask=solidity),
+    Statistic("solidity", 0, "area over that of the convex hull", mask=solidity, possible=Range(0.0, 1.0, above=True)),
     Statistic(
         "outer_hull_share",
         0,
         "share of area in the outer tenth of the convex hull, 0.19 where convex",
         mask=outer_hull_share,
         may_vanish=True,
+        possible=Range(0.0, 1.0),
     ),
 )

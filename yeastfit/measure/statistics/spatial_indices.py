@@ -43,6 +43,7 @@ from jaxtyping import Float
 from yeastfit.measure.statistics.filaments import filaments
 from yeastfit.measure.statistics.pixels import TIE, PerPixel
 from yeastfit.measure.statistics.statistic import Statistic
+from yeastfit.numbers import Range
 
 RINGS = 50
 SECTORS = 48
@@ -122,6 +123,7 @@ ENTRIES = (
         "I_r: 1 − (radius of the core) / max_radius",
         mask=lambda p: radial_index(p.distance),
         may_vanish=True,
+        possible=Range(0.0, 1.0),
     ),
     Statistic(
         "angular_index",
@@ -129,6 +131,7 @@ ENTRIES = (
         "I_θ: spread of the area beyond csr_radius over directions, 0 to 1",
         mask=lambda p: angular_index(filaments(p).angle),
         may_vanish=True,
+        possible=Range(0.0, 1.0),
     ),
     Statistic(
         "wave_number",
@@ -136,5 +139,6 @@ ENTRIES = (
         "dominant wave number of the angular pair correlation beyond csr_radius, periods a turn",
         mask=lambda p: dominant_wave_number(angular_spectrum(filaments(p).angle), filaments(p).finest_wave),
         may_vanish=True,
+        possible=Range(1.0),
     ),
 )

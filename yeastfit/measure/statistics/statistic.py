@@ -14,6 +14,7 @@ from yeastfit.errors import InputError
 from yeastfit.measure.statistics.indicator import Indicator
 from yeastfit.measure.statistics.pixels import Pixels
 from yeastfit.model.simulate import Snapshot
+from yeastfit.numbers import Range
 
 Form = Literal["mask", "smooth", "nodes"]
 
@@ -37,6 +38,8 @@ class Statistic:
             and for what nobody can observe.
         reach: No colony reaches farther from its start than this many times the value or, of an area A, √(A / π).
             None where the value does not tell.
+        possible: Values that a mask can have; other numbers in a table are refused. By default any number, above 0 for
+            lengths, areas and counts, or at least 0 where they may vanish.
 
     Raises:
         InputError: No form is given, or `nodes` beside another one; or an attribute makes no sense.
@@ -55,6 +58,7 @@ class Statistic:
     is_count: bool = False
     comparable: bool = True
     reach: float | None = None
+    possible: Range | None = None
 
     def __post_init__(self) -> None:
         if not self.name.isidentifier():
@@ -84,6 +88,14 @@ class Statistic:
     def unit(self, length: str = "µm") -> str:
         """Its unit, in terms of a unit of length; empty where it has none."""
         return ("", length, f"{length}²")[self.unit_power]
+
+    @property
+    def admissible(self) -> Range:
+        """Values that a mask can have, in µm or µm²."""
+        if self.possible is None:
+            sized = self.unit_power or self.is_count
+            return Range(0.0, unit=self.unit(), above=not self.may_vanish) if sized else Range()
+        return self.possible
 
     @property
     def title(self) -> str:
