@@ -21,6 +21,8 @@ from typing import Any
 import jax
 import numpy as np
 
+from yeastfit.text import shown
+
 PACKAGES = ("yeastfit", "jax", "equinox", "optimistix", "numpy", "scipy", "scikit-image", "matplotlib", "tifffile")
 NOT_FINITE = {"NaN": math.nan, "Infinity": math.inf, "-Infinity": -math.inf}
 BOOKKEEPING = 1 << 21  # bytes: a chunk of every dataset fits in
@@ -106,16 +108,18 @@ def hdf5_written_whole(path: str | Path) -> Iterator[BytesIO]:
 
 
 def write_table(path: str | Path, rows: Sequence[dict[str, Any]]) -> None:
-    """Write a CSV file with one header.
+    """Write a CSV file in UTF-8 with one header and one line for each row; see `yeastfit.text.shown` for its text.
 
     Arguments:
         path: The file.
         rows: Values by column; all rows have the columns of the first.
     """
-    with written_whole(path) as temporary, temporary.open("w", newline="") as file:
+    with written_whole(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
         writer = csv.DictWriter(file, fieldnames=list(rows[0]), lineterminator="\n")
         writer.writeheader()
-        writer.writerows(rows)
+        writer.writerows(
+            {key: shown(cell) if isinstance(cell, str) else cell for key, cell in row.items()} for row in rows
+        )
 
 
 def as_json(data: Any, indent: int | None = None) -> str:

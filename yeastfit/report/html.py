@@ -5,11 +5,12 @@ security policy forbids every request, so that a page can be passed on and shows
 """
 
 import base64
-import html
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
+
+from yeastfit.text import as_html as text
 
 STYLE = """
 :root { color-scheme: light dark; --ground: #fbfaf7; --card: #ffffff; --ink: #1f1d1a; --soft: #67625a;
@@ -121,11 +122,6 @@ class Column:
     name: str
     unit: str = ""
     words: bool = False
-
-
-def text(value: object) -> str:
-    """Escape any text for HTML."""
-    return html.escape(str(value))
 
 
 def number(value: float) -> str:
