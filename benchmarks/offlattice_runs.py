@@ -1,0 +1,188 @@
+"""Posteriors of the off-lattice model, each kept in files of its own, so that what was interrupted goes on.
+
+A posterior leaves METHOD.h5, every simulation; METHOD.seconds, what all sittings took; and at its end METHOD.npz.
+"""
+
+import csv
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+
+from yeastfit.inference.abc.smc import AbcSmc
+from yeastfit.inference.li2024 import LI2024, Li2024Colonies
+from yeastfit.inference.neural_likelihood.sequential import SequentialEmulator
+from yeastfit.inference.posterior.result import Posterior
+from yeastfit.inference.posterior.sampler import Sampler
+from yeastfit.inference.posterior.simulation_store import Store
+from yeastfit.inference.samplers import infer
+from yeastfit.inference.simulator import Simulator, labels_of
+from yeastfit.offlattice.li2024_statistics import PUBLISHED
+from yeastfit.storage import read_json, write_json
+
+DATA = Path(__file__).parents[1] / "data" / "real"
+FIVE = (*PUBLISHED, "branch_length", "compactness")
+SEED = 2024
+METHODS = {
+    "emulator": "emulator, 5 statistics of single colonies",
+    "emulator-theirs": "emulator, I_F, I_R, I_B",
+    "protocol": "protocol reproduced",
+    "smc": "ABC-SMC to the same ε",
+}
+"""Methods by the names of their files, in the order in which they run."""
+
+
+@dataclass(frozen=True)
+class Sizes:
+    """How much is computed.
+
+    Attributes:
+        sets: What is inferred.
+        emulator: Settings of both emulators.
+        smc: Settings of ABC-SMC but for the tolerance.
+        at_mean: Colonies that are grown at the published means.
+    """
+
+    sets: dict[str, Li2024Colonies] = field(default_factory=lambda: LI2024)
+    emulator: SequentialEmulator = field(default_factory=lambda: SequentialEmulator(simulations=2048, batch=64))
+    smc: AbcSmc = field(
+        default_factory=lambda: AbcSmc(population=500, simulations=60_000, batch=64, distance="li", adjust=False)
+    )
+    at_mean: int = 32
+
+
+@dataclass(frozen=True)
+class Run:
+    """One posterior.
+
+    Attributes:
+        key: Of the set.
+        method: In `METHODS`.
+        sizes: How much is computed.
+        folder: Of all its files.
+        threads: That colonies grow on.
+    """
+
+    key: str
+    method: str
+    sizes: Sizes
+    folder: Path
+    threads: int | None = None
+
+    @property
+    def colonies(self) -> Li2024Colonies:
+        """The set."""
+        return self.sizes.sets[self.key]
+
+    def file(self, suffix: str, method: str = "") -> Path:
+        """One of its files, or of another method's on the same set."""
+        return self.folder / self.key / f"{method or self.method}.{suffix}"
+
+    @property
+    def statistics(self) -> tuple[str, ...]:
+        """What is compared."""
+        return FIVE if self.method == "emulator" else PUBLISHED
+
+    @property
+    def simulator(self) -> Simulator:
+        """Of single colonies."""
+        return self.colonies.simulator(self.statistics, self.threads)
+
+    @property
+    def observed(self) -> tuple[Float[np.ndarray, " statistic"], int]:
+        """Means, and of how many colonies."""
+        if self.method != "emulator":
+            return np.array(self.colonies.observed), self.colonies.replicates
+        rows = real_colonies(self.key, FIVE)
+        return rows.mean(axis=0), len(rows)
+
+    @property
+    def sampler(self) -> Sampler:
+        """With its settings."""
+        if self.method.startswith("emulator"):
+            return self.sizes.emulator
+        if self.method == "protocol":
+            return self.colonies.protocol(seed=SEED)
+        return replace(self.sizes.smc, tolerance=self.colonies.tolerance)
+
+    @property
+    def finished(self) -> bool:
+        """Whether its posterior is there."""
+        return self.file("npz").is_file()
+
+    def posterior(self) -> Posterior:
+        """What `infer` found."""
+        return Posterior.load(self.file("npz"))
+
+    def simulations(self) -> tuple[np.ndarray, np.ndarray]:
+        """Parameters and statistics of all that were simulated."""
+        with self._store() as store:
+            values, _, statistics = store.all()
+        return values, statistics
+
+    def seconds(self) -> dict[str, float]:
+        """By the clock and of the processors, over all sittings."""
+        file = self.file("seconds")
+        return read_json(file) if file.is_file() else {"clock": 0.0, "processor": 0.0}
+
+    def infer(self, said: Callable[[str], None]) -> None:
+        """Compute what is missing."""
+        if self.finished:
+            return
+        self.file("npz").parent.mkdir(parents=True, exist_ok=True)
+        clock = _Clock(self, said)
+        observed, replicates = self.observed
+        simulator = self.simulator
+        with self._store() as store:
+            if self.method == "emulator-theirs" and (self.file("npz", "emulator")).is_file():
+                first = replace(self, method="emulator")
+                with first._store() as other:
+                    values, seeds, statistics = other.all()
+                store.reuse(values, seeds, statistics[:, : len(PUBLISHED)])
+            found = infer(
+                simulator,
+                self.colonies.prior,
+                observed,
+                method=self.sampler,
+                replicates=replicates if self.method.startswith("emulator") else 1,
+                seed=SEED,
+                store=store,
+                progress=clock,
+            )
+        clock.keep()
+        found.save(self.file("npz"))
+
+    def _store(self) -> Store:
+        simulator = self.simulator
+        about = f"{self.key}, {self.colonies.cells} cells, {self.colonies.area:g} pixels"
+        return Store(self.file("h5"), simulator.parameters.names, labels_of(simulator), about)
+
+
+class _Clock:
+    """Progress that is said twice a minute at most, and with it what a run has taken so far."""
+
+    def __init__(self, run: Run, said: Callable[[str], None]) -> None:
+        self.run, self.said, self.before = run, said, run.seconds()
+        self.began = self.last = time.perf_counter()
+        self.worked = time.process_time()
+
+    def __call__(self, what: str, share: float) -> None:
+        """Tell and keep."""
+        if time.perf_counter() - self.last >= 30:
+            self.last = time.perf_counter()
+            self.said(f"{self.run.key}, {self.run.method}: {what}, {100 * share:.1f} %")
+            self.keep()
+
+    def keep(self) -> None:
+        """Write what all sittings took."""
+        spent = {"clock": time.perf_counter() - self.began, "processor": time.process_time() - self.worked}
+        write_json(self.run.file("seconds"), {name: self.before[name] + value for name, value in spent.items()})
+
+
+def real_colonies(key: str, statistics: tuple[str, ...]) -> Float[np.ndarray, "colony statistic"]:
+    """Statistics of single real colonies, from data/real."""
+    with (DATA / key / "measurements.csv").open(newline="", encoding="utf-8") as file:
+        return np.array([[float(row[name]) for name in statistics] for row in csv.DictReader(file)])
