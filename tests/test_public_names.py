@@ -14,8 +14,8 @@ def test_the_package() -> None:
     GradientCheck Imaging Information InputError Model Numerics Observable Parameter ParameterSet Parameters
     Posterior Prior Problem Relaxation Resolution Scales Sensitivity Setting Simulation SimulationError Simulator
     Statistic Status Store Targets UptakeRule available_processors check_derivatives check_gradients design explore
-    fit infer information information_of measure_dataset measure_file member_keys plot profiles read_dataset
-    read_truth register_statistic robust_mean sensitivity simulate
+    fit infer information information_of measure measure_dataset measure_file member_keys model plot profiles
+    read_dataset read_truth register_statistic robust_mean sensitivity simulate
     """
     assert sorted(yeastfit.__all__) == sorted(names.split())
     assert all(hasattr(yeastfit, name) for name in yeastfit.__all__)

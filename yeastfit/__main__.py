@@ -1,5 +1,25 @@
-"""`python -m yeastfit` is the command `yeastfit`."""
+"""`yeastfit` and `python -m yeastfit`: signals are answered before the command line is imported."""
 
-from yeastfit.commands.app import main
+import os
+import sys
 
-main()
+from yeastfit.commands import signals
+from yeastfit.processors import available_processors
+
+
+def main() -> None:
+    """Entry point of `yeastfit`."""
+    # one JAX device per processor, over which ensembles are shared out
+    os.environ.setdefault("JAX_NUM_CPU_DEVICES", str(available_processors()))
+    with signals.answered_signals():
+        try:
+            from yeastfit.commands.app import run
+
+            code = run()
+        except KeyboardInterrupt:
+            code = signals.current.tell()
+    sys.exit(code)
+
+
+if __name__ == "__main__":
+    main()

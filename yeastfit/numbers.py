@@ -10,6 +10,7 @@ from yeastfit.errors import InputError
 from yeastfit.text import quoted
 
 DECIMAL = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?", re.ASCII)
+WHOLE = re.compile(r"[+-]?\d{1,30}", re.ASCII)  # more digits are no size of anything
 
 
 def number_of(value: Any) -> float:
@@ -30,6 +31,14 @@ def number_of(value: Any) -> float:
         return float(value)
     except OverflowError:
         return math.nan
+
+
+def whole_number_of(value: Any) -> int | None:
+    """Read a whole number: of a numeric type, or as text in digits with a sign; None for anything else."""
+    if isinstance(value, str):
+        return int(value) if WHOLE.fullmatch(value := value.strip()) else None
+    number = number_of(value)
+    return int(value) if math.isfinite(number) and number == int(number) else None
 
 
 @dataclass(frozen=True)
@@ -55,7 +64,7 @@ class Range:
     def __str__(self) -> str:
         """As in "a number from 0.001 to 1000 µm"."""
         unit = f" {self.unit}" if self.unit else ""
-        low, high = f"{self.low:g}", f"{self.high:g}{unit}"
+        low, high = _written(self.low), f"{_written(self.high)}{unit}"
         if self.high < math.inf and self.low > -math.inf:
             return f"a number above {low}, up to {high}" if self.above else f"a number from {low} to {high}"
         if self.low > -math.inf:
@@ -80,9 +89,39 @@ class Range:
             raise InputError(f"{what} is {quoted(value)}, it must be {self}")
         return number
 
+    def read_whole(self, value: Any, what: str) -> int:
+        """Read a whole number, strictly and to its last digit.
+
+        Arguments:
+            value: A number or its text, in digits only.
+            what: What the message begins with: where the value stands and what it is.
+
+        Returns:
+            The number.
+
+        Raises:
+            InputError: It is none, or not admissible.
+        """
+        number = whole_number_of(value)
+        if number is None or not self.low <= number <= self.high or (self.above and number == self.low):
+            raise InputError(f"{what} is {quoted(value)}, it must be {_whole(str(self))}")
+        return number
+
+
+def _written(end: float) -> str:
+    """An end of a range; whole numbers to their last digit."""
+    return str(end) if isinstance(end, int) else f"{end:g}"
+
+
+def _whole(words: str) -> str:
+    """The words of a range of whole numbers."""
+    return words.replace("a finite number", "a number").replace("a number", "a whole number")
+
 
 POSITIVE = Range(0.0, above=True)
 PIXEL_SIZES = Range(1e-3, 1e3, "µm")
 """Of micrographs: from 1 nm to 1 mm."""
 HOURS = Range(0.0, 1e5, "hours", above=True)
 """Since a colony was one cell; 1e5 are eleven years."""
+SEEDS = Range(0, 2**64 - 1)
+"""Of random numbers."""

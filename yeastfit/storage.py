@@ -87,6 +87,9 @@ def written_whole(path: str | Path) -> Iterator[Path]:
         yield temporary
         temporary.chmod(0o644)
         temporary.replace(path)
+    except OSError as error:
+        error.filename = path if error.filename in (None, name) else error.filename  # a full disk names no file
+        raise
     finally:
         temporary.unlink(missing_ok=True)
 

@@ -181,20 +181,22 @@ def test_a_bad_data_set_leaves_an_older_fit_as_it_was(
     assert (out / "fit.json").read_text() == "an older fit"
 
 
-@pytest.mark.parametrize("command", [command.__name__ for command in cli.COMMANDS])
+@pytest.mark.parametrize("command", cli.COMMANDS)
 def test_every_command_has_help(command: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert cli.run([command, "--help"]) == 0
-    assert "--out" in capsys.readouterr().out
+    said = capsys.readouterr().out
+    assert "--out" in said
+    assert cli.loaded(command).help.partition("\n")[0] == cli.COMMANDS[command]
 
 
-def test_a_computation_that_comes_to_nothing_is_one_line_and_exit_code_2(
+def test_a_computation_that_comes_to_nothing_is_one_line_and_exit_code_1(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     def fails(*arguments: object, **options: object) -> None:
         raise SimulationError("nothing came of it")
 
     monkeypatch.setattr("yeastfit.commands.simulate.run_simulation", fails)
-    assert cli.run(["simulate", "--out", str(tmp_path)]) == 2
+    assert cli.run(["simulate", "--out", str(tmp_path)]) == 1
     assert capsys.readouterr().err.strip() == "error: nothing came of it"
 
 

@@ -138,7 +138,7 @@ class _Deadly(type(Path())):  # type: ignore[misc]
 
 ON_A_TERMINAL = """import signal
 signal.signal(signal.SIGINT, signal.default_int_handler)  # what a shell starts in the background ignores Ctrl-C
-from yeastfit.commands.app import main
+from yeastfit.__main__ import main
 main()"""
 
 

@@ -31,4 +31,4 @@ def test_the_functions_are_named_after_what_they_draw() -> None:
 
 def test_an_unknown_attribute_is_an_error() -> None:
     with pytest.raises(AttributeError, match="'nothing'"):
-        yeastfit.nothing  # noqa: B018
+        yeastfit.nothing  # type: ignore[attr-defined] # noqa: B018

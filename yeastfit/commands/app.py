@@ -1,34 +1,68 @@
-"""The command line: the commands, what happens to errors, and the entry point `yeastfit`."""
+"""The command line: the commands, each imported when it is run, and what happens to errors."""
 
+import importlib
 import inspect
+import os
 import re
 import sys
+from contextlib import suppress
+from dataclasses import dataclass
 from importlib.metadata import version
-from typing import Annotated
+from pathlib import Path
+from typing import Annotated, Any
 
-import jax
 import typer
+from typer.core import TyperCommand, TyperGroup
 
-from yeastfit.commands.demo import demo
-from yeastfit.commands.design import design
-from yeastfit.commands.fit import fit
-from yeastfit.commands.gradcheck import gradcheck
-from yeastfit.commands.infer import infer
-from yeastfit.commands.measure import measure
-from yeastfit.commands.simulate import simulate
-from yeastfit.commands.synthesize import synthesize
-from yeastfit.commands.terminal import err
-from yeastfit.errors import InputError, SimulationError
-from yeastfit.processors import available_processors
+from yeastfit.commands import signals
+from yeastfit.commands.failures import explained
+from yeastfit.commands.strict_numbers import strictly
 
 HELP = """Estimate how yeast colonies grow from micrographs: simulate, measure, fit, infer.
 
 Every command leaves a manifest.json that says how its results were made. Bad input ends with one line and exit code 2.
 """
-COMMANDS = (demo, simulate, measure, synthesize, fit, infer, gradcheck, design)
-INTERRUPTED = 130  # typer's exit code after Ctrl-C
+COMMANDS = {
+    "demo": "Fit 110 photographs of ten synthetic colonies and show the fitted parameters beside the true ones.",
+    "simulate": "Simulate growing colonies.",
+    "measure": "Outline the colony in each micrograph and measure its shape; lengths are in µm.",
+    "synthesize": "Make synthetic micrographs of simulated colonies.",
+    "fit": "Fit the model's parameters to the colonies of a data set, with standard errors.",
+    "infer": "Infer which model parameters the data leave possible (posterior.csv, posterior.npz, index.html).",
+    "gradcheck": "Check the derivatives of a colony's statistics.",
+    "design": "Find the measurement that would reduce the errors of the parameters most.",
+}
+"""First paragraph of each command's help, shown without importing what the command needs."""
+UNREAD = 141  # what a shell says of a program whose output nobody reads
 
-app = typer.Typer(no_args_is_help=True, pretty_exceptions_enable=False)
+
+@dataclass
+class Running:
+    """The folder for the results of the command that is run, once it is known."""
+
+    folder: Path | None = None
+
+
+class _Command(TyperCommand):
+    """A command that says where its results go."""
+
+    def invoke(self, ctx: Any) -> Any:
+        """Run it."""
+        if isinstance(ctx.obj, Running):
+            ctx.obj.folder = ctx.params.get("folder")
+        return super().invoke(ctx)
+
+
+class _Commands(TyperGroup):
+    """The group of all commands: help knows them by name, and the one that is run is imported."""
+
+    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
+        """The command that is run and its arguments."""
+        name, command, rest = super().resolve_command(ctx, args)
+        return name, command and loaded(name or ""), rest
+
+
+app = typer.Typer(cls=_Commands, pretty_exceptions_enable=False)
 
 
 def print_version(wanted: bool) -> bool:
@@ -48,9 +82,18 @@ def options(
     """Options that come before a command."""
 
 
-for command in COMMANDS:
+for name, summary in COMMANDS.items():
+    app.command(name, help=summary)(lambda: None)
+
+
+def loaded(name: str) -> Any:
+    """Import a command of `COMMANDS` and make typer's object of it."""
+    command = getattr(importlib.import_module(f"yeastfit.commands.{name}"), name)
     # each paragraph in one line: typer breaks lines where the docstring does
-    app.command(help=re.sub(r"(?<!\n)\n(?!\n)", " ", inspect.getdoc(command) or ""))(command)
+    text = re.sub(r"(?<!\n)\n(?!\n)", " ", inspect.getdoc(command) or "")
+    alone = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
+    alone.command(name, cls=_Command, help=text)(strictly(command))
+    return typer.main.get_command(alone)
 
 
 def run(arguments: list[str] | None = None) -> int:
@@ -60,22 +103,34 @@ def run(arguments: list[str] | None = None) -> int:
         arguments: The command and its options; by default those on the command line.
 
     Returns:
-        The exit code: 0, 1 where a result is to be doubted, 2 where there is none.
+        The exit code: 0; 1 where a result is to be doubted or a computation came to nothing; 2 for what the user gave;
+        70 for a fault of yeastfit; 130 and 143 after Ctrl-C and SIGTERM.
     """
+    signals.forget()
+    running, given = Running(), sys.argv[1:] if arguments is None else arguments
     try:
-        app(arguments)
-    except (InputError, SimulationError) as error:
-        err.print(f"error: {error}", markup=False, highlight=False, soft_wrap=True)
-        return 2
-    except SystemExit as finished:
-        if finished.code == INTERRUPTED:
-            err.print("interrupted: what stands in the folder without a manifest.json is not a result")
-        return int(finished.code or 0)
-    return 0
+        code = app(given or ["--help"], prog_name="yeastfit", standalone_mode=False, obj=running)
+        sys.stdout.flush()
+    except SystemExit as finished:  # after completing in a shell, and where nobody reads what typer writes
+        return UNREAD if isinstance(finished.__context__, BrokenPipeError) else int(finished.code or 0)
+    except Exception as error:
+        if not signals.current.received:  # else an import, for instance, made something else of the signal
+            return _failed(error, running.folder)
+        code = signals.current.code
+    if code == signals.current.code:
+        return signals.current.tell()
+    return int(code or 0) if given else 2
 
 
-def main() -> None:
-    """Entry point of `yeastfit`."""
-    # one JAX device per processor, over which ensembles are shared out
-    jax.config.update("jax_num_cpu_devices", available_processors())
-    sys.exit(run())
+def _failed(error: Exception, folder: Path | None) -> int:
+    """Say in one line what went wrong; the exit code."""
+    if isinstance(error, OSError) and error.errno and error.filename is None:  # all files are written under their names
+        error.filename = "standard output"
+        with suppress(OSError):  # Python would write what is left at its end
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    if isinstance(error, BrokenPipeError):
+        return UNREAD
+    code, line = explained(error, folder)
+    with suppress(OSError):
+        print(f"error: {line}", file=sys.stderr, flush=True)
+    return code

@@ -7,13 +7,15 @@ from typing import Annotated, Any
 
 import typer
 
+from yeastfit.commands.failures import reason
 from yeastfit.commands.infer_config import Request
 from yeastfit.commands.infer_options import WithGeneratedOptions
-from yeastfit.commands.infer_run import InferRun, reason
+from yeastfit.commands.infer_run import InferRun
 from yeastfit.commands.measured_source import truth_of
 from yeastfit.commands.options import SMOOTH, Jobs, Length, MeasurementError, Rate, Seed, Truth, names_in
 from yeastfit.commands.run_folder import inputs_of
-from yeastfit.commands.terminal import err, growing, out, shown_progress, warn
+from yeastfit.commands.signals import remaining
+from yeastfit.commands.terminal import growing, out, shown_progress, warn
 from yeastfit.errors import InputError
 from yeastfit.inference.colony_simulator import Resolution
 from yeastfit.inference.posterior.prior import template
@@ -147,11 +149,11 @@ def infer(
 def _begun(request: Request, source: Path, folder: Path, resume: bool, jobs: int) -> InferRun:
     """Measure or read the data."""
     try:
-        with shown_progress("measuring micrographs") as progress:
+        with (
+            remaining("repeat the command with --resume to go on"),
+            shown_progress("measuring micrographs") as progress,
+        ):
             return InferRun.begin(request, source, folder, resume, jobs, progress)
-    except KeyboardInterrupt:
-        err.print("stopped; repeat the command with --resume to go on", markup=False, highlight=False)
-        raise
     except OSError as error:
         raise InputError(f"{folder}: {reason(error)}") from error
 
@@ -168,14 +170,12 @@ def _finished(run: InferRun, truth: bool) -> bool:
 def _run(run: InferRun, truth: Mapping[str, float] | None) -> bool:
     """Sample and write everything; whether the posterior has settled."""
     folder = run.folder.path
+    pace = growing(run.simulations_at_most, run.tally.simulated, run.model.nouns[1])
     try:
-        with growing(run.simulations_at_most, run.tally.simulated, run.model.nouns[1]) as (tell, progress):
+        with remaining(run.folder.resume_hint()), pace as (tell, progress):
             posterior = run.sample(tell, progress)
             progress("posterior predictive check", 1.0)
             summary, remarks = run.results(posterior, truth, tell)
-    except KeyboardInterrupt:
-        err.print(f"stopped; {run.folder.resume_hint()}", markup=False, highlight=False, soft_wrap=True)
-        raise
     except OSError as error:
         raise InputError(f"{folder}: {reason(error)}; {run.folder.resume_hint()}") from error
     more = {"configuration": run.folder.configuration, "seconds": posterior.seconds, "warnings": summary.warnings}

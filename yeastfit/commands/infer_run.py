@@ -5,7 +5,6 @@ simulation; those of another run also in reused.h5), problems.json (what simulat
 as emcee reads them), posterior.npz; then what `posterior_files` makes of them, and manifest.json.
 """
 
-import os
 import shutil
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
@@ -264,9 +263,3 @@ def _measured(source: Path, folder: Path, jobs: int, progress: Progress) -> Meas
         return measure_source(source, folder, jobs, progress)
     rows = read_measurements(folder / TABLE)
     return Measurements(rows, folder, [], recorded_warnings(rows, folder))
-
-
-def reason(error: OSError) -> str:
-    """In one line; HDF5's own words are many."""
-    where = f" ({error.filename})" if error.filename else ""
-    return os.strerror(error.errno) + where if error.errno else " ".join(str(error).split())

@@ -1,0 +1,131 @@
+"""The public names: where each is defined, for type checkers and for `__init__.py`."""
+
+from . import measure, model, plot
+from .derivatives.check import check_derivatives
+from .derivatives.check_colony import check_gradients
+from .derivatives.result import GradientCheck
+from .errors import InputError, SimulationError
+from .inference.colony_simulator import ColonySimulator, Resolution
+from .inference.fit.bootstrap_profile import explore, profiles
+from .inference.fit.least_squares import fit
+from .inference.fit.result import Fit, FitStatus
+from .inference.fit.settings import FitSettings
+from .inference.forward_models import FORWARD_MODELS, ForwardModel
+from .inference.imaging import Imaging
+from .inference.information.design import design
+from .inference.information.design_result import Design
+from .inference.information.experiment import information_of
+from .inference.information.fisher import information
+from .inference.information.result import Information
+from .inference.li2024 import LI2024
+from .inference.posterior.cached_simulator import CachedSimulator
+from .inference.posterior.diagnostics import Diagnostics
+from .inference.posterior.prior import Prior
+from .inference.posterior.problem import Problem
+from .inference.posterior.result import Posterior
+from .inference.posterior.settings import Setting
+from .inference.posterior.simulation_store import Store
+from .inference.posterior.status import Status
+from .inference.samplers import SAMPLERS, infer
+from .inference.sensitivity.estimate import sensitivity
+from .inference.sensitivity.pathwise import robust_mean
+from .inference.sensitivity.result import Sensitivity
+from .inference.simulator import Simulator
+from .inference.targets import Targets
+from .measure.measure_images import measure_dataset, measure_file
+from .measure.reading.dataset import Dataset, read_dataset
+from .measure.statistics.registry import STATISTICS, register_statistic
+from .measure.statistics.statistic import Statistic
+from .model.model import RULES, Model
+from .model.numerics import Numerics
+from .model.parameters import PARAMETERS, Parameters, Scales
+from .model.relaxation import HARD, Relaxation
+from .model.rules import (
+    BirthRule,
+    Births,
+    BuddingRule,
+    ContactRule,
+    Context,
+    DeathRule,
+    UptakeRule,
+)
+from .observable import Observable
+from .parameter_set import Parameter, ParameterSet
+from .processors import available_processors
+from .simulation.result import Simulation
+from .simulation.simulate import member_keys, simulate
+from .simulation.synthetic_data import read_truth
+
+__version__: str
+__all__ = [
+    "FORWARD_MODELS",
+    "HARD",
+    "LI2024",
+    "PARAMETERS",
+    "RULES",
+    "SAMPLERS",
+    "STATISTICS",
+    "BirthRule",
+    "Births",
+    "BuddingRule",
+    "CachedSimulator",
+    "ColonySimulator",
+    "ContactRule",
+    "Context",
+    "Dataset",
+    "DeathRule",
+    "Design",
+    "Diagnostics",
+    "Fit",
+    "FitSettings",
+    "FitStatus",
+    "ForwardModel",
+    "GradientCheck",
+    "Imaging",
+    "Information",
+    "InputError",
+    "Model",
+    "Numerics",
+    "Observable",
+    "Parameter",
+    "ParameterSet",
+    "Parameters",
+    "Posterior",
+    "Prior",
+    "Problem",
+    "Relaxation",
+    "Resolution",
+    "Scales",
+    "Sensitivity",
+    "Setting",
+    "Simulation",
+    "SimulationError",
+    "Simulator",
+    "Statistic",
+    "Status",
+    "Store",
+    "Targets",
+    "UptakeRule",
+    "available_processors",
+    "check_derivatives",
+    "check_gradients",
+    "design",
+    "explore",
+    "fit",
+    "infer",
+    "information",
+    "information_of",
+    "measure",
+    "measure_dataset",
+    "measure_file",
+    "member_keys",
+    "model",
+    "plot",
+    "profiles",
+    "read_dataset",
+    "read_truth",
+    "register_statistic",
+    "robust_mean",
+    "sensitivity",
+    "simulate",
+]

@@ -1,0 +1,80 @@
+"""What the command line says of an exception: one line, and an exit code.
+
+1    a computation came to nothing
+2    what the user gave: arguments, files, permissions, room on the disk, sizes that no memory holds
+70   a fault of yeastfit, the traceback in a file
+"""
+
+import os
+import sys
+import tempfile
+import traceback
+from pathlib import Path
+
+import typer
+
+from yeastfit.errors import InputError, SimulationError
+from yeastfit.text import quoted, shown
+
+COMPUTATION, GIVEN, FAULT = 1, 2, 70
+REPORT = "yeastfit-error.txt"  # the traceback, in the results folder
+NO_ROOM = "RESOURCE_EXHAUSTED"  # XLA's word in the message of an exception of jax
+UsageError = typer.BadParameter.__base__ or Exception  # what typer says of options; it does not export the name
+
+
+def explained(error: Exception, folder: Path | None) -> tuple[int, str]:
+    """Find the exit code of an exception, and what to say of it.
+
+    Arguments:
+        error: What ended the command.
+        folder: For the results, where the command has one: a fault's traceback is written there if it exists, and else
+            to the folder for temporary files.
+
+    Returns:
+        The code, and one line without a newline.
+    """
+    if isinstance(error, SimulationError):
+        return COMPUTATION, shown(error)
+    if isinstance(error, InputError):
+        return GIVEN, shown(error)
+    if isinstance(error, UsageError):
+        return GIVEN, shown(_in_one_line(error.format_message()))  # type: ignore[attr-defined]
+    if isinstance(error, OSError):
+        return GIVEN, shown(reason(error))
+    if isinstance(error, MemoryError) or NO_ROOM in str(error):
+        return GIVEN, shown(f"not enough memory: {_in_one_line(error) or 'give smaller sizes'}")
+    if isinstance(error, UnicodeError):
+        return GIVEN, shown(f"text that cannot be read or written: {_in_one_line(error)}")
+    what = f"{type(error).__name__}: {_in_one_line(error)}" if str(error) else type(error).__name__
+    return FAULT, shown(f"a fault of yeastfit, please report it with the file {_reported(error, folder)}: {what}")
+
+
+def reason(error: OSError) -> str:
+    """The system's words in one line, the file first; HDF5's own words are many."""
+    what = os.strerror(error.errno) if error.errno else _in_one_line(error)
+    if error.filename is None:
+        return what
+    return f"{error.filename if isinstance(error.filename, str | os.PathLike) else quoted(error.filename)}: {what}"
+
+
+def _in_one_line(error: object) -> str:
+    return " ".join(str(error).split())
+
+
+def _reported(error: Exception, folder: Path | None) -> str:
+    """Write the traceback; the file's name."""
+    text = "".join(traceback.format_exception(error))
+    report = f"yeastfit {' '.join(map(shown, sys.argv[1:]))}\nPython {sys.version}\n\n{text}"
+    try:
+        if folder is not None and folder.is_dir():
+            (folder / REPORT).write_text(report, encoding="utf-8", errors="backslashreplace")
+            return str(folder / REPORT)
+    except OSError:
+        pass  # then where temporary files go
+    try:
+        handle, name = tempfile.mkstemp(prefix="yeastfit-error-", suffix=".txt")
+        with os.fdopen(handle, "w", encoding="utf-8", errors="backslashreplace") as file:
+            file.write(report)
+        return name
+    except OSError as unwritten:
+        return f"(which could not be written: {reason(unwritten)})"

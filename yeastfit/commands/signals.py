@@ -1,0 +1,121 @@
+"""Ctrl-C and SIGTERM: one line that says what remains, within two seconds whatever the process is doing.
+
+Python runs a signal's handler between two of its own instructions, and a compiled call may keep it from doing so for
+minutes. So the signal also wakes a thread (`signal.set_wakeup_fd`): where the main thread has not ended the process
+`GRACE` seconds later, the thread writes the line and ends it at once. That is as safe as a kill, which loses nothing:
+files take their names when they are whole, the manifest comes last, and stores of simulations are only appended to.
+
+This module is imported before anything heavy, so that Ctrl-C is answered while libraries are being imported, too.
+"""
+
+import os
+import signal
+import socket
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from types import FrameType
+from typing import NoReturn
+
+GRACE = 1.7  # seconds that the main thread has for an orderly end
+ANSWERED = (signal.SIGINT, signal.SIGTERM)
+SHOW_CURSOR = "\x1b[?25h\n"  # a progress bar hides it
+
+
+@dataclass
+class Interruption:
+    """What is known of the signal that ends the process, and what a user should know then.
+
+    Attributes:
+        number: Of the signal; that of Ctrl-C before one has come.
+        received: Whether one has come.
+        told: Whether the line has been written.
+        remains: What the line says.
+    """
+
+    number: int = signal.SIGINT
+    received: bool = False
+    told: bool = False
+    remains: str = "what stands in the folder without a manifest.json is not a result"
+
+    @property
+    def code(self) -> int:
+        """The exit code: 130 after Ctrl-C, 143 after SIGTERM."""
+        return 128 + self.number
+
+    @property
+    def line(self) -> str:
+        """What is written; a progress bar has hidden the terminal's cursor."""
+        return f"{SHOW_CURSOR if sys.stderr.isatty() else ''}interrupted: {self.remains}\n"
+
+    def tell(self) -> int:
+        """Write the line and return the exit code."""
+        self.told = True
+        with suppress(OSError):
+            sys.stderr.write(self.line)
+            sys.stderr.flush()
+        return self.code
+
+    def end(self) -> NoReturn:
+        """End the process at once. The main thread may hold the lock of `sys.stderr`, so the line goes past it."""
+        if not self.told:
+            with suppress(OSError):
+                os.write(2, self.line.encode(errors="backslashreplace"))
+        os._exit(self.code)
+
+
+current = Interruption()
+
+
+def forget() -> None:
+    """Begin anew, as a process does that runs one command after another."""
+    global current
+    current = Interruption()
+
+
+@contextmanager
+def remaining(what: str) -> Iterator[None]:
+    """Say something else of what remains where a signal ends what is inside."""
+    before, current.remains = current.remains, what
+    yield
+    current.remains = before  # not after `KeyboardInterrupt`: the line is written further out
+
+
+@contextmanager
+def answered_signals() -> Iterator[None]:
+    """Answer signals inside: the first one raises `KeyboardInterrupt` in the main thread, a second one ends all."""
+    ours = [
+        each for each in ANSWERED if signal.getsignal(each) is not signal.SIG_IGN
+    ]  # as a shell's background jobs do
+    reader, writer = socket.socketpair()
+    writer.setblocking(False)
+    signal.set_wakeup_fd(writer.fileno(), warn_on_full_buffer=False)
+    threading.Thread(target=_watch, args=(reader,), daemon=True).start()
+    for each in ours:
+        signal.signal(each, _interrupt)
+    try:
+        yield
+    finally:
+        for each in ours:
+            signal.signal(each, signal.SIG_DFL)
+
+
+def _interrupt(number: int, frame: FrameType | None) -> None:
+    """The handler."""
+    if current.received:
+        current.end()
+    current.received, current.number = True, number
+    raise KeyboardInterrupt
+
+
+def _watch(reader: socket.socket) -> None:
+    """The thread: waits for a signal, then for the main thread's end."""
+    number = 0
+    while number not in ANSWERED:
+        (number,) = reader.recv(1) or (signal.SIGINT,)
+    time.sleep(GRACE)
+    current.number = number
+    current.end()
