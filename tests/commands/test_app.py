@@ -21,12 +21,15 @@ from yeastfit.simulation.result import Simulation
 RECIPE = """
 [small]
 seed = 5
-hours = [3, 5, 7, 8]
-replicates = 6
+hours = [3, 5, 8]
+replicates = 3
 extent = 75.0
 parameters = { mobility = 1.0, metabolic_rate = 1.0, aspect_ratio = 0.6 }
 numerics = { domain = 14.0, spacing = 0.2, dt = 0.01, capacity = 32 }
 """
+
+
+SIZE = ["--domain", "12", "--spacing", "0.2", "--capacity", "12", "--members", "2"]  # of all colonies: compiled once
 
 
 @pytest.fixture(scope="session")
@@ -49,10 +52,10 @@ def rows(path: Path) -> list[dict[str, str]]:
 
 def test_a_data_set_holds_what_it_should_and_is_made_again_bit_for_bit(dataset: Path, tmp_path: Path) -> None:
     frames = read_dataset(dataset).frames
-    assert len(frames) == 24
+    assert len(frames) == 9
     truth = json.loads((dataset / "truth" / "parameters.json").read_text())
     assert truth["aspect_ratio"] == pytest.approx(0.6)
-    assert len(rows(dataset / "truth" / "curves.csv")) == 24
+    assert len(rows(dataset / "truth" / "curves.csv")) == 9
     with tifffile.TiffFile(frames[0].path) as file:
         assert file.pages[0].dtype == np.uint8
     recipe = str(dataset.parent / "recipes.toml")
@@ -63,8 +66,8 @@ def test_a_data_set_holds_what_it_should_and_is_made_again_bit_for_bit(dataset: 
 
 @pytest.mark.parametrize("rules", ["--hard", "--relaxed"])
 def test_simulate_writes_curves_and_pictures(tmp_path: Path, rules: str) -> None:
-    size = ["--domain", "12", "--spacing", "0.2", "--capacity", "32", "--time", "2.4", "--every", "0.4"]
-    assert cli.run(["simulate", "--out", str(tmp_path), "--members", "2", "--mobility", "0.8", rules, *size]) == 0
+    how = ["--mobility", "0.8", rules, "--time", "2.4", "--every", "0.4"]
+    assert cli.run(["simulate", "--out", str(tmp_path), *SIZE, *how]) == 0
     table = rows(tmp_path / "curves.csv")
     assert len(table) == 12
     expected = "member time hours compactness mean_radius growth_rate cell_count area perimeter radius"
@@ -78,9 +81,9 @@ def test_simulate_writes_curves_and_pictures(tmp_path: Path, rules: str) -> None
     assert json.loads((tmp_path / "manifest.json").read_text())["configuration"]["hard"] == (rules == "--hard")
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_capacity_is_reported(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    size = ["--domain", "12", "--spacing", "0.2", "--capacity", "6", "--time", "3", "--every", "3"]
-    assert cli.run(["simulate", "--out", str(tmp_path), "--members", "2", *size]) == 0
+    assert cli.run(["simulate", "--out", str(tmp_path), *SIZE, "--time", "3.6", "--every", "0.6"]) == 0
     assert "2 of 2 colonies: births were cut" in capsys.readouterr().err
 
 
@@ -94,19 +97,19 @@ def test_measure_a_data_set(dataset: Path, tmp_path: Path) -> None:
     assert list(units) == list(table[0])
     assert (units["area"], units["radius"], units["compactness"]) == ("µm²", "µm", "")
     curves = rows(tmp_path / "curves.csv")
-    assert len({curve["statistic"] for curve in curves}) * 4 == len(curves)
+    assert len({curve["statistic"] for curve in curves}) * 3 == len(curves)
     for curve in curves:
         if curve["statistic"] in ("area", "compactness"):
             values = [float(row[curve["statistic"]]) for row in table if row["hours"] == curve["hours"]]
-            assert int(curve["count"]) == len(values) == 6
+            assert int(curve["count"]) == len(values) == 3
             assert float(curve["mean"]) == pytest.approx(np.mean(values))
-            assert float(curve["standard_error"]) == pytest.approx(np.std(values, ddof=1) / 6**0.5)
+            assert float(curve["standard_error"]) == pytest.approx(np.std(values, ddof=1) / 3**0.5)
     for part in ("masks", "overlays"):
         assert {path.stem for path in (tmp_path / part).iterdir()} == {frame.path.stem for frame in frames}
     assert all(smallest_side(tmp_path / name) > 300 for name in ("curves.png", "contact_sheet.png"))
-    assert (tmp_path / "index.html").read_text(encoding="utf-8").count("<img ") == 24 + 1 + 1
+    assert (tmp_path / "index.html").read_text(encoding="utf-8").count("<img ") == 9 + 1 + 1
     manifest = json.loads((tmp_path / "manifest.json").read_text())
-    assert len(manifest["inputs"]) == 25
+    assert len(manifest["inputs"]) == 10
     assert manifest["failed"] == []
     assert "seed" not in manifest  # measuring draws nothing
 
