@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import cma
 import numpy as np
@@ -14,7 +15,7 @@ from yeastfit.inference.curve_covariance import Square, whitened
 from yeastfit.inference.fit.ensemble import Ensembles
 from yeastfit.inference.fit.response_surface import ResponseSurface, response_surface
 from yeastfit.inference.parameter_space import ONLY, ParameterSpace, Points, Vector
-from yeastfit.inference.simulator import Rows, member_seeds
+from yeastfit.inference.simulator import Rows, Stream, member_seeds
 
 MARGIN = 2.0  # of χ² above its minimum that counts as the same residual
 REACH = 0.2  # of the surface around the truth, in log λ
@@ -50,7 +51,8 @@ class Contest:
         if isinstance(model, SimulationError):
             raise model
         root, reach = np.linalg.cholesky(ensembles.covariance(model)), np.full(len(centre), REACH)
-        surface = response_surface(ensembles.single_simulations, centre, reach, judges, JUDGES_SEED)
+        simulate = partial(ensembles.single_simulations, stream=Stream.SURFACE)
+        surface = response_surface(simulate, centre, reach, judges, JUDGES_SEED)
         found = surface.minimise(root, targets.values[None])
         return Contest(targets, simulator, space, settings, root, surface, found.theta[0], float(found.chi_square[0]))
 

@@ -146,7 +146,7 @@ class ParameterSpace:
             if name not in known:
                 raise InputError(f"{what} names {name!r}, which is not free: {', '.join(self.names)} are")
 
-    def sobol_points(self, count: int, seed: int) -> Points:
+    def sobol_points(self, count: int, seed: int | np.random.SeedSequence) -> Points:
         """Low-discrepancy points in the box."""
         return self.low + (self.high - self.low) * sobol_points(count, len(self.entries), seed)
 

@@ -207,6 +207,8 @@ class Stream(IntEnum):
     ERRORS = 5
     STARTS = 6
     RESAMPLING = 7
+    SCREENING = 8
+    SURFACE = 9
 
 
 def seed_of(seed: int, numbers: Sequence[int] | np.ndarray) -> Shaped[np.ndarray, " number"]:
@@ -240,6 +242,11 @@ def stream_of(seed: int, stream: Stream, *key: int) -> np.random.SeedSequence:
         raise InputError(f"key is empty, a stream needs at least one number: {stream!r} alone is a simulation's")
     _check_seed(seed)
     return np.random.SeedSequence(seed, spawn_key=(int(stream), *key))
+
+
+def stream_seeds(seed: int, stream: Stream, members: int) -> Shaped[np.ndarray, " member"]:
+    """Seeds of an ensemble of a named stream; see `member_seeds`."""
+    return member_seeds(int(stream_of(seed, stream, 0).generate_state(1)[0]), members)
 
 
 def _check_seed(seed: int) -> None:

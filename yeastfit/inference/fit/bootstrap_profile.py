@@ -19,7 +19,7 @@ from yeastfit.inference.fit.response_surface import Minima, ResponseSurface, res
 from yeastfit.inference.fit.result import Fit
 from yeastfit.inference.fit.simulators import Simulators, colony_simulators, given_simulators
 from yeastfit.inference.parameter_space import Vector
-from yeastfit.inference.simulator import Simulator
+from yeastfit.inference.simulator import Simulator, Stream, stream_of
 
 REACH = 3.5  # standard errors: 1 draw of a bootstrap in 2000 lies beyond
 NEAREST = 0.1  # of log λ, the spread of the last stage's pairs: nearer, Monte-Carlo errors hide the slopes
@@ -169,8 +169,9 @@ def explore(
     targets = {each.name: each.targets for each in fit.conditions}
     both = _colonies_of(fit) if simulator is None else given_simulators(targets, simulator, fine)
     finer = both[1] if fit.settings.refined else {}
-    ensembles = Ensembles(targets, both[0], fit.space, fit.seed + 1, fit.settings, finer)
-    surface = response_surface(partial(ensembles.single_simulations, refined=True), *_box(fit), runs, fit.seed)
+    ensembles = Ensembles(targets, both[0], fit.space, fit.seed, fit.settings, finer)
+    simulate = partial(ensembles.single_simulations, stream=Stream.SURFACE, refined=True)
+    surface = response_surface(simulate, *_box(fit), runs, stream_of(fit.seed, Stream.SURFACE, 1))
     return Explored(fit, surface, ensembles.tally.simulated)
 
 

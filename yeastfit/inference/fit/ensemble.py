@@ -41,11 +41,13 @@ from yeastfit.inference.simulator import (
     Counted,
     Rows,
     Simulator,
+    Stream,
     Tally,
     labels_of,
     member_seeds,
     problems_of,
     same_observables,
+    stream_seeds,
 )
 from yeastfit.inference.targets import Targets
 
@@ -137,14 +139,17 @@ class Ensembles:
         wanted = max(members // 2, 2 * len(self.targets[condition].values) if full else 0)
         return rows * -(-wanted // rows)
 
-    def single_simulations(self, points: Points, *, refined: bool = False) -> Float[np.ndarray, "point observable"]:
+    def single_simulations(
+        self, points: Points, stream: Stream, *, refined: bool = False
+    ) -> Float[np.ndarray, "point observable"]:
         """One simulation of each condition at each point, each with a seed of its own.
 
         Arguments:
             points: θ.
+            stream: What they are for, which the seeds depend on.
             refined: Whether to take the fine simulators where there are some.
         """
-        seeds = member_seeds(self.seed + 1, len(points))
+        seeds = stream_seeds(self.seed, stream, len(points))
         chosen = self.simulators | (self.fine if refined else {})
         found = [self._simulate(one, self.space.values(name, points), seeds) for name, one in chosen.items()]
         return np.concatenate(found, axis=1)

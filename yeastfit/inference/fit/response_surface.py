@@ -138,7 +138,9 @@ def _minimise(
     return jax.vmap(one)(units, values)
 
 
-def response_surface(simulate: Simulate, centre: Vector, reach: Vector, runs: int, seed: int) -> ResponseSurface:
+def response_surface(
+    simulate: Simulate, centre: Vector, reach: Vector, runs: int, seed: int | np.random.SeedSequence
+) -> ResponseSurface:
     """Learn a surface from simulations at low-discrepancy points of a box, one each.
 
     Arguments:

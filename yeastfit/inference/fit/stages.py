@@ -16,6 +16,7 @@ from yeastfit.inference.fit.result import Fit, Start, Step
 from yeastfit.inference.information.fisher import information
 from yeastfit.inference.information.result import Information
 from yeastfit.inference.parameter_space import Vector
+from yeastfit.inference.simulator import Stream, stream_of
 from yeastfit.progress import Progress
 
 APART = 0.3  # of log λ, in one entry at least, between two places that are not the same: three spreads of the pairs
@@ -108,8 +109,8 @@ class Fitter:
         """The best of some points of the box, apart from each other."""
         settings = self.settings
         self.progress("screening the box", 0.0)
-        points = self.space.sobol_points(settings.screened, self.ensembles.seed)
-        rows = self.ensembles.single_simulations(points)
+        points = self.space.sobol_points(settings.screened, stream_of(self.ensembles.seed, Stream.SCREENING, 0))
+        rows = self.ensembles.single_simulations(points, Stream.SCREENING)
         sigma = np.diag(self.ensembles.screening_covariance(members=2))
         cost = ((rows - self.y) ** 2 / sigma).sum(axis=1) + (((points - self.centre) * self.pull) ** 2).sum(axis=1)
         ranked = points[np.argsort(np.where(np.isfinite(cost), cost, np.inf))][: int(np.isfinite(cost).sum())]
