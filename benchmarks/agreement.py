@@ -38,7 +38,7 @@ import numpy as np
 from jaxtyping import Float
 from matplotlib.figure import Figure
 
-from benchmarks.calibration import MODEL, PRIOR
+from benchmarks.calibration_models import MODEL, PRIOR
 from benchmarks.recovery import BOX
 from benchmarks.report import Report, code, command
 from yeastfit.commands.infer_config import Request

@@ -7,14 +7,16 @@ holds for each λ and for any function of λ and data. The function used here is
 on other simulations, from the prior alone. It detects posteriors that are right on average over the data but respond
 to them too little (Modrák et al. 2023, doi:10.1214/23-BA1404).
 
-Prior: mobility 0.5 to 3, metabolic rate 0.4 to 2.5, aspect ratio 0.45 to 0.9, each log-uniform. Colonies are young and
-the model is coarse, since the samplers are tested here and not the model; data and posteriors use the same one. The
-data are compactness and radius. 200 posteriors are by the emulator, in 8 groups of 25 data sets: a group has one seed
-and one store, so its data sets share the simulations of the first round, as they do for a user who keeps the store. 100
-posteriors are by ABC-SMC with regression adjustment, of smaller data sets, in 4 groups that share the populations drawn
-from the prior.
+The algebraic model has the prior mobility 0.5 to 3, metabolic rate 0.4 to 2.5, aspect ratio 0.45 to 0.9, each log-
+uniform. Colonies are young and the model is coarse, since the samplers are tested here and not the model; data and
+posteriors use the same one. The data are compactness and radius. 200 posteriors are by the emulator, in 8 groups of 25
+data sets: a group has one seed and one store, so its data sets share the simulations of the first round, as they do for
+a user who keeps the store. 100 posteriors are by ABC-SMC with regression adjustment, of smaller data sets, in 4 groups
+that share the populations drawn from the prior. With --model offlattice there are 100 posteriors by the emulator, in 4
+groups of 25, of the five parameters of that model with the beta priors of Li et al. 2024; colonies are of fewer cells
+than theirs.
 
-Bands and intervals are at 95 %. Those of single parameters are binomial. The three parameters of a data set are
+Bands and intervals are at 95 %. Those of single parameters are binomial. The parameters of a data set are
 dependent, so the interval over all of them uses the scatter between data sets. p is the probability that uniform ranks
 depart at least as far from uniformity, measured by the largest departure of their ECDF from the diagonal (Säilynoja et
 al. 2022, doi:10.1007/s11222-022-10090-6).
@@ -23,12 +25,13 @@ Targets: over all parameters, 50 % intervals contain 45 % to 55 % of the truths 
 smallest p, multiplied by the number of quantities tested (Bonferroni), is at least 0.01. No posterior fails.
 
     python -m benchmarks.calibration [--quick] [--json FILE] [--docs DIR] [--work DIR] [--jobs N] [--method NAME]
+                                     [--model NAME]
 
 Simulations of each group and a line of JSON for each finished data set are kept in the folder given by --work,
 out/calibration by default; an interrupted run continues there with the same version of the code. N groups run at a
 time, each in its own process; by default N is the number of cores, since a chain uses one core. --quick: a few data
 sets with tiny settings, no targets. --method restricts the run to `emulator` or `abc-smc`. --docs writes
-DIR/calibration.md and DIR/calibration.png, or DIR/calibration-NAME for one method.
+DIR/calibration.md and DIR/calibration.png, or DIR/calibration-NAME for one method or the off-lattice model.
 """
 
 import argparse
@@ -38,7 +41,7 @@ import sys
 import time
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor, as_completed
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
@@ -47,112 +50,18 @@ import jax
 import numpy as np
 from jaxtyping import Float
 
+from benchmarks.calibration_parts import FULL, STUDIES, Part
 from benchmarks.lines import append_line, read_lines
-from benchmarks.ranks import QUANTITIES, Record, picture, verdicts
-from benchmarks.recovery import BOX, SEED, STATISTICS
+from benchmarks.ranks import LIKELIHOOD, Record, picture, verdicts
+from benchmarks.recovery import SEED
 from benchmarks.report import Report, code, command
 from yeastfit.errors import InputError
-from yeastfit.inference.abc.smc import AbcSmc, SmcDiagnostics
-from yeastfit.inference.colony_simulator import ColonySimulator, Resolution
-from yeastfit.inference.imaging import Imaging
-from yeastfit.inference.neural_likelihood.emulator import Emulator, train
-from yeastfit.inference.neural_likelihood.network import TrainingSettings
-from yeastfit.inference.neural_likelihood.sequential import SequentialEmulator
-from yeastfit.inference.posterior.cached_simulator import CachedSimulator
-from yeastfit.inference.posterior.prior import Prior
+from yeastfit.inference.abc.smc import SmcDiagnostics
+from yeastfit.inference.neural_likelihood.emulator import Emulator
 from yeastfit.inference.posterior.result import Posterior
 from yeastfit.inference.posterior.simulation_store import Store
-from yeastfit.inference.samplers import infer
-from yeastfit.inference.simulator import Replicates, Simulator, Stream, labels_of, seed_of, stream_of
-from yeastfit.inference.targets import Targets
+from yeastfit.inference.simulator import Replicates, Simulator, Stream, labels_of, stream_of
 from yeastfit.processors import available_processors
-
-PRIOR = Prior.of({name: {"distribution": "log-uniform", "low": low, "high": high} for name, (low, high) in BOX.items()})
-MODEL = Resolution(dt=0.025, spacing=0.4)
-EXTENT, PIXEL = 5.0, 0.25  # L0
-
-
-@dataclass(frozen=True)
-class Part:
-    """Data sets of one method.
-
-    Attributes:
-        method: Its name.
-        groups: How many groups there are.
-        each: Data sets of a group.
-        times: Model time of the observations.
-        replicates: Colonies whose mean is a data set.
-        draws: L, the independent draws that a truth is ranked among.
-        bins: Of the histograms.
-        settings: Of the sampler.
-        judged: Simulations from the prior that train the emulator of the log-likelihood; also ABC's pilot.
-        judge: Settings of that emulator.
-    """
-
-    method: str
-    groups: int
-    each: int
-    times: tuple[float, ...]
-    replicates: int
-    draws: int
-    bins: int
-    settings: SequentialEmulator | AbcSmc
-    judged: int = 512
-    judge: TrainingSettings = field(default_factory=TrainingSettings)
-
-    @property
-    def emulator(self) -> bool:
-        """Whether the method is the emulator; otherwise it is ABC."""
-        return isinstance(self.settings, SequentialEmulator)
-
-    @property
-    def count(self) -> int:
-        """Number of data sets; they are numbered from 1."""
-        return self.groups * self.each
-
-    @property
-    def seed(self) -> int:
-        """Seed of truths and data, from which those of groups are derived."""
-        return SEED if self.emulator else SEED + 1
-
-    def group(self, number: int) -> int:
-        """Number of the group of a data set, from 0."""
-        return (number - 1) // self.each
-
-    def simulator(self) -> Simulator:
-        """Of single colonies for the emulator, which knows of replicates; of means over them for ABC."""
-        curves = {name: np.ones(len(self.times)) for name in STATISTICS}
-        targets = Targets.from_means(curves, self.times, imaging=Imaging(EXTENT, spacing=PIXEL))
-        colonies = ColonySimulator.of(targets, PRIOR.free, resolution=MODEL)
-        return colonies if self.emulator else Replicates(colonies, self.replicates)
-
-    def posterior(self, simulator: Simulator, observed: np.ndarray, seed: int, store: Store) -> Posterior:
-        """The posterior of one data set."""
-        replicates = self.replicates if self.emulator else 1
-        how: dict[str, Any] = {"replicates": replicates, "seed": seed, "store": store}
-        return infer(simulator, PRIOR, observed, method=self.settings, **how)
-
-    def judging(self, simulator: Simulator, seed: int, store: Store) -> Emulator:
-        """An emulator trained on simulations from the prior alone, which no posterior uses."""
-        values = PRIOR.sample(self.judged, np.random.default_rng(stream_of(seed, Stream.TRUTH, 0)))
-        statistics = CachedSimulator(simulator, self.settings.batch, store)(values, seed_of(seed, range(self.judged)))
-        room = self.settings.simulations if self.emulator else None
-        labels = labels_of(simulator)
-        return train(values, statistics, prior=PRIOR, labels=labels, seed=seed, settings=self.judge, room=room)
-
-
-EMULATED = SequentialEmulator(simulations=1536, first=512, batch=128)
-SMC = AbcSmc(population=200, simulations=2000, pilot=512, batch=64)
-FULL = (
-    Part("emulator", 8, 25, times=(2.5, 3.5, 4.5), replicates=10, draws=99, bins=20, settings=EMULATED),
-    Part("ABC-SMC", 4, 25, times=(2.5, 3.5), replicates=2, draws=19, bins=10, settings=SMC),
-)
-TINY = TrainingSettings(members=2, width=16, steps=100)
-FEW: dict[str, Any] = {"groups": 1, "each": 4, "times": (1.5, 2.5), "draws": 19, "bins": 5, "judged": 64, "judge": TINY}
-QUICK = (
-    replace(FULL[0], settings=SequentialEmulator(128, first=64, most_steps=500, batch=64, training=TINY), **FEW),
-    replace(FULL[1], settings=AbcSmc(population=64, simulations=512, pilot=64, batch=64), **FEW),
-)
 
 
 @dataclass(frozen=True)
@@ -163,16 +72,19 @@ class Study:
         parts: One for each method.
         work: Folder of all its files.
         method: The only method, by its name on the command line; None for all.
+        model: In `STUDIES`.
     """
 
     parts: tuple[Part, ...]
     work: Path
     method: str | None = None
+    model: str = "algebraic"
 
     @property
     def name(self) -> str:
         """Name of the page."""
-        return f"calibration-{self.method}" if self.method else "calibration"
+        model = None if self.model == "algebraic" else self.model
+        return "-".join(["calibration", *filter(None, (model, self.method))])
 
     @property
     def groups(self) -> list[tuple[int, int]]:
@@ -185,8 +97,8 @@ class Study:
 
     def asked(self, k: int) -> dict[str, Any]:
         """Everything that determines the records of a part."""
-        what = {**asdict(self.parts[k]), "prior": PRIOR.asdict(), "model": asdict(MODEL), "extent": EXTENT}
-        what |= {"pixel": PIXEL, "seed": SEED, "code": code()}
+        part = self.parts[k]
+        what = {**asdict(part), **part.model.about(), "seed": SEED, "code": code()}
         return json.loads(json.dumps(what))
 
     def done(self, k: int, group: int) -> list[Record]:
@@ -222,11 +134,14 @@ def grow(study: Study, k: int, group: int) -> None:
 def calibrated(part: Part, number: int, simulator: Simulator, seed: int, store: Store, judge: Emulator) -> Record:
     """One data set: draw a truth, simulate data, infer the posterior, rank the truth."""
     rng = np.random.default_rng(stream_of(part.seed, Stream.TRUTH, number))
-    truth = PRIOR.sample(1, rng)
+    truth = part.prior.sample(1, rng)
     whole = Replicates(simulator, part.replicates) if part.emulator else simulator
     observed = whole(truth, rng.integers(2**32, size=1))[0]
     began, kept = time.perf_counter(), len(store)
-    record: Record = {"truth": dict(zip(BOX, truth[0].tolist(), strict=True)), "observed": observed.tolist()}
+    record: Record = {
+        "truth": dict(zip(part.prior.free, truth[0].tolist(), strict=True)),
+        "observed": observed.tolist(),
+    }
     try:
         found = part.posterior(simulator, observed, seed, store)
     except InputError as error:
@@ -261,14 +176,16 @@ def placed(
     columns = np.column_stack([drawn, log_likelihood(drawn)])
     rank = (columns[1:] < columns[0]).sum(axis=0)
     share = np.append(found.weights.ravel() @ (found.flat < truth), (rank[-1] + 0.5) / (draws + 1))
-    return {name: dict(zip(QUANTITIES, one.tolist(), strict=True)) for name, one in (("rank", rank), ("share", share))}
+    names = (*found.free, LIKELIHOOD)
+    return {name: dict(zip(names, one.tolist(), strict=True)) for name, one in (("rank", rank), ("share", share))}
 
 
 def markdown(report: Report, study: Study) -> str:
     """The text of the page."""
     head = report.head(__doc__)
-    if study.method:
-        head = head.replace("calibration --docs", f"calibration --method {study.method} --docs")
+    options = f" --model {study.model}" if study.model != "algebraic" else ""
+    options += f" --method {study.method}" if study.method else ""
+    head = head.replace("calibration --docs", f"calibration{options} --docs")
     parts = [
         f"""{head}
 
@@ -280,7 +197,7 @@ bars at both ends.
 
 ## Settings
 
-Colonies at Δt = {MODEL.dt:g}; grid of the nutrient {MODEL.spacing:g} L0, of the outlines {PIXEL:g} L0.
+{study.parts[0].model.sentence()}
 """
     ]
     parts += [_settings(part) for part in study.parts]
@@ -294,7 +211,7 @@ def _settings(part: Part) -> str:
     said = ", ".join(f"{name} {value} (default {usual[name]})" for name, value in other.items())
     return (
         f"- {part.method}: {part.count} data sets in {part.groups} groups, each the mean of {part.replicates} colonies "
-        f"at t = {', '.join(f'{time:g}' for time in part.times)}; L = {part.draws}. Non-default settings: "
+        f"at {part.model.data()}; L = {part.draws}. Non-default settings: "
         f"{said or 'none'}.\n"
     )
 
@@ -348,12 +265,16 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("--work", type=Path, default=Path("out/calibration"))
     parser.add_argument("--jobs", type=int, default=available_processors())
     parser.add_argument("--method", choices=[part.method.lower() for part in FULL])
+    parser.add_argument("--model", choices=list(STUDIES), default="algebraic")
     own, others = parser.parse_known_args(arguments)
 
     def run(report: Report, quick: bool) -> None:
-        parts, folder = (QUICK, "quick") if quick else (FULL, "full")
+        parts, folder = STUDIES[own.model][quick], "quick" if quick else "full"
         asked = tuple(part for part in parts if own.method in (None, part.method.lower()))
-        calibrate(report, Study(asked, own.work / folder, own.method), max(1, own.jobs))
+        if not asked:
+            parser.error(f"--method: {own.method} is not calibrated on the {own.model} model")
+        model = () if own.model == "algebraic" else (own.model,)
+        calibrate(report, Study(asked, own.work.joinpath(folder, *model), own.method, own.model), max(1, own.jobs))
 
     command("calibration", run, others)
 

@@ -15,10 +15,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from scipy.stats import binom, binomtest
 
-from benchmarks.recovery import BOX, SEED
+from benchmarks.recovery import SEED
 from benchmarks.report import Report
 
-QUANTITIES = (*BOX, "log-likelihood")
+LIKELIHOOD = "log-likelihood"
 LEVELS = {0.5: (45.0, 55.0), 0.9: (86.0, 94.0)}  # percentage of truths inside, by probability of the interval
 LEAST_P, TRIALS = 0.01, 2000  # smallest p; sets of uniform ranks simulated for it
 Record = dict[str, Any]
@@ -89,9 +89,15 @@ def column(records: Sequence[Record], key: str, name: str) -> np.ndarray:
     return np.array([record[key][name] for record in records])
 
 
+def quantities(records: Sequence[Record]) -> tuple[str, ...]:
+    """What was ranked: the parameters, and the log-likelihood where it was."""
+    return tuple(records[0]["share"])
+
+
 def coverage(records: Sequence[Record], level: float) -> tuple[float, float, float]:
     """Percentage of true values inside their intervals, with an interval from the scatter of data sets."""
-    inside = np.mean([_inside(column(records, "share", name), level) for name in BOX], axis=0)
+    parameters = [name for name in quantities(records) if name != LIKELIHOOD]
+    inside = np.mean([_inside(column(records, "share", name), level) for name in parameters], axis=0)
     error = 1.96 * inside.std(ddof=1) / np.sqrt(len(inside)) if len(inside) > 1 else np.nan
     middle = inside.mean()
     return 100 * middle, 100 * max(0.0, middle - error), 100 * min(1.0, middle + error)
@@ -112,11 +118,11 @@ def verdicts(report: Report, part: Ranked, records: Sequence[Record]) -> None:
     for level, (low, high) in LEVELS.items():
         _judged(report, coverage(whole, level), f"{part.method}: inside {100 * level:g} % intervals", low, high)
     uniform = Uniform.of(len(whole), part.draws)
-    p = {name: uniform.p_value(column(whole, "rank", name)) for name in QUANTITIES}
+    p = {name: uniform.p_value(column(whole, "rank", name)) for name in quantities(whole)}
     target = None if report.quick else LEAST_P
     note = f"of {len(p)} quantities, multiplied by their number"
     report.add(f"{part.method}: least p of uniform ranks", min(1.0, len(p) * min(p.values())), "", target, note=note)
-    rows = [_row(name, column(whole, "share", name), p[name]) for name in QUANTITIES]
+    rows = [_row(name, column(whole, "share", name), p[name]) for name in quantities(whole)]
     report.table(f"{part.method}, {len(whole)} data sets: coverage of intervals, %", rows)
     for key, (what, unit) in MEDIANS.items():
         if (values := np.array([record[key] for record in whole if record[key] is not None], dtype=float)).size:
@@ -160,14 +166,13 @@ def _row(name: str, shares: np.ndarray, p: float) -> dict[str, Any]:
 
 def picture(parts: Sequence[Ranked], records: Sequence[Sequence[Record]], path: Path) -> None:
     """Histograms of ranks and, below them, their ECDF minus its diagonal, each with its band."""
-    shown = [
-        (part, [one for one in each if one["status"] == "done"]) for part, each in zip(parts, records, strict=True)
-    ]
+    done = ([one for one in each if one["status"] == "done"] for each in records)
+    shown = [(part, whole) for part, whole in zip(parts, done, strict=True) if whole]
     figure = Figure(figsize=(14, 5 * len(shown)), layout="constrained")
-    panels = figure.subplots(2 * len(shown), len(QUANTITIES), squeeze=False)
+    panels = figure.subplots(2 * len(shown), max(len(quantities(whole)) for _, whole in shown), squeeze=False)
     for k, (part, whole) in enumerate(shown):
         uniform = Uniform.of(len(whole), part.draws)
-        for n, name in enumerate(QUANTITIES):
+        for n, name in enumerate(quantities(whole)):
             ranks = column(whole, "rank", name)
             _histogram(panels[2 * k, n], part, ranks)
             panels[2 * k, n].set(title=f"{part.method}: {name.replace('_', ' ')}", xlabel="rank of the truth")

@@ -14,8 +14,11 @@ from scipy.stats import binomtest
 from simulators import observables_named, parameters_named
 
 from benchmarks import calibration, ranks
-from benchmarks.calibration import BOX, FULL, QUICK, Part, Study
-from benchmarks.ranks import QUANTITIES, Record, Uniform
+from benchmarks.calibration import Study
+from benchmarks.calibration_models import Young
+from benchmarks.calibration_parts import CELLS, FEW_CELLS, FULL, QUICK, Part
+from benchmarks.ranks import LIKELIHOOD, Record, Uniform
+from benchmarks.recovery import BOX
 from benchmarks.report import Report
 from yeastfit import InputError
 from yeastfit.inference.abc.smc import AbcSmc
@@ -25,6 +28,7 @@ from yeastfit.inference.posterior.result import Posterior
 from yeastfit.inference.posterior.simulation_store import Store
 
 EMULATED, ABC = FULL
+QUANTITIES = (*BOX, LIKELIHOOD)
 
 
 def posterior_of(values: np.ndarray) -> Posterior:
@@ -280,6 +284,39 @@ def test_one_method_has_a_page_of_its_own(
     assert "invalid choice: 'abc' (choose from" in capsys.readouterr().err
 
 
+def test_the_off_lattice_model_has_studies_of_its_own(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    study = Study((CELLS,), tmp_path, model="offlattice")
+    assert study.name == "calibration-offlattice"
+    assert study.asked(0)["cells"] == 5000
+    assert CELLS.count == 100
+    simulator = FEW_CELLS.simulator()
+    assert simulator.parameters.names == FEW_CELLS.prior.free
+    rows = simulator(FEW_CELLS.prior.sample(3, np.random.default_rng(0)), np.arange(3))
+    assert np.isfinite(rows).all()
+    assert rows.shape == (3, 5)
+    with pytest.raises(SystemExit):
+        calibration.main(["--model", "offlattice", "--method", "abc-smc", "--work", str(tmp_path)])
+    assert "abc-smc is not calibrated on the offlattice model" in capsys.readouterr().err
+
+
+def test_coverage_is_of_the_parameters_that_were_ranked() -> None:
+    shares: list[Record] = [{"share": {"fork": 0.5, "transition": 0.99, LIKELIHOOD: 0.99}}] * 4
+    assert ranks.quantities(shares) == ("fork", "transition", LIKELIHOOD)
+    assert ranks.coverage(shares, 0.9)[0] == 50
+
+
+@pytest.mark.slow
+def test_the_off_lattice_study_from_command_to_page(tmp_path: Path) -> None:
+    where = ["--work", str(tmp_path), "--docs", str(tmp_path / "docs"), "--jobs", "1"]
+    with pytest.raises(SystemExit) as left:
+        calibration.main(["--quick", "--model", "offlattice", *where])
+    assert left.value.code == 0
+    page = (tmp_path / "docs" / "calibration-offlattice.md").read_text()
+    assert "Colonies of 600 cells, compared at 9000 pixels" in page
+    assert "pseudohyphal from sated" in page
+    assert "python -m benchmarks.calibration --model offlattice --docs docs" in page
+
+
 def test_help_says_what_is_measured(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit):
         calibration.main(["--help"])
@@ -290,7 +327,7 @@ def test_help_says_what_is_measured(capsys: pytest.CaptureFixture[str]) -> None:
 @pytest.mark.slow
 def test_real_posteriors_of_a_small_study_are_calibrated(tmp_path: Path) -> None:
     networks = TrainingSettings(members=3, width=32, steps=500)
-    small: dict[str, Any] = {"groups": 1, "times": (1.5, 2.5, 3.5), "judged": 256, "judge": networks}
+    small: dict[str, Any] = {"groups": 1, "model": Young((1.5, 2.5, 3.5)), "judged": 256, "judge": networks}
     parts = (
         replace(EMULATED, each=20, **small, settings=SequentialEmulator(640, first=256, each=128, training=networks)),
         replace(ABC, each=10, **small, settings=AbcSmc(population=128, simulations=1024, pilot=256, batch=64)),

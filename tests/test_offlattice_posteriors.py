@@ -1,0 +1,146 @@
+"""The page of off-lattice posteriors: what is kept, resumed and said of it; slow: all of it in a quick look."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from known_posteriors import Killed, assert_same
+
+from benchmarks import offlattice_posteriors as page
+from benchmarks.li2024_published import PUBLISHED_POSTERIORS
+from benchmarks.offlattice_posteriors import QUICK, chain_error, density, drifts, effective, missing, parameters
+from benchmarks.offlattice_runs import FIVE, METHODS, Run, real_colonies
+from benchmarks.real_tables import main as write_tables
+from benchmarks.report import Report
+from yeastfit import LI2024
+from yeastfit.inference.posterior.result import Posterior
+from yeastfit.offlattice.li2024_statistics import PUBLISHED
+
+KEY = "awri796-50um"
+SIZES = replace(QUICK, sets={KEY: replace(QUICK.sets[KEY], chains=3, steps=4)}, at_mean=2)
+
+
+def run_of(folder: Path, method: str = "protocol") -> Run:
+    return Run(KEY, method, SIZES, folder, threads=2)
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory: pytest.TempPathFactory) -> Run:
+    run = run_of(tmp_path_factory.mktemp("work"))
+    run.infer(print)
+    return run
+
+
+def test_what_is_finished_is_kept_and_not_repeated(finished: Run) -> None:
+    assert finished.finished
+    before = finished.file("npz").stat().st_mtime_ns
+    finished.infer(print)
+    assert finished.file("npz").stat().st_mtime_ns == before
+    assert finished.posterior().values.shape == (3, 4, 5)
+    assert len(finished.simulations()[0]) == finished.posterior().simulations
+    assert finished.seconds()["processor"] > 0
+
+
+def test_a_killed_run_goes_on(finished: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    run = run_of(tmp_path)
+
+    whole = Run.simulator
+    monkeypatch.setattr(Run, "simulator", property(lambda self: _Dying(whole.fget(self))))  # type: ignore[attr-defined]
+    with pytest.raises(Killed):
+        run.infer(print)
+    assert not run.finished
+    monkeypatch.setattr(Run, "simulator", whole)
+    said = missing([run, finished])
+    assert "Not finished" in said
+    assert f"{run.colonies.name}: {METHODS['protocol']} (" in said
+    run.infer(print)
+    assert_same(run.posterior(), finished.posterior())
+    assert missing([run]) == "All posteriors are finished."
+
+
+class _Dying:
+    """A simulator that dies at its third call."""
+
+    def __init__(self, simulator: object) -> None:
+        self.simulator, self.calls = simulator, 0
+
+    def __getattr__(self, name: str) -> object:
+        return getattr(self.simulator, name)
+
+    def __call__(self, values: np.ndarray, seeds: np.ndarray) -> np.ndarray:
+        self.calls += 1
+        if self.calls > 2:
+            raise Killed
+        return self.simulator(values, seeds)  # type: ignore[operator, no-any-return]
+
+
+def test_page_of_one_finished_posterior(finished: Run, tmp_path: Path) -> None:
+    report = Report("offlattice_posteriors", quick=True, docs=tmp_path)
+    runs = [run_of(finished.folder, method) for method in METHODS]
+    page.study(report, SIZES, runs, [])
+    text = (tmp_path / "offlattice.md").read_text()
+    assert "- AWRI 796, 50 µM: ABC-SMC to the same ε" in text
+    assert "- AWRI 796, 50 µM: protocol reproduced" not in text
+    assert "0.6332" in text or "0.633" in text
+    assert "drifts of the protocol's chains" in text
+    assert "attempts per cell" in text
+    assert (tmp_path / "offlattice.png").stat().st_size > 10_000
+
+
+def test_tables_hold_what_the_posterior_says(finished: Run) -> None:
+    found = finished.posterior()
+    rows = parameters(KEY, {"protocol": found})
+    assert len(rows) == 10
+    theirs = PUBLISHED_POSTERIORS[KEY]
+    assert rows[0]["mean"] == theirs.mean[0]
+    assert rows[3]["mean"] == pytest.approx(found.mean[1])
+    assert rows[3]["mean − published, errors"] == pytest.approx((found.mean[1] - theirs.mean[1]) / theirs.error[1])
+    means = found.values.mean(axis=1)
+    np.testing.assert_allclose(chain_error(found), means.std(axis=0, ddof=1) / np.sqrt(3))
+    assert (effective("protocol", found) > 0).all()
+    assert density(found, 0)(np.array([0.5])).shape == (1,)
+
+
+def test_drifts_have_signs() -> None:
+    theirs = PUBLISHED_POSTERIORS["awri796-500um"]
+
+    class Chains:
+        values = np.concatenate([np.full((4, 100, 5), 0.5), np.full((4, 1, 5), 0.4)], axis=1)
+        values[:, -1, 1] = 0.6
+
+    rows = drifts(theirs, Chains(), None)  # type: ignore[arg-type]
+    assert [row["same sign"] for row in rows] == ["yes", "no", "no", "no", "no"]
+
+
+def test_real_tables_are_those_of_the_masks(real_data: Path, tmp_path: Path) -> None:
+    one = tmp_path / "masks"
+    one.mkdir()
+    for stem in ("awri796_50um_s01", "awri796_500um_s02", "simiwhite_50um_s01"):
+        (one / f"{stem}.tif").symlink_to(real_data / "masks" / f"{stem}.tif")
+    write_tables(one, tmp_path)
+    for key in LI2024:
+        lines = (tmp_path / key / "measurements.csv").read_text().splitlines()
+        committed = (Path(__file__).parents[1] / "data/real" / key / "measurements.csv").read_text().splitlines()
+        assert lines == committed[:2]
+
+
+def test_single_colonies_scatter_about_the_published_means() -> None:
+    for key, colonies in LI2024.items():
+        rows = real_colonies(key, FIVE)
+        assert rows.shape == (8, 5)
+        error = rows.std(axis=0, ddof=1) / np.sqrt(8)
+        assert (np.abs(rows.mean(axis=0)[:3] - colonies.observed) < 3 * error[:3]).all()
+
+
+@pytest.mark.slow
+def test_all_of_it_in_a_quick_look(tmp_path: Path) -> None:
+    with pytest.raises(SystemExit) as left:
+        page.main(["--quick", "--set", KEY, "--work", str(tmp_path), "--docs", str(tmp_path / "docs")])
+    assert left.value.code == 0
+    found = {method: Posterior.load(tmp_path / "quick" / KEY / f"{method}.npz") for method in METHODS}
+    assert found["emulator"].labels == FIVE
+    assert found["emulator-theirs"].labels == PUBLISHED
+    assert found["emulator-theirs"].replicates == 14
+    assert found["protocol"].settings["tolerance"] == found["smc"].settings["tolerance"]
+    assert "what the model reaches" in (tmp_path / "docs" / "offlattice.md").read_text()
