@@ -10,10 +10,10 @@ import numpy as np
 from jaxtyping import Array
 
 from yeastfit import Fit, FitSettings, Imaging, Observable, Parameters, Targets, fit
-from yeastfit.inference.colony_simulator import keys_of
 from yeastfit.inference.parameter_space import ONLY, Bounds
 from yeastfit.model.parameters import NAMES, PARAMETERS
 from yeastfit.parameter_set import ParameterSet
+from yeastfit.seeds import keys_of
 
 STATISTICS = ("compactness", "radius", "area")
 TIMES = np.array([1.0, 2.0, 3.0, 4.0])

@@ -71,6 +71,11 @@ class Range:
             return f"a number above {low}{unit}" if self.above else f"a number of at least {low}{unit}"
         return f"a number of at most {high}" if self.high < math.inf else f"a finite number{unit and ' of'}{unit}"
 
+    @property
+    def whole(self) -> str:
+        """As in "a whole number of at least 1"."""
+        return str(self).replace("a finite number", "a number").replace("a number", "a whole number")
+
     def read(self, value: Any, what: str) -> float:
         """Read a number, strictly.
 
@@ -104,18 +109,13 @@ class Range:
         """
         number = whole_number_of(value)
         if number is None or not self.low <= number <= self.high or (self.above and number == self.low):
-            raise InputError(f"{what} is {quoted(value)}, it must be {_whole(str(self))}")
+            raise InputError(f"{what} is {quoted(value)}, it must be {self.whole}")
         return number
 
 
 def _written(end: float) -> str:
     """An end of a range; whole numbers to their last digit."""
     return str(end) if isinstance(end, int) else f"{end:g}"
-
-
-def _whole(words: str) -> str:
-    """The words of a range of whole numbers."""
-    return words.replace("a finite number", "a number").replace("a number", "a whole number")
 
 
 POSITIVE = Range(0.0, above=True)

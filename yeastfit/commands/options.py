@@ -11,6 +11,7 @@ import typer
 from yeastfit.errors import InputError
 from yeastfit.measure.statistics.registry import measurement_errors, most_telling_first, names_with
 from yeastfit.measure.statistics.statistic import Statistic
+from yeastfit.numbers import SEEDS
 from yeastfit.parameter_set import Parameter, ParameterSet
 
 SMOOTH = ", ".join(most_telling_first(names_with("smooth")))
@@ -18,7 +19,10 @@ Out = Annotated[
     Path, typer.Option("--out", help="Folder for the results. It is made if it does not exist.", show_default=False)
 ]
 Seed = Annotated[
-    int, typer.Option("--seed", min=0, help="Seed of the random numbers. The same seed gives the same results.")
+    int,
+    typer.Option(
+        "--seed", min=0, max=SEEDS.high, help="Seed of the random numbers. The same seed gives the same results."
+    ),
 ]
 Rate = Annotated[
     float, typer.Option("--rate", help="Maximal growth rate μ* of the cells, per hour. Model time is in units of 1/μ*.")

@@ -9,6 +9,7 @@ import typer
 from yeastfit.commands.options import Out
 from yeastfit.commands.terminal import out, shown_progress
 from yeastfit.errors import InputError
+from yeastfit.numbers import SEEDS
 from yeastfit.simulation.synthetic_data import read_recipes
 from yeastfit.simulation.synthetic_data import synthesize as make_dataset
 from yeastfit.storage import write_manifest
@@ -23,7 +24,9 @@ def synthesize(
         list[str] | None,
         typer.Option(help="Name of a data set to make; repeat it for several. By default all are made."),
     ] = None,
-    seed: Annotated[int | None, typer.Option(min=0, help="Seed to use instead of the one in the file.")] = None,
+    seed: Annotated[
+        int | None, typer.Option(min=0, max=SEEDS.high, help="Seed to use instead of the one in the file.")
+    ] = None,
 ) -> None:
     """Make synthetic micrographs of simulated colonies.
 

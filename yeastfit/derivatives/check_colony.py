@@ -20,6 +20,7 @@ from yeastfit.model.relaxation import Relaxation
 from yeastfit.model.rules import BuddingRule, Context
 from yeastfit.model.simulate import Snapshot
 from yeastfit.progress import Progress, silent
+from yeastfit.seeds import key_of
 from yeastfit.simulation.result import Simulation
 from yeastfit.simulation.simulate import Observer, schedule_of, simulate
 
@@ -82,8 +83,7 @@ def check_gradients(
     seen = np.union1d(np.linspace(0, wanted[-1], SAMPLES + 1)[1:].round().astype(int), wanted)
     seen, asked = seen[seen > 0], np.isin(seen[seen > 0], wanted)
     with jax.enable_x64(True):
-        key = jax.random.key(key) if isinstance(key, int | np.integer) else key
-        colonies = _Colonies(model, values, key, numerics, double(relaxation, "relaxation"), observe, seen)
+        colonies = _Colonies(model, values, key_of(key), numerics, double(relaxation, "relaxation"), observe, seen)
         origin = colonies.origin(draws)
 
         def curves(x: Moves) -> tuple[PyTree, PyTree]:

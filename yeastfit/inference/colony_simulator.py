@@ -12,7 +12,7 @@ from operator import itemgetter
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool
+from jaxtyping import Bool
 
 from yeastfit.errors import InputError
 from yeastfit.inference.colony_curves import ColonyCurves
@@ -27,6 +27,7 @@ from yeastfit.model.parameters import PARAMETERS, Parameters
 from yeastfit.model.relaxation import HARD
 from yeastfit.observable import Observable
 from yeastfit.parameter_set import ParameterSet
+from yeastfit.seeds import keys_of
 from yeastfit.simulation.simulate import member_keys, schedule_of, simulate
 
 DEFAULT_FREE = ("mobility", "metabolic_rate", "aspect_ratio")
@@ -163,10 +164,3 @@ def parameter_values(given: Mapping[str, float] | None, known: ParameterSet = PA
     values = dict(given or {})
     known.check(values)
     return {**known.defaults, **values}
-
-
-def keys_of(seeds: Seeds) -> Array:
-    """jax's random keys with these bits; of seeds below 2³² those of `jax.random.key`."""
-    words = np.asarray(seeds).astype(np.uint64)
-    halves = np.stack([words >> np.uint64(32), words & np.uint64(0xFFFFFFFF)], axis=1)
-    return jax.random.wrap_key_data(jnp.asarray(halves.astype(np.uint32)))

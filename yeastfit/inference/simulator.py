@@ -23,9 +23,9 @@ from jaxtyping import Array, Float, Shaped
 from yeastfit.errors import InputError
 from yeastfit.observable import Observable
 from yeastfit.parameter_set import ParameterSet
+from yeastfit.seeds import check_seed
 from yeastfit.simulation.simulate import member_keys
 
-BITS = 32  # of a run's seed
 Values = Float[np.ndarray, "row parameter"]
 Seeds = Shaped[np.ndarray, " row"]  # whole numbers from 0 to 2⁶⁴ − 1
 Rows = Float[np.ndarray, "row statistic"]
@@ -218,7 +218,7 @@ def seed_of(seed: int, numbers: Sequence[int] | np.ndarray) -> Shaped[np.ndarray
     number alone, so a resumed run draws what it would have drawn. Two of n numbers share a seed with probability
     n² / 2³³, which does no harm, as their parameters differ.
     """
-    _check_seed(seed)
+    check_seed(seed)
     words = [np.random.SeedSequence(seed, spawn_key=(int(n),)).generate_state(1)[0] for n in np.ravel(numbers)]
     return np.array(words, dtype=np.uint64)
 
@@ -240,15 +240,10 @@ def stream_of(seed: int, stream: Stream, *key: int) -> np.random.SeedSequence:
     """Where the random numbers of a named stream come from; further numbers say which of it, such as a step."""
     if not key:
         raise InputError(f"key is empty, a stream needs at least one number: {stream!r} alone is a simulation's")
-    _check_seed(seed)
+    check_seed(seed)
     return np.random.SeedSequence(seed, spawn_key=(int(stream), *key))
 
 
 def stream_seeds(seed: int, stream: Stream, members: int) -> Shaped[np.ndarray, " member"]:
     """Seeds of an ensemble of a named stream; see `member_seeds`."""
     return member_seeds(int(stream_of(seed, stream, 0).generate_state(1)[0]), members)
-
-
-def _check_seed(seed: int) -> None:
-    if not 0 <= seed < 2**BITS:
-        raise InputError(f"seed is {seed}, it must be at least 0 and below 2^{BITS}")

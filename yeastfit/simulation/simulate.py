@@ -22,6 +22,7 @@ from yeastfit.model.nutrient import check_alpha
 from yeastfit.model.parameters import Parameters, Scales
 from yeastfit.model.relaxation import Relaxation
 from yeastfit.model.simulate import Schedule, Snapshot, trajectory
+from yeastfit.seeds import key_of
 from yeastfit.simulation.result import Simulation
 
 
@@ -38,10 +39,9 @@ class Observer(Protocol):
 
 def member_keys(seed: int | Array, members: int) -> Array:
     """Keys of an ensemble: member i's is the seed's folded with i, whatever the number of members."""
-    key = jax.random.key(seed) if isinstance(seed, int | np.integer) else seed
     if members < 1:
         raise InputError(f"members is {members!r}, an ensemble needs at least 1")
-    return jax.vmap(partial(jax.random.fold_in, key))(jnp.arange(members))
+    return jax.vmap(partial(jax.random.fold_in, key_of(seed)))(jnp.arange(members))
 
 
 def simulate(

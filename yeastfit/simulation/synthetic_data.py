@@ -39,6 +39,7 @@ from yeastfit.model.parameters import PARAMETERS, Parameters, Scales
 from yeastfit.model.relaxation import HARD
 from yeastfit.model.simulate import Snapshot
 from yeastfit.progress import Progress, silent
+from yeastfit.seeds import check_seed, photograph_stream
 from yeastfit.simulation.cell_coverage import coverage, true_mask
 from yeastfit.simulation.photograph import Optics, photograph, write_micrograph
 from yeastfit.simulation.simulate import member_keys, simulate
@@ -131,7 +132,7 @@ def _recipe(table: Any, where: str) -> Recipe:
         nested["model"] = Model.of(table.get("model", {}))
         values = {name: float(value) for name, value in table["parameters"].items()}
         hours = tuple(float(hour) for hour in table["hours"])
-        recipe = Recipe(**{**table, **nested, "parameters": values, "hours": hours})
+        recipe = Recipe(**{**table, **nested, "parameters": values, "seed": check_seed(table["seed"]), "hours": hours})
         recipe.truth()
         return recipe
     except (TypeError, ValueError, AttributeError) as error:
@@ -217,7 +218,7 @@ def _photograph(
         raise InputError(
             f"extent is {recipe.extent:g} µm, colony {member + 1} reaches the edge at {recipe.hours[k]:g} h"
         )
-    rng = np.random.default_rng([recipe.seed, member, k])
+    rng = photograph_stream(recipe.seed, member, k)
     pixels = photograph(fraction, thickness, recipe.pixel_size, rng, recipe.optics)
     for part in ("images", "truth/masks"):
         (folder / part).mkdir(parents=True, exist_ok=True)

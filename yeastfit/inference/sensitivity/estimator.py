@@ -42,6 +42,7 @@ from yeastfit.inference.sensitivity.shrinkage import combine
 from yeastfit.inference.simulator import Rows, Seeds, Simulator, member_seeds, named_values, problems_of
 from yeastfit.observable import Observable
 from yeastfit.progress import Progress
+from yeastfit.seeds import key_of
 
 REGRESSION, MEAN, PATHS = range(3)  # streams of seeds
 
@@ -176,7 +177,7 @@ class Estimator:
         return parts[name].jacobian, parts[name].error, share
 
     def _seeds(self, stream: int, count: int) -> Seeds:
-        return member_seeds(jax.random.fold_in(jax.random.key(self.seed), stream), count)
+        return member_seeds(jax.random.fold_in(key_of(self.seed), stream), count)
 
     def _say(self, part: str, met: Counter[str]) -> None:
         self.warnings += [f"{part}: {count} simulations: {problem}" for problem, count in met.items()]

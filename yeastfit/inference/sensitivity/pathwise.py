@@ -15,13 +15,14 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from yeastfit.inference.colony_simulator import ColonySimulator, keys_of
+from yeastfit.inference.colony_simulator import ColonySimulator
 from yeastfit.inference.sensitivity.result import Estimate, Means
 from yeastfit.inference.simulator import Seeds
 from yeastfit.model.colony import PROBLEMS
 from yeastfit.model.numerics import Numerics
 from yeastfit.model.parameters import PARAMETERS
 from yeastfit.model.relaxation import Relaxation
+from yeastfit.seeds import keys_of
 from yeastfit.simulation.simulate import schedule_of
 
 COUNT = "cell_count"

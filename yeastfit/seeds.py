@@ -1,0 +1,53 @@
+"""Seeds of random numbers: whole numbers from 0 to 2⁶⁴ − 1, each with a stream of its own."""
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Shaped
+
+from yeastfit.errors import InputError
+from yeastfit.numbers import SEEDS
+from yeastfit.text import quoted
+
+LOW_HALF = 0xFFFFFFFF
+
+
+def check_seed(seed: Any) -> int:
+    """Check a seed.
+
+    Arguments:
+        seed: Anything.
+
+    Returns:
+        The seed.
+
+    Raises:
+        InputError: It is no whole number from 0 to 2⁶⁴ − 1.
+    """
+    if not isinstance(seed, int | np.integer) or isinstance(seed, bool) or not SEEDS.low <= int(seed) <= SEEDS.high:
+        raise InputError(f"seed is {quoted(seed)}, it must be {SEEDS.whole}")
+    return int(seed)
+
+
+def key_of(seed: int | Array) -> Array:
+    """jax's random key of a seed; a key is returned as it is.
+
+    Of seeds below 2³² it is that of `jax.random.key`, which in single precision leaves out the upper half of others.
+    """
+    return seed if isinstance(seed, jax.Array) else keys_of([check_seed(seed)])[0]
+
+
+def keys_of(seeds: Shaped[np.ndarray, " row"] | list[int]) -> Array:
+    """jax's random keys, whose bits are the seeds'."""
+    words = np.asarray(seeds, dtype=np.uint64)
+    halves = np.stack([words >> np.uint64(32), words & np.uint64(LOW_HALF)], axis=1)
+    return jax.random.wrap_key_data(jnp.asarray(halves.astype(np.uint32)))
+
+
+def photograph_stream(seed: int, member: int, time: int) -> np.random.Generator:
+    """Random numbers of the photograph of a colony at a time, both counted from 0."""
+    if seed <= LOW_HALF:
+        return np.random.default_rng([seed, member, time])
+    return np.random.default_rng(np.random.SeedSequence(check_seed(seed), spawn_key=(member, time)))
