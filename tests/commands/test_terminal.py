@@ -1,12 +1,14 @@
 """What the terminal shows of a long run: where it is, and its pace."""
 
+from collections.abc import Callable
 from io import StringIO
 
 import pytest
 from rich.console import Console
+from rich.table import Table
 
 from yeastfit.commands import terminal
-from yeastfit.commands.terminal import Pace, shown_progress
+from yeastfit.commands.terminal import Pace, TextConsole, growing, shown_progress
 
 
 def test_the_time_that_is_left_follows_from_all_the_time_that_went_by(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -37,3 +39,31 @@ def test_progress_is_shown_on_a_terminal_only(monkeypatch: pytest.MonkeyPatch, o
     with shown_progress("measuring micrographs") as progress:
         progress("measured 3 of 12", 0.25)
     assert ("measured 3 of 12" in written.getvalue()) == on_a_terminal
+
+
+HOSTILE = "[red]x[/blue] :smile: \x1b[31m\n\u202e\udcff [/]"
+HARMLESS = r"[red]x[/blue] :smile: \x1b[31m\n\u202e\xff [/]"
+
+
+def test_text_is_printed_as_it_is_and_acts_on_nothing() -> None:
+    written = StringIO()
+    console = TextConsole(file=written, force_terminal=True, width=120, color_system=None)
+    table = Table(HOSTILE, title=HOSTILE)
+    table.add_row(HOSTILE)
+    console.print(table)
+    console.print(HOSTILE, soft_wrap=True)
+    console.print(HOSTILE, markup=True, emoji=True)
+    said = written.getvalue()
+    assert said.count(HARMLESS) == 5
+    assert not {"\x1b", "\u202e", "\udcff"} & set(said)
+
+
+@pytest.mark.parametrize("show", [shown_progress, lambda noun: growing(None, 0, noun)])
+def test_progress_shows_any_text(monkeypatch: pytest.MonkeyPatch, show: Callable) -> None:
+    written = StringIO()
+    monkeypatch.setattr(terminal, "err", TextConsole(file=written, force_terminal=True, width=120))
+    with show(HOSTILE) as told:
+        progress = told[1] if isinstance(told, tuple) else told
+        progress(HOSTILE, 0.25)
+    assert HARMLESS in written.getvalue()
+    assert "\u202e" not in written.getvalue()

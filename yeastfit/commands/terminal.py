@@ -1,19 +1,34 @@
-"""The terminal: results go to standard output, progress, warnings and errors to standard error."""
+"""The terminal: results go to standard output, progress, warnings and errors to standard error.
+
+Whatever is printed is data: markup and names of emoji mean nothing in it, and nothing in it acts on the terminal.
+"""
 
 import time as clock
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from datetime import timedelta
+from typing import Any
 
 import typer
 from rich.console import Console
 from rich.progress import BarColumn, TextColumn, TimeElapsedColumn
 from rich.progress import Progress as Bar
+from rich.text import Text
 
 from yeastfit.progress import Progress
+from yeastfit.text import shown
 
-out, err = Console(), Console(stderr=True)
+
+class TextConsole(Console):
+    """A console that shows strings as `yeastfit.text.shown` does, in tables too."""
+
+    def render_str(self, text: str, **options: Any) -> Text:
+        """What rich prints of a string."""
+        return super().render_str(shown(text), **{**options, "markup": False, "emoji": False})
+
+
+out, err = TextConsole(), TextConsole(stderr=True)
 
 
 @contextmanager
@@ -26,10 +41,10 @@ def shown_progress(what: str) -> Iterator[Progress]:
     Yields:
         What to hand to the computation as its `progress`.
     """
-    columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
+    columns = (TextColumn("{task.description}", markup=False), BarColumn(), TimeElapsedColumn())
     with Bar(*columns, console=err, disable=not err.is_terminal, transient=True) as bar:
-        task = bar.add_task(what, total=1.0)
-        yield lambda doing, share: bar.update(task, description=doing, completed=share)
+        task = bar.add_task(shown(what), total=1.0)
+        yield lambda doing, share: bar.update(task, description=shown(doing), completed=share)
 
 
 @dataclass
@@ -79,7 +94,8 @@ def growing(most: int | None, done: int, noun: str) -> Iterator[tuple[Callable[[
     Yields:
         What to call with the simulations of each batch, and the sampler's `progress`.
     """
-    columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.fields[pace]}"), TimeElapsedColumn())
+    doing, rate = (TextColumn(text, markup=False) for text in ("{task.description}", "{task.fields[pace]}"))
+    columns = (doing, BarColumn(), rate, TimeElapsedColumn())
     with Bar(*columns, console=err, disable=not err.is_terminal, transient=True) as bar:
         pace = Pace(most, done, noun)
         task = bar.add_task("sampling", total=1.0, pace="")
@@ -89,17 +105,17 @@ def growing(most: int | None, done: int, noun: str) -> Iterator[tuple[Callable[[
             pace.grown += rows
             bar.update(task, completed=pace.share, pace=str(pace))
 
-        yield tell, lambda what, share: bar.update(task, description=what)
+        yield tell, lambda what, share: bar.update(task, description=shown(what))
 
 
 def warn(lines: list[str]) -> None:
     """Print warnings on standard error, each on a line of its own."""
     for line in lines:
-        err.print(f"warning: {line}", markup=False, highlight=False, soft_wrap=True)
+        err.print(f"warning: {line}", highlight=False, soft_wrap=True)
 
 
 def fail(lines: list[str]) -> None:
     """Print errors on standard error, each on a line of its own, and end with exit code 2."""
     for line in lines:
-        err.print(f"error: {line}", markup=False, highlight=False, soft_wrap=True)
+        err.print(f"error: {line}", highlight=False, soft_wrap=True)
     raise typer.Exit(2)

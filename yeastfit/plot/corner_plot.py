@@ -12,7 +12,7 @@ from scipy import stats
 from yeastfit.inference.posterior.distributions import Distribution
 from yeastfit.inference.posterior.draws import weighted_quantile
 from yeastfit.inference.posterior.result import Posterior
-from yeastfit.plot.style import COLONY, TRUTH
+from yeastfit.plot.style import COLONY, TRUTH, words
 
 SHOWN = 2000  # dots, at most
 BINS = 30
@@ -56,9 +56,9 @@ def corner(posterior: Posterior, truth: Mapping[str, float] | None = None) -> Fi
         if truth and free[row] in truth and row != column:
             panel.axhline(truth[free[row]], color=TRUTH, lw=1.2)
         if row == count - 1:
-            panel.set_xlabel(free[column].replace("_", " "), fontsize=9)
+            panel.set_xlabel(words(free[column]), fontsize=9)
         if column == 0 and row:
-            panel.set_ylabel(free[row].replace("_", " "), fontsize=9)
+            panel.set_ylabel(words(free[row]), fontsize=9)
     note = "; green: the truth" if truth else ""
     figure.suptitle(f"posterior, grey: the prior{note};\nbars 90 %, lines hold 50 and 90 % of the draws", fontsize=9)
     return figure

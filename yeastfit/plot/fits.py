@@ -11,7 +11,10 @@ from yeastfit.inference.fit.bootstrap_profile import Bootstrap, Profile
 from yeastfit.inference.fit.result import Condition, Fit
 from yeastfit.measure.statistics.registry import title_of
 from yeastfit.plot.information import draw_ellipse
-from yeastfit.plot.style import COLONY, CONDITIONS
+from yeastfit.plot.style import COLONY, CONDITIONS, literal, words
+from yeastfit.text import short
+
+NAME_WIDTH = 40  # letters of a condition's name in one line of a legend
 
 
 def fit(result: Fit, truth: Mapping[str, float] | None = None) -> Figure:
@@ -68,7 +71,7 @@ def convergence(result: Fit) -> Figure:
                 panel.plot([s.simulations for s in shown], values, mark, ms=4, lw=1.2, color=color, label=label)
     for panel, name in zip(upper, result.free, strict=True):
         panel.set_yscale("log")
-        panel.set_ylabel(name.replace("_", " "), fontsize=8)
+        panel.set_ylabel(words(name, 24), fontsize=8)
         value, error = result.values[name], result.standard_errors[name]
         if np.isfinite(error):
             panel.axhspan(max(value - error, 1e-3 * value), value + error, color=COLONY, alpha=0.18, lw=0)
@@ -103,7 +106,7 @@ def profiles(results: Mapping[str, Profile]) -> Figure:
         for level, share in ((1.0, "68 %"), (3.84, "95 %")):
             panel.axhline(level, color="0.8", lw=0.8)
             panel.annotate(share, (1, level), xycoords=("axes fraction", "data"), fontsize=7, ha="right", va="bottom")
-        panel.set(ylim=(-0.2, 9), xlabel=name.replace("_", " "))
+        panel.set(ylim=(-0.2, 9), xlabel=words(name))
     figure.axes[0].set_ylabel("rise of χ²")
     figure.axes[0].legend(fontsize=7)
     return figure
@@ -134,9 +137,9 @@ def bootstrap(result: Bootstrap, fitted: Fit) -> Figure:
         panel.plot(away[:, x], away[:, y], ".", ms=2.5, color="black", alpha=0.5)
         panel.tick_params(labelsize=7)
         if row == count - 1:
-            panel.set_xlabel(fitted.free[x].replace("_", " ") + " (%)", fontsize=8)
+            panel.set_xlabel(words(fitted.free[x]) + " (%)", fontsize=8)
         if column == 0:
-            panel.set_ylabel(fitted.free[y].replace("_", " ") + " (%)", fontsize=8)
+            panel.set_ylabel(words(fitted.free[y]) + " (%)", fontsize=8)
     figure.suptitle(
         "log λ of resampled replicates, less the estimate;\nellipses: one and two standard errors", fontsize=9
     )
@@ -151,7 +154,7 @@ def _draw_condition(upper: Any, lower: Any, each: Condition, row: int, color: st
     error = np.full(targets.mean.shape, np.nan)
     error[targets.measured] = np.sqrt(np.diag(each.covariance))
     fitted, mean, spread = each.fitted[row, seen], targets.mean[row, seen], error[row, seen]
-    of = f" of {each.name}" if each.name else ""
+    of = f" of {literal(each.name, NAME_WIDTH)}" if each.name else ""
     if seen.sum() > 1:
         upper.fill_between(times, fitted - spread, fitted + spread, color=color, alpha=0.2, lw=0)
         upper.plot(times, fitted, color=color, lw=1.8, label=f"fitted model{of}, ± error of the comparison")
@@ -170,6 +173,8 @@ def _summary(result: Fit, truth: Mapping[str, float] | None) -> str:
     for name, value in result.values.items():
         error = result.standard_errors[name]
         known = f", true {truth[name]:.3g}" if truth and name in truth else ""
-        parts.append(f"{name} {value:.3g}" + (f" ± {error:.2g}" if np.isfinite(error) else " (no error)") + known)
+        parts.append(
+            f"{literal(short(name))} {value:.3g}" + (f" ± {error:.2g}" if np.isfinite(error) else " (no error)") + known
+        )
     lines = ["    ".join(parts[k : k + 3]) for k in range(0, len(parts), 3)]
     return "\n".join([*lines, f"chi-square {result.chi_square:.1f} on {result.degrees_of_freedom}; {result.message}"])

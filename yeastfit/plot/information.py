@@ -1,6 +1,5 @@
 """Figures of what data tell about parameters: sloppy spectrum, error ellipses, and what to measure next."""
 
-import textwrap
 from collections.abc import Callable
 from typing import Any
 
@@ -11,6 +10,7 @@ from matplotlib.figure import Figure
 from yeastfit.inference.information.design_result import Design
 from yeastfit.inference.information.identifiability import percent
 from yeastfit.inference.information.result import Information
+from yeastfit.plot.style import words
 
 SEEN, BLIND = "#7a5230", "#b00020"
 CIRCLE = np.linspace(0.0, 2 * np.pi, 181)
@@ -57,7 +57,7 @@ def spectrum(result: Information) -> Figure:
     upper.legend(fontsize=7, loc="best")
     image = lower.imshow(result.directions.T, cmap="RdBu", vmin=-1, vmax=1, aspect="auto")
     _write_numbers(lower, result.directions.T, "{:.2f}", lambda value: abs(value) > 0.65)
-    lower.set(xticks=places, yticks=range(count), yticklabels=[name.replace("_", " ") for name in result.free])
+    lower.set(xticks=places, yticks=range(count), yticklabels=[words(name) for name in result.free])
     lower.set_xticklabels([str(k + 1) for k in places])
     lower.set_xlabel("direction in log λ", fontsize=8)
     figure.colorbar(image, ax=lower, label="component", shrink=0.9, pad=0.02)
@@ -85,12 +85,12 @@ def ellipses(result: Information) -> Figure:
         draw_ellipse(panel, result.log_covariance[np.ix_([x, y], [x, y])])
         panel.tick_params(labelsize=7)
         if row == cells - 1:
-            panel.set_xlabel(result.free[x].replace("_", " ") + " (%)", fontsize=8)
+            panel.set_xlabel(words(result.free[x]) + " (%)", fontsize=8)
         if column == 0:
-            panel.set_ylabel(result.free[y].replace("_", " ") + " (%)", fontsize=8)
+            panel.set_ylabel(words(result.free[y]) + " (%)", fontsize=8)
     lines = ["Errors of log λ: one and two standard errors"]
     if result.undetermined:
-        lines += textwrap.wrap("not determined: " + ", ".join(result.undetermined).replace("_", " "), 22 + 20 * cells)
+        lines.append(words("not determined: " + ", ".join(result.undetermined), 22 + 20 * cells))
     if len(kept) < 2:
         lines.append("no pair is left")
     figure.suptitle("\n".join(lines), fontsize=9)
@@ -106,7 +106,7 @@ def design(result: Design) -> Figure:
     Returns:
         A figure with a row for each statistic, one for whole images, and the chosen sequence as numbers.
     """
-    rows = [*(name.replace("_", " ") for name in result.statistics), "whole image"]
+    rows = [*(words(name) for name in result.statistics), "whole image"]
     table = np.vstack([100 * result.table(), np.full((1, len(result.times)), np.nan)])
     for choice in result.images:
         table[-1, result.column(choice)] = 100 * choice.reduction

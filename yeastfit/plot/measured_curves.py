@@ -1,6 +1,5 @@
 """The figure of a data set: every statistic over time, condition by condition, with the spread of colonies."""
 
-import textwrap
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -8,7 +7,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from yeastfit.plot.style import CONDITIONS
+from yeastfit.plot.style import CONDITIONS, literal, words
 
 COLUMNS = 4
 
@@ -44,7 +43,7 @@ def condition_curves(
                 _draw_over_time(panel, mine, mean, name, colors[condition])
             else:
                 _draw_side_by_side(panel, mine, mean, name, colors[condition], k)
-        panel.set_title(name.replace("_", " ") + (f" ({unit})" if unit else ""), fontsize=9)
+        panel.set_title(words(name) + (f" ({unit})" if unit else ""), fontsize=9)
         panel.tick_params(labelsize=7)
         panel.spines[["top", "right"]].set_visible(False)
         if over_time:
@@ -52,11 +51,11 @@ def condition_curves(
             panel.set_xlabel("hours", fontsize=7)
         else:
             panel.set(xlim=(-0.6, len(conditions) - 0.4), xticks=range(len(conditions)))
-            panel.set_xticklabels([textwrap.fill(name or "all", 16) for name in conditions], parse_math=False)
+            panel.set_xticklabels([literal(name or "all", 16) for name in conditions])
     for panel in axes.ravel()[len(units) :]:
         panel.axis("off")
     if over_time and conditions != [""]:
-        handles = [Line2D([], [], color=colors[name], label=name or "no condition") for name in conditions]
+        handles = [Line2D([], [], color=colors[name], label=literal(name or "no condition", 40)) for name in conditions]
         figure.legend(handles=handles, loc="outside upper center", ncols=min(len(conditions), 6), fontsize=8)
     return figure
 

@@ -9,9 +9,10 @@ from matplotlib.figure import Figure
 from PIL import Image, ImageDraw
 
 from yeastfit.measure.outlining.segmentation import outline
-from yeastfit.plot.style import OUTLINE
+from yeastfit.plot.style import OUTLINE, literal
 
 DOUBTFUL = "#b00020"
+HIGHEST = 20.0  # inches of a micrograph
 
 
 def overlay(
@@ -32,7 +33,8 @@ def overlay(
     size = pixel_size or 1.0
     rows, columns = pixels.shape
     inches = np.array([6.3, 6.3 * rows / columns])
-    whole = inches + 0.75
+    inches *= min(1.0, HIGHEST / inches[1])
+    whole = np.maximum(inches, (6.3, 0.0)) + 0.75
     figure = Figure(figsize=(whole[0], whole[1]))
     left, bottom, width, height = (*(0.6, 0.45) / whole, *inches / whole)
     axes = figure.add_axes((left, bottom, width, height))
@@ -40,7 +42,7 @@ def overlay(
     for contour in outline(mask):
         axes.plot(contour[:, 1] * size, contour[:, 0] * size, color=OUTLINE, lw=0.7)
     axes.set(xlabel="µm" if pixel_size else "pixels (size unknown)")
-    figure.text(0.6 / whole[0], 1 - 0.2 / whole[1], title, fontsize=9, va="center", parse_math=False)
+    figure.text(0.6 / whole[0], 1 - 0.2 / whole[1], literal(title), fontsize=9, va="center")
     if doubts:
         lines = "\n".join(textwrap.fill(f"• {doubt}", 95, subsequent_indent="   ") for doubt in doubts)
         box = {"facecolor": "#ffe9a8", "edgecolor": "none", "alpha": 0.92, "pad": 3}
@@ -101,5 +103,5 @@ def thumbnail_sheet(
         axes.axis("off")
         axes.set_anchor("N")
         color = DOUBTFUL if doubt else "black"
-        axes.set_title(textwrap.fill(caption, 26), fontsize=5.5, color=color, pad=2, parse_math=False)
+        axes.set_title(literal(caption, 26), fontsize=5.5, color=color, pad=2)
     return figure

@@ -14,7 +14,7 @@ from yeastfit.inference.posterior.result import Posterior
 from yeastfit.inference.targets import Targets
 from yeastfit.measure.outlining.segmentation import outline
 from yeastfit.measure.statistics.registry import title_of
-from yeastfit.plot.style import COLONY, CONDITIONS, OUTLINE
+from yeastfit.plot.style import COLONY, CONDITIONS, OUTLINE, literal, words
 
 LINES = 12  # chains of a trace plot, at most
 
@@ -26,12 +26,12 @@ def traces(posterior: Posterior) -> Figure:
     for k, panel in enumerate(figure.subplots(count, 1, sharex=not posterior.weighted, squeeze=False)[:, 0]):
         if posterior.weighted:
             panel.plot(posterior.flat[:, k], posterior.weights.ravel(), ".", ms=3, color=COLONY, alpha=0.6)
-            panel.set_xlabel(posterior.free[k].replace("_", " "), fontsize=8)
+            panel.set_xlabel(words(posterior.free[k]), fontsize=8)
             panel.set_ylabel("weight", fontsize=8)
         else:
             for number, chain in enumerate(posterior.values[:LINES, :, k]):
                 panel.plot(chain, lw=0.6, color=CONDITIONS[number % len(CONDITIONS)], alpha=0.8)
-            panel.set_ylabel(posterior.free[k].replace("_", " "), fontsize=8)
+            panel.set_ylabel(words(posterior.free[k]), fontsize=8)
         panel.tick_params(labelsize=7)
     if not posterior.weighted:
         figure.axes[-1].set_xlabel("draw", fontsize=8)
@@ -52,7 +52,7 @@ def ranks(chains: ChainDiagnostics) -> Figure:
             panel.stairs(shares, edges, baseline=None, color=CONDITIONS[one % len(CONDITIONS)], alpha=faint)
         panel.axhline(1 / bins, color="black", lw=1)
         panel.set(xlabel="rank", ylim=(0, None))
-        panel.set_title(f"{chains.free[k].replace('_', ' ')}, p = {chains.unequal[k]:.2g}", fontsize=9)
+        panel.set_title(f"{words(chains.free[k])}, p = {chains.unequal[k]:.2g}", fontsize=9)
         panel.tick_params(labelsize=7)
     figure.axes[0].set_ylabel(f"share of each of {number} chains\n(grey: two sd of chance)", fontsize=8)
     return figure
@@ -180,4 +180,4 @@ def _frame(
             extent[0] + (contour[:, 1] + 0.5) * pixel, extent[3] + (contour[:, 0] + 0.5) * pixel, color=OUTLINE, lw=0.8
         )
     panel.set(xlim=(-reach, reach), ylim=(reach, -reach))
-    panel.set_title(title, fontsize=7, parse_math=False)
+    panel.set_title(literal(title), fontsize=7)

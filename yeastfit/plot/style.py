@@ -1,14 +1,46 @@
-"""What all figures share: colours, and how a figure is written to a file."""
+"""What all figures share: colours, text from users and files, and how a figure is written to a file."""
 
+import textwrap
+from functools import cache
 from pathlib import Path
 
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.font_manager import FontProperties, findfont, get_font
 
 from yeastfit.storage import written_whole
+from yeastfit.text import shown
 
 COLONY, TRUTH, OUTLINE = "#7a5230", "#1b7837", "#ff4d00"
 CONDITIONS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#000000")  # Okabe and Ito
+
+
+def literal(text: str, width: int | None = None) -> str:
+    r"""Make any text one that matplotlib draws as it is.
+
+    Arguments:
+        text: A label, a title, an entry of a legend, or a part of one.
+        width: Where to break lines, in characters; by default there is one line.
+
+    Returns:
+        The text as `yeastfit.text.shown` writes it, without mathtext, as `$` is escaped; with `\u4e2d` and the like for
+        letters that the font lacks; with a space before an underscore at its start, which would hide the entry of a
+        legend.
+    """
+    drawn = "".join(each if _has_glyph(each) else each.encode("unicode_escape").decode() for each in shown(text))
+    lines = drawn if width is None else textwrap.fill(drawn, width)
+    return (" " if drawn.startswith("_") else "") + lines.replace("$", r"\$")
+
+
+def words(name: str, width: int | None = None) -> str:
+    """Write the name of a parameter or a statistic with spaces, to be drawn as it is; see `literal`."""
+    return literal(name.replace("_", " "), width)
+
+
+@cache
+def _has_glyph(character: str) -> bool:
+    """Whether the font of figures has a glyph."""
+    return character.isascii() or bool(get_font(findfont(FontProperties())).get_char_index(ord(character)))
 
 
 def save(figure: Figure, path: str | Path) -> None:

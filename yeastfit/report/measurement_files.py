@@ -15,6 +15,7 @@ from yeastfit.measure.statistics.registry import STATISTICS, names_with
 from yeastfit.report.measurement_page import measurement_page
 from yeastfit.report.outcome import Outcome
 from yeastfit.storage import remove_files, versions, write_json, write_table, written_whole
+from yeastfit.text import short
 
 FILES = (
     "measurements.csv",
@@ -130,6 +131,7 @@ def _write_contact_sheet(folder: Path, outcomes: Sequence[Outcome]) -> None:
 
 def _caption(outcome: Outcome) -> str:
     image = outcome.image
-    place = image.label if image.hours is None else f"{image.condition} {image.replicate}, {image.hours:g} h".strip()
+    known = image.hours is not None
+    place = f"{image.condition} {image.replicate}, {image.hours:g} h".strip() if known else image.label
     remarks = [*outcome.doubts, *([] if outcome.row else ["not measured"])]
-    return place + (f" - {', '.join(remarks)}" if remarks else "")
+    return short(place) + (f" - {', '.join(remarks)}" if remarks else "")

@@ -1,5 +1,6 @@
 """The result of a fit: saved, loaded, tabled and drawn."""
 
+import json
 from dataclasses import fields, replace
 from pathlib import Path
 
@@ -101,6 +102,20 @@ def test_curves_are_drawn_with_the_fit_and_the_truth(alone: Fit, both: Fit) -> N
     said = words(plot.fit(both))
     for part in ("of rich", "of poor", "mobility of rich"):
         assert part in said
+
+
+def test_conditions_of_any_name_are_drawn_as_they_are(both: Fit, tmp_path: Path) -> None:
+    """No mathtext, no markup; warnings are errors, also those of missing glyphs and of labels that are too long."""
+    both.save(tmp_path / "fit.json")
+    plain = (tmp_path / "fit.json").read_text()
+    for rich, poor in (("$\\frac{ 培养基 [red]", "_$50$ µM"), ("x " * 100, "y" * 200)):
+        odd = plain.replace("rich", json.dumps(rich)[1:-1]).replace("poor", json.dumps(poor)[1:-1])
+        (tmp_path / "odd.json").write_text(odd)
+        result = Fit.load(tmp_path / "odd.json")
+        assert result.free[:2] == (f"mobility of {rich}", f"mobility of {poor}")
+        for figure in (plot.fit(result), plot.convergence(result), plot.spectrum(result.information)):
+            words(figure)
+        words(plot.ellipses(result.information))
 
 
 def test_convergence_is_drawn_over_colonies(alone: Fit) -> None:
