@@ -25,6 +25,7 @@ Grey = UInt8[np.ndarray, "row column"] | UInt16[np.ndarray, "row column"] | Floa
 MAX_PIXELS = 100_000_000  # refused from the header, before anything is allocated
 MAX_BYTES = 8 * MAX_PIXELS  # likewise, for wide types and many channels
 DENSEST = {1: 1, 5: 3_000, 8: 1_100, 32_773: 64, 32_946: 1_100}  # bytes in a stored one: none, LZW, deflate, PackBits
+MAX_RATIO = 32  # of the sides
 MIN_SIDE = 16  # pixels; below, a background cannot be told from a colony
 LUMINANCE = np.array([0.2125, 0.7154, 0.0721], dtype=np.float32)  # of red, green and blue, Rec. 709
 
@@ -157,6 +158,8 @@ def _check_size(path: Path, width: int, height: int, pages: int) -> None:
         raise InputError(
             f"{path}: {width} x {height} pixels, need at most {MAX_PIXELS // 10**6} million: crop or bin it"
         )
+    if max(width, height) > MAX_RATIO * max(min(width, height), MIN_SIDE):
+        raise InputError(f"{path}: {width} x {height} pixels, need sides at most {MAX_RATIO} times each other: crop it")
 
 
 def _check_stored(path: Path, page: Any) -> None:
