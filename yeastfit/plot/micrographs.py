@@ -36,7 +36,7 @@ def overlay(
     inches *= min(1.0, HIGHEST / inches[1])
     whole = np.maximum(inches, (6.3, 0.0)) + 0.75
     figure = Figure(figsize=(whole[0], whole[1]))
-    left, bottom, width, height = (*(0.6, 0.45) / whole, *inches / whole)
+    left, bottom, width, height = (float(part) for part in (*(0.6, 0.45) / whole, *inches / whole))
     axes = figure.add_axes((left, bottom, width, height))
     axes.imshow(pixels, cmap="gray", extent=(-0.5 * size, (columns - 0.5) * size, (rows - 0.5) * size, -0.5 * size))
     for contour in outline(mask):
