@@ -3,8 +3,11 @@
 Those of `yeastfit.plot` are pinned in plot/test_names.py.
 """
 
+import subprocess
+import sys
+
 import yeastfit
-from yeastfit import measure, model
+from yeastfit import measure, model, offlattice
 
 
 def test_the_package() -> None:
@@ -31,3 +34,17 @@ def test_measuring() -> None:
     names = "HardStatistics Indicator Pixels SmoothStatistics measure_mask node_statistics"
     assert measure.__all__ == names.split()
     assert all(hasattr(measure, name) for name in measure.__all__)
+
+
+def test_the_off_lattice_model() -> None:
+    names = (
+        "BinnedOutlines Ellipses OfflatticeColony OfflatticeSimulator grow grow_many match_exactly search_from_below"
+    )
+    assert sorted(offlattice.__all__) == names.split()
+    assert all(hasattr(offlattice, name) for name in offlattice.__all__)
+    assert not hasattr(offlattice, "shrink")
+
+
+def test_numba_is_imported_where_colonies_grow() -> None:
+    said = "import sys, yeastfit.offlattice.parameters; print('numba' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", said], capture_output=True, text=True).stdout == "False\n"
