@@ -42,6 +42,7 @@ from yeastfit.inference.colony_simulator import DEFAULT_FREE
 from yeastfit.inference.fit.least_squares import fit
 from yeastfit.inference.fit.settings import FitSettings
 from yeastfit.inference.parameter_space import ParameterSpace
+from yeastfit.inference.targets_from_table import targets_of
 from yeastfit.model.numerics import Numerics
 from yeastfit.model.parameters import PARAMETERS
 from yeastfit.processors import available_processors
@@ -126,7 +127,7 @@ def recovered(study: Study, number: int, report: Report) -> Record:
     began = time.perf_counter()
     record: Record = {"truth": number, "asked": study.asked(number), "left out": len(data.warnings)}
     try:
-        (targets,) = data.targets((), STATISTICS, recipe.scales).values()
+        targets = targets_of(data.rows, data.folder, statistics=STATISTICS, scales=recipe.scales)
         found = fit(targets, seed=number, settings=study.settings)
     except (InputError, SimulationError) as error:
         nothing = dict.fromkeys(DEFAULT_FREE)

@@ -9,14 +9,15 @@ import signal
 import threading
 import time
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
-from yeastfit import FORWARD_MODELS, PARAMETERS, ForwardModel, Observable, ParameterSet, Scales, Simulator, Targets
+from yeastfit import FORWARD_MODELS, PARAMETERS, Observable, ParameterSet, Prior, Scales, Simulator, Targets
 from yeastfit.commands import app as cli
+from yeastfit.inference.models.algebraic import Algebraic
 
 TRUTH = {"mobility": 1.5, "aspect_ratio": 0.5}
 HOURS = (4.0, 6.0, 8.0)
@@ -62,21 +63,27 @@ def before(simulator: KnownColonies, values: np.ndarray, seeds: np.ndarray) -> N
     """Called before each batch; tests put something else here."""
 
 
-def discs(simulator: Simulator, values: np.ndarray, targets: Targets, seed: int) -> tuple[list[np.ndarray], float]:
-    """Outlines: discs that grow from row to row, and their µm per pixel."""
-    x = np.arange(-80, 81)
-    return [np.hypot(x[:, None], x) <= 40 + 10 * k for k in range(len(values))], 0.375
+@dataclass(frozen=True)
+class Known(Algebraic):
+    """Such colonies as a forward model; outlines are discs that grow from row to row."""
+
+    free = ("mobility", "aspect_ratio")
+    nouns = ("disc", "discs")
+
+    def simulator(self, targets: Targets, free: Sequence[str], fixed: Mapping[str, float]) -> Simulator:
+        return KnownColonies(PARAMETERS.subset(free), dict(fixed), targets.observables)
+
+    def outlines(
+        self, simulator: Simulator, values: np.ndarray, targets: Targets, seed: int
+    ) -> tuple[list[np.ndarray], float]:
+        x = np.arange(-80, 81)
+        return [np.hypot(x[:, None], x) <= 40 + 10 * k for k in range(len(values))], 0.375
+
+    def check(self, prior: Prior, fixed: Mapping[str, float]) -> None:
+        """Known curves need no time step."""
 
 
-FORWARD_MODELS["known"] = ForwardModel(
-    parameters=PARAMETERS,
-    free=("mobility", "aspect_ratio"),
-    simulator=lambda targets, free, fixed, resolution: KnownColonies(
-        PARAMETERS.subset(free), dict(fixed), targets.observables
-    ),
-    nouns=("disc", "discs"),
-    outlines=discs,
-)
+FORWARD_MODELS["known"] = Known
 
 
 def write_measurements(path: Path, replicates: int = 6, seed: int = 3, conditions: tuple[str, ...] = ("",)) -> Path:

@@ -15,7 +15,7 @@ def test_the_package() -> None:
     FORWARD_MODELS HARD LI2024 PARAMETERS RULES SAMPLERS STATISTICS BirthRule Births BuddingRule CachedSimulator
     ColonySimulator ContactRule Context Dataset DeathRule Design Diagnostics Fit FitSettings FitStatus ForwardModel
     GradientCheck Imaging Information InputError Model Numerics Observable Parameter ParameterSet Parameters
-    Posterior Prior Problem Relaxation Resolution Scales Sensitivity Setting Simulation SimulationError Simulator
+    Posterior Prior Problem Relaxation Resolution Scales Seen Sensitivity Setting Simulation SimulationError Simulator
     Statistic Status Store Targets UptakeRule available_processors check_derivatives check_gradients design explore
     fit infer information information_of measure measure_dataset measure_file member_keys model plot profiles
     read_dataset read_truth register_statistic robust_mean sensitivity simulate

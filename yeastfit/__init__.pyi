@@ -10,7 +10,6 @@ from .inference.fit.bootstrap_profile import explore, profiles
 from .inference.fit.least_squares import fit
 from .inference.fit.result import Fit, FitStatus
 from .inference.fit.settings import FitSettings
-from .inference.forward_models import FORWARD_MODELS, ForwardModel
 from .inference.imaging import Imaging
 from .inference.information.design import design
 from .inference.information.design_result import Design
@@ -18,6 +17,8 @@ from .inference.information.experiment import information_of
 from .inference.information.fisher import information
 from .inference.information.result import Information
 from .inference.li2024 import LI2024
+from .inference.models.forward_model import ForwardModel, Seen
+from .inference.models.registry import FORWARD_MODELS
 from .inference.posterior.cached_simulator import CachedSimulator
 from .inference.posterior.diagnostics import Diagnostics
 from .inference.posterior.prior import Prior
@@ -96,6 +97,7 @@ __all__ = [
     "Relaxation",
     "Resolution",
     "Scales",
+    "Seen",
     "Sensitivity",
     "Setting",
     "Simulation",

@@ -2,6 +2,7 @@
 
 import csv
 import json
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -11,8 +12,10 @@ import tifffile
 import typer
 from PIL import Image
 
+from yeastfit import FORWARD_MODELS, ForwardModel, Simulator, Targets
 from yeastfit.commands import app as cli
-from yeastfit.commands.options import with_parameters
+from yeastfit.commands.generated_options import generated
+from yeastfit.commands.model_options import ChosenModel, ModelOptions
 from yeastfit.errors import SimulationError
 from yeastfit.measure.reading.dataset import read_dataset
 from yeastfit.parameter_set import Parameter, ParameterSet
@@ -198,31 +201,44 @@ def test_a_computation_that_comes_to_nothing_is_one_line_and_exit_code_1(
     def fails(*arguments: object, **options: object) -> None:
         raise SimulationError("nothing came of it")
 
-    monkeypatch.setattr("yeastfit.commands.simulate.run_simulation", fails)
+    monkeypatch.setattr("yeastfit.inference.models.algebraic.run_simulation", fails)
     assert cli.run(["simulate", "--out", str(tmp_path)]) == 1
     assert capsys.readouterr().err.strip() == "error: nothing came of it"
 
 
-def test_options_follow_from_any_set_of_parameters(capsys: pytest.CaptureFixture[str]) -> None:
-    parameters = ParameterSet(
-        (
-            Parameter("growth_rate", "r", "growth per cell", (0.1, 1.0), 0.5, unit="1/h"),
-            Parameter("capacity", "K", "cells at most", (10.0, 1000.0), 100.0),
+def test_options_follow_from_any_set_of_parameters(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    class Culture(ForwardModel):
+        parameters = ParameterSet(
+            (
+                Parameter("growth_rate", "r", "growth per cell", (0.1, 1.0), 0.5, unit="1/h"),
+                Parameter("capacity", "K", "cells at most", (10.0, 1000.0), 100.0),
+            )
         )
-    )
-    received: list[tuple[int, dict[str, float]]] = []
+        free = ("growth_rate",)
 
-    @with_parameters(parameters)
-    def command(count: Annotated[int, typer.Option()] = 1, *, parameters: dict[str, float]) -> None:
-        received.append((count, parameters))
+        def simulator(self, targets: Targets, free: Sequence[str], fixed: Mapping[str, float]) -> Simulator:
+            raise NotImplementedError
 
-    app = typer.Typer()
-    app.command()(command)
-    app(["--growth-rate", "0.25", "--count", "3"], standalone_mode=False)
-    assert received == [(3, {"growth_rate": 0.25, "capacity": 100.0})]
-    app(["--help"], standalone_mode=False)
-    said = " ".join(capsys.readouterr().out.split())
-    assert "r, growth per cell. Plausible: 0.1 to 1 1/h." in said
+    monkeypatch.setitem(FORWARD_MODELS, "culture", Culture)
+    received: list[tuple[int, ChosenModel]] = []
+
+    @generated(chosen=ModelOptions("fit"))
+    def command(count: Annotated[int, typer.Option()] = 1, *, chosen: ChosenModel) -> None:
+        received.append((count, chosen))
+
+    def run(*arguments: str) -> None:
+        app = typer.Typer()
+        app.command()(command.called_with(arguments))
+        app(arguments, standalone_mode=False)
+
+    run("--model", "culture", "--growth-rate", "0.25", "--count", "3")
+    ((count, chosen),) = received
+    assert (count, chosen.name, chosen.values) == (3, "culture", {"growth_rate": 0.25})
+    run("--model", "culture", "--help")
+    said = " ".join(capsys.readouterr().out.replace("│", " ").split())
+    assert "r, growth per cell. Plausible: 0.1 to 1 1/h. Default: 0.5." in said
 
 
 def test_real_micrographs_are_outlined(real_data: Path, tmp_path: Path) -> None:

@@ -14,7 +14,7 @@ from known_colonies import photographed, write_measurements
 from PIL import Image
 from stand_in import ROOT, SETTINGS, STATISTICS, TIMES, StandIn, bent, fitted, logs
 
-from yeastfit import Fit, FitSettings, FitStatus, Parameters, Scales, Targets, read_truth
+from yeastfit import ColonySimulator, Fit, FitSettings, FitStatus, Parameters, Scales, Targets, read_truth
 from yeastfit.commands import app as cli
 from yeastfit.commands import fit as cli_fit
 from yeastfit.commands.options import named_pairs_in
@@ -57,16 +57,17 @@ def quick(monkeypatch: pytest.MonkeyPatch) -> list[dict[str, Any]]:
     asked: list[dict[str, Any]] = []
 
     def run_fit(
-        targets: Targets | dict[str, Targets], *, settings: FitSettings, fixed: dict[str, float], **options: Any
+        targets: dict[str, Targets], simulators: dict[str, ColonySimulator], *, settings: FitSettings, **options: Any
     ) -> Fit:
-        asked.append({"targets": targets, "settings": settings, "fixed": fixed, **options})
+        (free,), fixed = {one.parameters.names for one in simulators.values()}, next(iter(simulators.values())).fixed
+        asked.append({"targets": targets, "settings": settings, "free": free, "fixed": fixed, **options})
         options["progress"]("growing", 0.5)
-        chosen = {name: options[name] for name in ("free", "own", "bounds", "seed")}
-        several = {"": targets} if isinstance(targets, Targets) else targets
+        chosen = {name: options[name] for name in ("own", "bounds", "seed")}
         short = replace(SETTINGS, members=(64,), spreads=(0.1,), measurement_error=settings.measurement_error)
-        return fitted(several, held=dict.fromkeys(several, Parameters(**fixed)), settings=short, **chosen)
+        held = dict.fromkeys(targets, Parameters(**fixed))
+        return fitted(targets, held=held, settings=short, free=free, **chosen)
 
-    def explore(result: Fit) -> Explored:
+    def explore(result: Fit, simulators: dict[str, ColonySimulator], fine: dict[str, ColonySimulator]) -> Explored:
         held = Parameters(**result.parameters)
         stand_in = StandIn(free=[entry.parameter for entry in result.space.entries], held=held)
         simulate: Callable[[np.ndarray], np.ndarray] = lambda theta: bent(stand_in.logarithms(np.exp(theta)))  # noqa: E731
@@ -89,8 +90,9 @@ def test_a_table_becomes_a_fit_with_tables_pictures_and_a_manifest(
         with Image.open(picture) as image:
             assert min(image.size) > 200
     (asked,) = quick
-    assert asked["targets"].imaging.estimator == "mask"
-    assert asked["targets"].mean.shape == (3, 4)
+    (targets,) = asked["targets"].values()
+    assert targets.imaging.estimator == "mask"
+    assert targets.mean.shape == (3, 4)
     result = Fit.load(out / "fit.json")
     assert result.seed == 3
     for name, value in (("mobility", 2.0), ("metabolic_rate", 0.7), ("aspect_ratio", 0.6)):

@@ -5,6 +5,7 @@ import inspect
 import os
 import re
 import sys
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from importlib.metadata import version
@@ -16,6 +17,7 @@ from typer.core import TyperCommand, TyperGroup
 
 from yeastfit.commands import signals
 from yeastfit.commands.failures import explained
+from yeastfit.commands.generated_options import with_options
 from yeastfit.commands.strict_numbers import strictly
 
 HELP = """Estimate how yeast colonies grow from micrographs: simulate, measure, fit, infer.
@@ -59,7 +61,7 @@ class _Commands(TyperGroup):
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
         """The command that is run and its arguments."""
         name, command, rest = super().resolve_command(ctx, args)
-        return name, command and loaded(name or ""), rest
+        return name, command and loaded(name or "", rest), rest
 
 
 app = typer.Typer(cls=_Commands, pretty_exceptions_enable=False)
@@ -73,7 +75,6 @@ def print_version(wanted: bool) -> bool:
     return wanted
 
 
-@app.callback(help=HELP)
 def options(
     wanted: Annotated[
         bool, typer.Option("--version", help="Print the version and exit.", callback=print_version, is_eager=True)
@@ -86,13 +87,13 @@ for name, summary in COMMANDS.items():
     app.command(name, help=summary)(lambda: None)
 
 
-def loaded(name: str) -> Any:
-    """Import a command of `COMMANDS` and make typer's object of it."""
+def loaded(name: str, arguments: Sequence[str] = ()) -> Any:
+    """Import a command of `COMMANDS` and make typer's object of it, with the options that these arguments bring."""
     command = getattr(importlib.import_module(f"yeastfit.commands.{name}"), name)
     # each paragraph in one line: typer breaks lines where the docstring does
     text = re.sub(r"(?<!\n)\n(?!\n)", " ", inspect.getdoc(command) or "")
     alone = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
-    alone.command(name, cls=_Command, help=text)(strictly(command))
+    alone.command(name, cls=_Command, help=text)(strictly(with_options(command, arguments)))
     return typer.main.get_command(alone)
 
 

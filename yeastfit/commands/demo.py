@@ -7,6 +7,7 @@ from typing import Annotated
 import typer
 
 from yeastfit.commands.fit import fit
+from yeastfit.commands.generated_options import with_options
 from yeastfit.commands.options import Jobs
 from yeastfit.errors import InputError
 
@@ -33,7 +34,7 @@ def demo(
         raise InputError(f"{IN_CLONE} is missing: neither a wheel of yeastfit nor a whole clone is installed")
     options = [*(QUICK if quick else []), *(["--jobs", str(jobs)] if jobs else [])]
     command = typer.Typer(pretty_exceptions_enable=False)
-    command.command()(fit)
+    command.command()(with_options(fit, options))
     with as_file(source) as images:
         code = command([str(images), "--out", str(folder), "--truth", *options], standalone_mode=False)
     raise typer.Exit(code or 0)

@@ -1,85 +1,29 @@
 """`yeastfit design`: which measurement would reduce the errors of the parameters most."""
 
-from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Annotated, Any
 
-import numpy as np
 import typer
 
-from yeastfit.commands.options import Out, Seed, names_in, numbers_in, with_parameters
+from yeastfit.commands.generated_options import flag_of, generated
+from yeastfit.commands.model_options import ChosenModel, Free, ModelOptions, Statistics
+from yeastfit.commands.options import Out, Seed, names_in, numbers_in
 from yeastfit.commands.terminal import out, shown_progress, warn
 from yeastfit.errors import InputError
-from yeastfit.inference.colony_simulator import DEFAULT_FREE
 from yeastfit.inference.information.design import design as make_design
 from yeastfit.inference.information.identifiability import percent
-from yeastfit.inference.sensitivity.estimate import sensitivity as estimate_sensitivity
 from yeastfit.inference.sensitivity.result import Sensitivity
-from yeastfit.measure.statistics.registry import known_statistics
-from yeastfit.model.numerics import Numerics
-from yeastfit.model.parameters import PARAMETERS, Parameters
-from yeastfit.progress import Progress
 from yeastfit.report.design_files import FILES, write_design
 from yeastfit.storage import remove_files, write_manifest
 
-
-@dataclass(frozen=True)
-class Colonies:
-    """Which colonies to grow for the sensitivity, as the options say it; parameters where they are not the default."""
-
-    changed: dict[str, float] = field(default_factory=dict)
-    times: str = "2,3,4,5,6"
-    statistics: str = "compactness,radius,area"
-    runs: int = 256
-    dt: float = 0.005
-    seed: int = 0
-
-    def sensitivity(self, progress: Progress) -> Sensitivity:
-        """Estimate the derivatives by regression along all parameters, which costs as much as along one."""
-        times = numbers_in("--times", self.times)
-        if not times or not np.isfinite(times).all() or min(times) <= 0:
-            raise InputError(f"--times is {self.times!r}, it must hold numbers above 0")
-        # every node may bud once in a unit of time
-        numerics = Numerics(dt=self.dt, capacity=2 ** (int(np.floor(max(times) + 1e-6)) + 1))
-        return estimate_sensitivity(
-            Parameters(**self.changed),
-            times=times,
-            statistics=names_in(self.statistics),
-            method="regression",
-            runs=self.runs,
-            seed=self.seed,
-            numerics=numerics,
-            progress=progress,
-        )
-
-    def read(self, path: Path) -> Sensitivity:
-        """Read an earlier sensitivity instead; raise `InputError` where an option asks for other colonies."""
-        given = [*self.changed, *(one.name for one in fields(self)[1:] if getattr(self, one.name) != one.default)]
-        if given:
-            option = "--" + given[0].replace("_", "-")
-            raise InputError(f"{option} is given beside --sensitivity, but {path} says it: leave out one of the two")
-        try:
-            return Sensitivity.load(path)
-        except (OSError, ValueError, KeyError, TypeError) as error:
-            raise InputError(
-                f"--sensitivity: {path} cannot be read as one ({type(error).__name__}: {error}), "
-                "need the sensitivity.json of an earlier run"
-            ) from error
+RUNS = 256
 
 
-@with_parameters(PARAMETERS)
+@generated(chosen=ModelOptions("design"))
 def design(
     folder: Out,
-    free: Annotated[
-        str, typer.Option(help="Names of the parameters that are to be estimated, with commas.")
-    ] = ",".join(DEFAULT_FREE),
-    times: Annotated[
-        str, typer.Option(help="Times at which colonies could be photographed, in units of 1/μ*, with commas.")
-    ] = Colonies.times,
-    statistics: Annotated[
-        str,
-        typer.Option(help=f"Statistics that could be measured, with commas: {', '.join(known_statistics('smooth'))}."),
-    ] = Colonies.statistics,
+    free: Free = None,
+    statistics: Statistics = None,
     measured_times: Annotated[
         str | None,
         typer.Option(
@@ -119,15 +63,14 @@ def design(
     ] = 0.01,
     runs: Annotated[
         int, typer.Option(help="Number of colonies to simulate, a multiple of 16. More give smaller errors.")
-    ] = Colonies.runs,
-    dt: Annotated[float, typer.Option(help="Time step, in units of 1/μ*.")] = Colonies.dt,
+    ] = RUNS,
     sensitivity: Annotated[
         Path | None,
         typer.Option(help="sensitivity.json of an earlier run, to use instead of new simulations.", show_default=False),
     ] = None,
     seed: Seed = 0,
     *,
-    parameters: dict[str, float],
+    chosen: ChosenModel,
 ) -> None:
     """Find the measurement that would reduce the errors of the parameters most.
 
@@ -135,14 +78,19 @@ def design(
     design.png, every possible next measurement with what it would achieve, and spectrum.png and information.json, what
     the existing data can and cannot tell about the parameters.
     """
-    changed = {name: value for name, value in parameters.items() if value != PARAMETERS[name].default}
-    colonies = Colonies(changed, times, statistics, runs, dt, seed)
+    if sensitivity:
+        others = {"statistics": statistics is not None, "runs": runs != RUNS, "seed": seed != 0}
+        given = (*chosen.given, *(name for name, one in others.items() if one))
+        if given:
+            said = f"{flag_of(given[0])} is given beside --sensitivity, but {sensitivity} says it"
+            raise InputError(f"{said}: leave out one of the two")
     remove_files(folder, FILES)
     if sensitivity:
-        found = colonies.read(sensitivity)
+        found = _read(sensitivity)
     else:
+        names = chosen.forward.statistics_named(names_in(statistics) or chosen.forward.designed)
         with shown_progress("growing colonies") as progress:
-            found = colonies.sensitivity(progress)
+            found = chosen.forward.sensitivity(names, chosen.values, runs=runs, seed=seed, progress=progress)
         found.save(folder / "sensitivity.json")
     known: dict[str, Any] = {
         "measured_times": measured_times and numbers_in("--measured-times", measured_times),
@@ -155,9 +103,10 @@ def design(
         "criterion": criterion,
         "measurement_error": measurement_error,
     }
-    result = make_design(found, free=names_in(free), **known)
+    result = make_design(found, free=names_in(free) or chosen.forward.fitted, **known)
     write_design(folder, result)
-    configuration = {"parameters": found.at, "free": result.free, **known}
+    how = {} if sensitivity else chosen.configuration("design")
+    configuration = {**how, "parameters": found.at, "free": result.free, **known}
     inputs = [sensitivity] if sensitivity else []
     write_manifest(folder, command="design", seed=found.seed, inputs=inputs, configuration=configuration)
     warn(list(found.warnings))
@@ -169,3 +118,14 @@ def design(
     for number, sentence in enumerate(result.sentences(), start=1):
         out.print(f"{number}. {sentence}", highlight=False)
     out.print(f"Results in {folder}")
+
+
+def _read(path: Path) -> Sensitivity:
+    """An earlier sensitivity."""
+    try:
+        return Sensitivity.load(path)
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise InputError(
+            f"--sensitivity: {path} cannot be read as one ({type(error).__name__}: {error}), "
+            "need the sensitivity.json of an earlier run"
+        ) from error

@@ -1,6 +1,7 @@
 """`yeastfit fit`: fit the model's parameters to measured curves."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -8,27 +9,24 @@ import numpy as np
 import typer
 from rich.table import Table
 
+from yeastfit.commands.generated_options import generated
 from yeastfit.commands.measured_source import check_source, measure_source, truth_of
+from yeastfit.commands.model_options import ChosenModel, Free, ModelOptions, Statistics
 from yeastfit.commands.options import (
-    SMOOTH,
     Jobs,
-    Length,
     MeasurementError,
     Out,
-    Rate,
     Seed,
     Truth,
     named_pairs_in,
     names_in,
-    with_parameters,
 )
 from yeastfit.commands.terminal import out, shown_progress, warn
-from yeastfit.inference.colony_simulator import COARSE, DEFAULT_FREE, Resolution
 from yeastfit.inference.fit.bootstrap_profile import Bootstrap, Profile, explore, profiles
 from yeastfit.inference.fit.least_squares import fit as run_fit
 from yeastfit.inference.fit.result import Fit
 from yeastfit.inference.fit.settings import FitSettings
-from yeastfit.model.parameters import PARAMETERS, Scales
+from yeastfit.inference.simulator import Simulator
 from yeastfit.processors import available_processors
 from yeastfit.report.fit_files import FILES, write_bootstrap, write_fit, write_profiles, write_targets
 from yeastfit.storage import remove_files, write_manifest
@@ -36,7 +34,7 @@ from yeastfit.storage import remove_files, write_manifest
 MANY_AT_EDGE = 0.02  # of bootstrap draws: from where intervals are visibly too narrow
 
 
-@with_parameters(PARAMETERS)
+@generated(chosen=ModelOptions("fit"))
 def fit(
     source: Annotated[
         Path, typer.Argument(help="A data set, or measurements.csv of `yeastfit measure`.", show_default=False)
@@ -50,20 +48,12 @@ def fit(
             show_default=False,
         ),
     ] = None,
-    free: Annotated[
-        str, typer.Option(help="Names of the parameters to fit, with commas. The others keep the values given below.")
-    ] = ",".join(DEFAULT_FREE),
+    free: Free = None,
     own: Annotated[
         str,
         typer.Option(help="Names of the fitted parameters that may differ between conditions; the others are shared."),
     ] = "none",
-    statistics: Annotated[
-        str,
-        typer.Option(
-            help=f"Statistics whose curves are fitted, with commas: {SMOOTH}, or any other "
-            "column of measurements.csv that the model has."
-        ),
-    ] = "compactness,radius",
+    statistics: Statistics = None,
     bounds: Annotated[
         list[str] | None,
         typer.Option(
@@ -87,7 +77,6 @@ def fit(
     starts: Annotated[
         int, typer.Option(min=1, help="Number of places in the search range to start from. More find a better minimum.")
     ] = FitSettings.starts,
-    dt: Annotated[float, typer.Option(help="Time step of the simulations, in units of 1/μ*.")] = COARSE.dt,
     measurement_error: MeasurementError = None,
     bootstrap: Annotated[
         int,
@@ -96,13 +85,11 @@ def fit(
     profile: Annotated[
         bool, typer.Option("--profile", help="Compute the profile likelihood of every fitted parameter.")
     ] = False,
-    rate: Rate = Scales.rate,
-    length: Length = Scales.length,
     truth: Truth = False,
     jobs: Jobs = None,
     seed: Seed = 0,
     *,
-    parameters: dict[str, float],
+    chosen: ChosenModel,
 ) -> None:
     """Fit the model's parameters to the colonies of a data set, with standard errors.
 
@@ -110,30 +97,35 @@ def fit(
     photograph of each colony is enough. Writes parameters.csv, fit.json, which yeastfit.Fit.load reads in Python, and
     pictures of the fit. Ends with exit code 1 where the fit did not converge.
     """
+    model = chosen.forward
+    names, fitted = model.statistics_named(names_in(statistics) or model.statistics), names_in(free) or model.fitted
     options: dict[str, Any] = {
-        "free": names_in(free),
         "own": () if own == "none" else names_in(own),
         "bounds": named_pairs_in("--bounds", bounds or (), "the ends of a range"),
         "prior": named_pairs_in("--prior", prior or (), "its centre and width"),
     }
     settings = FitSettings(method=method, starts=starts, measurement_error=measurement_error)  # type: ignore[arg-type]
+    held = {**model.parameters.defaults, **chosen.values}
+    held = {name: value for name, value in held.items() if name not in model.parameters.subset(fitted)}
     check_source(source, condition or ())
     known = truth_of(source) if truth else None
     remove_files(folder, FILES)
     with shown_progress("measuring micrographs") as progress:
         data = measure_source(source, folder, jobs or available_processors(), progress)
-    warn(data.warnings)
-    targets = data.targets(condition or (), names_in(statistics), Scales(length, rate))
-    write_targets(folder, targets)
-    single = next(iter(targets.values())) if len(targets) == 1 else targets
+    seen = data.seen(model, condition or (), names)
+    warn(data.warnings + list(dict.fromkeys(note for one in seen.values() for note in one.notes)))
+    targets = {"" if len(seen) == 1 else name: one.targets for name, one in seen.items()}
+    write_targets(folder, {name: one.targets for name, one in seen.items()})
+    both = [one.model.fit_simulators(one.targets, fitted, held) for one in seen.values()]
+    coarse, fine = (dict(zip(targets, each, strict=True)) for each in zip(*both, strict=True))
+    if measurement_error is None:
+        settings = replace(settings, measurement_error=model.measurement_errors(next(iter(targets.values())), None))
     with shown_progress("fitting") as progress:
-        coarse = Resolution(dt, COARSE.spacing)
-        result = run_fit(
-            single, fixed=parameters, resolution=coarse, seed=seed, settings=settings, progress=progress, **options
-        )
+        result = run_fit(targets, coarse, fine=fine, seed=seed, settings=settings, progress=progress, **options)
     write_fit(folder, result, known)
-    lines = _explored(folder, result, bootstrap, profile)
-    more = {"configuration": {"parameters": parameters, **options}, "seconds": result.seconds, "status": result.message}
+    lines = _explored(folder, result, bootstrap, profile, coarse, fine)
+    configuration = {**chosen.configuration("fit"), "parameters": held, "free": fitted, **options}
+    more = {"configuration": configuration, "seconds": result.seconds, "status": result.message}
     write_manifest(folder, command="fit", seed=seed, inputs=data.inputs, **more)
     warn(list(result.warnings))
     out.print(_table(result, known))
@@ -147,12 +139,14 @@ def fit(
         raise typer.Exit(1)
 
 
-def _explored(folder: Path, result: Fit, draws: int, profile: bool) -> list[str]:
+def _explored(
+    folder: Path, result: Fit, draws: int, profile: bool, coarse: Mapping[str, Simulator], fine: Mapping[str, Simulator]
+) -> list[str]:
     """Bootstrap and profiles where they are asked for: their files, and lines for the terminal."""
     if not (draws or profile):
         return []
     with shown_progress("growing colonies around the estimate"):
-        explored = explore(result)
+        explored = explore(result, coarse, fine=fine)
     lines: list[str] = []
     if draws:
         resampled = explored.bootstrap(draws)

@@ -6,16 +6,19 @@ from typing import Annotated
 import typer
 from rich.table import Table
 
-from yeastfit.commands.options import Seed, with_parameters
+from yeastfit.commands.generated_options import generated
+from yeastfit.commands.model_options import ChosenModel, ModelOptions
+from yeastfit.commands.options import Seed
 from yeastfit.commands.terminal import out, shown_progress, warn
 from yeastfit.derivatives.check_colony import check_gradients
+from yeastfit.model.model import Model
 from yeastfit.model.numerics import Numerics
-from yeastfit.model.parameters import PARAMETERS, Parameters
+from yeastfit.model.parameters import Parameters
 from yeastfit.model.relaxation import Relaxation
 from yeastfit.storage import write_manifest, write_table
 
 
-@with_parameters(PARAMETERS)
+@generated(chosen=ModelOptions("gradcheck", only="algebraic"))
 def gradcheck(
     folder: Annotated[
         Path | None,
@@ -29,14 +32,14 @@ def gradcheck(
     spacing: Annotated[float, typer.Option(help="Spacing of the nutrient's grid, in cell lengths L0.")] = 0.2,
     domain: Annotated[float, typer.Option(help="Side of the square dish, in cell lengths L0.")] = 12.0,
     capacity: Annotated[int, typer.Option(help="Largest possible number of nodes in a colony (cells + 1).")] = 64,
-    contact: Annotated[
+    contact_width: Annotated[
         float,
         typer.Option(help="Distance over which contact forces fade in, in cell lengths L0. 0 is the exact rule."),
     ] = 0.2,
     tolerance: Annotated[float, typer.Option(help="Largest relative difference that counts as agreement.")] = 5e-4,
     seed: Seed = 0,
     *,
-    parameters: dict[str, float],
+    chosen: ChosenModel,
 ) -> None:
     """Check the derivatives of a colony's statistics.
 
@@ -44,15 +47,17 @@ def gradcheck(
     widths of the smoothed rules, and along random changes of the initial positions, the nutrient and the budding
     angles. The table shows the worst case of each. Ends with exit code 1 unless all agree.
     """
-    chosen = Parameters(**parameters)
+    model: Model = chosen.forward.rules  # type: ignore[attr-defined]
+    parameters = model.complete(Parameters(**chosen.values))
     numerics = Numerics(domain=domain, spacing=spacing, dt=dt, capacity=capacity)
     with shown_progress("comparing derivatives") as progress:
         result = check_gradients(
-            chosen,
+            parameters,
+            model=model,
             times=[time / 2, time],
             key=seed,
             numerics=numerics,
-            relaxation=Relaxation(contact=contact),
+            relaxation=Relaxation(contact=contact_width),
             tolerance=tolerance,
             progress=progress,
         )
@@ -63,7 +68,8 @@ def gradcheck(
     out.print(table)
     if folder:
         write_table(folder / "gradcheck.csv", result.rows())
-        configuration = {"parameters": chosen.asdict(), "contact": contact, "numerics": vars(numerics)}
+        configuration = {**chosen.configuration("gradcheck"), "parameters": parameters.asdict()}
+        configuration |= {"contact_width": contact_width, "numerics": vars(numerics)}
         more = {"configuration": configuration, "passed": result.passed}
         write_manifest(folder, command="gradcheck", seed=seed, inputs=[], **more)
     warn(result.warnings())

@@ -8,25 +8,25 @@ from typing import Annotated, Any
 import typer
 
 from yeastfit.commands.failures import reason
+from yeastfit.commands.generated_options import generated
 from yeastfit.commands.infer_config import Request
-from yeastfit.commands.infer_options import WithGeneratedOptions
 from yeastfit.commands.infer_run import InferRun
 from yeastfit.commands.measured_source import truth_of
-from yeastfit.commands.options import SMOOTH, Jobs, Length, MeasurementError, Rate, Seed, Truth, names_in
+from yeastfit.commands.model_options import ChosenModel, Free, ModelOptions, Statistics
+from yeastfit.commands.options import Jobs, MeasurementError, Seed, Truth, names_in
 from yeastfit.commands.run_folder import inputs_of
+from yeastfit.commands.sampler_options import SamplerOptions
 from yeastfit.commands.signals import remaining
 from yeastfit.commands.terminal import growing, out, shown_progress, warn
 from yeastfit.errors import InputError
-from yeastfit.inference.colony_simulator import Resolution
 from yeastfit.inference.posterior.prior import template
-from yeastfit.model.parameters import Scales
 from yeastfit.processors import available_processors
 from yeastfit.storage import write_manifest
 
 DATA, MODEL, RUN = "Data", "Model and prior", "The run"
 
 
-@WithGeneratedOptions
+@generated(chosen=ModelOptions("infer"), settings=SamplerOptions())
 def infer(
     source: Annotated[
         Path | None, typer.Argument(help="A data set, or measurements.csv of `yeastfit measure`.", show_default=False)
@@ -43,23 +43,8 @@ def infer(
             rich_help_panel=MODEL,
         ),
     ] = None,
-    model: Annotated[str, typer.Option(help="Which model grows the colonies.", rich_help_panel=MODEL)] = Request.model,
-    free: Annotated[
-        str | None,
-        typer.Option(
-            help="Parameters to infer, by name, with commas; by default mobility, metabolic rate and aspect ratio.",
-            show_default=False,
-            rich_help_panel=MODEL,
-        ),
-    ] = None,
-    statistics: Annotated[
-        str | None,
-        typer.Option(
-            help=f"Curves of the data, with commas: {SMOOTH}, or the table's. By default compactness,radius.",
-            show_default=False,
-            rich_help_panel=DATA,
-        ),
-    ] = None,
+    free: Free = None,
+    statistics: Statistics = None,
     condition: Annotated[
         str | None,
         typer.Option(
@@ -92,10 +77,6 @@ def infer(
     draws: Annotated[
         int, typer.Option(min=10, help="Data sets simulated at the end to check the posterior.", rich_help_panel=RUN)
     ] = Request.draws,
-    dt: Annotated[float, typer.Option(help="Time step of the model.", rich_help_panel=MODEL)] = Resolution.dt,
-    spacing: Annotated[
-        float, typer.Option(help="Spacing of the nutrient's grid, in cell lengths.", rich_help_panel=MODEL)
-    ] = Resolution.spacing,
     measurement_error: MeasurementError = None,
     reuse: Annotated[
         Path | None,
@@ -105,8 +86,6 @@ def infer(
             rich_help_panel=RUN,
         ),
     ] = None,
-    rate: Rate = Scales.rate,
-    length: Length = Scales.length,
     truth: Truth = False,
     resume: Annotated[
         bool, typer.Option("--resume", help="Go on with the run in the folder.", rich_help_panel=RUN)
@@ -114,8 +93,8 @@ def infer(
     jobs: Jobs = None,
     seed: Seed = 0,
     *,
+    chosen: ChosenModel,
     settings: dict[str, Any],
-    fixed: dict[str, float],
 ) -> None:
     """Infer which model parameters the data leave possible (posterior.csv, posterior.npz, index.html).
 
@@ -126,15 +105,14 @@ def infer(
     posterior. Parameters that are not free are held at the values given here. Exit code 1 where the posterior has not
     settled.
     """
-    chosen: dict[str, Any] = {
-        **{"model": model, "free": names_in(free) if free else (), "fixed": fixed, "condition": condition},
-        **{"prior": prior, "draws": draws, "resolution": Resolution(dt, spacing), "scales": Scales(length, rate)},
-        **{"measurement_error": measurement_error, "reuse": reuse, "seed": seed},
-        **({} if statistics is None else {"statistics": names_in(statistics)}),
+    asked: dict[str, Any] = {
+        **{"model": chosen.name, "forward_model": chosen.forward, "fixed": chosen.values},
+        **{"free": names_in(free), "statistics": names_in(statistics), "condition": condition, "prior": prior},
+        **{"draws": draws, "measurement_error": measurement_error, "reuse": reuse, "seed": seed},
     }
-    request = Request.of_li(method, settings, **chosen) if li else Request.of(method or "emulator", settings, **chosen)
+    request = Request.of_li(method, settings, **asked) if li else Request.of(method or "emulator", settings, **asked)
     if print_prior:
-        sys.stdout.write(template(request.parameters, bounded=request.bounded))
+        sys.stdout.write(template(request.the_prior(), request.parameters))
         return
     if source is None or folder is None:
         raise InputError(f"{'SOURCE' if source is None else '--out'} is missing: yeastfit infer SOURCE --out FOLDER")

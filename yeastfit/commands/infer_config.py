@@ -6,17 +6,14 @@ from pathlib import Path
 from typing import Any
 
 from yeastfit.errors import InputError
-from yeastfit.inference.colony_simulator import Resolution
-from yeastfit.inference.forward_models import FORWARD_MODELS, ForwardModel
+from yeastfit.inference.models.forward_model import ForwardModel
+from yeastfit.inference.models.registry import DEFAULT, model_named
 from yeastfit.inference.posterior.prior import Prior
 from yeastfit.inference.posterior.sampler import Sampler
 from yeastfit.inference.samplers import SAMPLERS, name_of, sampler_of, settings_of
-from yeastfit.measure.statistics.registry import known_statistics
-from yeastfit.model.parameters import Scales
 from yeastfit.parameter_set import ParameterSet
 
 LI = {"distance": "li", "kernel": "indicator", "move": "gaussian", "replicates": 1}  # settings of Li et al. 2024
-LI_STATISTICS = ("compactness", "radius", "area")
 
 
 @dataclass(frozen=True)
@@ -26,18 +23,16 @@ class Request:
     Attributes:
         sampler: Method, with its settings.
         model: Name in `FORWARD_MODELS`.
+        forward_model: The model with its settings; by default with those that `infer` has by default.
         free: Names of the free parameters; by default the model's.
         fixed: Values of others, by name.
-        statistics: Curves of the data.
+        statistics: Curves of the data; by default the model's.
         condition: Whose replicates are the data; may be left out where there is one.
         prior: File; by default the plausible ranges.
         bounded: Distribution of parameters that have a largest value, in the default prior.
         draws: Of the posterior predictive check.
-        resolution: Of the model. The data sets of data/synthetic are made with the default one; with a coarser one
-            compactness is off by up to 5 %.
         measurement_error: Relative, of the means; by default as the registry of statistics has it.
         reuse: Folder of another run whose simulations serve again.
-        scales: Of the data.
         seed: Same seed, same posterior.
 
     Raises:
@@ -45,29 +40,26 @@ class Request:
     """
 
     sampler: Sampler = field(default_factory=lambda: SAMPLERS["emulator"]())
-    model: str = "algebraic"
+    model: str = DEFAULT
+    forward_model: ForwardModel = None  # type: ignore[assignment]
     free: tuple[str, ...] = ()
     fixed: Mapping[str, float] = field(default_factory=dict)
-    statistics: tuple[str, ...] = ("compactness", "radius")
+    statistics: tuple[str, ...] = ()
     condition: str | None = None
     prior: Path | None = None
     bounded: str = "log-uniform"
     draws: int = 40
-    resolution: Resolution = field(default_factory=Resolution)
     measurement_error: float | None = None
     reuse: Path | None = None
-    scales: Scales = field(default_factory=Scales)
     seed: int = 0
 
     def __post_init__(self) -> None:
-        if self.model not in FORWARD_MODELS:
-            raise InputError(f"--model is {self.model!r}, it must be one of {', '.join(FORWARD_MODELS)}")
-        known = {*known_statistics("smooth"), *known_statistics("mask")}
-        for name in self.statistics:
-            if name not in known:
-                raise InputError(f"--statistics: {name!r} is unknown, expected some of {', '.join(sorted(known))}")
-        self.forward_model.parameters.check(self.fixed)
-        self.forward_model.parameters.subset(self.free or self.forward_model.free)
+        kind = model_named(self.model)
+        forward = kind() if self.forward_model is None else self.forward_model
+        object.__setattr__(self, "forward_model", forward)
+        object.__setattr__(self, "statistics", forward.statistics_named(self.statistics or forward.statistics))
+        forward.parameters.check(self.fixed)
+        forward.parameters.subset(self.free or forward.free)
 
     @staticmethod
     def of(method: str, settings: Mapping[str, Any], **rest: Any) -> "Request":
@@ -90,13 +82,9 @@ class Request:
             other = rest.get(name, settings.get(name))
             if other not in (None, value):
                 raise InputError(f"--{name} is {other}, with --li it is {value}: leave out one of the two")
-        chosen = {"statistics": LI_STATISTICS, **rest, "measurement_error": 0.0, "bounded": "beta"}
+        chosen = {**rest, "measurement_error": 0.0, "bounded": "beta"}
+        chosen["statistics"] = rest.get("statistics") or model_named(rest.get("model", DEFAULT)).designed
         return Request(sampler=sampler_of("abc-mcmc", {**settings, **LI}), **chosen)
-
-    @property
-    def forward_model(self) -> ForwardModel:
-        """The model."""
-        return FORWARD_MODELS[self.model]
 
     @property
     def parameters(self) -> ParameterSet:
@@ -113,7 +101,7 @@ class Request:
         """As the file says, or over the plausible ranges."""
         if self.prior:
             return Prior.read(self.prior, self.parameters)
-        return Prior.default(self.parameters, bounded=self.bounded)
+        return self.forward_model.prior(self.parameters, bounded=self.bounded)
 
     def resolved_sampler(self) -> Sampler:
         """The sampler with all its settings."""
@@ -136,9 +124,6 @@ class Request:
             "settings": settings_of(self.resolved_sampler()),
             "fixed": self.held,
             "prior": self.the_prior().asdict(),
-            "dt": self.resolution.dt,
-            "spacing": self.resolution.spacing,
-            "rate": self.scales.rate,
-            "length": self.scales.length,
+            **self.forward_model.settings("infer"),
             "reuse": None if self.reuse is None else str(self.reuse),
         }

@@ -14,13 +14,12 @@ from typing import Any
 import numpy as np
 
 from yeastfit.commands.infer_config import Request
-from yeastfit.commands.infer_options import extending
 from yeastfit.commands.measured_source import Measurements, check_source, measure_source, recorded_warnings
 from yeastfit.commands.run_folder import RUN, RunFolder, inputs_of, read_run, run_versions
+from yeastfit.commands.sampler_options import extending
 from yeastfit.errors import InputError
 from yeastfit.inference.curve_covariance import measurement_covariance
-from yeastfit.inference.forward_models import ForwardModel
-from yeastfit.inference.imaging import Imaging
+from yeastfit.inference.models.forward_model import ForwardModel
 from yeastfit.inference.posterior.cached_simulator import CachedSimulator
 from yeastfit.inference.posterior.emcee_file import write_chains
 from yeastfit.inference.posterior.problem import Problem
@@ -75,6 +74,7 @@ class InferRun:
         source: The data.
         folder: Where the run lies.
         data: Measurements.
+        model: The model as the data are seen by it.
         targets: The curves that are compared.
         problem: What is sampled.
         sampler: With all its settings, those of an earlier call included.
@@ -85,6 +85,7 @@ class InferRun:
     source: Path
     folder: RunFolder
     data: Measurements
+    model: ForwardModel
     targets: Targets
     problem: Problem
     sampler: Sampler
@@ -100,7 +101,7 @@ class InferRun:
         configuration, prior = request.configuration(), request.the_prior()
         chosen = [] if request.condition is None else [request.condition]
         check_source(source, chosen)
-        request.forward_model.check(prior, request.held, request.resolution)
+        request.forward_model.check(prior, request.held)
         if request.reuse and not (path / REUSED).is_file() and not (request.reuse / SIMULATIONS).is_file():
             raise InputError(f"--reuse: {request.reuse} holds no {SIMULATIONS}, need the folder of a run of infer")
         folder = RunFolder.begin(
@@ -113,27 +114,23 @@ class InferRun:
             kept=request.open_settings,
         )
         data = _measured(source, path / "measured", jobs, progress)
-        targets = data.targets(chosen, request.statistics, request.scales)
-        write_targets(path, targets)
-        (single,) = targets.values()
-        simulator = request.forward_model.simulator(single, request.parameters.names, request.held, request.resolution)
-        errors = single.measurement_errors(request.measurement_error)
+        (name, seen), *_ = data.seen(request.forward_model, chosen, request.statistics).items()
+        folder.notes.extend(seen.notes)
+        model, single = seen.model, seen.targets
+        write_targets(path, {name: single})
+        simulator = model.simulator(single, request.parameters.names, request.held)
+        errors = model.measurement_errors(single, request.measurement_error)
         noise = measurement_covariance(single.observables, single.values, errors)
         problem = Problem.of(simulator, prior, single, noise=noise)
         settings = {name: folder.configuration["settings"][name] for name in request.open_settings}
         sampler = replace(request.sampler, **settings)  # type: ignore[type-var]
-        run = InferRun(request, source, folder, data, single, problem, sampler)
+        run = InferRun(request, source, folder, data, model, single, problem, sampler)
         if (path / PROBLEMS_MET).is_file():
             met = read_json(path / PROBLEMS_MET)
             run.tally.simulated = met["simulated"]
             problems_of(simulator).update(met["problems"])
         run._copy_reused()
         return run
-
-    @property
-    def model(self) -> ForwardModel:
-        """The forward model."""
-        return self.request.forward_model
 
     @property
     def simulations_at_most(self) -> int | None:
@@ -171,10 +168,8 @@ class InferRun:
         summary = Summary.of(posterior, predicted, truth, self.problems_met(), self.model)
         images = self.source if self.source.is_dir() else self.source.parent
         observed = photographs(self.data.rows, self.data.folder, images, self.request.condition, PICTURED)
-        drawn = None
-        if self.model.outlines is not None:
-            shown = predicted.values[:PICTURED]
-            drawn = self.model.outlines(self.problem.simulator, shown, self.targets, self.request.seed)
+        shown = predicted.values[:PICTURED]
+        drawn = self.model.outlines(self.problem.simulator, shown, self.targets, self.request.seed)
         return summary, write_results(self.folder.path, summary, self.targets, observed, drawn, self._made())
 
     def doubts(self) -> list[str]:
@@ -243,9 +238,10 @@ class InferRun:
 
     def _about(self) -> str:
         """What decides over a simulation, beside parameters and seed."""
-        imaging, configuration = self.targets.imaging or Imaging(), self.folder.configuration
-        named = {name: configuration[name] for name in ("model", "fixed", "dt", "spacing", "rate", "length")}
-        named |= {"extent": imaging.extent, "estimator": imaging.estimator, "pixels": imaging.spacing}
+        imaging, configuration = self.targets.imaging, self.folder.configuration
+        named = {name: configuration[name] for name in ("model", "fixed")} | self.model.settings("infer")
+        if imaging is not None:
+            named |= {"extent": imaging.extent, "estimator": imaging.estimator, "pixels": imaging.spacing}
         return ", ".join(f"{name} {value}" for name, value in named.items())
 
     def _made(self) -> dict[str, str]:

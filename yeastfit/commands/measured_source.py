@@ -7,7 +7,7 @@ from typing import Any
 
 from yeastfit.commands.measure_batch import measure_batch
 from yeastfit.errors import InputError
-from yeastfit.inference.targets import Targets
+from yeastfit.inference.models.forward_model import ForwardModel, Seen
 from yeastfit.inference.targets_from_table import (
     TABLE,
     conditions_of,
@@ -15,11 +15,9 @@ from yeastfit.inference.targets_from_table import (
     missing_masks,
     read_measurements,
     table_in,
-    targets_of,
 )
 from yeastfit.measure.reading.batch_inputs import dataset_images
 from yeastfit.measure.reading.dataset import MANIFESTS, dataset_folder, read_dataset
-from yeastfit.model.parameters import Scales
 from yeastfit.progress import Progress
 from yeastfit.report.measurement_files import clear_results, refuse_mixed_folder, write_results
 from yeastfit.simulation.synthetic_data import read_truth
@@ -42,26 +40,23 @@ class Measurements:
     inputs: list[Path]
     warnings: list[str]
 
-    def targets(self, chosen: Sequence[str], statistics: Sequence[str], scales: Scales) -> dict[str, Targets]:
-        """Make the curves to fit.
+    def seen(self, model: ForwardModel, chosen: Sequence[str], statistics: Sequence[str]) -> dict[str, Seen]:
+        """Make the curves that a model is compared with.
 
         Arguments:
+            model: The model, which decides how.
             chosen: Names of conditions; none chooses the only one there is.
             statistics: Which curves.
-            scales: Units of the model.
 
         Returns:
-            Targets by condition.
+            By condition.
 
         Raises:
             InputError: A condition is not there, or none of several is chosen.
         """
         present = conditions_of(self.rows)
         _check_chosen(chosen, present)
-        return {
-            name: targets_of(self.rows, self.folder, condition=name, statistics=statistics, scales=scales)
-            for name in chosen or present
-        }
+        return {name: model.seen(self.rows, self.folder, name, statistics) for name in chosen or present}
 
 
 def check_source(source: Path, chosen: Sequence[str]) -> None:

@@ -1,10 +1,8 @@
-"""Options that several commands share, those of a model's parameters, and how their text is read."""
+"""Options that several commands share, and how their text is read."""
 
-import functools
-import inspect
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
@@ -12,7 +10,6 @@ from yeastfit.errors import InputError
 from yeastfit.measure.statistics.registry import measurement_errors, most_telling_first, names_with
 from yeastfit.measure.statistics.statistic import Statistic
 from yeastfit.numbers import SEEDS
-from yeastfit.parameter_set import Parameter, ParameterSet
 
 SMOOTH = ", ".join(most_telling_first(names_with("smooth")))
 Out = Annotated[
@@ -23,12 +20,6 @@ Seed = Annotated[
     typer.Option(
         "--seed", min=0, max=SEEDS.high, help="Seed of the random numbers. The same seed gives the same results."
     ),
-]
-Rate = Annotated[
-    float, typer.Option("--rate", help="Maximal growth rate μ* of the cells, per hour. Model time is in units of 1/μ*.")
-]
-Length = Annotated[
-    float, typer.Option("--length", help="Mean length L0 of a cell, in µm. Model lengths are in units of L0.")
 ]
 Truth = Annotated[
     bool, typer.Option("--truth", help="Show the true parameters beside the results (synthetic data sets only).")
@@ -51,48 +42,9 @@ MeasurementError = Annotated[
 ]
 
 
-def with_parameters(parameters: ParameterSet) -> Callable[[Callable[..., None]], Callable[..., None]]:
-    """Give a command an option for each parameter of a model.
-
-    Arguments:
-        parameters: The model's parameters.
-
-    Returns:
-        A decorator. The command receives the values as one dictionary, `parameters`.
-    """
-
-    def decorate(command: Callable[..., None]) -> Callable[..., None]:
-        @functools.wraps(command)
-        def wrapped(**given: Any) -> None:
-            values = {name: given.pop(name) for name in parameters}
-            command(**given, parameters=values)
-
-        signature = inspect.signature(command)
-        own = [each for each in signature.parameters.values() if each.name != "parameters"]
-        kind = inspect.Parameter.KEYWORD_ONLY
-        options = [
-            inspect.Parameter(one.name, kind, default=one.default, annotation=Annotated[float, _option(one)])
-            for one in parameters.values()
-        ]
-        together = [each.replace(kind=kind) for each in own] + options
-        wrapped.__signature__ = signature.replace(parameters=together)  # type: ignore[attr-defined]
-        wrapped.__annotations__ = {each.name: each.annotation for each in together}
-        return wrapped
-
-    return decorate
-
-
-def _option(parameter: Parameter) -> Any:
-    """An option that says what the parameter means and which values make sense."""
-    low, high = parameter.plausible
-    unit = f" {parameter.unit}" if parameter.unit else ""
-    text = f"{parameter.symbol}, {parameter.meaning}. Plausible: {low:g} to {high:g}{unit}."
-    return typer.Option(f"--{parameter.name.replace('_', '-')}", help=text, rich_help_panel="Model parameters")
-
-
-def names_in(text: str) -> tuple[str, ...]:
-    """Read names separated by commas; a minus stands for an underscore."""
-    return tuple(part.strip().replace("-", "_") for part in text.split(","))
+def names_in(text: str | None) -> tuple[str, ...]:
+    """Read names separated by commas, none where nothing is given; a minus stands for an underscore."""
+    return tuple(part.strip().replace("-", "_") for part in text.split(",")) if text else ()
 
 
 def numbers_in(option: str, text: str) -> list[float]:

@@ -63,6 +63,7 @@ class ColonySimulator:
         observables: The columns.
         curves: What is grown and recorded.
         measured: Which of the curves' points are columns.
+        resolution: That `of` was asked for; None where the simulator was not made by it.
         problems: What colonies ran into, by what it means and what to do; they are measured all the same.
     """
 
@@ -71,6 +72,7 @@ class ColonySimulator:
     observables: tuple[Observable, ...]
     curves: ColonyCurves
     measured: Bool[np.ndarray, " point"]
+    resolution: Resolution | None = None
     problems: Counter[str] = field(default_factory=Counter)
 
     @staticmethod
@@ -115,7 +117,7 @@ class ColonySimulator:
         curves, values = replace(curves, model=model), parameter_values(fixed, model.parameters)
         chosen = model.parameters.subset(free)
         held = {name: value for name, value in values.items() if name not in chosen}
-        return ColonySimulator(chosen, held, targets.observables, curves, targets.measured.ravel())
+        return ColonySimulator(chosen, held, targets.observables, curves, targets.measured.ravel(), resolution)
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -32,6 +32,8 @@ class Targets:
         replicates: How many are behind each mean; 0 where a statistic was not measured.
         curves: Of single replicates, where they are known; nan where one is missing. A bootstrap needs them.
         imaging: How shapes of colonies were measured. Only simulators of colonies need it; lengths are in L0 then.
+        time_label: What times count where there is no imaging.
+        length_unit: Of statistics that are lengths, and squared of areas.
 
     Raises:
         InputError: Shapes disagree, times do not rise, a name stands twice, a measured mean is not finite, or scatter
@@ -46,6 +48,8 @@ class Targets:
     replicates: Int[np.ndarray, "statistic time"]
     curves: Float[np.ndarray, "replicate statistic time"] | None = None
     imaging: Imaging | None = None
+    time_label: str = "time"
+    length_unit: str = "L0"
 
     def __post_init__(self) -> None:
         shape = (len(self.names), len(self.times))
@@ -93,7 +97,7 @@ class Targets:
     @property
     def clock_label(self) -> str:
         """What `clock` counts."""
-        return "time" if self.imaging is None else "hours"
+        return self.time_label if self.imaging is None else "hours"
 
     def measurement_errors(self, given: float | Mapping[str, float] | None = None) -> dict[str, float]:
         """Relative error of measurement of each statistic, which replicates do not average out.
@@ -137,7 +141,8 @@ class Targets:
         curves = None if data["curves"] is None else np.array(data["curves"], dtype=float)
         imaging = None if data["imaging"] is None else Imaging.fromdict(data["imaging"])
         replicates = np.array(data["replicates"], dtype=int)
-        return Targets(tuple(data["names"]), times, mean, scatter, replicates, curves, imaging)
+        units = data["time_label"], data["length_unit"]
+        return Targets(tuple(data["names"]), times, mean, scatter, replicates, curves, imaging, *units)
 
     @staticmethod
     def from_means(

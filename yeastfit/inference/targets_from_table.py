@@ -122,21 +122,14 @@ def targets_of(
     by default "smooth" where it knows all the statistics and the masks are there, else "mask". Raises `InputError` for
     a condition that is not there, rows without hours, and masks of different pixel sizes for the estimator "mask".
     """
-    chosen, scales = rows_of(rows, condition), scales or Scales()
-    for row in chosen:
-        hours = row["hours"]
-        if not (isinstance(hours, int | float) and math.isfinite(hours) and hours > 0):
-            raise InputError(f"{row['file']}: its hours are unknown, a fit needs them: measure a data set")
-        for name in ("um_per_pixel", "max_radius"):
-            (PIXEL_SIZES if name in KNOWN else STATISTICS[name].admissible).read(row[name], f"{row['file']}: {name}")
-    _refuse_twice(chosen)
+    chosen, scales = checked_rows(rows, condition), scales or Scales()
     masks = [folder / str(row["mask"]) for row in chosen]
     smooth = all(name in names_with("smooth") for name in statistics) and all(mask.is_file() for mask in masks)
     estimator = estimator or ("smooth" if smooth else "mask")
     pixels = np.array([row["um_per_pixel"] for row in chosen], dtype=float) / scales.length
     if estimator == "smooth":
         values = [
-            measure_mask_smoothly(_read_mask(mask, row), float(pixel), spacing=SPACING, smoothing=SMOOTHING)
+            measure_mask_smoothly(read_mask(mask, row), float(pixel), spacing=SPACING, smoothing=SMOOTHING)
             for mask, row, pixel in zip(masks, chosen, pixels, strict=True)
         ]
         spacing, smoothing = SPACING, SMOOTHING
@@ -203,7 +196,7 @@ def missing_masks(rows: Sequence[Mapping[str, Any]], folder: Path) -> list[str]:
     return sentences
 
 
-def _read_mask(path: Path, row: Mapping[str, Any]) -> Mask:
+def read_mask(path: Path, row: Mapping[str, Any]) -> Mask:
     """A mask, which must be the one that the row was measured on."""
     mask = read_image(path) > 0
     area = float(mask.sum()) * row["um_per_pixel"] ** 2
@@ -213,6 +206,19 @@ def _read_mask(path: Path, row: Mapping[str, Any]) -> Mask:
             f"{row['file']}: area is {stated:g} µm², its mask {path} has {area:g} µm²: measure the image again"
         )
     return mask
+
+
+def checked_rows(rows: Sequence[Mapping[str, Any]], condition: str | None) -> list[Mapping[str, Any]]:
+    """Of one condition, each with hours, sizes and a replicate of its own. Raises `InputError`."""
+    chosen = rows_of(rows, condition)
+    for row in chosen:
+        hours = row["hours"]
+        if not (isinstance(hours, int | float) and math.isfinite(hours) and hours > 0):
+            raise InputError(f"{row['file']}: its hours are unknown, a fit needs them: measure a data set")
+        for name in ("um_per_pixel", "max_radius"):
+            (PIXEL_SIZES if name in KNOWN else STATISTICS[name].admissible).read(row[name], f"{row['file']}: {name}")
+    _refuse_twice(chosen)
+    return chosen
 
 
 def _refuse_twice(rows: Sequence[Mapping[str, Any]]) -> None:

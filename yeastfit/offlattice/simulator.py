@@ -127,20 +127,24 @@ class OfflatticeSimulator:
         rates = rates_of({**self.fixed, **dict(zip(self.parameters.names, values, strict=True))})
         return grow(rates, cells=self.cells, seed=seed, delay=self.delay, most_attempts=self.most_attempts)
 
+    def seen(self, colony: OfflatticeColony) -> tuple[Bool[np.ndarray, "row column"], float, str]:
+        """The mask of a colony that is measured, µm per pixel, and what its area ran into; empty for nothing."""
+        picture = self.draw(colony)
+        if self.area is None:
+            return picture.mask(colony.x.size), picture.pixel_size, ""
+        matched = self.match(picture.mask, colony.x.size, self.area)
+        problem = "" if matched.match is Match.MATCHED else matched.match.value
+        return matched.mask, picture.pixel_size, problem
+
     def _measured(self, job: tuple[tuple[float, ...], int]) -> tuple[list[float], str]:
         """One row, and what the colony ran into; empty where it was nothing."""
         colony = self.colony(*job)
         if colony.status is not Status.GROWN:
             return [np.nan] * len(self.observables), f"{colony.status.value}; left out"
-        picture, problem = self.draw(colony), ""
-        if self.area is None:
-            mask = picture.mask(self.cells)
-        else:
-            matched = self.match(picture.mask, self.cells, self.area)
-            mask, problem = matched.mask, "" if matched.match is Match.MATCHED else matched.match.value
+        mask, pixel_size, problem = self.seen(colony)
         pixels, entries = Pixels.of(mask), known_statistics()
         chosen = [entries[one.statistic] for one in self.observables]
-        return [one.mask(pixels) * picture.pixel_size**one.unit_power for one in chosen if one.mask], problem
+        return [one.mask(pixels) * pixel_size**one.unit_power for one in chosen if one.mask], problem
 
 
 def known_statistics() -> dict[str, Statistic]:

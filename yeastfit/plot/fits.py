@@ -36,7 +36,7 @@ def fit(result: Fit, truth: Mapping[str, float] | None = None) -> Figure:
             upper, lower = axes[:, names.index(name)]
             _draw_condition(upper, lower, each, row, color)
     for k, name in enumerate(names):
-        axes[0, k].set_title(title_of(name), fontsize=10)
+        axes[0, k].set_title(title_of(name, result.conditions[0].targets.length_unit), fontsize=10)
         axes[1, k].axhline(0, color="0.6", lw=1)
         axes[1, k].set(xlabel=result.conditions[0].targets.clock_label, ylabel="residual / error" if not k else "")
     axes[0, 0].legend(fontsize=8, loc="best")

@@ -90,7 +90,7 @@ def predictive(
             times, targets.mean[row, measured], error, fmt="o", ms=4, color="black", label="data ± standard error"
         )
         name = targets.names[row]
-        panel.set_title(title_of(name), fontsize=10)
+        panel.set_title(title_of(name, targets.length_unit), fontsize=10)
         panel.set_xlabel(targets.clock_label)
     figure.axes[0].legend(fontsize=8)
     inside = predicted.inside(0.9).sum()

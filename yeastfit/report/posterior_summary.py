@@ -8,7 +8,7 @@ import numpy as np
 from rich.box import SIMPLE
 from rich.table import Table
 
-from yeastfit.inference.forward_models import ForwardModel
+from yeastfit.inference.models.forward_model import ForwardModel
 from yeastfit.inference.posterior.predictive_check import Predictive
 from yeastfit.inference.posterior.result import Posterior
 

@@ -4,17 +4,20 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
 from yeastfit.errors import InputError
+from yeastfit.measure.statistics.model_as_mask import mask_of
 from yeastfit.measure.statistics.registry import STATISTICS, most_telling_first
 from yeastfit.model.colony import PROBLEMS, Colony, Problems
 from yeastfit.model.model import Model
 from yeastfit.model.numerics import Numerics
 from yeastfit.model.parameters import Parameters, Scales
 from yeastfit.model.relaxation import Relaxation
+from yeastfit.panel import Panel
 from yeastfit.storage import as_json, from_json, written_whole
 
 _COLONY_ARRAYS = ("positions", "parents", "weights", "lineages", "count", "nutrient", "step")
@@ -56,6 +59,58 @@ class Simulation:
     def capacity_reached(self) -> np.ndarray:
         """Whether births were cut because every node slot was taken, per member."""
         return np.asarray(self.colony.problems.capacity_reached)
+
+    @property
+    def clock(self) -> Float[np.ndarray, " sample"]:
+        """Times for plots, in hours."""
+        return self.scales.hours(self.times)
+
+    @property
+    def clock_label(self) -> str:
+        """What `clock` counts."""
+        return "hours"
+
+    @property
+    def length_unit(self) -> str:
+        """Of the statistics."""
+        return "L0"
+
+    def sentence(self) -> str:
+        """What has been grown, in words."""
+        count = np.atleast_2d(self.statistics["cell_count"])[:, -1]
+        grown = "1 colony" if len(count) == 1 else f"{len(count)} colonies"
+        return (
+            f"{grown} to t = {self.times[-1]:g} ({self.clock[-1]:.1f} h): {count.mean():.1f} cells on average, in "
+            f"{self.seconds:.1f} s"
+        )
+
+    def panels(self, member: int = 0, width: float | None = None) -> list[Panel]:
+        """Cells and nutrient of one colony at its end.
+
+        Arguments:
+            member: Which colony of the ensemble.
+            width: Of the part shown, in L0; by default twice the colony's reach.
+
+        Returns:
+            Two panels.
+        """
+        state, parameters = self.colony, self.parameters
+        if state.count.ndim:
+            state = jax.tree.map(lambda leaf: leaf[member], state)
+        parameters = jax.tree.map(lambda leaf: leaf if leaf.ndim == 0 else leaf[member], parameters)
+        reach = float(np.abs(np.asarray(state.positions)[np.asarray(state.alive)]).max()) + 2.0
+        width = min(self.numerics.domain, width or 2 * reach)
+        mask = mask_of(state, parameters.aspect_ratio, self.relaxation, width, points=801)
+        time = float(self.times[-1])
+        title = f"{int(state.count) - 1} cells at {self.scales.hours(time):.1f} h (t = {time:.4g})"
+        half, edge = (0.5 * one * self.scales.length for one in (width, self.numerics.domain))
+        return [
+            Panel(title, mask, half, kinds=("nothing", "cells")),
+            Panel("nutrient", np.asarray(state.nutrient), edge, "nutrient c / c0"),
+        ]
+
+    def masks(self) -> None:
+        """None: `yeastfit synthesize` photographs colonies of this model."""
 
     def warnings(self) -> list[str]:
         """The problems in words."""

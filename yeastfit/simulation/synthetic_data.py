@@ -227,8 +227,9 @@ def _photograph(
     return dict(measure_mask(mask, recipe.pixel_size, OF_MASKS))
 
 
-def write_mask(path: Path, mask: np.ndarray) -> None:
-    """A mask as a one-bit PNG, colony white."""
+def write_mask(path: Path, mask: np.ndarray, pixel_size: float | None = None) -> None:
+    """A mask as a one-bit PNG, colony white, with its resolution where µm per pixel are given."""
     from PIL import Image
 
-    Image.fromarray(mask).save(path, optimize=True)
+    density: dict[str, Any] = {} if pixel_size is None else {"dpi": (25_400 / pixel_size, 25_400 / pixel_size)}
+    Image.fromarray(mask).save(path, optimize=True, **density)

@@ -23,6 +23,10 @@ TABLES = {
 PRIOR = Prior.of(TABLES)
 
 
+def default_template(parameters: ParameterSet, **how: str) -> str:
+    return template(Prior.default(parameters, **how), parameters)
+
+
 # --- densities --------------------------------------------------------------------------------------------------------
 
 
@@ -90,15 +94,15 @@ def test_ends_of_the_unit_cube_stay_in_the_support() -> None:
 
 def test_the_template_is_the_default_prior(tmp_path: Path) -> None:
     path = tmp_path / "prior.toml"
-    path.write_text(template(PARAMETERS.subset(("mobility", "aspect_ratio"))), encoding="utf-8")
+    path.write_text(default_template(PARAMETERS.subset(("mobility", "aspect_ratio"))), encoding="utf-8")
     prior = Prior.read(path, PARAMETERS.subset(("mobility", "aspect_ratio")))
     assert prior == Prior.default(PARAMETERS.subset(("mobility", "aspect_ratio")))
     assert prior.free == ("mobility", "aspect_ratio")
     assert [tuple(row) for row in prior.support] == [PARAMETERS[name].plausible for name in prior.free]
-    assert all(name in template(PARAMETERS) for name in FAMILIES)
-    assert PARAMETERS["mobility"].meaning in template(PARAMETERS)
+    assert all(name in default_template(PARAMETERS) for name in FAMILIES)
+    assert PARAMETERS["mobility"].meaning in default_template(PARAMETERS)
     two = PARAMETERS.subset(("mobility", "repulsion_radius"))
-    path.write_text(template(two, bounded="beta"), encoding="utf-8")
+    path.write_text(default_template(two, bounded="beta"), encoding="utf-8")
     families = {name: one.family for name, one in Prior.read(path, two).distributions.items()}
     assert families == {"repulsion_radius": "beta", "mobility": "log-uniform"}
 
@@ -171,7 +175,7 @@ def test_files_must_be_there_and_hold_what_is_free(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="no prior can be read"):
         Prior.read(tmp_path / "nowhere.toml", PARAMETERS)
     path = tmp_path / "prior.toml"
-    path.write_text(template(PARAMETERS.subset(("mobility",))), encoding="utf-8")
+    path.write_text(default_template(PARAMETERS.subset(("mobility",))), encoding="utf-8")
     with pytest.raises(InputError, match=r"no prior of aspect_ratio"):
         Prior.read(path, PARAMETERS.subset(("mobility", "aspect_ratio")))
 

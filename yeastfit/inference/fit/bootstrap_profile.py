@@ -20,6 +20,7 @@ from yeastfit.inference.fit.result import Fit
 from yeastfit.inference.fit.simulators import Simulators, colony_simulators, given_simulators
 from yeastfit.inference.parameter_space import Vector
 from yeastfit.inference.simulator import Simulator, Stream, stream_of
+from yeastfit.model.model import Model
 
 REACH = 3.5  # standard errors: 1 draw of a bootstrap in 2000 lies beyond
 NEAREST = 0.1  # of log λ, the spread of the last stage's pairs: nearer, Monte-Carlo errors hide the slopes
@@ -186,9 +187,8 @@ def _colonies_of(fit: Fit) -> tuple[Simulators, Simulators]:
         raise InputError("simulator is missing: this fit is of one that was handed in, give it here, too")
     free = dict.fromkeys(entry.parameter for entry in fit.space.entries)
     targets = {each.name: each.targets for each in fit.conditions}
-    return colony_simulators(
-        targets, tuple(free), {each.name: each.parameters for each in fit.conditions}, fit.resolutions
-    )
+    values = {each.name: each.parameters for each in fit.conditions}
+    return colony_simulators(targets, tuple(free), values, fit.resolutions, Model.of(fit.rules or {}))
 
 
 def _box(fit: Fit) -> tuple[Vector, Vector]:

@@ -31,11 +31,12 @@ from yeastfit.inference.colony_simulator import COARSE, DEFAULT_FREE, Resolution
 from yeastfit.inference.fit.ensemble import Ensembles
 from yeastfit.inference.fit.result import Fit
 from yeastfit.inference.fit.settings import FitSettings
-from yeastfit.inference.fit.simulators import Fixed, colony_simulators, common_parameters, given_simulators
+from yeastfit.inference.fit.simulators import Fixed, colonies_in, colony_simulators, common_parameters, given_simulators
 from yeastfit.inference.fit.stages import Fitter
 from yeastfit.inference.parameter_space import ONLY, Bounds, ParameterSpace
 from yeastfit.inference.simulator import Simulator
 from yeastfit.inference.targets import Targets
+from yeastfit.model.model import Model
 from yeastfit.progress import Progress, silent
 
 GaussianPriors = Mapping[str, tuple[float, float]]
@@ -55,6 +56,7 @@ def fit(
     prior: GaussianPriors | None = None,
     seed: int = 0,
     settings: FitSettings | None = None,
+    model: Model | None = None,
     resolution: Resolution | None = None,
     fine_resolution: Resolution | None = None,
     progress: Progress | None = None,
@@ -77,6 +79,7 @@ def fit(
             that of the largest posterior density.
         seed: Of all random numbers.
         settings: How to compute.
+        model: Rules of the colonies; by default the source's.
         resolution: Of the colonies that ensembles are made of.
         fine_resolution: Of those that correct them.
         progress: Is told of every step.
@@ -96,17 +99,18 @@ def fit(
         raise InputError("fine is given without simulator: give both, or fine_resolution for colonies")
     if simulator is None:
         resolutions = resolution or COARSE, fine_resolution or Resolution()
-        simulators, finer = colony_simulators(by_name, DEFAULT_FREE if free is None else free, fixed or {}, resolutions)
+        chosen = DEFAULT_FREE if free is None else free
+        simulators, finer = colony_simulators(by_name, chosen, fixed or {}, resolutions, model)
     else:
-        resolutions = None
-        _refuse_for_simulators(free=free, fixed=fixed, resolution=resolution, fine_resolution=fine_resolution)
+        of_colonies = {"free": free, "fixed": fixed, "model": model, "resolution": resolution}
+        _refuse_for_simulators(**of_colonies, fine_resolution=fine_resolution)
         simulators, finer = given_simulators(by_name, simulator, fine)
     space = ParameterSpace.of(common_parameters(simulators), tuple(by_name), own, bounds)
     begin = None if start is None else space.start(start, next(iter(simulators.values())).parameters)
     priors = _priors(prior or {}, space)
     _check_count(by_name, space, priors)
     ensembles = Ensembles(by_name, simulators, space, seed, settings, finer if settings.refined else {})
-    return Fitter(ensembles, priors, progress or silent, resolutions).run(begin)
+    return Fitter(ensembles, priors, progress or silent, colonies_in(simulators, finer)).run(begin)
 
 
 def _refuse_for_simulators(**given: Any) -> None:

@@ -118,9 +118,10 @@ class Fit:
         seed: Of all random numbers.
         settings: How it was computed.
         prior: Centre and width of θ, by entry.
-        resolutions: Coarse and fine, of colonies; None where simulators were handed in.
+        resolutions: Coarse and fine, of colonies; None where the fit is of something else.
         seconds: That it took.
         warnings: What is to be doubted, in words.
+        rules: Of colonies, by name, where they are not the source's.
     """
 
     conditions: tuple[Condition, ...]
@@ -140,6 +141,7 @@ class Fit:
     resolutions: tuple[Resolution, Resolution] | None
     seconds: float
     warnings: tuple[str, ...]
+    rules: dict[str, dict[str, Any]] | None = None
 
     @property
     def converged(self) -> bool:
@@ -250,6 +252,7 @@ class Fit:
             "seed": self.seed,
             "settings": asdict(self.settings),
             "resolutions": None if self.resolutions is None else [asdict(one) for one in self.resolutions],
+            "rules": self.rules,
             "space": [asdict(entry) for entry in self.space.entries],
             "theta": self.theta,
             "log_covariance": {"names": self.free, "matrix": self.log_covariance},
@@ -291,6 +294,7 @@ class Fit:
             resolutions=_resolutions(data["resolutions"]),
             seconds=data["seconds"],
             warnings=tuple(data["warnings"]),
+            rules=data["rules"],
         )
 
     def _only(self) -> Condition:

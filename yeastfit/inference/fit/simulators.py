@@ -7,17 +7,25 @@ from yeastfit.errors import InputError
 from yeastfit.inference.colony_simulator import ColonySimulator, Resolution
 from yeastfit.inference.simulator import Simulator
 from yeastfit.inference.targets import Targets
+from yeastfit.model.model import Model
 from yeastfit.parameter_set import ParameterSet
 
 Fixed = Mapping[str, float] | Mapping[str, Mapping[str, float]]
 """Values by name, for all conditions or by condition."""
+
+Rules = dict[str, dict[str, Any]]
+"""As `Model.asdict` has them."""
 
 Simulators = dict[str, Simulator]
 """By condition."""
 
 
 def colony_simulators(
-    targets: Mapping[str, Targets], free: Sequence[str], fixed: Fixed, resolutions: tuple[Resolution, Resolution]
+    targets: Mapping[str, Targets],
+    free: Sequence[str],
+    fixed: Fixed,
+    resolutions: tuple[Resolution, Resolution],
+    model: Model | None = None,
 ) -> tuple[Simulators, Simulators]:
     """Simulators of colonies that are imaged as the data are.
 
@@ -26,6 +34,7 @@ def colony_simulators(
         free: Names of the free parameters.
         fixed: Values of others.
         resolutions: Coarse and fine.
+        model: The rules; by default the source's.
 
     Returns:
         Coarse and fine ones, by condition.
@@ -33,9 +42,25 @@ def colony_simulators(
     nested = any(isinstance(one, Mapping) for one in fixed.values())
     held = _by_condition("fixed", fixed if nested else dict.fromkeys(targets, fixed), targets)
     coarse, fine = (
-        {name: ColonySimulator.of(each, free, held[name], one) for name, each in targets.items()} for one in resolutions
+        {name: ColonySimulator.of(each, free, held[name], one, model) for name, each in targets.items()}
+        for one in resolutions
     )
     return {**coarse}, {**fine}
+
+
+def colonies_in(coarse: Simulators, fine: Simulators) -> tuple[tuple[Resolution, Resolution] | None, Rules | None]:
+    """Resolutions, coarse and fine, and rules of colonies, where these are not the source's.
+
+    Resolutions are None where the simulators are of something else, or not alike in all conditions.
+    """
+    colonies = [one for one in (*coarse.values(), *fine.values()) if isinstance(one, ColonySimulator)]
+    resolutions = [{getattr(one, "resolution", None) for one in each.values()} for each in (coarse, fine)]
+    rules = [one.curves.model.asdict() for one in colonies]
+    mixed = len(colonies) < len(coarse) + len(fine) or any(one != rules[0] for one in rules)
+    if mixed or any(len(each) > 1 or None in each for each in resolutions):
+        return None, None
+    both = resolutions[0].pop(), resolutions[1].pop()
+    return both, None if rules[0] == Model().asdict() else rules[0]  # type: ignore[return-value]
 
 
 def given_simulators(

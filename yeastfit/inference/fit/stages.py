@@ -13,6 +13,7 @@ from yeastfit.inference.fit.ensemble import Correction, Ensembles, JointModel
 from yeastfit.inference.fit.final_estimate import conditions, last_step, verdict
 from yeastfit.inference.fit.optimiser import Optimiser
 from yeastfit.inference.fit.result import Fit, Start, Step
+from yeastfit.inference.fit.simulators import Rules
 from yeastfit.inference.information.fisher import information
 from yeastfit.inference.information.result import Information
 from yeastfit.inference.parameter_space import Vector
@@ -61,7 +62,7 @@ class Fitter:
         ensembles: Data and simulators.
         priors: Centre and width in θ, by entry.
         progress: Is told of every step.
-        resolutions: For the result.
+        colonies: Resolutions and rules, for the result; see `Fit`.
         history: All evaluations.
         starts: Where it began.
         notes: What went wrong on the way, in words.
@@ -70,7 +71,7 @@ class Fitter:
     ensembles: Ensembles
     priors: dict[str, tuple[float, float]]
     progress: Progress
-    resolutions: tuple[Resolution, Resolution] | None = None
+    colonies: tuple[tuple[Resolution, Resolution] | None, Rules | None] = (None, None)
     history: list[Step] = field(default_factory=list)
     starts: tuple[Start, ...] = ()
     notes: list[str] = field(default_factory=list)
@@ -276,7 +277,8 @@ class Fitter:
             seed=ensembles.seed,
             settings=self.settings,
             prior=dict(self.priors),
-            resolutions=self.resolutions,
+            resolutions=self.colonies[0],
+            rules=self.colonies[1],
             seconds=seconds,
             warnings=(),
         )

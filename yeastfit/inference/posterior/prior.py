@@ -3,7 +3,7 @@
     π(λ) = Π_k p_k(x_k) |dx_k/dλ_k|,    x_k = λ_k or log λ_k as the distribution says (`distributions`)
 
 Samplers walk in the coordinates x. A prior must not reach beyond what is admissible for its parameters: distributions
-have truncations for that. A file has one table per parameter; `template` writes the default prior as such a file.
+have truncations for that. A file has one table per parameter; `template` writes a prior as such a file.
 """
 
 import math
@@ -202,13 +202,13 @@ class Prior:
         return np.sum([one.density.logpdf(column) for one, column in columns], axis=0)
 
 
-def template(parameters: ParameterSet, *, bounded: str = "log-uniform") -> str:
-    """A file of the default prior to start from; comments list every distribution and its numbers."""
+def template(prior: Prior, parameters: ParameterSet) -> str:
+    """A file of a prior to start from; comments list every distribution and its numbers."""
     numbers = {name: [*one.required, *(f"{key} (optional)" for key in one.defaults)] for name, one in FAMILIES.items()}
     head = ["# Priors of the free parameters, one table each. Distributions and their numbers:"]
     head += [f"#   {name}: {', '.join(each)}" for name, each in numbers.items()]
     head += ["# The median of a log-normal distribution is that of λ, its sd that of log λ."]
-    return "\n".join(head) + "\n\n" + Prior.default(parameters, bounded=bounded).toml(parameters)
+    return "\n".join(head) + "\n\n" + prior.toml(parameters)
 
 
 def _check_admissible(parameter: Parameter, distribution: Distribution) -> None:

@@ -1,7 +1,7 @@
-"""Settings of samplers: what the command line says about a field, and checks."""
+"""Settings of samplers and models: what the command line says about a field, and checks."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 from yeastfit.errors import InputError
@@ -9,7 +9,7 @@ from yeastfit.errors import InputError
 
 @dataclass(frozen=True)
 class Setting:
-    """What the command line says about a field of a sampler, given as `Annotated[int, Setting("Number of chains.")]`.
+    """What the command line says of a field of a sampler or model: `Annotated[int, Setting("Number of chains.")]`.
 
     Fields without it are options, too, where they are numbers, strings or choices.
 
@@ -17,11 +17,17 @@ class Setting:
         help: One line for a user who does not know the method.
         aliases: Further names of the option.
         extends: Whether a larger value merely makes a run longer, so that a resumed run may have it.
+        commands: Those that have the option; empty for all.
+        defaults: By command, where they are not the field's own.
+        negative: Name of the option that turns it off, without dashes, where that is not no-NAME.
     """
 
     help: str
     aliases: tuple[str, ...] = ()
     extends: bool = False
+    commands: tuple[str, ...] = ()
+    defaults: Mapping[str, Any] = field(default_factory=dict, hash=False)
+    negative: str = ""
 
 
 def check_at_least(sampler: Any, **least: float) -> None:

@@ -98,9 +98,9 @@ def measurement_errors() -> dict[str, float]:
     return {name: error for name, error in errors.items() if error != Statistic.measurement_error}
 
 
-def title_of(name: str) -> str:
-    """What a plot calls a statistic, or another observable of a simulator."""
-    return STATISTICS[name].title if name in STATISTICS else name.replace("_", " ")
+def title_of(name: str, length: str = "L0") -> str:
+    """What a plot calls a statistic, in a unit of length, or another observable of a simulator."""
+    return STATISTICS[name].title(length) if name in STATISTICS else name.replace("_", " ")
 
 
 def check_names(names: Iterable[str], *forms: Form) -> tuple[str, ...]:

@@ -97,7 +97,6 @@ class Statistic:
             return Range(0.0, unit=self.unit(), above=not self.may_vanish) if sized else Range()
         return self.possible
 
-    @property
-    def title(self) -> str:
-        """The label, with the unit of a simulation."""
-        return self.label + (f" ({self.unit('L0')})" if self.unit_power else "")
+    def title(self, length: str) -> str:
+        """The label, with its unit in terms of a unit of length."""
+        return self.label + (f" ({self.unit(length)})" if self.unit_power else "")

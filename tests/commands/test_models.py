@@ -1,0 +1,186 @@
+"""Every model through every command, and options that follow from models and their rules."""
+
+import csv
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from yeastfit import Fit, Posterior, Sensitivity
+from yeastfit.commands import app as cli
+from yeastfit.offlattice.simulation import OfflatticeSimulation
+from yeastfit.storage import write_table
+
+OFFLATTICE = ["--model", "offlattice", "--cells", "1200"]
+
+
+def rows(path: Path) -> list[dict[str, str]]:
+    with path.open(newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def configuration(folder: Path) -> dict[str, object]:
+    return json.loads((folder / "manifest.json").read_text())["configuration"]
+
+
+def said(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
+    """The one line of an error."""
+    capsys.readouterr()
+    assert cli.run(list(arguments)) == 2
+    (line,) = capsys.readouterr().err.strip().splitlines()
+    return line
+
+
+@pytest.fixture(scope="module")
+def grown(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Six colonies of the off-lattice model, as `yeastfit simulate` leaves them."""
+    out = tmp_path_factory.mktemp("grown")
+    how = ["--members", "6", "--every", "500", "--transition", "0.5", "--seed", "3"]
+    assert cli.run(["simulate", *OFFLATTICE, *how, "--out", str(out)]) == 0
+    return out
+
+
+@pytest.fixture(scope="module")
+def table(grown: Path) -> Path:
+    """Their end images, as `yeastfit measure` leaves them; the mask tells what the table does not."""
+    last = [row for row in rows(grown / "curves.csv") if row["cells"] == "1200"]
+    names = ("area", "radius", "compactness", "outer_compactness")
+    write_table(
+        grown / "measurements.csv",
+        [
+            {"file": f"{k}.png", "condition": "", "replicate": k, "hours": 233.0, "um_per_pixel": 1.55008}
+            | {"mask": f"masks/colony_{k}.png", "max_radius": 1000.0}
+            | {name: row[name] for name in names}
+            for k, row in enumerate(last)
+        ],
+    )
+    return grown / "measurements.csv"
+
+
+def test_simulate_writes_curves_over_the_number_of_cells_masks_and_pictures(grown: Path) -> None:
+    table = rows(grown / "curves.csv")
+    assert [row["cells"] for row in table[:4]] == ["500", "1000", "1200", "500"]
+    assert {"li2024_branch_index", "compactness", "pseudohyphal_share"} <= set(table[0])
+    with Image.open(grown / "masks" / "colony_5.png") as image:
+        mask, density = np.asarray(image), image.info["dpi"]
+    assert 25_400 / density[0] == pytest.approx(1.55008, rel=1e-3)
+    assert mask.sum() * 1.55008**2 == pytest.approx(float(table[-1]["area"]))
+    for name in ("curves.png", "colony_5.png"):
+        with Image.open(grown / name) as image:
+            assert min(image.size) > 300
+    kept = OfflatticeSimulation.load(grown / "simulation.npz")
+    assert kept.parameters["transition"] == 0.5
+    assert [row["radius"] for row in kept.rows()] == pytest.approx([float(row["radius"]) for row in table])
+    assert [len(each.x) for each in kept.colonies] == [1200] * 6
+    found = configuration(grown)
+    assert (found["model"], found["cells"], found["parameters"]["transition"]) == ("offlattice", 1200, 0.5)  # type: ignore[index]
+
+
+def test_a_colony_is_the_same_whatever_the_number_of_members(grown: Path, tmp_path: Path) -> None:
+    how = ["--members", "1", "--every", "1200", "--transition", "0.5", "--seed", "3"]
+    assert cli.run(["simulate", *OFFLATTICE, *how, "--out", str(tmp_path)]) == 0
+    one, many = (OfflatticeSimulation.load(folder / "simulation.npz") for folder in (tmp_path, grown))
+    np.testing.assert_array_equal(one.colonies[0].x, many.colonies[0].x)
+
+
+@pytest.mark.usefixtures("undrawn", "unchecked")
+def test_fit_of_end_images(table: Path, tmp_path: Path) -> None:
+    how = ["--free", "transition", "--statistics", "compactness,radius", "--starts", "1"]
+    code = cli.run(["fit", str(table), *OFFLATTICE, *how, "--out", str(tmp_path)])
+    result = Fit.load(tmp_path / "fit.json")
+    assert code == (0 if result.converged else 1)
+    assert result.values["transition"] == pytest.approx(0.5, abs=4 * result.standard_errors["transition"])
+    assert {row["parameter"]: row["role"] for row in rows(tmp_path / "parameters.csv")}["fork"] == "fixed"
+    found = configuration(tmp_path)
+    assert (found["model"], found["cells"], found["match"]) == ("offlattice", 1200, "li2024")
+    (one,) = {(row["hours"], row["replicates"]) for row in rows(tmp_path / "targets.csv")}
+    assert one == ("233.0", "6")
+
+
+@pytest.mark.usefixtures("unchecked")
+def test_infer_from_end_images(table: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    how = ["--free", "transition,fork", "--statistics", "compactness,radius", "--match", "exactly", "--draws", "12"]
+    tiny = ["--method", "abc-smc", "--population", "64", "--simulations", "300", "--pilot", "96"]
+    code = cli.run(["infer", str(table), *OFFLATTICE, *how, *tiny, "--out", str(tmp_path)])
+    posterior = Posterior.load(tmp_path / "posterior.npz")
+    assert code == (0 if posterior.settled else 1)
+    run = json.loads((tmp_path / "run.json").read_text())["configuration"]
+    assert run["prior"]["fork"] == {"distribution": "beta", "a": 2.0, "b": 5.0, "low": 0.0, "high": 1.0}
+    assert (run["model"], run["cells"], run["fixed"]["any_mother"]) == ("offlattice", 1200, 0.12)
+    assert [row["parameter"] for row in rows(tmp_path / "posterior.csv")] == ["transition", "fork"]
+    page = (tmp_path / "index.html").read_text()
+    assert "Parameters are shares and probabilities" in page
+    assert (tmp_path / "colonies.png").is_file()
+    assert "hours" in rows(tmp_path / "predictive.csv")[0]
+    assert cli.run(["infer", "--model", "offlattice", "--print-prior"]) == 0
+    assert "a = 5.0" in capsys.readouterr().out
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_design_without_times(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    how = ["--statistics", "compactness,radius,area", "--runs", "32", "--by", "statistic", "--area", "30000"]
+    assert cli.run(["design", *OFFLATTICE, *how, "--out", str(tmp_path)]) == 0
+    assert "1. " in capsys.readouterr().out
+    found = Sensitivity.load(tmp_path / "sensitivity.json")
+    assert found.statistics == ("compactness", "radius", "area")
+    assert rows(tmp_path / "design.csv")
+    assert configuration(tmp_path)["area"] == 30000.0
+
+
+def test_indices_of_li_and_coauthors_are_measured_on_the_masks(table: Path) -> None:
+    from yeastfit import FORWARD_MODELS
+    from yeastfit.inference.targets_from_table import read_measurements
+    from yeastfit.offlattice.li2024_statistics import PUBLISHED, li2024_statistics
+
+    model = FORWARD_MODELS["offlattice"]()
+    names = model.statistics_named(["li2024"])
+    assert names == PUBLISHED
+    seen = model.seen(read_measurements(table), table.parent, None, names)
+    with Image.open(table.parent / "masks" / "colony_0.png") as image:
+        expected = li2024_statistics(np.asarray(image))
+    assert seen.targets.curves is not None
+    assert seen.targets.curves[0, 2, 0] == expected.branch_index
+    areas = [float(row["area"]) for row in rows(table)]
+    assert seen.model.area == pytest.approx(np.mean(areas))  # type: ignore[attr-defined]
+
+
+def test_help_is_that_of_the_model(capsys: pytest.CaptureFixture[str]) -> None:
+    for command in ("simulate", "fit", "infer", "design"):
+        for model, own, others in (("offlattice", "--any-mother", "--mobility"), ("algebraic", "--dt", "--cells")):
+            assert cli.run([command, f"--model={model}", "--help"]) == 0
+            text = capsys.readouterr().out
+            assert own in text
+            assert others not in text
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--model", "other"], "--model is 'other', it must be one of algebraic, offlattice"),
+        (["--model", "offlattice", "--mobility", "2"], "--mobility is an option of --model algebraic"),
+        (["--cells", "100"], "--cells is an option of --model offlattice, not of algebraic"),
+        (["--budding", "other"], "--budding is 'other', it must be one of uniform"),
+        (["--budding", "turned"], "--budding is 'turned', it must be one of uniform"),
+        (["--model", "offlattice", "--fork", "2"], "fork (γ) is 2, it must be in [0, 1]"),
+        (["--model", "offlattice", "--cells", "0"], "cells is 0"),
+        (["--model", "offlattice", "--every", "0"], "every is 0"),
+    ],
+)
+def test_what_would_be_right_is_said_in_one_line(
+    arguments: list[str], words: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert words in said(capsys, "simulate", *arguments, "--out", str(tmp_path))
+    assert not list(tmp_path.iterdir())
+
+
+def test_numba_is_asked_for_where_it_is_missing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    from yeastfit.offlattice import colony, compiled
+
+    monkeypatch.setattr(compiled, "njit", None)
+    monkeypatch.setattr(colony, "grow_cells", compiled.kernel(lambda *arguments: (0, 0, 0, 0)))
+    line = said(capsys, "simulate", "--model", "offlattice", "--out", str(tmp_path))
+    assert "pip install 'yeastfit[offlattice]'" in line

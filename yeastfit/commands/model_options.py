@@ -1,0 +1,186 @@
+"""Options of a forward model: which one, its settings, its rules, and the parameters that it and the rules have."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import MISSING, dataclass, fields
+from typing import Annotated, Any, get_origin
+
+import typer
+
+from yeastfit.commands.generated_options import Option, flag_of, hints_of, plain_kind
+from yeastfit.commands.options import SMOOTH, numbers_in
+from yeastfit.commands.rule_options import rule_options, rule_parameters, rules_from
+from yeastfit.errors import InputError
+from yeastfit.inference.models.forward_model import ForwardModel, settings_of
+from yeastfit.inference.models.registry import DEFAULT, FORWARD_MODELS, model_named
+from yeastfit.model.model import Model
+from yeastfit.parameter_set import Parameter
+
+MODEL, PARAMETERS = "Model", "Model parameters"
+Free = Annotated[
+    str | None,
+    typer.Option(
+        help="Names of the free parameters, with commas; the others keep the values given below. By default "
+        + "; ".join(f"{','.join(one.fitted or one.free)} for {name}" for name, one in FORWARD_MODELS.items())
+        + ".",
+        show_default=False,
+    ),
+]
+Statistics = Annotated[
+    str | None,
+    typer.Option(
+        help=f"Statistics that are compared, with commas: {SMOOTH}, or any other column of measurements.csv that the "
+        "model has; li2024 stands for the indices of Li et al. 2024. By default "
+        + "; ".join(f"{','.join(one.statistics)} for {name}" for name, one in FORWARD_MODELS.items())
+        + ".",
+        show_default=False,
+    ),
+]
+
+
+@dataclass(frozen=True)
+class ChosenModel:
+    """The model that a command line names.
+
+    Attributes:
+        name: In `FORWARD_MODELS`.
+        forward: The model with its settings.
+        values: Of parameters, as far as they are given.
+        given: Names of all its options that are given.
+    """
+
+    name: str
+    forward: ForwardModel
+    values: dict[str, float]
+    given: tuple[str, ...]
+
+    def configuration(self, command: str) -> dict[str, Any]:
+        """Which model, and its settings, for a manifest."""
+        return {"model": self.name, **self.forward.settings(command)}
+
+
+@dataclass(frozen=True)
+class ModelOptions:
+    """Options of a command for a model; the command receives a `ChosenModel`.
+
+    Attributes:
+        command: Its name.
+        only: Name of the only model that the command takes; None for any, by --model.
+        defaults: Whether `--help` has the values of parameters that are not given.
+    """
+
+    command: str
+    only: str | None = None
+    defaults: bool = True
+
+    def options(self, arguments: Sequence[str]) -> list[Option]:
+        """Those of the model that is named; hidden, those of the others."""
+        name = self.only or _named_in(arguments) or DEFAULT
+        own = self._of(model_named(name))
+        if self.only:
+            return list(own.values())
+        others = {
+            option.name: Option(**{**vars(option), "hidden": True})
+            for model in FORWARD_MODELS.values()
+            for option in self._of(model).values()
+        }
+        choices = f"Which model grows the colonies; with --help after it, its options. {', '.join(FORWARD_MODELS)}."
+        which = Option("model", str, choices, MODEL, shown=DEFAULT, choices=("NAME",))
+        return [which, *({**others, **own}[key] for key in {**own, **others})]
+
+    def read(self, given: Mapping[str, Any]) -> ChosenModel:
+        """The model with its settings, and values of its parameters.
+
+        Raises:
+            InputError: A model, a rule or an option is unknown, or is not one of this model and these rules; or a value
+                is not admissible.
+        """
+        name = self.only or given.get("model", DEFAULT)
+        kind, options = model_named(name), dict(given)
+        options.pop("model", None)
+        own = self._of(kind)
+        for option in options:
+            if option not in own:
+                raise InputError(f"{flag_of(option)} is an option of --model {self._owners(option)}, not of {name}")
+        settings = self._settings(kind, options)
+        forward = kind(**settings)
+        values = {option: value for option, value in options.items() if option not in settings_of(kind, self.command)}
+        values = {option: value for option, value in values.items() if option in self._parameters(kind)}
+        for option in values:
+            if option not in forward.parameters:
+                _, owners = self._parameters(kind)[option]
+                raise InputError(
+                    f"{flag_of(option)} is a parameter of {' or '.join(owners)}: choose that rule, or leave it out"
+                )
+        forward.parameters.check(values)
+        return ChosenModel(name, forward, values, tuple(options))
+
+    def _settings(self, kind: type[ForwardModel], options: Mapping[str, Any]) -> dict[str, Any]:
+        """Values of a model's settings: those given, and the command's own defaults."""
+        found, hints = dict[str, Any](), hints_of(kind)
+        for name, setting in settings_of(kind, self.command).items():
+            if hints[name] is Model:
+                found[name] = rules_from(options)
+            elif name in options:
+                value, several = options[name], get_origin(hints[name]) is tuple
+                found[name] = tuple(numbers_in(flag_of(name), value)) if several else value
+            elif self.command in setting.defaults:
+                found[name] = setting.defaults[self.command]
+        return found
+
+    def _of(self, kind: type[ForwardModel]) -> dict[str, Option]:
+        """All options of one model by name."""
+        found, hints = dict[str, Option](), hints_of(kind)
+        for name, setting in settings_of(kind, self.command).items():
+            if hints[name] is Model:
+                found |= {one.name: one for one in rule_options()}
+                continue
+            plain, choices = plain_kind(hints[name])
+            if plain is None:
+                continue
+            flags = tuple(flag_of(one) for one in (name, *setting.aliases))
+            if plain is bool:
+                flags = (f"{flags[0]}/--{setting.negative or 'no-' + name.replace('_', '-')}",)
+            shown = _shown(setting.defaults.get(self.command, _default(kind, name)))
+            found[name] = Option(name, plain, setting.help, MODEL, flags, shown, choices)
+        for name, (one, owners) in self._parameters(kind).items():
+            low, high = one.plausible
+            unit, brought = f" {one.unit}" if one.unit else "", f" Of {' and '.join(owners)}." if owners else ""
+            text = f"{one.symbol}, {one.meaning}. Plausible: {low:g} to {high:g}{unit}.{brought}"
+            found[name] = Option(name, float, text, PARAMETERS, shown=f"{one.default:g}" if self.defaults else "")
+        return found
+
+    def _parameters(self, kind: type[ForwardModel]) -> dict[str, tuple[Parameter, tuple[str, ...]]]:
+        """Parameters of a model by name, and the rules that bring them; those of any rule that may be chosen."""
+        hints = hints_of(kind)
+        found: dict[str, tuple[Parameter, tuple[str, ...]]] = {
+            name: (one, ()) for name, one in kind().parameters.items()
+        }
+        if any(hints[name] is Model for name in settings_of(kind, self.command)):
+            found |= rule_parameters()
+        return found
+
+    def _owners(self, option: str) -> str:
+        return " or ".join(name for name, kind in FORWARD_MODELS.items() if option in self._of(kind))
+
+
+def _default(kind: type[ForwardModel], name: str) -> Any:
+    (one,) = (each for each in fields(kind) if each.name == name)
+    return None if one.default is MISSING else one.default
+
+
+def _shown(value: Any) -> str:
+    if isinstance(value, tuple):
+        return ",".join(_shown(one) for one in value)
+    if value is None or isinstance(value, bool):
+        return ""
+    return f"{value:g}" if isinstance(value, float) else str(value)
+
+
+def _named_in(arguments: Sequence[str]) -> str | None:
+    """The value of --model on a command line, where there is one."""
+    for number, one in enumerate(arguments):
+        if one.startswith("--model="):
+            return one.partition("=")[2]
+        if one == "--model" and number + 1 < len(arguments):
+            return arguments[number + 1]
+    return None

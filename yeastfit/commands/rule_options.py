@@ -1,0 +1,107 @@
+"""Options for the rules that the algebraic model is composed of: which, their settings, and what they bring."""
+
+import dataclasses
+import inspect
+import re
+from collections.abc import Mapping
+from typing import Any
+
+from yeastfit.commands.generated_options import Option, flag_of, hints_of, plain_kind
+from yeastfit.errors import InputError
+from yeastfit.model.model import BASES, RULES, Model
+from yeastfit.model.parameters import PARAMETERS
+from yeastfit.model.rules import Rule
+from yeastfit.parameter_set import Parameter
+
+PANEL = "Rules of the model"
+
+
+def rule_options() -> list[Option]:
+    """An option for each question, and one for each setting of a rule, named after its question."""
+    found = dict[str, Option]()
+    for question, base in BASES.items():
+        names, default = _choosable(question), getattr(Model(), question).name
+        words = _first_line(base)
+        found[question] = Option(question, str, words, PANEL, shown=default, choices=tuple(names))
+        for name, rule in names.items():
+            for setting, kind in _settings(rule).items():
+                text = f"{_described(rule, setting)} Of {flag_of(question)} {name}."
+                option = f"{question}_{setting}"
+                found[option] = Option(option, kind, text, PANEL)
+    return list(found.values())
+
+
+def rule_parameters() -> dict[str, tuple[Parameter, tuple[str, ...]]]:
+    """What rules bring by name, with the options that choose a rule which brings it."""
+    found = dict[str, tuple[Parameter, tuple[str, ...]]]()
+    for question in BASES:
+        for name, rule in _choosable(question).items():
+            for one in rule.parameters:
+                if one.name in PARAMETERS:
+                    continue
+                _, owners = found.get(one.name, (one, ()))
+                found[one.name] = one, (*owners, f"{flag_of(question)} {name}")
+    return found
+
+
+def rules_from(options: Mapping[str, Any], base: Model | None = None) -> Model:
+    """The model that options ask for; for other questions the rules of `base`, or the source's.
+
+    Raises:
+        InputError: A rule is unknown, or a setting is not one of the rule that is chosen.
+    """
+    described = (base or Model()).asdict()
+    for question in BASES:
+        known = _choosable(question)
+        if question in options:
+            if options[question] not in known:
+                raise InputError(f"{flag_of(question)} is {options[question]!r}, it must be one of {', '.join(known)}")
+            described[question] = {"rule": options[question]}
+        rule = described[question]["rule"]
+        for name, owners in _owners(question).items():
+            if (option := f"{question}_{name}") in options:
+                if rule not in owners:
+                    wanted = " or ".join(f"{flag_of(question)} {one}" for one in owners)
+                    raise InputError(f"{flag_of(option)} is a setting of {wanted}: choose that rule, or leave it out")
+                described[question][name] = options[option]
+    return Model.of(described)
+
+
+def _choosable(question: str) -> dict[str, type[Rule]]:
+    """Rules by name that can be made from numbers and words."""
+    return {name: rule for name, rule in RULES[question].items() if not _needed(rule) - set(_settings(rule))}
+
+
+def _needed(rule: type[Rule]) -> set[str]:
+    """Fields without a default."""
+    return {
+        one.name
+        for one in dataclasses.fields(rule)
+        if one.default is dataclasses.MISSING and one.default_factory is dataclasses.MISSING
+    }
+
+
+def _settings(rule: type[Rule]) -> dict[str, type]:
+    """Types of the fields that the command line can give."""
+    hints = hints_of(rule)
+    kinds = {one.name: plain_kind(hints[one.name])[0] for one in dataclasses.fields(rule)}
+    return {name: kind for name, kind in kinds.items() if kind is not None}
+
+
+def _owners(question: str) -> dict[str, list[str]]:
+    """Names of rules by the settings that they have."""
+    found = dict[str, list[str]]()
+    for name, rule in _choosable(question).items():
+        for setting in _settings(rule):
+            found.setdefault(setting, []).append(name)
+    return found
+
+
+def _first_line(kind: type) -> str:
+    return (inspect.getdoc(kind) or "").partition("\n")[0]
+
+
+def _described(rule: type[Rule], setting: str) -> str:
+    """What the docstring of a rule says of one of its attributes."""
+    found = re.search(rf"^    {setting}: (.*(?:\n        .*)*)", inspect.getdoc(rule) or "", re.MULTILINE)
+    return " ".join(found[1].split()) if found else ""

@@ -1,0 +1,1 @@
+"""Forward models as commands see them: settings, parameters, data, simulators, pictures."""

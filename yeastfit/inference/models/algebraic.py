@@ -1,0 +1,167 @@
+"""The algebraic model (docs/model.md), composed of rules, as commands see it."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated, Any, ClassVar
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+
+from yeastfit.errors import InputError
+from yeastfit.inference.colony_simulator import COARSE, DEFAULT_FREE, OUTLINE_PIXEL, ColonySimulator, Resolution
+from yeastfit.inference.models.forward_model import ForwardModel, Grown, Outlines, Row, Seen
+from yeastfit.inference.posterior.prior import Prior
+from yeastfit.inference.posterior.settings import Setting
+from yeastfit.inference.sensitivity.estimate import sensitivity as estimate_sensitivity
+from yeastfit.inference.sensitivity.result import Sensitivity
+from yeastfit.inference.simulator import Simulator
+from yeastfit.inference.targets import Targets
+from yeastfit.inference.targets_from_table import targets_of
+from yeastfit.model.model import Model
+from yeastfit.model.numerics import Numerics
+from yeastfit.model.nutrient import check_alpha
+from yeastfit.model.parameters import Parameters, Scales
+from yeastfit.model.relaxation import HARD, Relaxation
+from yeastfit.parameter_set import ParameterSet
+from yeastfit.progress import Progress
+from yeastfit.simulation.simulate import member_keys
+from yeastfit.simulation.simulate import simulate as run_simulation
+
+FAR = 0.999  # cumulative probability of a prior beyond which there are few draws
+SIMULATE, DATA = ("simulate",), ("simulate", "fit", "infer")
+
+
+@dataclass(frozen=True)
+class Algebraic(ForwardModel):
+    """Colonies of the algebraic model, photographed at several times."""
+
+    free: ClassVar[tuple[str, ...]] = DEFAULT_FREE
+    fitted: ClassVar[tuple[str, ...]] = DEFAULT_FREE
+    nouns: ClassVar = ("colony", "colonies")
+    units: ClassVar = (
+        "Parameters are dimensionless. Statistics are named by their times in units of 1/μ*; lengths are in L0, areas "
+        "in L0²; in the picture and in predictive.csv there are hours, too."
+    )
+
+    rules: Model = field(default_factory=Model)
+    time: Annotated[
+        float,
+        Setting("How long the colonies grow, in units of 1/μ* (2.17 hours unless --rate is given).", commands=SIMULATE),
+    ] = 10.0
+    every: Annotated[
+        float, Setting("Interval between two rows of the table, in the same unit as --time.", commands=SIMULATE)
+    ] = 0.2
+    hard: Annotated[
+        bool,
+        Setting("Use the model's exact rules, or the smoothed ones.", commands=SIMULATE, negative="relaxed"),
+    ] = False
+    times: Annotated[
+        tuple[float, ...],
+        Setting("Times at which colonies could be photographed, in units of 1/μ*, with commas.", commands=("design",)),
+    ] = (2.0, 3.0, 4.0, 5.0, 6.0)
+    dt: Annotated[
+        float,
+        Setting(
+            "Time step, in units of 1/μ*.",
+            commands=(*DATA, "design"),
+            defaults={"simulate": Numerics.dt, "fit": COARSE.dt},
+        ),
+    ] = Resolution.dt
+    spacing: Annotated[
+        float,
+        Setting("Spacing of the nutrient's grid, in cell lengths L0.", commands=DATA, defaults={"fit": COARSE.spacing}),
+    ] = Resolution.spacing
+    domain: Annotated[float, Setting("Side of the square dish, in cell lengths L0.", commands=SIMULATE)] = 40.0
+    capacity: Annotated[
+        int,
+        Setting(
+            "Largest possible number of nodes in a colony (cells + 1). Growth beyond it is cut.", commands=SIMULATE
+        ),
+    ] = 500
+    rate: Annotated[
+        float,
+        Setting("Maximal growth rate μ* of the cells, per hour. Model time is in units of 1/μ*.", commands=DATA),
+    ] = Scales.rate
+    length: Annotated[
+        float, Setting("Mean length L0 of a cell, in µm. Model lengths are in units of L0.", commands=DATA)
+    ] = Scales.length
+
+    @property
+    def parameters(self) -> ParameterSet:
+        """λ1 … λ7, and what the rules bring."""
+        return self.rules.parameters
+
+    @property
+    def scales(self) -> Scales:
+        """Units of the model."""
+        return Scales(self.length, self.rate)
+
+    def simulator(self, targets: Targets, free: Sequence[str], fixed: Mapping[str, float]) -> Simulator:
+        """Colonies that are seen as the data are."""
+        return ColonySimulator.of(targets, free, fixed, Resolution(self.dt, self.spacing), self.rules)
+
+    def fit_simulators(
+        self, targets: Targets, free: Sequence[str], fixed: Mapping[str, float]
+    ) -> tuple[Simulator, Simulator]:
+        """Colonies in time steps as long as asked for, and at the default resolution."""
+        fine = ColonySimulator.of(targets, free, fixed, Resolution(), self.rules)
+        return self.simulator(targets, free, fixed), fine
+
+    def seen(self, rows: Sequence[Row], folder: Path, condition: str | None, statistics: Sequence[str]) -> Seen:
+        """Curves over time, lengths in L0."""
+        targets = targets_of(rows, folder, condition=condition, statistics=statistics, scales=self.scales)
+        return Seen(self, targets)
+
+    def check(self, prior: Prior, fixed: Mapping[str, float]) -> None:
+        """Raise `InputError` where the prior reaches a diffusivity for which the time step is too long."""
+        largest = fixed.get("diffusivity", self.parameters["diffusivity"].default)
+        if "diffusivity" in prior.free:
+            far = prior.quantile(np.full((1, len(prior.free)), FAR))[0]
+            largest = float(far[prior.free.index("diffusivity")])
+        step = Numerics(domain=100 * self.spacing, spacing=self.spacing, dt=self.dt)
+        check_alpha(jnp.asarray(largest, jnp.result_type(float)), step)
+
+    def outlines(self, simulator: Any, values: Float[np.ndarray, "row free"], targets: Targets, seed: int) -> Outlines:
+        """Where the cells of one colony are at the data's last time, at each row."""
+        scales = targets.imaging.scales if targets.imaging is not None else Scales()
+        return simulator.outlines(values, float(targets.times[-1]), seed), OUTLINE_PIXEL * scales.length
+
+    def sensitivity(
+        self, statistics: Sequence[str], values: Mapping[str, float], *, runs: int, seed: int, progress: Progress
+    ) -> Sensitivity:
+        """By regression along all parameters, which costs as much as along one."""
+        times = self.times
+        if not times or not np.isfinite(times).all() or min(times) <= 0:
+            raise InputError(f"--times is {','.join(f'{time:g}' for time in times)}, it must hold numbers above 0")
+        # every node may bud once in a unit of time
+        numerics = Numerics(dt=self.dt, capacity=2 ** (int(np.floor(max(times) + 1e-6)) + 1))
+        return estimate_sensitivity(
+            Parameters(**values),
+            times=times,
+            statistics=statistics,
+            method="regression",
+            runs=runs,
+            seed=seed,
+            numerics=numerics,
+            progress=progress,
+        )
+
+    def grow(self, values: Mapping[str, float], members: int, seed: int) -> Grown:
+        """Colonies in an ensemble, seen at regular times and at the end."""
+        chosen, time, every = self.rules.complete(Parameters(**values)), self.time, self.every
+        numerics = Numerics(domain=self.domain, spacing=self.spacing, dt=self.dt, capacity=self.capacity)
+        if not 0 < every <= time:
+            raise InputError(f"every is {every:g}, it must be above 0 and at most the time, {time:g}")
+        regular = np.arange(1, int(time / every + 1e-9) + 1) * every
+        times = np.append(regular[regular < time - 0.5 * self.dt], time)
+        return run_simulation(
+            chosen,
+            member_keys(seed, members),
+            times=times,
+            model=self.rules,
+            numerics=numerics,
+            relaxation=HARD if self.hard else Relaxation(),
+            scales=self.scales,
+        )

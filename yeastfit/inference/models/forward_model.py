@@ -1,0 +1,218 @@
+"""What commands need to know of a forward model: the base class of the entries of `FORWARD_MODELS`.
+
+A model is a frozen dataclass. Its fields are its settings, each an option of the commands; what is said of an option
+stands in its annotation, `Annotated[int, Setting("Number of cells.")]`. Parameters, and rules that bring some, become
+options too.
+"""
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any, ClassVar, Protocol, get_type_hints, runtime_checkable
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from yeastfit.errors import InputError
+from yeastfit.inference.posterior.prior import Prior
+from yeastfit.inference.posterior.settings import Setting
+from yeastfit.inference.sensitivity.result import Sensitivity
+from yeastfit.inference.simulator import Simulator
+from yeastfit.inference.targets import Targets
+from yeastfit.inference.targets_from_table import targets_of
+from yeastfit.measure.statistics.registry import known_statistics
+from yeastfit.model.model import Model
+from yeastfit.panel import Panel
+from yeastfit.parameter_set import ParameterSet
+from yeastfit.progress import Progress
+
+Outlines = tuple[list[Bool[np.ndarray, "x y"]], float]
+"""Masks of simulated colonies, and µm per pixel."""
+
+Row = Mapping[str, Any]
+
+
+@runtime_checkable
+class Grown(Protocol):
+    """Simulated colonies as `yeastfit simulate` writes and draws them."""
+
+    @property
+    def statistics(self) -> Mapping[str, np.ndarray]:
+        """By name, members first, then samples."""
+
+    @property
+    def clock(self) -> Float[np.ndarray, " sample"]:
+        """When the samples were taken."""
+
+    @property
+    def clock_label(self) -> str:
+        """What `clock` counts."""
+
+    @property
+    def length_unit(self) -> str:
+        """Of the statistics."""
+
+    @property
+    def seconds(self) -> float:
+        """What it took."""
+
+    def rows(self) -> list[dict[str, Any]]:
+        """Tidy table: one row per member and sample."""
+
+    def panels(self, member: int) -> list[Panel]:
+        """What a picture of one colony at its end shows."""
+
+    def masks(self) -> Outlines | None:
+        """Of all members at their end, as a camera would see them, with µm per pixel; None where there are none."""
+
+    def warnings(self) -> list[str]:
+        """What is to be doubted, in words."""
+
+    def sentence(self) -> str:
+        """What has been grown, in words."""
+
+    def save(self, path: str | Path) -> None:
+        """Save everything as a NumPy archive."""
+
+
+@dataclass(frozen=True)
+class Seen:
+    """Data of one condition as a model sees them.
+
+    Attributes:
+        model: The model, with what it takes from the data in the place of settings that were left open.
+        targets: The curves that are compared.
+        notes: What a user should know about them, in words.
+    """
+
+    model: "ForwardModel"
+    targets: Targets
+    notes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class ForwardModel(ABC):
+    """A forward model of measured colonies, or of anything else, with its settings.
+
+    `parameters` and `simulator` are enough for `fit` and `infer`; `design` asks for `sensitivity`, `simulate` for
+    `grow`.
+
+    Attributes:
+        free: Names of the parameters that `infer` infers by default.
+        fitted: Those that `fit` fits and `design` plans for by default.
+        statistics: What is compared by default.
+        designed: What `design` chooses from by default.
+        nouns: What one replicate is called, and several.
+        units: A sentence for pages on the units of parameters and statistics.
+    """
+
+    free: ClassVar[tuple[str, ...]]
+    fitted: ClassVar[tuple[str, ...]] = ()
+    statistics: ClassVar[tuple[str, ...]] = ("compactness", "radius")
+    designed: ClassVar[tuple[str, ...]] = ("compactness", "radius", "area")
+    nouns: ClassVar[tuple[str, str]] = ("simulation", "simulations")
+    units: ClassVar[str] = ""
+
+    @property
+    @abstractmethod
+    def parameters(self) -> ParameterSet:
+        """All parameters, those that its rules bring included."""
+
+    @abstractmethod
+    def simulator(self, targets: Targets, free: Sequence[str], fixed: Mapping[str, float]) -> Simulator:
+        """A simulator of the data of one condition.
+
+        Arguments:
+            targets: The data; the columns of the simulator are in the order of `Targets.values`.
+            free: Names of the free parameters.
+            fixed: Values of all others.
+        """
+
+    def fit_simulators(
+        self, targets: Targets, free: Sequence[str], fixed: Mapping[str, float]
+    ) -> tuple[Simulator, Simulator]:
+        """The simulator of a fit, and a finer one that corrects it; by default the same."""
+        simulator = self.simulator(targets, free, fixed)
+        return simulator, simulator
+
+    def statistics_named(self, names: Sequence[str]) -> tuple[str, ...]:
+        """Names of statistics as `Targets` has them.
+
+        Raises:
+            InputError: One is unknown.
+        """
+        known = {*known_statistics("smooth"), *known_statistics("mask")}
+        for name in names:
+            if name not in known:
+                raise InputError(f"--statistics: {name!r} is unknown, expected some of {', '.join(sorted(known))}")
+        return tuple(names)
+
+    def seen(self, rows: Sequence[Row], folder: Path, condition: str | None, statistics: Sequence[str]) -> Seen:
+        """Data of one condition from a table of measurements.
+
+        Arguments:
+            rows: Of measurements.csv.
+            folder: Where it lies, and masks with it.
+            condition: Which; may be left out where there is one.
+            statistics: Which curves.
+        """
+        return Seen(self, targets_of(rows, folder, condition=condition, statistics=statistics))
+
+    def measurement_errors(self, targets: Targets, given: float | None) -> dict[str, float]:
+        """Relative error of measurement of each statistic; `given` is one number for all."""
+        return targets.measurement_errors(given)
+
+    def prior(self, parameters: ParameterSet, *, bounded: str = "log-uniform") -> Prior:
+        """The prior where a user gives none; see `Prior.default`."""
+        return Prior.default(parameters, bounded=bounded)
+
+    def check(self, prior: Prior, fixed: Mapping[str, float]) -> None:  # noqa: B027 - most models compute anything
+        """Raise `InputError` where a prior and held parameters ask for more than the settings can compute."""
+
+    def outlines(
+        self, simulator: Any, values: Float[np.ndarray, "row free"], targets: Targets, seed: int
+    ) -> Outlines | None:
+        """Masks of what is simulated at the data's last time, by `simulator`; None where there is nothing to draw."""
+        return None
+
+    def sensitivity(
+        self, statistics: Sequence[str], values: Mapping[str, float], *, runs: int, seed: int, progress: Progress
+    ) -> Sensitivity:
+        """Derivatives of the means of statistics at given values, for `design`.
+
+        Raises:
+            InputError: The model has no such thing.
+        """
+        raise InputError(f"--model: {type(self).__name__} has no sensitivity without data, which design needs")
+
+    def grow(self, values: Mapping[str, float], members: int, seed: int) -> Grown:
+        """Colonies at given values of some parameters, for `simulate`.
+
+        Raises:
+            InputError: The model has no such thing.
+        """
+        raise InputError(f"--model: {type(self).__name__} cannot be simulated without data")
+
+    def settings(self, command: str) -> dict[str, Any]:
+        """The settings that a command has, plain data; rules are named where they are not the default ones."""
+        found = dict[str, Any]()
+        for name in settings_of(type(self), command):
+            value = getattr(self, name)
+            if not isinstance(value, Model):
+                found[name] = value
+            elif value.asdict() != Model().asdict():
+                found[name] = value.asdict()
+        return found
+
+
+def settings_of(model: type[ForwardModel], command: str) -> dict[str, Setting]:
+    """What is said of the settings of a model that a command has, by name."""
+    hints = get_type_hints(model, include_extras=True)
+    found = {}
+    for each in fields(model):
+        said = (data for data in getattr(hints[each.name], "__metadata__", ()) if isinstance(data, Setting))
+        setting = next(said, Setting(""))
+        if not setting.commands or command in setting.commands:
+            found[each.name] = setting
+    return found

@@ -1,0 +1,210 @@
+"""The off-lattice model of Li et al. 2024, as commands see it; numba is imported where colonies grow.
+
+It has no time. Colonies are compared in one image each, at one area: N cells grow, and so many of them are drawn as
+cover the mean area of the data.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
+
+import numpy as np
+from jaxtyping import Float
+
+from yeastfit.errors import InputError
+from yeastfit.inference.models.forward_model import ForwardModel, Outlines, Row, Seen
+from yeastfit.inference.posterior.distributions import Distribution
+from yeastfit.inference.posterior.prior import Prior
+from yeastfit.inference.posterior.settings import Setting
+from yeastfit.inference.sensitivity.estimate import sensitivity as estimate_sensitivity
+from yeastfit.inference.sensitivity.result import Sensitivity
+from yeastfit.inference.simulator import member_seeds
+from yeastfit.inference.targets import Targets
+from yeastfit.inference.targets_from_table import checked_rows, read_mask
+from yeastfit.offlattice.parameters import PARAMETERS, PRIOR
+from yeastfit.parameter_set import ParameterSet
+from yeastfit.progress import Progress
+
+if TYPE_CHECKING:
+    from yeastfit.offlattice.simulation import OfflatticeSimulation
+    from yeastfit.offlattice.simulator import OfflatticeSimulator
+
+THEIRS = "li2024"
+COMPARED = ("fit", "infer", "design")
+Masks = Literal["li2024", "ellipses"]
+Match = Literal["li2024", "exactly", "none"]
+
+
+@dataclass(frozen=True)
+class Offlattice(ForwardModel):
+    """Colonies of the off-lattice model, one end image each."""
+
+    free: ClassVar = PARAMETERS.names
+    fitted: ClassVar = ("transition", "fork")
+    statistics: ClassVar = (THEIRS,)
+    designed: ClassVar = (THEIRS,)
+    nouns: ClassVar = ("colony", "colonies")
+    units: ClassVar = (
+        "Parameters are shares and probabilities. Lengths are in µm, areas in µm²; indices of Li et al. 2024 have no "
+        "unit."
+    )
+
+    cells: Annotated[
+        int, Setting("Number N of cells that grow: the nutrient there is. Li et al. took 45000, 65000 and 90000.")
+    ] = 45_000
+    every: Annotated[
+        int | None,
+        Setting("Cells between two rows of the table; by default a twentieth of --cells.", commands=("simulate",)),
+    ] = None
+    area: Annotated[
+        float | None,
+        Setting(
+            "Area in µm² that the cells drawn cover; by default the mean of the data, without data that of all cells.",
+            commands=COMPARED,
+        ),
+    ] = None
+    match: Annotated[
+        Match,
+        Setting(
+            "How many cells are drawn: as Li et al. search for the area, within 5 %; exactly as many as cover it; or "
+            "all, whatever the area (none).",
+            commands=COMPARED,
+        ),
+    ] = "li2024"
+    masks: Annotated[
+        Masks | None,
+        Setting(
+            "How simulated colonies are drawn: as Li et al. do, or as ellipses at the photographs' pixel size. By "
+            "default li2024 for statistics of theirs only, ellipses otherwise.",
+            commands=COMPARED,
+        ),
+    ] = None
+    pixel_size: Annotated[
+        float | None,
+        Setting("µm per pixel of ellipses; by default that of the data, or 1.55.", commands=COMPARED),
+    ] = None
+    delay: Annotated[
+        float,
+        Setting("Share of all cells by which pseudohyphal mothers come to be preferred later than the transition."),
+    ] = 0.02
+
+    @property
+    def parameters(self) -> ParameterSet:
+        """The five."""
+        return PARAMETERS
+
+    def statistics_named(self, names: Sequence[str]) -> tuple[str, ...]:
+        """Those of `measure`, and those of Li et al.: li2024 stands for the three that they compare colonies in."""
+        from yeastfit.offlattice.li2024_statistics import PUBLISHED
+        from yeastfit.offlattice.simulator import known_statistics
+
+        known, found = known_statistics(), tuple(one for name in names for one in _expanded(name, PUBLISHED))
+        for name in found:
+            if name not in known:
+                raise InputError(
+                    f"--statistics: {name!r} is unknown, expected {THEIRS} or some of {', '.join(sorted(known))}"
+                )
+        return tuple(dict.fromkeys(found))
+
+    def simulator(self, targets: Targets, free: Sequence[str], fixed: Mapping[str, float]) -> "OfflatticeSimulator":
+        """Colonies that are seen as the data are."""
+        return replace(self._simulator(targets.names, free, fixed), observables=targets.observables)
+
+    def seen(self, rows: Sequence[Row], folder: Path, condition: str | None, statistics: Sequence[str]) -> Seen:
+        """Statistics of the last image of each colony, with its mean area and pixel size."""
+        every = checked_rows(rows, condition)
+        hours = max(float(row["hours"]) for row in every)
+        chosen = [row for row in every if float(row["hours"]) == hours]
+        values = [_measured(row, folder, (*statistics, "area")) for row in chosen]
+        curves = {name: np.array([[value[name]] for value in values]) for name in statistics}
+        targets = Targets.from_replicates(curves, [hours])
+        area = float(np.mean([value["area"] for value in values])) if self.area is None else self.area
+        pixel = float(np.mean([row["um_per_pixel"] for row in chosen])) if self.pixel_size is None else self.pixel_size
+        notes = []
+        if len(chosen) < len(every):
+            notes.append(f"{len(every) - len(chosen)} images before {hours:g} h are left out: the model has no time")
+        seen = replace(self, area=None if self.match == "none" else area, pixel_size=pixel)
+        return Seen(seen, replace(targets, time_label="hours", length_unit="µm"), tuple(notes))
+
+    def measurement_errors(self, targets: Targets, given: float | None) -> dict[str, float]:
+        """As the statistics have them, where nothing is given."""
+        from yeastfit.offlattice.simulator import known_statistics
+
+        known = known_statistics()
+        return {name: known[name].measurement_error if given is None else given for name in targets.names}
+
+    def prior(self, parameters: ParameterSet, *, bounded: str = "log-uniform") -> Prior:
+        """Li et al.'s beta distributions."""
+        return Prior({name: Distribution("beta", dict(zip("ab", PRIOR[name], strict=True))) for name in parameters})
+
+    def outlines(
+        self, simulator: "OfflatticeSimulator", values: Float[np.ndarray, "row free"], targets: Targets, seed: int
+    ) -> Outlines:
+        """The masks that are measured, of one colony at each row."""
+        seeds = member_seeds(seed, len(values))
+        colonies = [simulator.colony(row, int(one)) for row, one in zip(values.tolist(), seeds, strict=True)]
+        seen = [simulator.seen(colony) for colony in colonies]
+        return [mask for mask, _, _ in seen], seen[0][1]
+
+    def sensitivity(
+        self, statistics: Sequence[str], values: Mapping[str, float], *, runs: int, seed: int, progress: Progress
+    ) -> Sensitivity:
+        """By regression along all parameters above 0."""
+        at = {**PARAMETERS.defaults, **values}
+        free = [name for name, value in at.items() if value > 0]
+        held = {name: value for name, value in at.items() if value == 0}
+        simulator, moved = self._simulator(statistics, free, held), {name: at[name] for name in free}
+        return estimate_sensitivity(simulator=simulator, at=moved, runs=runs, seed=seed, progress=progress)
+
+    def grow(self, values: Mapping[str, float], members: int, seed: int) -> "OfflatticeSimulation":
+        """Colonies, seen after every so many cells."""
+        from yeastfit.offlattice.simulation import simulate_offlattice
+
+        seeds = member_seeds(seed, members)
+        return simulate_offlattice(values, seeds, cells=self.cells, every=self.every, delay=self.delay)
+
+    def _simulator(
+        self, statistics: Sequence[str], free: Sequence[str], fixed: Mapping[str, float]
+    ) -> "OfflatticeSimulator":
+        from yeastfit.offlattice.area_matching import match_exactly, search_from_below
+        from yeastfit.offlattice.simulator import OfflatticeSimulator
+
+        draw, pixel = self._drawn(statistics)
+        area = None if self.area is None or self.match == "none" else self.area / pixel**2
+        match = match_exactly if self.match == "exactly" else search_from_below
+        return OfflatticeSimulator.of(
+            statistics, cells=self.cells, area=area, free=free, fixed=fixed, draw=draw, match=match, delay=self.delay
+        )
+
+    def _drawn(self, statistics: Sequence[str]) -> tuple[Callable[[Any], Any], float]:
+        """How a colony is drawn, and µm per pixel."""
+        from yeastfit.offlattice.ellipse_mask import PIXEL, Ellipses
+        from yeastfit.offlattice.li2024_mask import BinnedOutlines
+        from yeastfit.offlattice.placing import PIXELS_PER_UM
+
+        theirs = all(name.startswith(THEIRS) for name in statistics)
+        if (self.masks or (THEIRS if theirs else "ellipses")) == THEIRS:
+            return BinnedOutlines.of, 1 / PIXELS_PER_UM
+        pixel = self.pixel_size or PIXEL
+        return lambda colony: Ellipses.of(colony, pixel), pixel
+
+
+def _expanded(name: str, published: tuple[str, ...]) -> tuple[str, ...]:
+    return published if name == THEIRS else (name,)
+
+
+def _measured(row: Row, folder: Path, statistics: Sequence[str]) -> dict[str, float]:
+    """Statistics of one image in µm: the table's, and what its mask tells besides."""
+    from yeastfit.measure.statistics.pixels import Pixels
+    from yeastfit.offlattice.simulator import known_statistics
+
+    found = {name: float(row[name]) for name in statistics if name in row}
+    missing = [name for name in statistics if name not in found]
+    if missing:
+        path, pixel, entries = folder / str(row["mask"]), float(row["um_per_pixel"]), known_statistics()
+        if not path.is_file():
+            raise InputError(f"statistics: {missing[0]!r} is not in the table, and there is no mask {path} to measure")
+        pixels = Pixels.of(read_mask(path, row))
+        found |= {name: entries[name].mask(pixels) * pixel ** entries[name].unit_power for name in missing}  # type: ignore[misc]
+    return found

@@ -1,0 +1,194 @@
+"""Colonies of the off-lattice model as they grow: measured and drawn after every so many cells, the model's clock.
+
+The first n cells are measured twice: as ellipses on the pixels of a photograph for the statistics of `measure`, and as
+Li et al. draw them for theirs, whose names begin with li2024_.
+"""
+
+import time as clock
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Bool, Float, Int, Integer
+
+from yeastfit.errors import InputError, SimulationError
+from yeastfit.measure.statistics.pixels import Pixels
+from yeastfit.measure.statistics.registry import names_with, recorded
+from yeastfit.offlattice.colony import DELAY, OfflatticeColony, grow, in_threads
+from yeastfit.offlattice.ellipse_mask import PIXEL, Ellipses
+from yeastfit.offlattice.li2024_mask import BinnedOutlines
+from yeastfit.offlattice.li2024_statistics import PUBLISHED
+from yeastfit.offlattice.parameters import PARAMETERS, Rates
+from yeastfit.offlattice.simulator import Picture, known_statistics
+from yeastfit.offlattice.status import Status
+from yeastfit.panel import Panel
+from yeastfit.storage import as_json, from_json, written_whole
+
+SHARE = "pseudohyphal_share"
+COLUMNS = ("x", "y", "direction", "pseudohyphal", "mother", "can_bud")
+NUMBERS = ("cells", "sated", "attempts", "sated_attempts", "numbers_drawn")
+
+
+@dataclass(frozen=True, eq=False)
+class OfflatticeSimulation:
+    """Result of `simulate_offlattice`. Lengths are in µm.
+
+    Attributes:
+        cells: n of the samples.
+        statistics: Of the first n cells, by name; nan where a colony has fewer.
+        colonies: All members.
+        parameters: The five values by name.
+        seconds: What it took, compiling included.
+    """
+
+    cells: Int[np.ndarray, " sample"]
+    statistics: dict[str, Float[np.ndarray, "member sample"]]
+    colonies: tuple[OfflatticeColony, ...]
+    parameters: dict[str, float]
+    seconds: float
+
+    @property
+    def clock(self) -> Float[np.ndarray, " sample"]:
+        """Numbers of cells."""
+        return self.cells.astype(float)
+
+    @property
+    def clock_label(self) -> str:
+        """What `clock` counts."""
+        return "cells"
+
+    @property
+    def length_unit(self) -> str:
+        """Of the statistics."""
+        return "µm"
+
+    def rows(self) -> list[dict[str, Any]]:
+        """Tidy table: one row per member and sample."""
+        return [
+            {"member": member, "cells": cells, **{name: float(one[member, k]) for name, one in self.statistics.items()}}
+            for member in range(len(self.colonies))
+            for k, cells in enumerate(self.cells.tolist())
+        ]
+
+    def masks(self) -> tuple[list[Bool[np.ndarray, "row column"]], float]:
+        """All cells of each colony as a camera would see them, and µm per pixel."""
+        return [Ellipses.of(colony).mask(colony.x.size) for colony in self.colonies], PIXEL
+
+    def panels(self, member: int = 0) -> list[Panel]:
+        """Cells of one colony by form, and the outline that is measured."""
+        colony = self.colonies[member]
+        seen = Ellipses.of(colony, gap=0.0).first
+        forms = np.append(1 + colony.pseudohyphal, 0).astype(int)[seen - 1]
+        mask, share = Ellipses.of(colony).mask(colony.x.size), colony.pseudohyphal.mean()
+        title = f"{colony.x.size} cells, {share:.1%} of them pseudohyphal"
+        return [
+            Panel(title, forms[::-1].T, 0.5 * PIXEL * len(forms), kinds=("nothing", "sated", "pseudohyphal")),
+            Panel("as a camera sees it", mask[::-1].T, 0.5 * PIXEL * len(mask), kinds=("nothing", "colony")),
+        ]
+
+    def warnings(self) -> list[str]:
+        """Colonies that did not grow to the end, in words."""
+        counts = Counter(each.message for each in self.colonies if each.status is not Status.GROWN)
+        return [f"{count} of {len(self.colonies)} colonies: {message}" for message, count in counts.items()]
+
+    def sentence(self) -> str:
+        """What has been grown, in words."""
+        count, share = len(self.colonies), np.mean([each.pseudohyphal.mean() for each in self.colonies])
+        grown = "1 colony" if count == 1 else f"{count} colonies"
+        return f"{grown} of {self.cells[-1]} cells, {share:.1%} of them pseudohyphal, in {self.seconds:.1f} s"
+
+    def save(self, path: str | Path) -> None:
+        """Save as a NumPy archive: curves, cells of all colonies and parameters."""
+        arrays: dict[str, Any] = {f"statistics/{name}": values for name, values in self.statistics.items()}
+        for member, each in enumerate(self.colonies):
+            arrays |= {f"colony {member}/{name}": getattr(each, name) for name in COLUMNS}
+        numbers = [{"status": each.status.name, **{n: getattr(each, n) for n in NUMBERS}} for each in self.colonies]
+        about = {"parameters": self.parameters, "seconds": self.seconds, "colonies": numbers}
+        with written_whole(path) as temporary, temporary.open("wb") as file:  # a file keeps its name as given
+            np.savez_compressed(file, cells=self.cells, about=as_json(about), **arrays)
+
+    @staticmethod
+    def load(path: str | Path) -> "OfflatticeSimulation":
+        """Read what `save` wrote."""
+        with np.load(path) as archive:
+            arrays = {name: archive[name] for name in archive.files}
+        about = from_json(str(arrays["about"]))
+        rates = Rates(**about["parameters"])
+        colonies = tuple(
+            OfflatticeColony(
+                rates=rates,
+                status=Status[numbers.pop("status")],
+                **{name: arrays[f"colony {member}/{name}"] for name in COLUMNS},
+                **numbers,
+            )
+            for member, numbers in enumerate(about["colonies"])
+        )
+        statistics = {name.partition("/")[2]: one for name, one in arrays.items() if name.startswith("statistics/")}
+        return OfflatticeSimulation(arrays["cells"], statistics, colonies, about["parameters"], about["seconds"])
+
+
+def simulate_offlattice(
+    parameters: Mapping[str, float],
+    seeds: Sequence[int] | Integer[np.ndarray, " member"],
+    *,
+    cells: int,
+    every: int | None = None,
+    delay: float = DELAY,
+) -> OfflatticeSimulation:
+    """Grow a colony for each seed, and measure its first cells.
+
+    Arguments:
+        parameters: By name, the rest at their defaults.
+        seeds: One a colony, 0 ≤ seed < 2⁶⁴.
+        cells: N.
+        every: Cells between two samples, the last of which is N; a twentieth of N by default.
+        delay: See `grow`.
+
+    Returns:
+        All of it; show its `warnings()` to users.
+
+    Raises:
+        InputError: A name or value is not admissible, or numba is missing.
+        SimulationError: So many cells do not fit into memory.
+    """
+    PARAMETERS.check(parameters)
+    if cells < 1:
+        raise InputError(f"cells is {cells}, it must be at least 1")
+    values, between = PARAMETERS.defaults | dict(parameters), max(1, cells // 20) if every is None else every
+    if not 1 <= between <= cells:
+        raise InputError(f"every is {between}, it must be at least 1 and at most the number of cells, {cells}")
+    regular = np.arange(between, cells + 1, between)
+    samples = regular if regular[-1] == cells else np.append(regular, cells)
+
+    def one(seed: int) -> tuple[OfflatticeColony, dict[str, np.ndarray]]:
+        colony = grow(values, cells=cells, seed=seed, delay=delay)
+        return colony, _measured(colony, samples)
+
+    began = clock.perf_counter()
+    grown = in_threads(one, [int(seed) for seed in seeds], None)
+    statistics = {name: np.stack([found[name] for _, found in grown]) for name in grown[0][1]}
+    colonies = tuple(colony for colony, _ in grown)
+    return OfflatticeSimulation(samples, statistics, colonies, values, clock.perf_counter() - began)
+
+
+def _measured(colony: OfflatticeColony, samples: Int[np.ndarray, " sample"]) -> dict[str, np.ndarray]:
+    """Statistics of the first cells; nan where there are not as many."""
+    if not colony.x.size:
+        raise SimulationError(f"a colony of {colony.cells} cells is {colony.message}")
+    ours = [name for name in recorded("mask") if name in names_with("mask")]
+    pictures: list[tuple[Picture, list[str]]] = [(Ellipses.of(colony), ours), (BinnedOutlines.of(colony), [*PUBLISHED])]
+    entries = known_statistics()
+    found = {name: np.full(len(samples), np.nan) for _, names in pictures for name in names} | {
+        SHARE: np.full(len(samples), np.nan)
+    }
+    for k, cells in enumerate(samples[samples <= colony.x.size].tolist()):
+        for picture, names in pictures:
+            pixels = Pixels.of(picture.mask(cells))
+            for name in names:
+                entry = entries[name]
+                found[name][k] = entry.mask(pixels) * picture.pixel_size**entry.unit_power  # type: ignore[misc]
+        found[SHARE][k] = colony.pseudohyphal[:cells].mean()
+    return found
