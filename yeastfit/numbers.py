@@ -94,6 +94,12 @@ class Range:
             raise InputError(f"{what} is {quoted(value)}, it must be {self}")
         return number
 
+    def check(self, value: Any, what: str) -> float:
+        """Like `read`, but text is no number."""
+        if isinstance(value, str):
+            raise InputError(f"{what} is {quoted(value)}, it must be {self}, without quotation marks")
+        return self.read(value, what)
+
     def read_whole(self, value: Any, what: str) -> int:
         """Read a whole number, strictly and to its last digit.
 

@@ -19,8 +19,8 @@ A file of recipes is TOML, a table for each data set:
 """
 
 import shutil
-import tomllib
 from dataclasses import asdict, dataclass, field, fields
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -29,6 +29,7 @@ import numpy as np
 from jaxtyping import Array
 
 from yeastfit.errors import InputError
+from yeastfit.measure.reading.images import MAX_PIXELS, MIN_SIDE
 from yeastfit.measure.statistics.measure_mask import measure_mask
 from yeastfit.measure.statistics.registry import STATISTICS
 from yeastfit.measure.statistics.smooth_statistics import node_statistics
@@ -38,13 +39,18 @@ from yeastfit.model.numerics import Numerics
 from yeastfit.model.parameters import PARAMETERS, Parameters, Scales
 from yeastfit.model.relaxation import HARD
 from yeastfit.model.simulate import Snapshot
+from yeastfit.numbers import HOURS, PIXEL_SIZES, Range
 from yeastfit.progress import Progress, silent
 from yeastfit.seeds import check_seed, photograph_stream
 from yeastfit.simulation.cell_coverage import coverage, true_mask
-from yeastfit.simulation.photograph import Optics, photograph, write_micrograph
+from yeastfit.simulation.photograph import KINDS, Optics, photograph, write_micrograph
 from yeastfit.simulation.simulate import member_keys, simulate
 from yeastfit.storage import read_json, versions, write_json, write_table
+from yeastfit.text import file_name, quoted, short
+from yeastfit.text_files import read_toml
 
+REPLICATES = Range(1, 10_000)
+PARTS: dict[str, type] = {"numerics": Numerics, "scales": Scales, "optics": Optics}
 OF_MASKS = ("area", "perimeter", "outer_perimeter", "compactness", "outer_compactness", "radius", "max_radius")
 OF_NODES = ("growth_rate", "cell_count", "mean_radius")  # with `OF_MASKS` the columns of truth/curves.csv, which stay
 
@@ -65,6 +71,9 @@ class Recipe:
         scales: Units of the model.
         optics: Of the microscope.
         model: Rules of the colonies.
+
+    Raises:
+        InputError: A value is not admissible, or hours do not rise, or have the same first decimal.
     """
 
     parameters: dict[str, float]
@@ -78,6 +87,22 @@ class Recipe:
     scales: Scales = field(default_factory=Scales)
     optics: Optics = field(default_factory=Optics)
     model: Model = field(default_factory=Model)
+
+    def __post_init__(self) -> None:
+        check_seed(self.seed)
+        if not self.hours:
+            raise InputError("hours: there are none, need the times of the photographs")
+        for hours in self.hours:
+            HOURS.check(hours, "hours")
+        if any(later <= earlier for earlier, later in pairwise(self.hours)):
+            raise InputError(f"hours are {quoted(list(self.hours))}, they must rise")
+        if len({_photograph_name(0, hours) for hours in self.hours}) < len(self.hours):
+            raise InputError(f"hours are {quoted(list(self.hours))}, they must differ in their first decimal")
+        REPLICATES.read_whole(REPLICATES.check(self.replicates, "replicates"), "replicates")
+        side = PIXEL_SIZES.check(self.pixel_size, "pixel_size")
+        Range(MIN_SIDE * side, MAX_PIXELS**0.5 * side, "µm").check(self.extent, "extent")
+        if self.kind not in KINDS:
+            raise InputError(f"kind is {quoted(self.kind)}, it must be one of {', '.join(KINDS)}")
 
     def truth(self) -> Parameters:
         """Values of all parameters of the model.
@@ -105,38 +130,73 @@ def read_truth(source: str | Path) -> dict[str, float] | None:
     """
     source = Path(source)
     path = (source.parent if source.is_file() else source) / "truth" / "parameters.json"
-    return {name: read_json(path)[name] for name in PARAMETERS} if path.is_file() else None
+    if not path.is_file():
+        return None
+    try:
+        found = read_json(path)
+    except (ValueError, RecursionError, OSError) as error:
+        raise InputError(f"{path}: cannot be read ({short(error)}), need that of `yeastfit synthesize`") from None
+    if not isinstance(found, dict):
+        raise InputError(f"{path}: holds {quoted(found)}, need parameters by name")
+    values = {name: Range().check(found.get(name), f"{path}: {name}") for name in PARAMETERS}
+    try:
+        PARAMETERS.check(values)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
+    return values
 
 
 def read_recipes(path: str | Path) -> dict[str, Recipe]:
     """Read recipes by name from a TOML file: one table each, with the fields of `Recipe`.
 
     Raises:
-        InputError: It is no such file, or a table has other fields, unknown rules or inadmissible values.
+        InputError: It is no such file, or a table has other fields, unknown rules or inadmissible values, or a name
+            that no folder can have everywhere.
     """
-    path = Path(path)
-    try:
-        tables = tomllib.loads(path.read_text())
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise InputError(f"{path}: not a TOML file of recipes ({error})") from None
-    return {name: _recipe(table, f"{path}, [{name}]") for name, table in tables.items()}
+    tables = read_toml(path)
+    if not tables:
+        raise InputError(f"{path}: no data set there, need a table [name] for each")
+    for name in tables:
+        if file_name(name) != name:
+            raise InputError(f"{path}: a data set is called {quoted(name)}, need a name that its folder can have")
+    return {name: _recipe(table, f"{path}, [{short(name)}]") for name, table in tables.items()}
 
 
 def _recipe(table: Any, where: str) -> Recipe:
     known = {each.name for each in fields(Recipe)}
     if not isinstance(table, dict) or set(table) - known or {"parameters", "seed", "hours"} - set(table):
         raise InputError(f"{where}: expected parameters, seed and hours, and at most {', '.join(sorted(known))}")
-    kinds = {"numerics": Numerics, "scales": Scales, "optics": Optics}
     try:
-        nested: dict[str, Any] = {key: kind(**table[key]) for key, kind in kinds.items() if key in table}
-        nested["model"] = Model.of(table.get("model", {}))
-        values = {name: float(value) for name, value in table["parameters"].items()}
-        hours = tuple(float(hour) for hour in table["hours"])
-        recipe = Recipe(**{**table, **nested, "parameters": values, "seed": check_seed(table["seed"]), "hours": hours})
+        made = {name: _of_table(kind, table[name], name) for name, kind in PARTS.items() if name in table}
+        rules = _checked(table.get("model", {}), dict, "model", "a table of rules")
+        values = _checked(table["parameters"], dict, "parameters", "a table")
+        values = {name: Range().check(value, f"parameters: {short(name)}") for name, value in values.items()}
+        hours = tuple(_checked(table["hours"], list, "hours", "a list of numbers"))
+        recipe = Recipe(**{**table, **made, "model": Model.of(rules), "parameters": values, "hours": hours})
         recipe.truth()
         return recipe
-    except (TypeError, ValueError, AttributeError) as error:
+    except InputError as error:
         raise InputError(f"{where}: {error}") from None
+
+
+def _of_table(kind: type, table: Any, name: str) -> Any:
+    """Numerics, scales or optics of a table; ranges are lists in TOML."""
+    known = [each.name for each in fields(kind)]
+    for key in _checked(table, dict, name, "a table"):
+        if key not in known:
+            raise InputError(f"{name}: {quoted(key)} is unknown, expected some of {', '.join(known)}")
+    return kind(**{key: tuple(value) if isinstance(value, list) else value for key, value in table.items()})
+
+
+def _checked(value: Any, kind: type, name: str, what: str) -> Any:
+    """A value of TOML that must be of a type."""
+    if not isinstance(value, kind):
+        raise InputError(f"{name} is {quoted(value)}, it must be {what}")
+    return value
+
+
+def _photograph_name(member: int, hours: float) -> str:
+    return f"colony{member + 1:02d}_{hours:04.1f}h"
 
 
 class _CellRecorder(eqx.Module):
@@ -182,7 +242,7 @@ def synthesize(recipe: Recipe, folder: str | Path, progress: Progress = silent) 
     total = recipe.replicates * len(recipe.hours)
     for member in range(recipe.replicates):
         for k, hours in enumerate(recipe.hours):
-            name = f"colony{member + 1:02d}_{hours:04.1f}h"
+            name = _photograph_name(member, hours)
             shape = _photograph(recipe, run.statistics, member, k, partial, name)
             units = {key: recipe.scales.length ** STATISTICS[key].unit_power for key in OF_NODES}
             nodes = {key: float(run.statistics[key][member, k]) * unit for key, unit in units.items()}
