@@ -35,6 +35,7 @@ COMMANDS = {
     "design": "Find the measurement that would reduce the errors of the parameters most.",
 }
 """First paragraph of each command's help, shown without importing what the command needs."""
+INTERRUPTED = 130  # what typer makes of `KeyboardInterrupt`
 UNREAD = 141  # what a shell says of a program whose output nobody reads
 
 
@@ -117,8 +118,8 @@ def run(arguments: list[str] | None = None) -> int:
     except Exception as error:
         if not signals.current.received:  # else an import, for instance, made something else of the signal
             return _failed(error, running.folder)
-        code = signals.current.code
-    if code == signals.current.code:
+        code = INTERRUPTED
+    if signals.current.received or code == INTERRUPTED:
         return signals.current.tell()
     return int(code or 0) if given else 2
 

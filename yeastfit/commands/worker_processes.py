@@ -1,0 +1,30 @@
+"""Processes that end with the one that started them, whatever ends it: a kill that nobody can catch, too.
+
+On Linux the kernel kills them at once (`PR_SET_PDEATHSIG`). Elsewhere, and where the parent died before that was asked
+for, a thread waits for the end of the pipe that every spawned process holds to its parent.
+"""
+
+import ctypes
+import multiprocessing
+import os
+import signal
+import sys
+import threading
+from contextlib import suppress
+
+PR_SET_PDEATHSIG = 1  # linux/prctl.h
+
+
+def end_with_parent() -> None:
+    """Make this process, started by `multiprocessing`, end when its parent does."""
+    if sys.platform == "linux":
+        with suppress(OSError, AttributeError):  # then the thread does it, if later
+            ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
+    threading.Thread(target=_end_after_parent, daemon=True).start()
+
+
+def _end_after_parent() -> None:
+    """Wait for the parent's end."""
+    if (parent := multiprocessing.parent_process()) is not None:
+        parent.join()
+        os._exit(1)
