@@ -128,11 +128,19 @@ def _failed(error: Exception, folder: Path | None) -> int:
     """Say in one line what went wrong; the exit code."""
     if isinstance(error, OSError) and error.errno and error.filename is None:  # all files are written under their names
         error.filename = "standard output"
-        with suppress(OSError):  # Python would write what is left at its end
-            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        _drop_output()
     if isinstance(error, BrokenPipeError):
         return UNREAD
     code, line = explained(error, folder)
     with suppress(OSError):
         print(f"error: {line}", file=sys.stderr, flush=True)
     return code
+
+
+def _drop_output() -> None:
+    """Where standard output takes no more, drop what is left, which Python would write at its end."""
+    try:
+        sys.stdout.flush()
+    except OSError:
+        with suppress(OSError):
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
