@@ -20,11 +20,13 @@ from yeastfit.inference.simulator import Rows, Seeds, Values, once
 from yeastfit.inference.targets import Targets
 from yeastfit.measure.statistics.model_as_mask import HardStatistics, mask_of
 from yeastfit.measure.statistics.smooth_statistics import SmoothStatistics
+from yeastfit.memory import check_memory
 from yeastfit.model.colony import PROBLEMS
 from yeastfit.model.model import Model
-from yeastfit.model.numerics import Numerics
+from yeastfit.model.numerics import POINT, Numerics, most_nodes
 from yeastfit.model.parameters import PARAMETERS, Parameters
 from yeastfit.model.relaxation import HARD
+from yeastfit.numbers import POSITIVE
 from yeastfit.observable import Observable
 from yeastfit.parameter_set import ParameterSet
 from yeastfit.seeds import keys_of
@@ -46,8 +48,7 @@ class Resolution:
 
     def __post_init__(self) -> None:
         for name in ("dt", "spacing"):
-            if not getattr(self, name) > 0:
-                raise InputError(f"{name} is {getattr(self, name)}, it must be above 0")
+            POSITIVE.read(getattr(self, name), name)
 
 
 COARSE = Resolution(dt=0.01, spacing=0.2)
@@ -101,9 +102,10 @@ class ColonySimulator:
         dt, spacing, times = resolution.dt, resolution.spacing, targets.times
         if times[0] < dt or (np.diff(times) < dt).any():
             raise InputError(f"targets: times are {times}, they must be at least dt = {dt:g} apart: lower dt")
+        side = 2.6 * imaging.extent / spacing
+        check_memory(POINT * side * side, f"spacing is {spacing:g}, which over {2.6 * imaging.extent:.3g} L0")
         domain = 2 * spacing * np.ceil((1.3 * imaging.extent + MARGIN) / spacing)
-        events = int(np.floor(times[-1] + 1e-6))  # a node buds once in a unit of time at most
-        room = resolution.capacity or min(2 ** (events + 1), MOST_NODES)
+        room = resolution.capacity or min(most_nodes(float(times[-1])), MOST_NODES)
         numerics = Numerics(domain=float(domain), spacing=spacing, dt=dt, capacity=room)
         seen = 2.6 * imaging.extent
         if imaging.estimator == "smooth":

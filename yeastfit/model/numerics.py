@@ -10,7 +10,10 @@ import numpy as np
 from jaxtyping import Array, Float, PyTree
 
 from yeastfit.errors import InputError
+from yeastfit.memory import check_count, check_memory
 
+MOST_STEPS, LONGEST_STEP = 2**30, 1000.0  # steps are counted in 32 bits, and there is one
+POINT, NODE = 48, 600  # bytes that a step works on in single precision: a dozen grids, and lanes of contacts
 MEMBER = "member"  # the name of the ensemble axis inside `trajectory`
 
 
@@ -26,7 +29,8 @@ class Numerics:
         bud_distance: δ, how far from its parent a child appears.
 
     Raises:
-        InputError: A value is not positive, or domain / spacing is not a whole number.
+        InputError: A value is not positive, domain / spacing is not a whole number, dt is beyond what
+            steps can be counted for, or a colony would not fit into memory.
     """
 
     domain: float = 40.0
@@ -42,7 +46,12 @@ class Numerics:
                 raise InputError(f"{field.name} is {value!r}, it must be a number above 0")
         if self.capacity != int(self.capacity) or self.capacity < 2:
             raise InputError(f"capacity is {self.capacity!r}, it must be a whole number of nodes, at least 2")
+        if not 1.0 / MOST_STEPS <= self.dt <= LONGEST_STEP:
+            raise InputError(f"dt is {self.dt!r}, it must be a number from {1.0 / MOST_STEPS:.2g} to {LONGEST_STEP:g}")
         intervals = self.domain / self.spacing
+        what = f"domain / spacing is {self.domain:g} / {self.spacing:g}: a grid of {intervals + 1:.5g}² points"
+        check_memory(POINT * (intervals + 1) * (intervals + 1), what)
+        check_count("capacity", self.capacity, NODE)
         if abs(intervals - round(intervals)) > 1e-6 * intervals or round(intervals) < 4:
             raise InputError(
                 f"domain / spacing is {self.domain:g} / {self.spacing:g} = {intervals:g}, "
@@ -55,6 +64,11 @@ class Numerics:
         return round(self.domain / self.spacing) + 1
 
     @property
+    def state_size(self) -> float:
+        """Bytes of a colony's state, in single precision: nutrient and nodes."""
+        return 4.0 * self.points**2 + 32.0 * self.capacity
+
+    @property
     def steps_per_event(self) -> int:
         """Δn = ⌈1/Δt⌉, guarded against the last bit of 1/Δt."""
         return math.ceil(1.0 / self.dt - 1e-9)
@@ -63,9 +77,22 @@ class Numerics:
         """Coordinates of the grid points along one side."""
         return -0.5 * self.domain + self.spacing * jnp.arange(self.points)
 
+    def check_steps(self, time: float) -> None:
+        """Raise `InputError` where a time is more steps away than can be counted."""
+        if not time / self.dt <= MOST_STEPS:
+            raise InputError(
+                f"time is {time:g}, {time / self.dt:.3g} steps of dt = {self.dt:g}, it must be at most "
+                f"{MOST_STEPS * self.dt:g}, {MOST_STEPS} steps"
+            )
+
     def step_of(self, time: float) -> int:
         """The step that ends at (or nearest to) a time."""
         return round(time / self.dt)
+
+
+def most_nodes(time: float) -> int:
+    """Largest number of nodes of a colony at a time, as every node may bud once in a unit of time."""
+    return 2 ** (int(min(time, 60.0) + 1e-6) + 1)  # 2⁶¹ are more than any memory holds
 
 
 def largest_in_ensemble(value: Array) -> Array:

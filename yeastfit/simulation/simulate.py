@@ -14,6 +14,7 @@ from jaxtyping import Array, PyTree
 from yeastfit.errors import InputError, SimulationError
 from yeastfit.measure.statistics.model_as_mask import HardStatistics
 from yeastfit.measure.statistics.smooth_statistics import SmoothStatistics
+from yeastfit.memory import ITEM, check_count, check_memory
 from yeastfit.model.colony import Colony
 from yeastfit.model.forces import stiffness
 from yeastfit.model.model import Model
@@ -41,6 +42,7 @@ def member_keys(seed: int | Array, members: int) -> Array:
     """Keys of an ensemble: member i's is the seed's folded with i, whatever the number of members."""
     if members < 1:
         raise InputError(f"members is {members!r}, an ensemble needs at least 1")
+    check_count("members", members)
     return jax.vmap(partial(jax.random.fold_in, key_of(seed)))(jnp.arange(members))
 
 
@@ -115,7 +117,10 @@ def simulate(
     if not batch:
         began = jax.tree.map(lambda leaf: leaf[None], began)
     watch = clock.perf_counter()
-    batched = _per_member(parameters, batch[0] if batch else 1)
+    members = batch[0] if batch else 1
+    kept = numerics.state_size + len(schedule.steps) * getattr(observe, "sample_size", 0.0)
+    check_count("members", members, kept)
+    batched = _per_member(parameters, members)
     colony, observed = on_one_device(_run(batched, began, schedule, relaxation, numerics, observe, model))
     if throw and not traced:
         _check_steps(colony, batched, numerics)
@@ -132,6 +137,33 @@ def simulate(
         scales=scales or Scales(),
         seconds=clock.perf_counter() - watch,
     )
+
+
+def sample_times(time: float, every: float, numerics: Numerics) -> np.ndarray:
+    """Times at an interval, the last one included.
+
+    Arguments:
+        time: The last one.
+        every: The interval.
+        numerics: Of the simulation.
+
+    Returns:
+        every, 2 · every, … and time.
+
+    Raises:
+        InputError: A time is not a number above 0, `every` is longer than all or shorter than a step, or there would
+            be more steps than can be counted or more times than memory holds.
+    """
+    if not 0 < time < np.inf:
+        raise InputError(f"time is {time:g}, it must be a number above 0")
+    if not 0 < every <= time:
+        raise InputError(f"every is {every:g}, it must be above 0 and at most the time, {time:g}")
+    numerics.check_steps(time)
+    if every < numerics.dt * (1 - 1e-6):
+        raise InputError(f"every is {every:g}, it must be at least dt = {numerics.dt:g}")
+    check_memory(ITEM * time / every, f"every is {every:g}, which in a time of {time:g}")
+    regular = np.arange(1, int(time / every + 1e-9) + 1) * every
+    return np.append(regular[regular < time - 0.5 * numerics.dt], time)
 
 
 def schedule_of(times: Sequence[Any] | np.ndarray | Array, numerics: Numerics, since: int = 0) -> Schedule:
@@ -151,6 +183,8 @@ def _steps_of(times: Sequence[Any] | np.ndarray | Array, numerics: Numerics) -> 
     """Step numbers; none where times are not finite numbers in a row."""
     values = np.atleast_1d(np.asarray(times, dtype=float))
     sound = values.ndim == 1 and bool(np.isfinite(values).all())
+    if sound and values.size:
+        numerics.check_steps(float(values.max()))
     return np.rint((values if sound else np.zeros(0)) / numerics.dt).astype(int)
 
 

@@ -44,8 +44,10 @@ from yeastfit.inference.posterior.result import Posterior
 from yeastfit.inference.posterior.settings import Setting, check_at_least, check_choice
 from yeastfit.inference.posterior.simulations import Simulations
 from yeastfit.inference.simulator import Simulator, Stream, seed_of, stream_of
+from yeastfit.memory import check_memory
 from yeastfit.progress import Progress
 
+CHAIN = 32  # bytes of a step of a chain, at least
 PILOT_QUANTILE = 0.02
 STANDSTILL = 0.25  # of a run, and `STILL` steps: a chain that does not move for longer is warned of
 STILL = 50
@@ -118,6 +120,7 @@ class AbcMcmc:
 
     def __post_init__(self) -> None:
         check_at_least(self, steps=1, walkers=1, pilot=2, discard=0, batch=1, replicates=1)
+        check_memory(CHAIN * self.steps * self.walkers, f"steps · walkers is {self.steps} · {self.walkers}, which")
         if self.discard >= self.steps:
             raise InputError(f"discard is {self.discard}, it must be below the number of steps, {self.steps}")
         if self.tolerance is not None and self.pilot_quantile is not None:

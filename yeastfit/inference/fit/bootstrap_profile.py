@@ -20,6 +20,7 @@ from yeastfit.inference.fit.result import Fit
 from yeastfit.inference.fit.simulators import Simulators, colony_simulators, given_simulators
 from yeastfit.inference.parameter_space import Vector
 from yeastfit.inference.simulator import Simulator, Stream, stream_of
+from yeastfit.memory import check_count
 from yeastfit.model.model import Model
 
 REACH = 3.5  # standard errors: 1 draw of a bootstrap in 2000 lies beyond
@@ -102,6 +103,7 @@ class Explored:
         rng, free = np.random.default_rng(seed), self.fit.free
         if draws < 2:
             raise InputError(f"draws is {draws}, a bootstrap needs at least 2")
+        check_count("draws", draws)
         targets = [each.targets for each in self.fit.conditions]
         samples = np.stack([np.concatenate([each.resampled(rng) for each in targets]) for _ in range(draws)])
         found = self._minimise(samples)

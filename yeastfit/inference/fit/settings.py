@@ -5,6 +5,8 @@ from dataclasses import dataclass
 from typing import Literal, get_args
 
 from yeastfit.errors import InputError
+from yeastfit.memory import check_count
+from yeastfit.numbers import POSITIVE
 
 OptimiserName = Literal["levenberg-marquardt", "dogleg", "bfgs"]
 
@@ -51,14 +53,16 @@ class FitSettings:
         for name in ("screened", "starts", "max_steps", "patience"):
             if getattr(self, name) < 1:
                 raise InputError(f"{name} is {getattr(self, name)}, it must be at least 1")
+            check_count(name, getattr(self, name))
         if self.refined < 0 or 0 < self.refined < 16:
             raise InputError(f"refined is {self.refined}, it must be 0 or at least 16")
-        if not self.tolerance > 0:
-            raise InputError(f"tolerance is {self.tolerance}, it must be above 0")
+        POSITIVE.read(self.tolerance, "tolerance")
         if not self.members or len(self.members) != len(self.spreads):
             raise InputError(
                 f"members {self.members} and spreads {self.spreads}: each stage has one of both, and there is one"
             )
+        for count in (self.refined, *self.members):
+            check_count("members", count)
         for members, spread in zip(self.members, self.spreads, strict=True):
             if members < 8 or members % 2 or not 0 < spread < 1:
                 raise InputError(

@@ -37,6 +37,7 @@ from yeastfit.inference.information.experiment import (
 from yeastfit.inference.information.result import Information, precision
 from yeastfit.inference.sensitivity.result import Sensitivity
 
+MOST_MEASUREMENTS = 1000  # of a sequence
 By = Literal["image", "statistic"]
 Groups = tuple[tuple[float, tuple[int, ...]], ...]
 """Of each group the number of replicates, and the numbers of the observables that are measured."""
@@ -211,6 +212,8 @@ def _check(replicates: float, added: float, steps: int, by: str, criterion: str)
     for name, value in (("replicates", replicates), ("added", added), ("steps", steps)):
         if not value > 0:
             raise InputError(f"{name} is {value}, it must be above 0")
+    if steps > MOST_MEASUREMENTS:
+        raise InputError(f"steps is {steps}, it must be at most {MOST_MEASUREMENTS}")
     for name, word, words in (("by", by, get_args(By)), ("criterion", criterion, get_args(Criterion))):
         if word not in words:
             raise InputError(f"{name} is {word!r}, it must be one of {', '.join(words)}")

@@ -41,8 +41,10 @@ from yeastfit.inference.posterior.settings import Setting, check_at_least
 from yeastfit.inference.posterior.simulations import Simulations
 from yeastfit.inference.posterior.status import Status
 from yeastfit.inference.simulator import Stream, seed_of, stream_of
+from yeastfit.memory import check_memory
 from yeastfit.progress import Progress
 
+CHAIN = 32  # bytes of a step of a chain, at least
 FIRST = 512  # simulations of the first round, where many are allowed
 NEAR = 0.99  # of draws w times as wide as the posterior with its trail: simulations there cross-validate the emulator
 LARGEST_ERROR = 0.3  # of the variance of the data, above which the emulator's error is warned of
@@ -86,6 +88,8 @@ class SequentialEmulator:
 
     def __post_init__(self) -> None:
         check_at_least(self, simulations=2, first=2, each=1, walkers=4, most_steps=500, batch=1)
+        what = f"most_steps · walkers is {self.most_steps} · {self.walkers}, which"
+        check_memory(CHAIN * self.most_steps * self.walkers, what)
         if self.first is not None and self.first & (self.first - 1):
             raise InputError(f"first is {self.first}, it must be a power of two: Sobol' points are balanced then")
         if self.first is not None and self.simulations < self.first:

@@ -30,6 +30,7 @@ from yeastfit.inference.simulator import (
     root_of,
     stream_of,
 )
+from yeastfit.memory import check_count
 from yeastfit.storage import written_whole
 
 LEAST_P = 0.025  # below, a warning says that the model does not make such data; 40 draws resolve just that
@@ -137,6 +138,7 @@ def predict(draws_of: Draws, simulator: Simulator, *, draws: int = 40, seed: int
     """
     if draws < FEWEST:
         raise InputError(f"draws is {draws}, a predictive check needs at least {FEWEST}")
+    check_count("draws", draws)
     names, labels, observed = simulator.parameters.names, labels_of(simulator), draws_of.observed
     if names != draws_of.free or len(labels) != len(observed):
         raise InputError(

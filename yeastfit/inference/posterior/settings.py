@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from yeastfit.errors import InputError
+from yeastfit.memory import check_count
 
 
 @dataclass(frozen=True)
@@ -31,11 +32,13 @@ class Setting:
 
 
 def check_at_least(sampler: Any, **least: float) -> None:
-    """Raise `InputError` where a setting that is not None lies below its least value."""
+    """Raise `InputError` where a setting that is not None lies below its least value, or so many are too many."""
     for name, bound in least.items():
         value = getattr(sampler, name)
         if value is not None and not value >= bound:
             raise InputError(f"{name} is {value}, it must be at least {bound}")
+        if value is not None:
+            check_count(name, value)
 
 
 def check_choice(sampler: Any, name: str, choices: Sequence[str]) -> None:

@@ -40,6 +40,7 @@ from yeastfit.inference.sensitivity.pathwise import EXPLODED, Pathwise
 from yeastfit.inference.sensitivity.result import Estimate, EstimatorName, Sensitivity
 from yeastfit.inference.sensitivity.shrinkage import combine
 from yeastfit.inference.simulator import Rows, Seeds, Simulator, member_seeds, named_values, problems_of
+from yeastfit.memory import check_count
 from yeastfit.observable import Observable
 from yeastfit.progress import Progress
 from yeastfit.seeds import key_of
@@ -85,6 +86,7 @@ class Estimator:
             raise InputError(f"method is {self.method!r}, the simulator has no derivatives of its own: use regression")
         if self.runs < 16 or self.runs % 16:
             raise InputError(f"runs is {self.runs}, it must be a multiple of 16")
+        check_count("runs", self.runs)
         if self.paths < 4:
             raise InputError(f"paths is {self.paths}, it must be at least 4")
         if not 0 < self.spread < 1:

@@ -59,6 +59,11 @@ class HardStatistics(eqx.Module):
     def __check_init__(self) -> None:
         check_names(self.statistics, "mask", "nodes")
 
+    @property
+    def sample_size(self) -> float:
+        """Bytes of one image."""
+        return (self.extent / self.spacing + 1) ** 2
+
     def __call__(self, snapshot: Snapshot) -> dict[str, Shaped[Array, "..."]]:
         """The image, and what only nodes tell."""
         points, relaxation = round(self.extent / self.spacing) + 1, snapshot.relaxation
