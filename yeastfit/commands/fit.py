@@ -80,7 +80,11 @@ def fit(
     measurement_error: MeasurementError = None,
     bootstrap: Annotated[
         int,
-        typer.Option(min=0, help="Number of fits to resampled colonies, 500 for instance, for confidence intervals."),
+        typer.Option(
+            min=0,
+            max=1_000_000,
+            help="Number of fits to resampled colonies, 500 for instance, for confidence intervals.",
+        ),
     ] = 0,
     profile: Annotated[
         bool, typer.Option("--profile", help="Compute the profile likelihood of every fitted parameter.")

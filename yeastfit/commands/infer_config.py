@@ -11,6 +11,7 @@ from yeastfit.inference.models.registry import DEFAULT, model_named
 from yeastfit.inference.posterior.prior import Prior
 from yeastfit.inference.posterior.sampler import Sampler
 from yeastfit.inference.samplers import SAMPLERS, name_of, sampler_of, settings_of
+from yeastfit.memory import check_count
 from yeastfit.parameter_set import ParameterSet
 
 LI = {"distance": "li", "kernel": "indicator", "move": "gaussian", "replicates": 1}  # settings of Li et al. 2024
@@ -54,6 +55,7 @@ class Request:
     seed: int = 0
 
     def __post_init__(self) -> None:
+        check_count("draws", self.draws)
         kind = model_named(self.model)
         forward = kind() if self.forward_model is None else self.forward_model
         object.__setattr__(self, "forward_model", forward)

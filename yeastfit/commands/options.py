@@ -1,5 +1,6 @@
 """Options that several commands share, and how their text is read."""
 
+import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
@@ -9,7 +10,8 @@ import typer
 from yeastfit.errors import InputError
 from yeastfit.measure.statistics.registry import measurement_errors, most_telling_first, names_with
 from yeastfit.measure.statistics.statistic import Statistic
-from yeastfit.numbers import SEEDS
+from yeastfit.numbers import SEEDS, number_of
+from yeastfit.text import quoted
 
 SMOOTH = ", ".join(most_telling_first(names_with("smooth")))
 Out = Annotated[
@@ -60,10 +62,10 @@ def numbers_in(option: str, text: str) -> list[float]:
     Raises:
         InputError: Something else was given.
     """
-    try:
-        return [] if text.strip() == "none" else [float(part) for part in text.split(",")]
-    except ValueError:
-        raise InputError(f"{option} is {text!r}, it must be numbers with commas, such as 2.5,4.5,6.5") from None
+    numbers = [] if text.strip() == "none" else [number_of(part) for part in text.split(",")]
+    if not all(map(math.isfinite, numbers)):
+        raise InputError(f"{option} is {quoted(text)}, it must be numbers with commas, such as 2.5,4.5,6.5")
+    return numbers
 
 
 def named_pairs_in(option: str, texts: Sequence[str], what: str) -> dict[str, tuple[float, float]]:
@@ -83,9 +85,8 @@ def named_pairs_in(option: str, texts: Sequence[str], what: str) -> dict[str, tu
     found = {}
     for text in texts:
         name, _, pair = text.partition("=")
-        try:
-            first, second = (float(part) for part in pair.split(":"))
-        except ValueError:
-            raise InputError(f"{option} is {text!r}, it must be a name and {what}, such as mobility=0.5:2") from None
-        found[name.strip().replace("-", "_")] = (first, second)
+        numbers = [number_of(part) for part in pair.split(":")]
+        if len(numbers) != 2 or not all(map(math.isfinite, numbers)):
+            raise InputError(f"{option} is {quoted(text)}, it must be a name and {what}, such as mobility=0.5:2")
+        found[name.strip().replace("-", "_")] = (numbers[0], numbers[1])
     return found

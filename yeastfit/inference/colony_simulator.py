@@ -23,7 +23,7 @@ from yeastfit.measure.statistics.smooth_statistics import SmoothStatistics
 from yeastfit.memory import check_memory
 from yeastfit.model.colony import PROBLEMS
 from yeastfit.model.model import Model
-from yeastfit.model.numerics import POINT, Numerics, most_nodes
+from yeastfit.model.numerics import POINT, STEPS, Numerics, most_nodes
 from yeastfit.model.parameters import PARAMETERS, Parameters
 from yeastfit.model.relaxation import HARD
 from yeastfit.numbers import POSITIVE
@@ -47,8 +47,8 @@ class Resolution:
     capacity: int | None = None
 
     def __post_init__(self) -> None:
-        for name in ("dt", "spacing"):
-            POSITIVE.read(getattr(self, name), name)
+        STEPS.read(self.dt, "dt")
+        POSITIVE.read(self.spacing, "spacing")
 
 
 COARSE = Resolution(dt=0.01, spacing=0.2)

@@ -11,8 +11,11 @@ from jaxtyping import Array, Float, PyTree
 
 from yeastfit.errors import InputError
 from yeastfit.memory import check_count, check_memory
+from yeastfit.numbers import Range
 
-MOST_STEPS, LONGEST_STEP = 2**30, 1000.0  # steps are counted in 32 bits, and there is one
+MOST_STEPS = 2**30  # counted in 32 bits
+STEPS = Range(1.0 / MOST_STEPS, 1000.0)
+"""Admissible Δt."""
 POINT, NODE = 48, 600  # bytes that a step works on in single precision: a dozen grids, and lanes of contacts
 MEMBER = "member"  # the name of the ensemble axis inside `trajectory`
 
@@ -46,8 +49,7 @@ class Numerics:
                 raise InputError(f"{field.name} is {value!r}, it must be a number above 0")
         if self.capacity != int(self.capacity) or self.capacity < 2:
             raise InputError(f"capacity is {self.capacity!r}, it must be a whole number of nodes, at least 2")
-        if not 1.0 / MOST_STEPS <= self.dt <= LONGEST_STEP:
-            raise InputError(f"dt is {self.dt!r}, it must be a number from {1.0 / MOST_STEPS:.2g} to {LONGEST_STEP:g}")
+        STEPS.read(self.dt, "dt")
         intervals = self.domain / self.spacing
         what = f"domain / spacing is {self.domain:g} / {self.spacing:g}: a grid of {intervals + 1:.5g}² points"
         check_memory(POINT * (intervals + 1) * (intervals + 1), what)

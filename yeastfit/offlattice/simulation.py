@@ -17,7 +17,8 @@ from jaxtyping import Bool, Float, Int, Integer
 from yeastfit.errors import InputError, SimulationError
 from yeastfit.measure.statistics.pixels import Pixels
 from yeastfit.measure.statistics.registry import names_with, recorded
-from yeastfit.offlattice.colony import DELAY, OfflatticeColony, grow, in_threads
+from yeastfit.memory import check_count
+from yeastfit.offlattice.colony import BYTES_PER_CELL, DELAY, OfflatticeColony, grow, in_threads
 from yeastfit.offlattice.ellipse_mask import PIXEL, Ellipses
 from yeastfit.offlattice.li2024_mask import BinnedOutlines
 from yeastfit.offlattice.li2024_statistics import PUBLISHED
@@ -157,6 +158,7 @@ def simulate_offlattice(
     PARAMETERS.check(parameters)
     if cells < 1:
         raise InputError(f"cells is {cells}, it must be at least 1")
+    check_count("cells", cells, BYTES_PER_CELL)
     values, between = PARAMETERS.defaults | dict(parameters), max(1, cells // 20) if every is None else every
     if not 1 <= between <= cells:
         raise InputError(f"every is {between}, it must be at least 1 and at most the number of cells, {cells}")

@@ -20,13 +20,13 @@ from yeastfit.inference.simulator import Simulator
 from yeastfit.inference.targets import Targets
 from yeastfit.inference.targets_from_table import targets_of
 from yeastfit.model.model import Model
-from yeastfit.model.numerics import Numerics
+from yeastfit.model.numerics import Numerics, most_nodes
 from yeastfit.model.nutrient import check_alpha
 from yeastfit.model.parameters import Parameters, Scales
 from yeastfit.model.relaxation import HARD, Relaxation
 from yeastfit.parameter_set import ParameterSet
 from yeastfit.progress import Progress
-from yeastfit.simulation.simulate import member_keys
+from yeastfit.simulation.simulate import member_keys, sample_times
 from yeastfit.simulation.simulate import simulate as run_simulation
 
 FAR = 0.999  # cumulative probability of a prior beyond which there are few draws
@@ -88,6 +88,10 @@ class Algebraic(ForwardModel):
         float, Setting("Mean length L0 of a cell, in µm. Model lengths are in units of L0.", commands=DATA)
     ] = Scales.length
 
+    def __post_init__(self) -> None:
+        Scales(self.length, self.rate)
+        Resolution(self.dt, self.spacing)
+
     @property
     def parameters(self) -> ParameterSet:
         """λ1 … λ7, and what the rules bring."""
@@ -135,8 +139,7 @@ class Algebraic(ForwardModel):
         times = self.times
         if not times or not np.isfinite(times).all() or min(times) <= 0:
             raise InputError(f"--times is {','.join(f'{time:g}' for time in times)}, it must hold numbers above 0")
-        # every node may bud once in a unit of time
-        numerics = Numerics(dt=self.dt, capacity=2 ** (int(np.floor(max(times) + 1e-6)) + 1))
+        numerics = Numerics(dt=self.dt, capacity=most_nodes(max(times)))
         return estimate_sensitivity(
             Parameters(**values),
             times=times,
@@ -150,16 +153,12 @@ class Algebraic(ForwardModel):
 
     def grow(self, values: Mapping[str, float], members: int, seed: int) -> Grown:
         """Colonies in an ensemble, seen at regular times and at the end."""
-        chosen, time, every = self.rules.complete(Parameters(**values)), self.time, self.every
+        chosen = self.rules.complete(Parameters(**values))
         numerics = Numerics(domain=self.domain, spacing=self.spacing, dt=self.dt, capacity=self.capacity)
-        if not 0 < every <= time:
-            raise InputError(f"every is {every:g}, it must be above 0 and at most the time, {time:g}")
-        regular = np.arange(1, int(time / every + 1e-9) + 1) * every
-        times = np.append(regular[regular < time - 0.5 * self.dt], time)
         return run_simulation(
             chosen,
             member_keys(seed, members),
-            times=times,
+            times=sample_times(self.time, self.every, numerics),
             model=self.rules,
             numerics=numerics,
             relaxation=HARD if self.hard else Relaxation(),

@@ -22,6 +22,7 @@ from yeastfit.inference.sensitivity.result import Sensitivity
 from yeastfit.inference.simulator import member_seeds
 from yeastfit.inference.targets import Targets
 from yeastfit.inference.targets_from_table import checked_rows, read_mask
+from yeastfit.numbers import PIXEL_SIZES, POSITIVE, Range
 from yeastfit.offlattice.parameters import PARAMETERS, PRIOR
 from yeastfit.parameter_set import ParameterSet
 from yeastfit.progress import Progress
@@ -88,6 +89,15 @@ class Offlattice(ForwardModel):
         float,
         Setting("Share of all cells by which pseudohyphal mothers come to be preferred later than the transition."),
     ] = 0.02
+
+    def __post_init__(self) -> None:
+        if self.cells < 1:
+            raise InputError(f"cells is {self.cells}, it must be at least 1")
+        if self.area is not None:
+            POSITIVE.read(self.area, "area")
+        if self.pixel_size is not None:
+            PIXEL_SIZES.read(self.pixel_size, "pixel_size")
+        Range(0.0).read(self.delay, "delay")
 
     @property
     def parameters(self) -> ParameterSet:
