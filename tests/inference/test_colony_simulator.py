@@ -50,7 +50,7 @@ def test_targets_without_imaging_are_refused() -> None:
 
 def test_resolutions_are_checked() -> None:
     for name in ("dt", "spacing"):
-        with pytest.raises(InputError, match=f"{name} is 0, it must be above 0"):
+        with pytest.raises(InputError, match=f"{name} is 0, it must be a number (from|above)"):
             Resolution(**{name: 0})
 
 
