@@ -11,6 +11,7 @@ import jax
 import pytest
 from jaxtyping import install_import_hook
 from PIL import Image
+from threadpoolctl import threadpool_limits
 
 # Half of what the tests take is compiling, and most programs run once: XLA's older code generator, its first level of
 # optimisation and loops that are not vectorised compile faster. What users run is tested once more by those marked
@@ -20,6 +21,10 @@ QUICK = (
 )
 if version("jaxlib").startswith("0.10."):  # with a flag that it does not know, jaxlib ends the process
     os.environ.setdefault("XLA_FLAGS", QUICK)
+
+# Either core has its own tests: further threads for matrices as small as these mostly wait, and waiting takes a core.
+os.environ["OPENBLAS_NUM_THREADS"] = "1"  # of processes that are started from here
+threadpool_limits(1, user_api="blas")  # of what this one has loaded
 
 # What one process of a run has compiled, tests or programs that they start, the others need not. A folder given by
 # JAX_COMPILATION_CACHE_DIR is kept, so that a second run compiles only what has changed.
