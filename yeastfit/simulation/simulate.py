@@ -43,7 +43,7 @@ def member_keys(seed: int | Array, members: int) -> Array:
     if members < 1:
         raise InputError(f"members is {members!r}, an ensemble needs at least 1")
     check_count("members", members)
-    return jax.vmap(partial(jax.random.fold_in, key_of(seed)))(jnp.arange(members))
+    return _folded(key_of(seed), jnp.arange(members))
 
 
 def simulate(
@@ -195,6 +195,11 @@ def _done(start: Colony) -> int:
     if steps.size != 1:
         raise InputError(f"start holds colonies at steps {steps.tolist()}, all must have done as many")
     return int(steps[0])
+
+
+@jax.jit
+def _folded(key: Array, numbers: Array) -> Array:
+    return jax.vmap(partial(jax.random.fold_in, key))(numbers)
 
 
 @eqx.filter_jit

@@ -62,7 +62,7 @@ class Optimiser:
         self.cost, self.rejected, self.failure = np.inf, 0, ""
         shape = jax.ShapeDtypeStruct(() if scalar else (size,), self.z.dtype)
         at = self._known(self.z, self.residuals, self.jacobian)
-        self.state = self.solver.init(self.function, self.z, at, OPTIONS, shape, None, frozenset())
+        self.state = _init(self.solver, self.function, self.z, at, shape)
 
     @property
     def trial(self) -> Float[np.ndarray, " entry"]:
@@ -97,6 +97,11 @@ class Optimiser:
 
     def _known(self, place: Array, residuals: Residuals, jacobian: Jacobian) -> tuple[Array, Array, Array]:
         return place, jnp.asarray(residuals, self.z.dtype), jnp.asarray(jacobian, self.z.dtype)
+
+
+@eqx.filter_jit
+def _init(solver: Any, function: Any, z: Array, at: tuple[Array, Array, Array], shape: jax.ShapeDtypeStruct) -> Any:
+    return solver.init(function, z, at, OPTIONS, shape, None, frozenset())
 
 
 @eqx.filter_jit
