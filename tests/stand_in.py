@@ -3,6 +3,7 @@
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any
 
 import jax
@@ -67,7 +68,7 @@ class StandIn:
     problems: Counter[str] = field(default_factory=Counter)
     batches: list[int] = field(default_factory=list)
 
-    @property
+    @cached_property
     def parameters(self) -> ParameterSet:
         return PARAMETERS.subset(self.free)
 
@@ -93,14 +94,14 @@ class StandIn:
         size, away = len(seeds), self.logarithms(values)
         self.batches.append(size)
         phase = self.turn * away.sum(axis=1)[:, None]
-        normals = _normals(_padded(keys_of(seeds)), self.root.shape[1])
+        normals = _normals(keys_of(_padded(seeds)), self.root.shape[1])
         one, other = np.asarray(normals, dtype=float)[:size].swapaxes(0, 1)
         return self.mean(away) + (np.cos(phase) * one + np.sin(phase) * other) @ self.root.T
 
 
-def _padded(keys: Array) -> Array:
+def _padded(seeds: np.ndarray) -> np.ndarray:
     """To a power of two, so that little is compiled."""
-    return keys[np.minimum(np.arange(1 << (len(keys) - 1).bit_length()), len(keys) - 1)]
+    return seeds[np.minimum(np.arange(1 << (len(seeds) - 1).bit_length()), len(seeds) - 1)]
 
 
 @jax.jit(static_argnums=1)
