@@ -37,7 +37,7 @@ from yeastfit.inference.sensitivity.result import Estimate
 from yeastfit.inference.simulator import member_seeds
 from yeastfit.measure.statistics.smooth_statistics import SmoothStatistics
 from yeastfit.model.colony import Colony, start
-from yeastfit.model.parameters import NAMES
+from yeastfit.model.parameters import PARAMETERS
 from yeastfit.model.simulate import trajectory
 
 SPREAD, PATHS, NODES = 0.1, 8, (20, 50, 110, 250)
@@ -66,16 +66,16 @@ def differences(parameters: Parameters, times: np.ndarray, numerics: Numerics, m
     """Central differences of the hard ensemble's mean, and the number of colonies they took."""
     relaxation = hard_but_smoothly_measured()
     colonies = colonies_at(parameters, None, STATISTICS, times, numerics, relaxation, _observe(numerics))
-    centre = np.log([float(getattr(parameters, name)) for name in NAMES])
+    centre = np.log([float(getattr(parameters, name)) for name in PARAMETERS.names])
     seeds = member_seeds(7, members)
     columns = []
-    for k in range(len(NAMES)):
-        away = SPREAD * np.eye(len(NAMES))[k]
+    for k in range(len(PARAMETERS.names)):
+        away = SPREAD * np.eye(len(PARAMETERS.names))[k]
         up, down = (colonies(np.tile(np.exp(centre + sign * away), (members, 1)), seeds) for sign in (1, -1))
         slopes = (up - down) / (2 * SPREAD)
         columns.append((slopes.mean(axis=0), slopes.std(axis=0, ddof=1) / np.sqrt(members)))
     jacobian, error = (np.stack([column[i] for column in columns], axis=-1) for i in (0, 1))
-    return Estimate(jacobian, error), 2 * members * len(NAMES)
+    return Estimate(jacobian, error), 2 * members * len(PARAMETERS.names)
 
 
 def _observe(numerics: Numerics) -> SmoothStatistics:
@@ -158,7 +158,7 @@ def audit_of(
                     "statistic": one.statistic,
                     "time": one.time,
                     "nodes": nodes[one.time] + 1,
-                    "parameter": NAMES[k],
+                    "parameter": PARAMETERS.names[k],
                     "method": method,
                     "derivative": float(estimate.jacobian[row, k]),
                     "error": float(estimate.error[row, k]),
@@ -241,8 +241,8 @@ def _columns(rows: list[dict[str, Any]], method: str) -> dict[str, np.ndarray]:
 
 def _variance(columns: dict[str, np.ndarray]) -> np.ndarray:
     """Squared error, averaged over the seven parameters, times cost, for every entry."""
-    squared = (columns["error"] ** 2).reshape(-1, len(NAMES)).mean(axis=1)
-    return np.repeat(squared, len(NAMES)) * columns["cost"]
+    squared = (columns["error"] ** 2).reshape(-1, len(PARAMETERS.names)).mean(axis=1)
+    return np.repeat(squared, len(PARAMETERS.names)) * columns["cost"]
 
 
 def cost_of_derivatives(report: Report, quick: bool) -> None:
@@ -253,11 +253,13 @@ def cost_of_derivatives(report: Report, quick: bool) -> None:
     values = jnp.log(jnp.array(list(LAMBDA.values())))
 
     def curves(values: jax.Array, colony: Colony) -> Any:
-        return trajectory(Parameters.from_array(NAMES, jnp.exp(values)), colony, at, relaxation, SOURCE, observe)[1]
+        return trajectory(
+            Parameters.from_array(PARAMETERS.names, jnp.exp(values)), colony, at, relaxation, SOURCE, observe
+        )[1]
 
     def forwards(values: jax.Array, colony: Colony) -> Any:
         push: Callable = partial(jax.jvp, lambda v: curves(v, colony), (values,))
-        return jax.vmap(lambda unit: push((unit,)), out_axes=(None, 0))(jnp.eye(len(NAMES)))
+        return jax.vmap(lambda unit: push((unit,)), out_axes=(None, 0))(jnp.eye(len(PARAMETERS.names)))
 
     def backwards(values: jax.Array, colony: Colony) -> Any:
         real, rest = eqx.partition(colony, eqx.is_inexact_array)
@@ -285,7 +287,7 @@ def picture(rows: list[dict[str, Any]], path: Path) -> None:
         one = _columns(rows, method)
         for ax, name in zip(line, STATISTICS, strict=True):
             of = one["statistic"] == name
-            for k, parameter in enumerate(NAMES):
+            for k, parameter in enumerate(PARAMETERS.names):
                 at = of & (one["parameter"] == parameter)
                 ax.errorbar(
                     truth["derivative"][at], one["derivative"][at], one["error"][at], truth["error"][at],

@@ -17,12 +17,12 @@ from scipy.spatial import cKDTree
 from yeastfit.measure.statistics.smooth_statistics import SmoothStatistics
 from yeastfit.model.colony import Colony, start
 from yeastfit.model.numerics import Numerics, map_members, on_one_device
-from yeastfit.model.parameters import NAMES, Parameters
+from yeastfit.model.parameters import PARAMETERS, Parameters
 from yeastfit.model.relaxation import Relaxation
 from yeastfit.model.simulate import Schedule, trajectory
 from yeastfit.simulation.simulate import member_keys
 
-LAMBDA = dict(zip(NAMES, (0.1, 5.0, 5.0, 0.5, 1.0, 1.0, 0.7), strict=True))
+LAMBDA = dict(zip(PARAMETERS.names, (0.1, 5.0, 5.0, 0.5, 1.0, 1.0, 0.7), strict=True))
 SOURCE = Numerics()  # 401 × 401 points, 500 nodes
 STATISTICS = SmoothStatistics(SOURCE.domain, SOURCE.spacing)
 STEPS = 805  # 35 hours

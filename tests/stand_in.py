@@ -12,7 +12,7 @@ from jaxtyping import Array
 
 from yeastfit import Fit, FitSettings, Imaging, Observable, Parameters, Targets, fit
 from yeastfit.inference.parameter_space import ONLY, Bounds
-from yeastfit.model.parameters import NAMES, PARAMETERS
+from yeastfit.model.parameters import PARAMETERS
 from yeastfit.parameter_set import ParameterSet
 from yeastfit.seeds import keys_of
 
@@ -32,12 +32,12 @@ Mean = Callable[[np.ndarray], np.ndarray]
 
 def logs(parameters: Parameters) -> np.ndarray:
     """log λ1 … log λ7."""
-    return np.log([float(getattr(parameters, name)) for name in NAMES])
+    return np.log([float(getattr(parameters, name)) for name in PARAMETERS.names])
 
 
 HELD = Parameters(aspect_ratio=0.5)
 CENTRE = logs(HELD)
-SLOPES = 0.3 * np.random.default_rng(11).normal(size=(CURVES, len(NAMES)))
+SLOPES = 0.3 * np.random.default_rng(11).normal(size=(CURVES, len(PARAMETERS.names)))
 
 
 def straight(away: np.ndarray) -> np.ndarray:
@@ -74,11 +74,11 @@ class StandIn:
 
     @property
     def names(self) -> tuple[str, ...]:
-        return NAMES
+        return PARAMETERS.names
 
     @property
     def fixed(self) -> dict[str, float]:
-        return {name: float(getattr(self.held, name)) for name in NAMES if name not in self.free}
+        return {name: float(getattr(self.held, name)) for name in PARAMETERS.names if name not in self.free}
 
     @property
     def simulated(self) -> int:
@@ -87,7 +87,7 @@ class StandIn:
     def logarithms(self, values: np.ndarray) -> np.ndarray:
         """log λ1 … log λ7 of rows."""
         found = np.tile(logs(self.held), (len(values), 1))
-        found[:, [NAMES.index(name) for name in self.parameters]] = np.log(values)
+        found[:, [PARAMETERS.names.index(name) for name in self.parameters]] = np.log(values)
         return found
 
     def __call__(self, values: np.ndarray, seeds: np.ndarray) -> np.ndarray:

@@ -22,7 +22,7 @@ from yeastfit.inference.fit.bootstrap_profile import Explored, _box
 from yeastfit.inference.fit.response_surface import response_surface
 from yeastfit.inference.targets_from_table import NEEDED, TABLE
 from yeastfit.measure.statistics.registry import STATISTICS as KINDS
-from yeastfit.model.parameters import NAMES
+from yeastfit.model.parameters import PARAMETERS
 from yeastfit.report.fit_files import FILES
 from yeastfit.storage import write_json, write_table
 
@@ -97,7 +97,7 @@ def test_a_table_becomes_a_fit_with_tables_pictures_and_a_manifest(
     assert result.seed == 3
     for name, value in (("mobility", 2.0), ("metabolic_rate", 0.7), ("aspect_ratio", 0.6)):
         assert abs(result.values[name] - value) < 4 * result.standard_errors[name]
-    assert [row["parameter"] for row in rows(out / "parameters.csv")] == list(NAMES)
+    assert [row["parameter"] for row in rows(out / "parameters.csv")] == list(PARAMETERS.names)
     curves = rows(out / "targets.csv")
     assert len(curves) == 12
     assert {row["estimator"] for row in curves} == {"mask"}

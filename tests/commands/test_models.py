@@ -3,14 +3,37 @@
 import csv
 import json
 from pathlib import Path
+from typing import Any, ClassVar
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
+from jaxtyping import Array, Float, Int, UInt32
 from PIL import Image
 
-from yeastfit import Fit, Posterior, Sensitivity
+from yeastfit import (
+    RULES,
+    BuddingRule,
+    Context,
+    Fit,
+    Imaging,
+    InputError,
+    Parameter,
+    Posterior,
+    Resolution,
+    Sensitivity,
+    Simulation,
+    Targets,
+)
 from yeastfit.commands import app as cli
+from yeastfit.commands.model_options import ModelOptions
+from yeastfit.commands.rule_options import RecipeOptions
+from yeastfit.inference.colony_simulator import COARSE
+from yeastfit.inference.fit.simulators import colonies_in
+from yeastfit.inference.models.algebraic import Algebraic
+from yeastfit.inference.simulator import names_of
 from yeastfit.offlattice.simulation import OfflatticeSimulation
+from yeastfit.simulation.synthetic_data import Recipe
 from yeastfit.storage import write_table
 
 OFFLATTICE = ["--model", "offlattice", "--cells", "1200"]
@@ -153,6 +176,109 @@ def test_help_is_that_of_the_model(capsys: pytest.CaptureFixture[str]) -> None:
             text = capsys.readouterr().out
             assert own in text
             assert others not in text
+
+
+class Leaning(BuddingRule):
+    """Children to the right, more or less.
+
+    Attributes:
+        power: How often the cosine is taken
+            of the angle.
+    """
+
+    name: ClassVar[str] = "leaning"
+    parameters: ClassVar[tuple[Parameter, ...]] = (
+        Parameter("lean", "κ", "how closely children lie to the right", plausible=(0.1, 50.0), default=0.0),
+    )
+    power: int = 1
+
+    def angles(
+        self, context: Context, parents: Int[Array, " node"], lineages: UInt32[Array, "node 2"]
+    ) -> Float[Array, " node"]:
+        spread = jnp.linspace(-jnp.pi, jnp.pi, parents.shape[0])
+        return spread / (1.0 + context.parameters["lean"]) ** self.power
+
+
+@pytest.fixture
+def leaning(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """A rule that somebody has registered, with its setting and its parameter on the command line."""
+    monkeypatch.setitem(RULES["budding"], "leaning", Leaning)
+    return ["--budding", "leaning", "--budding-power", "2", "--lean", "3"]
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_a_rule_its_setting_and_its_parameter_are_options(leaning: list[str], tmp_path: Path) -> None:
+    small = ["--domain", "12", "--spacing", "0.2", "--capacity", "16", "--time", "2", "--every", "2", "--members", "2"]
+    assert cli.run(["simulate", *leaning, *small, "--out", str(tmp_path)]) == 0
+    found: Any = configuration(tmp_path)
+    assert found["rules"]["budding"] == {"rule": "leaning", "power": 2}
+    assert found["parameters"]["lean"] == 3.0
+    kept = Simulation.load(tmp_path / "simulation.npz")
+    assert isinstance(kept.model.budding, Leaning)
+    assert (kept.model.budding.power, float(kept.parameters["lean"])) == (2, 3.0)
+
+
+@pytest.mark.parametrize("command", ["simulate", "fit", "infer", "design", "gradcheck"])
+def test_rules_reach_the_model_of_every_command(leaning: list[str], command: str) -> None:
+    given = {"budding": "leaning", "budding_power": 2, "lean": 3.0}
+    chosen = ModelOptions(command, only="algebraic").read(given)
+    assert isinstance(chosen.forward, Algebraic)
+    assert chosen.forward.rules.budding == Leaning(power=2)
+    assert chosen.values == {"lean": 3.0}
+    assert chosen.configuration(command)["rules"]["budding"]["power"] == 2
+
+
+def test_a_parameter_of_a_rule_may_be_free(leaning: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.run(["infer", "--budding", "leaning", "--free", "mobility,lean", "--print-prior"]) == 0
+    assert "# κ: how closely children lie to the right\n[lean]" in capsys.readouterr().out
+    model = ModelOptions("fit").read({"budding": "leaning"}).forward
+    targets = Targets.from_means({"radius": [1.0, 1.5]}, times=[1.0, 2.0], replicates=5, imaging=Imaging(extent=3.0))
+    coarse, fine = model.fit_simulators(targets, ["lean"], {})
+    for simulator in (coarse, fine):
+        assert simulator.parameters.names == ("lean",)
+        assert names_of(simulator)[-1] == "lean"
+    resolutions, rules = colonies_in({"": coarse}, {"": fine})
+    assert resolutions == (COARSE, Resolution())
+    assert rules is not None
+    assert rules["budding"] == {"rule": "leaning", "power": 1}
+
+
+def test_rules_take_the_place_of_those_of_a_recipe(leaning: list[str]) -> None:
+    recipe = Recipe(parameters={"mobility": 2.0}, seed=1, hours=(4.0,))
+    changed = RecipeOptions().read({"budding": "leaning", "lean": 3.0})(recipe)
+    assert isinstance(changed.model.budding, Leaning)
+    assert changed.parameters == {"mobility": 2.0, "lean": 3.0}
+    again = RecipeOptions().read({"lean": 4.0, "aspect_ratio": 0.5})(changed)
+    assert again.parameters == {"mobility": 2.0, "lean": 4.0, "aspect_ratio": 0.5}
+    with pytest.raises(InputError, match="--lean is a parameter of --budding leaning: choose that rule"):
+        RecipeOptions().read({"lean": 4.0})(recipe)
+
+
+def test_help_explains_rules_settings_and_parameters(leaning: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    for command in ("simulate", "synthesize", "fit", "infer", "design", "gradcheck"):
+        assert cli.run([command, "--help"]) == 0
+        text = " ".join(capsys.readouterr().out.replace("│", " ").split())
+        assert "In which direction a child appears." in text
+        assert "How often the cosine is taken of the angle. Of --budding leaning." in text
+        assert "κ, how closely children lie to the right. Plausible: 0.1 to 50. Of --budding leaning." in text
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--lean", "2"], "--lean is a parameter of --budding leaning: choose that rule, or leave it out"),
+        (["--budding-power", "2"], "--budding-power is a setting of --budding leaning: choose that rule"),
+        (["--budding", "leaning", "--lean", "-1"], "lean (κ) is -1, it must be finite and at least 0"),
+        (["--model", "offlattice", "--budding", "leaning"], "--budding is an option of --model algebraic"),
+        (["--births", "leaning"], "--births is 'leaning', it must be one of global"),
+    ],
+)
+def test_what_rules_do_not_have_is_said_in_one_line(
+    leaning: list[str], arguments: list[str], words: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for command in ("simulate", "design"):
+        assert words in said(capsys, command, *arguments, "--out", str(tmp_path))
+    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize(

@@ -26,7 +26,7 @@ from yeastfit import (
 from yeastfit.commands import app as cli
 from yeastfit.derivatives import check_colony as gradients
 from yeastfit.model.colony import Colony
-from yeastfit.model.parameters import NAMES
+from yeastfit.model.parameters import PARAMETERS
 
 TINY = Numerics(domain=8.0, spacing=0.2, dt=0.02, capacity=10)
 SIZE = ["--domain", "8", "--spacing", "0.2", "--capacity", "10", "--time", "2.2"]  # the command line of the same
@@ -51,7 +51,7 @@ def check() -> GradientCheck:
 @pytest.mark.slow
 def test_simulations_pass(check: GradientCheck) -> None:
     assert check.passed, str(check)
-    directions = [*NAMES, "union width", "contact width", "boundary width"]
+    directions = [*PARAMETERS.names, "union width", "contact width", "boundary width"]
     starts = [f"{name} {k}" for name in ("positions", "nutrient", "budding") for k in (1, 2)]
     assert list(check.growth) == [*(f"log {name}" for name in directions), *starts]
     assert len(check.comparisons) == 16 * (7 * 2 + 1)

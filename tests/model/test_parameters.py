@@ -9,7 +9,7 @@ import pytest
 from helpers import wrong_types
 
 from yeastfit.errors import InputError
-from yeastfit.model.parameters import NAMES, PARAMETERS, Parameters, Scales
+from yeastfit.model.parameters import PARAMETERS, Parameters, Scales
 from yeastfit.parameter_set import Parameter
 
 
@@ -21,7 +21,7 @@ def test_defaults_are_those_of_the_table_and_lie_in_the_plausible_range() -> Non
     assert [info.symbol for info in PARAMETERS.values()] == [f"λ{i}" for i in range(1, 8)]
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", PARAMETERS.names)
 @pytest.mark.parametrize("value", [-0.5, math.nan, math.inf])
 def test_a_bad_value_is_named_with_its_parameter(name: str, value: float) -> None:
     with pytest.raises(InputError, match=rf"{name} \({PARAMETERS[name].symbol}\) is {value:g}, it must be"):
@@ -69,8 +69,8 @@ def test_as_dictionary_and_back_with_values_per_member() -> None:
 
 def test_differentiable_in_every_field(double: None) -> None:
     def product(vector: jax.Array) -> jax.Array:
-        parameters = Parameters.from_array(NAMES, vector)
-        return jnp.prod(jnp.stack([getattr(parameters, name) for name in NAMES]))
+        parameters = Parameters.from_array(PARAMETERS.names, vector)
+        return jnp.prod(jnp.stack([getattr(parameters, name) for name in PARAMETERS.names]))
 
     vector = jnp.array([info.default for info in PARAMETERS.values()])
     np.testing.assert_allclose(jax.jit(jax.grad(product))(vector), jnp.prod(vector) / vector, rtol=1e-14)

@@ -18,7 +18,7 @@ from yeastfit.model.budding import child_lineages, uniform_angles
 from yeastfit.model.cells import level_set
 from yeastfit.model.colony import Colony, start
 from yeastfit.model.numerics import Numerics, map_members
-from yeastfit.model.parameters import NAMES, PARAMETERS, Parameters
+from yeastfit.model.parameters import PARAMETERS, Parameters
 from yeastfit.model.relaxation import HARD, Relaxation
 from yeastfit.model.simulate import Schedule, Snapshot, step, trajectory
 
@@ -165,7 +165,7 @@ def test_start() -> None:
 @eqx.filter_jit
 def _short_run(log_values: Array) -> tuple[Colony, dict[str, Array]]:
     """About eight nodes, observed after the first and after the second event."""
-    parameters = Parameters.from_array(NAMES, jnp.exp(log_values))
+    parameters = Parameters.from_array(PARAMETERS.names, jnp.exp(log_values))
     colony = start(jax.random.key(1), SHORT)
     return trajectory(parameters, colony, Schedule.of(SAMPLES), Relaxation(contact=0.1), SHORT, OBSERVE)
 
@@ -174,7 +174,7 @@ def _short_run(log_values: Array) -> tuple[Colony, dict[str, Array]]:
 def at() -> Array:
     """log λ a little below the defaults, but hungry: at the second event not every node can bud."""
     values = {name: 0.9 * info.default for name, info in PARAMETERS.items()} | {"metabolic_rate": 5.0}
-    return jnp.log(jnp.array([values[name] for name in NAMES]))
+    return jnp.log(jnp.array([values[name] for name in PARAMETERS.names]))
 
 
 @pytest.fixture(scope="module")
@@ -195,7 +195,7 @@ def differences(at: Array) -> dict[str, np.ndarray]:
 
 
 def test_a_trajectory_repeats_the_step(at: Array) -> None:
-    parameters, colony = Parameters.from_array(NAMES, jnp.exp(at)), start(jax.random.key(1), SHORT)
+    parameters, colony = Parameters.from_array(PARAMETERS.names, jnp.exp(at)), start(jax.random.key(1), SHORT)
     one = eqx.filter_jit(lambda c: step(c, parameters, Relaxation(contact=0.1), SHORT))
     observed = []
     for number in range(1, SAMPLES[-1] + 1):
@@ -227,7 +227,8 @@ def test_derivative_of_a_trajectory(
 def test_every_statistic_depends_on_every_parameter(slopes: dict[str, np.ndarray]) -> None:
     """After the second event; before it the count depends on none: two nodes cannot have more than two buds."""
     for name in ("mean_radius", "area", "growth_rate", "perimeter", "radius"):
-        assert dict(zip(NAMES, np.abs(slopes[name][1]) > 1e-6, strict=True)) == dict.fromkeys(NAMES, True)
+        found = dict(zip(PARAMETERS.names, np.abs(slopes[name][1]) > 1e-6, strict=True))
+        assert found == dict.fromkeys(PARAMETERS.names, True)
     assert (slopes["cell_count"][0] == 0).all()
     assert (np.abs(slopes["cell_count"][1]) > 1e-6).all()
 

@@ -19,7 +19,7 @@ from yeastfit.measure.statistics.measure_mask import measure_mask
 from yeastfit.measure.statistics.model_as_mask import HardStatistics
 from yeastfit.measure.statistics.smooth_statistics import SmoothStatistics
 from yeastfit.model.colony import start
-from yeastfit.model.parameters import NAMES, PARAMETERS
+from yeastfit.model.parameters import PARAMETERS
 from yeastfit.model.simulate import Schedule, Snapshot, trajectory
 from yeastfit.simulation.simulate import schedule_of
 
@@ -280,12 +280,12 @@ def test_rows_are_in_both_units(five: Simulation) -> None:
 
 def test_derivatives_stay_finite_over_four_events_in_single_precision() -> None:
     def curves(log_values: Array) -> dict[str, Array]:
-        parameters = Parameters.from_array(NAMES, jnp.exp(log_values))
+        parameters = Parameters.from_array(PARAMETERS.names, jnp.exp(log_values))
         numerics = Numerics(domain=8.0, spacing=0.2, dt=0.02, capacity=40)
         schedule, observe = Schedule.of([110, 210]), SmoothStatistics(8.0, 0.2)
         return trajectory(parameters, start(jax.random.key(2), numerics), schedule, Relaxation(), numerics, observe)[1]
 
-    slopes = jax.jit(jax.jacfwd(curves))(jnp.log(jnp.array([PARAMETERS[name].default for name in NAMES])))
+    slopes = jax.jit(jax.jacfwd(curves))(jnp.log(jnp.array([PARAMETERS[name].default for name in PARAMETERS.names])))
     for name, values in slopes.items():
         assert values.shape == (2, 7), name
         assert np.isfinite(values).all(), name

@@ -18,7 +18,7 @@ from yeastfit.measure.statistics.smooth_statistics import SmoothStatistics
 from yeastfit.model import nutrient as nutrient_module
 from yeastfit.model.budding import TurnedBudding
 from yeastfit.model.colony import Colony, start
-from yeastfit.model.parameters import NAMES, PARAMETERS
+from yeastfit.model.parameters import PARAMETERS
 from yeastfit.model.simulate import Snapshot
 
 NUMERICS = Numerics(domain=8.0, spacing=0.2, dt=0.02, capacity=14)  # no other test's: TOLERANCE is compiled in
@@ -27,8 +27,8 @@ MEMBERS = 3  # an odd number, which stays on one of the tests' two devices, wher
 TIMES = (1.2, 2.2)  # 10 steps after the first and the second event; other times up to 64 steps apart do not recompile
 WIDTHS = {"union": 0.05, "contact": 0.15, "boundary": 0.2}
 PARTS = ("positions", "nutrient", "weights")
-WAYS = (*NAMES, *WIDTHS, *PARTS, "turns")
-LAM = {name: 0.9 * PARAMETERS[name].default for name in NAMES}
+WAYS = (*PARAMETERS.names, *WIDTHS, *PARTS, "turns")
+LAM = {name: 0.9 * PARAMETERS[name].default for name in PARAMETERS.names}
 STATE = ("positions", "parents", "weights", "lineages", "count", "nutrient", "step")
 Named = dict[str, Any]  # arrays by name
 
@@ -143,7 +143,7 @@ def test_reverse_mode_is_forward_mode(forward: Named, colonies: Colony) -> None:
             row, _, of_lam = pull(unit | {name: unit[name].at[at].set(1.0)})
             np.testing.assert_allclose(row, values[at], rtol=1e-9, atol=1e-11 * np.abs(values[at]).max())
             members = np.array([of_lam[name] * value for name, value in LAM.items()]).T
-            np.testing.assert_allclose(members[at[0]], row[: len(NAMES)], rtol=1e-9)
+            np.testing.assert_allclose(members[at[0]], row[: len(PARAMETERS.names)], rtol=1e-9)
             np.testing.assert_array_equal(np.delete(members, at[0], axis=0), 0.0)
 
 
@@ -211,13 +211,13 @@ ENDS = {
 @pytest.mark.parametrize("double", [True, False], ids=["double", "single"])
 def test_value_and_gradient_are_finite_at_corners_of_the_box(double: bool) -> None:
     """Each λ at 0 or its lowest, tiny, or the largest plausible; 24 corners, three at a time."""
-    picked = np.random.default_rng(1).integers(3, size=(8, MEMBERS, len(NAMES)))
+    picked = np.random.default_rng(1).integers(3, size=(8, MEMBERS, len(PARAMETERS.names)))
     # where steep gradients meet the largest mobility, dt throws nodes out of the dish
     picked[..., 4] = np.where(picked[..., 5] == 2, np.minimum(picked[..., 4], 1), picked[..., 4])
     with jax.enable_x64(double):
         colonies = few_colonies()
         for corner in picked:
-            lam = {name: np.array(ENDS[name])[corner[:, k]] for k, name in enumerate(NAMES)}
+            lam = {name: np.array(ENDS[name])[corner[:, k]] for k, name in enumerate(PARAMETERS.names)}
             statistics, pull = reverse(colonies, lam=lam)
             amounts, parts, of_lam = pull(ones(statistics))
             for name, array in (*statistics.items(), ("amounts", amounts), *parts.items(), *of_lam.items()):

@@ -112,7 +112,7 @@ def fit(
     held = {**model.parameters.defaults, **chosen.values}
     held = {name: value for name, value in held.items() if name not in model.parameters.subset(fitted)}
     check_source(source, condition or ())
-    known = truth_of(source) if truth else None
+    known = truth_of(source, model.parameters) if truth else None
     remove_files(folder, FILES)
     with shown_progress("measuring micrographs") as progress:
         data = measure_source(source, folder, jobs or available_processors(), progress)

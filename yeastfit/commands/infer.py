@@ -116,7 +116,7 @@ def infer(
         return
     if source is None or folder is None:
         raise InputError(f"{'SOURCE' if source is None else '--out'} is missing: yeastfit infer SOURCE --out FOLDER")
-    true_values = truth_of(source) if truth else None
+    true_values = truth_of(source, request.forward_model.parameters) if truth else None
     run = _begun(request, source, folder, resume, jobs or available_processors())
     warn([*run.folder.notes, *run.data.warnings])
     settled = _finished(run, truth) if run.folder.finished else _run(run, true_values)

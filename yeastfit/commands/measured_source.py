@@ -1,6 +1,6 @@
 """The measurements that `yeastfit fit` and `yeastfit infer` start from: read from a table, or made from micrographs."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -135,21 +135,25 @@ def recorded_warnings(rows: Sequence[Mapping[str, Any]], folder: Path) -> list[s
     return failed + [f"{name}: {one.strip()}" for name, one in doubts if one.strip()] + missing_masks(rows, folder)
 
 
-def truth_of(source: Path) -> dict[str, float]:
+def truth_of(source: Path, parameters: Iterable[str]) -> dict[str, float]:
     """Read the true parameters of a synthetic data set, for the option --truth.
 
     Arguments:
         source: The data set, or a table beside the folder truth.
+        parameters: Names of those of the model.
 
     Returns:
         Parameters by name.
 
     Raises:
-        InputError: Nothing is known.
+        InputError: Nothing is known, or not of this model.
     """
     known = read_truth(source)
     if known is None:
         raise InputError(f"--truth: {source} has no truth/parameters.json beside it, leave --truth out")
+    for name in parameters:
+        if name not in known:
+            raise InputError(f"--truth: {source} was made with {', '.join(known)}, {name} is not known: leave it out")
     return known
 
 

@@ -8,14 +8,20 @@ import typer
 
 from yeastfit.commands.generated_options import Option, flag_of, hints_of, plain_kind
 from yeastfit.commands.options import SMOOTH, numbers_in
-from yeastfit.commands.rule_options import rule_options, rule_parameters, rules_from
+from yeastfit.commands.rule_options import (
+    Brought,
+    check_brought,
+    parameter_options,
+    rule_options,
+    rule_parameters,
+    rules_from,
+)
 from yeastfit.errors import InputError
 from yeastfit.inference.models.forward_model import ForwardModel, settings_of
 from yeastfit.inference.models.registry import DEFAULT, FORWARD_MODELS, model_named
 from yeastfit.model.model import Model
-from yeastfit.parameter_set import Parameter
 
-MODEL, PARAMETERS = "Model", "Model parameters"
+PANEL = "Model"
 Free = Annotated[
     str | None,
     typer.Option(
@@ -65,12 +71,10 @@ class ModelOptions:
     Attributes:
         command: Its name.
         only: Name of the only model that the command takes; None for any, by --model.
-        defaults: Whether `--help` has the values of parameters that are not given.
     """
 
     command: str
     only: str | None = None
-    defaults: bool = True
 
     def options(self, arguments: Sequence[str]) -> list[Option]:
         """Those of the model that is named; hidden, those of the others."""
@@ -84,7 +88,7 @@ class ModelOptions:
             for option in self._of(model).values()
         }
         choices = f"Which model grows the colonies; with --help after it, its options. {', '.join(FORWARD_MODELS)}."
-        which = Option("model", str, choices, MODEL, shown=DEFAULT, choices=("NAME",))
+        which = Option("model", str, choices, PANEL, shown=DEFAULT, choices=("NAME",))
         return [which, *({**others, **own}[key] for key in {**own, **others})]
 
     def read(self, given: Mapping[str, Any]) -> ChosenModel:
@@ -105,12 +109,8 @@ class ModelOptions:
         forward = kind(**settings)
         values = {option: value for option, value in options.items() if option not in settings_of(kind, self.command)}
         values = {option: value for option, value in values.items() if option in self._parameters(kind)}
-        for option in values:
-            if option not in forward.parameters:
-                _, owners = self._parameters(kind)[option]
-                raise InputError(
-                    f"{flag_of(option)} is a parameter of {' or '.join(owners)}: choose that rule, or leave it out"
-                )
+        for rules in (one for one in settings.values() if isinstance(one, Model)):
+            check_brought(values, rules)
         forward.parameters.check(values)
         return ChosenModel(name, forward, values, tuple(options))
 
@@ -141,20 +141,14 @@ class ModelOptions:
             if plain is bool:
                 flags = (f"{flags[0]}/--{setting.negative or 'no-' + name.replace('_', '-')}",)
             shown = _shown(setting.defaults.get(self.command, _default(kind, name)))
-            found[name] = Option(name, plain, setting.help, MODEL, flags, shown, choices)
-        for name, (one, owners) in self._parameters(kind).items():
-            low, high = one.plausible
-            unit, brought = f" {one.unit}" if one.unit else "", f" Of {' and '.join(owners)}." if owners else ""
-            text = f"{one.symbol}, {one.meaning}. Plausible: {low:g} to {high:g}{unit}.{brought}"
-            found[name] = Option(name, float, text, PARAMETERS, shown=f"{one.default:g}" if self.defaults else "")
-        return found
+            found[name] = Option(name, plain, setting.help, PANEL, flags, shown, choices)
+        options = parameter_options(self._parameters(kind), defaults=True)
+        return found | {one.name: one for one in options}
 
-    def _parameters(self, kind: type[ForwardModel]) -> dict[str, tuple[Parameter, tuple[str, ...]]]:
+    def _parameters(self, kind: type[ForwardModel]) -> dict[str, Brought]:
         """Parameters of a model by name, and the rules that bring them; those of any rule that may be chosen."""
         hints = hints_of(kind)
-        found: dict[str, tuple[Parameter, tuple[str, ...]]] = {
-            name: (one, ()) for name, one in kind().parameters.items()
-        }
+        found: dict[str, Brought] = {name: (one, ()) for name, one in kind().parameters.items()}
         if any(hints[name] is Model for name in settings_of(kind, self.command)):
             found |= rule_parameters()
         return found

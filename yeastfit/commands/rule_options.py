@@ -3,7 +3,8 @@
 import dataclasses
 import inspect
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 from yeastfit.commands.generated_options import Option, flag_of, hints_of, plain_kind
@@ -12,8 +13,32 @@ from yeastfit.model.model import BASES, RULES, Model
 from yeastfit.model.parameters import PARAMETERS
 from yeastfit.model.rules import Rule
 from yeastfit.parameter_set import Parameter
+from yeastfit.simulation.synthetic_data import Recipe
 
-PANEL = "Rules of the model"
+PANEL, PARAMETER_PANEL = "Rules of the model", "Model parameters"
+
+Brought = tuple[Parameter, tuple[str, ...]]
+"""A parameter, and the options that choose a rule which brings it; none where every model has it."""
+
+
+class RecipeOptions:
+    """Rules and parameters of a recipe, for `synthesize`; the command receives what is to be changed of one."""
+
+    def options(self, arguments: Sequence[str]) -> list[Option]:
+        """Of all rules and all parameters."""
+        known: dict[str, Brought] = {name: (one, ()) for name, one in PARAMETERS.items()}
+        return [*rule_options(), *parameter_options(known | rule_parameters())]
+
+    def read(self, given: Mapping[str, Any]) -> Callable[[Recipe], Recipe]:
+        """A function that changes a recipe; it raises `InputError` for what its rules do not have."""
+        values = {name: value for name, value in given.items() if name in PARAMETERS or name in rule_parameters()}
+
+        def changed(recipe: Recipe) -> Recipe:
+            model = rules_from(given, recipe.model)
+            check_brought(values, model)
+            return replace(recipe, model=model, parameters={**recipe.parameters, **values})
+
+        return changed
 
 
 def rule_options() -> list[Option]:
@@ -31,9 +56,30 @@ def rule_options() -> list[Option]:
     return list(found.values())
 
 
-def rule_parameters() -> dict[str, tuple[Parameter, tuple[str, ...]]]:
+def parameter_options(known: Mapping[str, Brought], *, defaults: bool = False) -> list[Option]:
+    """An option for each parameter, with the rules that bring it."""
+    found = list[Option]()
+    for name, (one, owners) in known.items():
+        low, high = one.plausible
+        unit, brought = f" {one.unit}" if one.unit else "", f" Of {' and '.join(owners)}." if owners else ""
+        text = f"{one.symbol}, {one.meaning}. Plausible: {low:g} to {high:g}{unit}.{brought}"
+        found.append(Option(name, float, text, PARAMETER_PANEL, shown=f"{one.default:g}" if defaults else ""))
+    return found
+
+
+def check_brought(values: Iterable[str], model: Model) -> None:
+    """Raise `InputError` for a parameter that no rule of a model brings."""
+    for name in values:
+        if name not in model.parameters:
+            _, owners = rule_parameters()[name]
+            raise InputError(
+                f"{flag_of(name)} is a parameter of {' or '.join(owners)}: choose that rule, or leave it out"
+            )
+
+
+def rule_parameters() -> dict[str, Brought]:
     """What rules bring by name, with the options that choose a rule which brings it."""
-    found = dict[str, tuple[Parameter, tuple[str, ...]]]()
+    found = dict[str, Brought]()
     for question in BASES:
         for name, rule in _choosable(question).items():
             for one in rule.parameters:

@@ -1,20 +1,24 @@
 """`yeastfit synthesize`: make data sets of synthetic micrographs with known parameters."""
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from yeastfit.commands.generated_options import generated
 from yeastfit.commands.options import Out
+from yeastfit.commands.rule_options import RecipeOptions
 from yeastfit.commands.terminal import out, shown_progress
 from yeastfit.errors import InputError
 from yeastfit.numbers import SEEDS
-from yeastfit.simulation.synthetic_data import read_recipes
+from yeastfit.simulation.synthetic_data import Recipe, read_recipes
 from yeastfit.simulation.synthetic_data import synthesize as make_dataset
 from yeastfit.storage import write_manifest
 
 
+@generated(changed=RecipeOptions())
 def synthesize(
     folder: Out,
     recipe: Annotated[
@@ -27,18 +31,22 @@ def synthesize(
     seed: Annotated[
         int | None, typer.Option(min=0, max=SEEDS.high, help="Seed to use instead of the one in the file.")
     ] = None,
+    *,
+    changed: Callable[[Recipe], Recipe],
 ) -> None:
     """Make synthetic micrographs of simulated colonies.
 
     Each data set is a folder below OUT with photographs, a manifest that `yeastfit fit` reads, and the folder truth,
-    which holds the parameters, outlines and curves that the photographs were made from.
+    which holds the parameters, outlines and curves that the photographs were made from. Rules and parameters that are
+    given here take the place of the file's.
     """
     recipes = read_recipes(recipe)
     unknown = sorted(set(only or ()) - set(recipes))
     if unknown:
         raise InputError(f"{recipe}: no data set {unknown[0]!r}, there are {', '.join(recipes)}")
-    for name in only or recipes:
-        chosen = recipes[name] if seed is None else replace(recipes[name], seed=seed)
+    recipes = {name: changed(recipes[name]) for name in only or recipes}
+    for name, each in recipes.items():
+        chosen = each if seed is None else replace(each, seed=seed)
         with shown_progress(f"growing {name}") as progress:
             make_dataset(chosen, folder / name, progress)
         write_manifest(folder / name / "truth", command="synthesize", seed=chosen.seed, inputs=[recipe])

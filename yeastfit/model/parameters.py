@@ -36,7 +36,6 @@ PARAMETERS = ParameterSet(
 )
 """What every model has. Plausible ranges hold the source's values (docs/model.md, section 1) with about a decade of
 room on either side, less where the admissible range ends: real colonies may lie beyond what the source tried."""
-NAMES = PARAMETERS.names
 Value = float | Array | np.ndarray | np.generic
 
 

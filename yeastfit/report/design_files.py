@@ -6,11 +6,14 @@ from yeastfit import plot
 from yeastfit.inference.information.design_result import Design
 from yeastfit.storage import write_table
 
-FILES = ("design.csv", "design.json", "information.json", "design.png", "spectrum.png", "ellipses.png")
+FILES = (
+    *("design.csv", "design.json", "information.json", "design.png", "spectrum.png", "ellipses.png"),
+    *("sensitivity.json", "manifest.json"),
+)
 
 
 def write_design(folder: Path, result: Design) -> None:
-    """Write all of `FILES`.
+    """Write the tables, JSON and figures among `FILES`.
 
     Arguments:
         folder: Where to.

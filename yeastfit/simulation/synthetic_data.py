@@ -54,6 +54,8 @@ PARTS: dict[str, type] = {"numerics": Numerics, "scales": Scales, "optics": Opti
 OF_MASKS = ("area", "perimeter", "outer_perimeter", "compactness", "outer_compactness", "radius", "max_radius")
 OF_NODES = ("growth_rate", "cell_count", "mean_radius")  # with `OF_MASKS` the columns of truth/curves.csv, which stay
 
+BESIDE = ("recipe", "versions")  # what truth/parameters.json holds besides parameters
+
 
 @dataclass(frozen=True)
 class Recipe:
@@ -138,9 +140,10 @@ def read_truth(source: str | Path) -> dict[str, float] | None:
         raise InputError(f"{path}: cannot be read ({short(error)}), need that of `yeastfit synthesize`") from None
     if not isinstance(found, dict):
         raise InputError(f"{path}: holds {quoted(found)}, need parameters by name")
-    values = {name: Range().check(found.get(name), f"{path}: {name}") for name in PARAMETERS}
+    names = dict.fromkeys((*PARAMETERS, *(name for name in found if name not in BESIDE)))
+    values = {name: Range().check(found.get(name), f"{path}: {name}") for name in names}
     try:
-        PARAMETERS.check(values)
+        PARAMETERS.check({name: values[name] for name in PARAMETERS})
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
     return values
@@ -251,7 +254,7 @@ def synthesize(recipe: Recipe, folder: str | Path, progress: Progress = silent) 
             rows.append({"file": file, "replicate": member + 1, "hours": hours, "um_per_pixel": recipe.pixel_size})
             progress(f"photographed {len(rows)} of {total}", len(rows) / total)
     write_table(partial / "truth" / "curves.csv", curves)
-    truth = {**recipe.truth().asdict(), "recipe": recipe.asdict(), "versions": versions()}
+    truth = {**recipe.truth().asdict(), **dict(zip(BESIDE, (recipe.asdict(), versions()), strict=True))}
     write_json(partial / "truth" / "parameters.json", truth)
     write_table(partial / "manifest.csv", rows)
     shutil.rmtree(folder, ignore_errors=True)

@@ -10,11 +10,11 @@ from yeastfit import Parameters, SimulationError, Targets
 from yeastfit.inference.fit.ensemble import Ensembles, JointModel
 from yeastfit.inference.fit.stages import Descent, Fitter
 from yeastfit.inference.parameter_space import ParameterSpace
-from yeastfit.model.parameters import NAMES
+from yeastfit.model.parameters import PARAMETERS
 
 TRUTH = Parameters(mobility=2.0, metabolic_rate=0.7, aspect_ratio=0.6)
 AT = np.log([2.0, 0.7, 0.6])
-COLUMNS = [NAMES.index(name) for name in FREE]
+COLUMNS = [PARAMETERS.names.index(name) for name in FREE]
 
 
 def ensembles(targets: dict[str, Targets], simulators: dict[str, StandIn], own: tuple[str, ...] = ()) -> Ensembles:

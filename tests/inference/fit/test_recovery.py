@@ -9,12 +9,12 @@ from stand_in import CENTRE, CURVES, FREE, QUIET, SETTINGS, SLOPES, StandIn, ben
 
 from yeastfit import Fit, Parameters, Targets
 from yeastfit.inference.fit.settings import OptimiserName
-from yeastfit.model.parameters import NAMES
+from yeastfit.model.parameters import PARAMETERS
 
 TRUTH = Parameters(mobility=2.0, metabolic_rate=0.7, aspect_ratio=0.6)
 AT_TRUTH = np.log([2.0, 0.7, 0.6])
 NEAR = {"mobility": 1.5, "metabolic_rate": 0.9, "aspect_ratio": 0.5}
-COLUMNS = [NAMES.index(name) for name in FREE]
+COLUMNS = [PARAMETERS.names.index(name) for name in FREE]
 SHORT = replace(SETTINGS, members=(64, 256), spreads=(0.15, 0.1))
 
 
@@ -130,7 +130,7 @@ def test_with_gaussian_priors_the_estimate_is_the_closed_form_of_a_linear_proble
 
 def test_a_prior_on_what_the_data_do_not_see_is_the_answer() -> None:
     def unseeing(away: np.ndarray) -> np.ndarray:
-        return bent(np.where(np.arange(len(NAMES)) == NAMES.index("diffusivity"), CENTRE, away))
+        return bent(np.where(np.arange(len(PARAMETERS.names)) == PARAMETERS.names.index("diffusivity"), CENTRE, away))
 
     free, prior = ("diffusivity", "mobility"), {"diffusivity": (0.3, 0.4)}
     targets = drawn(Parameters(mobility=2.0, aspect_ratio=0.5), np.random.default_rng(4), mean=unseeing)
@@ -146,8 +146,8 @@ def test_a_prior_on_what_the_data_do_not_see_is_the_answer() -> None:
 def product(away: np.ndarray) -> np.ndarray:
     """Curves that depend on mobility and metabolic_rate by their product alone."""
     both = away.copy()
-    both[:, NAMES.index("mobility")] += both[:, NAMES.index("metabolic_rate")]
-    both[:, NAMES.index("metabolic_rate")] = CENTRE[NAMES.index("metabolic_rate")]
+    both[:, PARAMETERS.names.index("mobility")] += both[:, PARAMETERS.names.index("metabolic_rate")]
+    both[:, PARAMETERS.names.index("metabolic_rate")] = CENTRE[PARAMETERS.names.index("metabolic_rate")]
     return bent(both)
 
 
@@ -170,7 +170,10 @@ def test_with_one_of_them_fixed_the_errors_are_right() -> None:
     targets = exact(TRUTH, mean=product)
     result = fitted(targets, StandIn(product, QUIET, free=("mobility", "aspect_ratio"), held=held))
     at = logs(held.replace(**result.values))
-    slopes = product(at[None])[0][:, None] * SLOPES[:, [NAMES.index("mobility"), NAMES.index("aspect_ratio")]]
+    slopes = (
+        product(at[None])[0][:, None]
+        * SLOPES[:, [PARAMETERS.names.index("mobility"), PARAMETERS.names.index("aspect_ratio")]]
+    )
     expected = np.linalg.inv(slopes.T @ np.linalg.inv(result.conditions[0].covariance) @ slopes)
     np.testing.assert_allclose(result.log_covariance, expected, rtol=0.03, atol=1e-6)
     np.testing.assert_allclose(result.theta, AT_TRUTH[[0, 2]], atol=5e-3)

@@ -11,7 +11,7 @@ from stand_in import FREE, SETTINGS, drawn, fitted
 
 from yeastfit import Fit, InputError, Parameters, plot
 from yeastfit.inference.fit.bootstrap_profile import Bootstrap, Profile
-from yeastfit.model.parameters import NAMES
+from yeastfit.model.parameters import PARAMETERS
 
 TRUTH = Parameters(mobility=2.0, metabolic_rate=0.7, aspect_ratio=0.6)
 START = {"mobility": 1.5, "metabolic_rate": 0.9}
@@ -56,13 +56,13 @@ def test_a_fit_is_loaded_as_it_was_saved(which: str, request: pytest.FixtureRequ
 
 def test_rows_name_every_parameter_and_its_role(alone: Fit, both: Fit) -> None:
     rows = {row["parameter"]: row for row in alone.rows()}
-    assert tuple(rows) == NAMES
-    for name in NAMES:
+    assert tuple(rows) == PARAMETERS.names
+    for name in PARAMETERS.names:
         free = name in FREE
         assert rows[name]["role"] == ("free" if free else "fixed")
         assert rows[name]["standard_error"] == (alone.standard_errors[name] if free else None)
     table = {(row["condition"], row["parameter"]): row for row in both.rows()}
-    assert len(table) == 2 * len(NAMES)
+    assert len(table) == 2 * len(PARAMETERS.names)
     assert [table[name, "metabolic_rate"]["role"] for name in ("rich", "poor")] == ["shared", "shared"]
     assert table["rich", "metabolic_rate"]["value"] == table["poor", "metabolic_rate"]["value"]
     assert [table[name, "mobility"]["role"] for name in ("rich", "poor")] == ["free", "free"]

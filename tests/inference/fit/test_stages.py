@@ -8,11 +8,11 @@ from stand_in import CENTRE, CURVES, FREE, QUIET, ROOT, SETTINGS, STATISTICS, Me
 
 from yeastfit import FitSettings, FitStatus, Imaging, InputError, Parameters, SimulationError, Targets, fit
 from yeastfit.inference.simulator import member_seeds
-from yeastfit.model.parameters import NAMES
+from yeastfit.model.parameters import PARAMETERS
 
 TRUTH = Parameters(mobility=2.0, metabolic_rate=0.7, aspect_ratio=0.6)
 NEAR = {"mobility": 1.5, "metabolic_rate": 0.9, "aspect_ratio": 0.5}
-MOBILITY = NAMES.index("mobility")
+MOBILITY = PARAMETERS.names.index("mobility")
 
 
 @pytest.fixture(scope="module")
@@ -193,14 +193,17 @@ def test_progress_goes_from_nothing_to_all(targets: Targets) -> None:
         ({"start": {"elasticity": 5.0}}, "start names 'elasticity', which is not free: mobility"),
         ({"fixed": {"rich": {"elasticity": 5.0}}}, "fixed is for 'rich', the conditions are ''"),
         ({"own": ["mobility"]}, "there is one condition only"),
-        ({"free": NAMES, "targets": exact(TRUTH, replicates=3)}, None),
+        ({"free": PARAMETERS.names, "targets": exact(TRUTH, replicates=3)}, None),
     ],
     ids=lambda value: str(value)[:40],
 )
 def test_bad_arguments_are_named(arguments: dict, message: str | None, targets: Targets) -> None:
     few = Targets.from_means({"radius": np.arange(1.0, 8.0)}, np.arange(1.0, 8.0), imaging=Imaging())
     if message is None:
-        arguments, message = {"targets": few, "free": NAMES}, "7 target values cannot determine 7 free parameters"
+        arguments, message = (
+            {"targets": few, "free": PARAMETERS.names},
+            "7 target values cannot determine 7 free parameters",
+        )
     with pytest.raises(InputError, match=message):
         fit(**{"targets": targets, **arguments})
 
@@ -229,6 +232,6 @@ def test_settings_are_checked(values: dict, message: str) -> None:
 def test_the_noise_of_seeds_is_what_a_fit_sees_at_its_centre() -> None:
     """The stand-in itself: its covariance is the one it states, at any λ."""
     stand_in = StandIn()
-    values = np.tile(np.exp(CENTRE[[NAMES.index(name) for name in FREE]] + 0.3), (4000, 1))
+    values = np.tile(np.exp(CENTRE[[PARAMETERS.names.index(name) for name in FREE]] + 0.3), (4000, 1))
     rows = stand_in(values, member_seeds(0, 4000)) - bent(stand_in.logarithms(values))
     np.testing.assert_allclose(np.cov(rows.T), ROOT @ ROOT.T, atol=0.1 * 0.01)

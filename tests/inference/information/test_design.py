@@ -16,7 +16,7 @@ from yeastfit.commands import app as cli
 from yeastfit.inference.information.design import By, design
 from yeastfit.inference.information.design_result import Candidate, Criterion, Design
 from yeastfit.inference.information.result import Information
-from yeastfit.model.parameters import NAMES, PARAMETERS
+from yeastfit.model.parameters import PARAMETERS
 
 FREE = ("mobility", "metabolic_rate", "aspect_ratio")
 STATISTICS, TIMES = ("compactness", "area"), [1.0, 2.0, 3.0]
@@ -221,7 +221,7 @@ def test_the_command_grows_colonies(tmp_path: Path) -> None:
     small = ["--times", "1.5,2.5", "--statistics", "area,radius", "--runs", "32", "--dt", "0.02", "--seed", "3"]
     assert cli.run(["design", "--out", str(first), "--free", "aspect-ratio", "--aspect-ratio", "0.6", *small]) == 0
     found = Sensitivity.load(first / "sensitivity.json")
-    assert found.free == NAMES
+    assert found.free == PARAMETERS.names
     assert (found.method, found.seed, found.runs) == ("regression", 3, {"mean": 8, "regression": 32})
     assert found.at["aspect_ratio"] == pytest.approx(0.6)
     again = ["--sensitivity", str(first / "sensitivity.json"), "--free", "aspect_ratio"]

@@ -145,6 +145,7 @@ class Algebraic(ForwardModel):
             times=times,
             statistics=statistics,
             method="regression",
+            model=self.rules,
             runs=runs,
             seed=seed,
             numerics=numerics,

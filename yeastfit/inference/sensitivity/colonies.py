@@ -10,8 +10,9 @@ from yeastfit.inference.colony_curves import ColonyCurves
 from yeastfit.inference.colony_simulator import ColonySimulator
 from yeastfit.measure.statistics.registry import check_names
 from yeastfit.measure.statistics.smooth_statistics import SmoothStatistics
+from yeastfit.model.model import Model
 from yeastfit.model.numerics import Numerics
-from yeastfit.model.parameters import NAMES, PARAMETERS, Parameters
+from yeastfit.model.parameters import PARAMETERS, Parameters
 from yeastfit.model.relaxation import Relaxation
 from yeastfit.observable import Observable
 from yeastfit.parameter_set import ParameterSet
@@ -26,33 +27,40 @@ def colonies_at(
     numerics: Numerics,
     relaxation: Relaxation,
     observe: SmoothStatistics,
+    model: Model | None = None,
 ) -> ColonySimulator:
     """Colonies of a relaxed or hard model, seen by smooth statistics.
 
     Arguments:
         parameters: λ, of which those that are not free are held.
-        free: Names of the free ones, in the order of columns; by default all.
+        free: Names of the free ones, in the order of columns; by default all, but for those that a rule brings and that
+            are 0.
         recorded: Statistics, which `observe` measures.
         times: Of all of them.
         numerics: Of the model.
         relaxation: Of the model.
         observe: Grid and blur.
+        model: The rules; by default the source's.
 
     Raises:
-        InputError: A name is unknown, or one λ is not a single number above 0.
+        InputError: A name is unknown, or a λ is not a single number, above 0 where it is free.
     """
     check_names(recorded, "smooth", "nodes")
-    for name in NAMES:
-        value = getattr(parameters, name)
-        if value.shape != () or not value > 0:
+    model = model or Model()
+    known, complete = model.parameters, model.complete(parameters)
+    values = {name: np.asarray(value, dtype=float) for name, value in complete.values.items()}
+    usual = [name for name in known if name in PARAMETERS or (values[name] > 0).all()]
+    names = usual if free is None else list(free)
+    known.subset(names)
+    for name, value in values.items():
+        if value.shape != () or not (value > 0 or (name not in names and value == 0)):
             raise InputError(f"{name} is {value}, derivatives in log λ need one number above 0")
-    names = NAMES if free is None else tuple(free)
-    PARAMETERS.subset(names)
-    chosen = ParameterSet(tuple(PARAMETERS[name] for name in names))
-    held = {name: float(getattr(parameters, name)) for name in NAMES if name not in names}
+    chosen = ParameterSet(tuple(known[name] for name in names))
+    held = {name: float(value) for name, value in values.items() if name not in names}
     observables = tuple(Observable(name, float(time)) for name in recorded for time in times)
     observe = replace(observe, statistics=recorded)
     curves = ColonyCurves(recorded, numerics, observe, relaxation, schedule_of(times, numerics))
+    curves = replace(curves, model=model)
     return ColonySimulator(chosen, held, observables, curves, np.ones(len(observables), dtype=bool))
 
 

@@ -17,6 +17,7 @@ from yeastfit.inference.sensitivity.pathwise import COUNT, ColonyPaths
 from yeastfit.inference.sensitivity.result import EstimatorName, Sensitivity
 from yeastfit.inference.simulator import Simulator
 from yeastfit.measure.statistics.smooth_statistics import SmoothStatistics
+from yeastfit.model.model import Model
 from yeastfit.model.numerics import Numerics
 from yeastfit.model.parameters import Parameters
 from yeastfit.model.relaxation import Relaxation
@@ -38,6 +39,7 @@ def sensitivity(
     paths: int = 8,
     spread: float = 0.1,
     seed: int = 0,
+    model: Model | None = None,
     numerics: Numerics | None = None,
     relaxation: Relaxation | None = None,
     path_numerics: Numerics | None = None,
@@ -65,6 +67,7 @@ def sensitivity(
         spread: Of log λ in the regression, whose bias grows as spread² and whose variance falls as 1/spread². Where
             a parameter lies at its maximum, it goes a little beyond.
         seed: Of all random numbers.
+        model: Rules of the colonies; by default the source's.
         numerics: Of the model that is meant, by default at Δt = 0.005.
         relaxation: Likewise, by default `hard_but_smoothly_measured`.
         path_numerics: Of the model that is differentiated, by default at Δt = 0.01.
@@ -80,7 +83,7 @@ def sensitivity(
     settings["progress"] = progress or silent
     if simulator is not None:
         of_colonies: dict[str, Any] = {"parameters": parameters, "times": times, "statistics": statistics, "free": free}
-        of_colonies |= {"numerics": numerics, "relaxation": relaxation, "path_numerics": path_numerics}
+        of_colonies |= {"model": model, "numerics": numerics, "relaxation": relaxation, "path_numerics": path_numerics}
         of_colonies |= {"path_relaxation": path_relaxation, "observe": observe}
         for name, value in of_colonies.items():
             if value is not None:
@@ -100,6 +103,7 @@ def sensitivity(
         numerics,
         hard_but_smoothly_measured() if relaxation is None else relaxation,
         observe or SmoothStatistics(numerics.domain, 0.1),
+        model,
     )
     derivatives = ColonyPaths(
         colonies,
@@ -109,7 +113,8 @@ def sensitivity(
         tame() if path_relaxation is None else path_relaxation,
     )
     asked = tuple(one for one in colonies.observables if one.statistic in names)
-    values = np.array([float(getattr(parameters, name)) for name in colonies.parameters])
+    parameters = colonies.curves.model.complete(parameters)
+    values = np.array([float(parameters[name]) for name in colonies.parameters])
     return Estimator(colonies, values, asked, method or "combined", **settings, pathwise=derivatives).run()
 
 

@@ -20,7 +20,6 @@ from yeastfit.inference.sensitivity.result import Estimate, Means
 from yeastfit.inference.simulator import Seeds
 from yeastfit.model.colony import PROBLEMS
 from yeastfit.model.numerics import Numerics
-from yeastfit.model.parameters import PARAMETERS
 from yeastfit.model.relaxation import Relaxation
 from yeastfit.seeds import keys_of
 from yeastfit.simulation.simulate import schedule_of
@@ -109,7 +108,8 @@ class ColonyPaths:
         grown, tangents = relaxed.members_with_tangents(z, keys_of(seeds))
         met = np.asarray(grown)[:, -len(PROBLEMS) :].sum(axis=0).astype(int).tolist()
         by_curve = np.asarray(tangents)[..., : recorded * sampled].reshape(*tangents.shape[:2], recorded, sampled)
-        chosen = [PARAMETERS.names.index(name) for name in self.simulator.parameters]
+        names = curves.model.parameters.names
+        chosen = [names.index(name) for name in self.simulator.parameters]
         robust = robust_mean(jnp.moveaxis(jnp.asarray(by_curve[:, chosen, : self.statistics]), 1, -1))
         return Paths(
             Estimate(self._at_all_times(robust.mean, np.nan), self._at_all_times(robust.error, np.nan)),
