@@ -84,11 +84,11 @@ def design(
         if given:
             said = f"{flag_of(given[0])} is given beside --sensitivity, but {sensitivity} says it"
             raise InputError(f"{said}: leave out one of the two")
+    names = chosen.forward.statistics_named(names_in(statistics) or chosen.forward.designed)
     found = _read(sensitivity) if sensitivity else None
     kept = [] if sensitivity is None else [sensitivity.resolve()]
     remove_files(folder, [name for name in FILES if (folder / name).resolve() not in kept])
     if found is None:
-        names = chosen.forward.statistics_named(names_in(statistics) or chosen.forward.designed)
         with shown_progress("growing colonies") as progress:
             found = chosen.forward.sensitivity(names, chosen.values, runs=runs, seed=seed, progress=progress)
         found.save(folder / "sensitivity.json")
