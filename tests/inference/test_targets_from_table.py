@@ -116,6 +116,19 @@ def raw(measured: Path) -> list[dict[str, Any]]:
         return list(csv.DictReader(file))
 
 
+def test_missing_masks_are_named_for_they_change_the_estimator(measured: Path, tmp_path: Path) -> None:
+    shutil.copytree(measured, tmp_path, dirs_exist_ok=True)
+    assert measure_source(tmp_path, tmp_path, 1, silent).warnings == []
+    gone = sorted((tmp_path / "masks").iterdir())[1]
+    gone.unlink()
+    rows = [{**row, "condition": "rich" if row["replicate"] == "1" else "poor"} for row in raw(tmp_path)]
+    found = measure_source(written(rows, tmp_path / TABLE), tmp_path, 1, silent)
+    (warning,) = found.warnings
+    assert warning.startswith(f"1 of 2 masks of condition 'rich' are missing (masks/{gone.name}): its curves are")
+    targets = [targets_of(found.rows, found.folder, condition=name) for name in ("rich", "poor")]
+    assert [imaging_of(each).estimator for each in targets] == ["mask", "smooth"]
+
+
 def test_tables_that_are_none_are_refused_in_words(measured: Path, tmp_path: Path) -> None:
     rows = raw(measured)
     with pytest.raises(InputError, match=r"nowhere\.csv: no table"):

@@ -19,6 +19,8 @@ import numpy as np
 from scipy import stats
 
 from yeastfit.errors import InputError
+from yeastfit.numbers import number_of
+from yeastfit.text import quoted
 
 Numbers = Mapping[str, float]
 
@@ -124,8 +126,8 @@ def _completed(name: str, numbers: Mapping[str, Any]) -> dict[str, float]:
             raise InputError(f"{name} needs {', '.join(family.required)}, {key} is missing")
     for key, value in numbers.items():
         infinite = key in family.defaults and value == family.defaults[key]
-        if isinstance(value, bool) or not isinstance(value, int | float) or not (math.isfinite(value) or infinite):
-            raise InputError(f"{key} is {value!r}, it must be a finite number")
+        if isinstance(value, str) or not (math.isfinite(number_of(value)) or infinite):
+            raise InputError(f"{key} is {quoted(value)}, it must be a finite number")
     completed = {**family.defaults, **{key: float(value) for key, value in numbers.items()}}
     for key in ("sd", "a", "b", "median"):
         if key in completed and completed[key] <= 0:

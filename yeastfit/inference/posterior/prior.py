@@ -7,7 +7,6 @@ have truncations for that. A file has one table per parameter; `template` writes
 """
 
 import math
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -20,6 +19,8 @@ from jaxtyping import Bool, Float
 from yeastfit.errors import InputError
 from yeastfit.inference.posterior.distributions import FAMILIES, Distribution
 from yeastfit.parameter_set import Parameter, ParameterSet
+from yeastfit.text import quoted
+from yeastfit.text_files import read_toml
 
 WIDE_BETA = {"a": 2.0, "b": 2.0}  # the widest of the beta priors of Li et al. 2024
 
@@ -130,7 +131,7 @@ class Prior:
         for name, table in tables.items():
             if not (isinstance(table, Mapping) and isinstance(table.get("distribution"), str)):
                 raise InputError(
-                    f'prior of {name} is {table!r}, it must be a table with distribution = "..." and its numbers'
+                    f'prior of {name} is {quoted(table)}, it must be a table with distribution = "..." and its numbers'
                 )
             numbers = {key: value for key, value in table.items() if key != "distribution"}
             try:
@@ -166,12 +167,12 @@ class Prior:
             InputError: The file cannot be read, lacks a parameter or has an unknown one, or a table is wrong.
         """
         try:
-            tables = tomllib.loads(Path(path).read_text(encoding="utf-8"))
-        except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-            raise InputError(f"{path}: no prior can be read: {error}") from error
+            tables = read_toml(path)
+        except InputError as error:
+            raise InputError(f"{path}: no prior can be read{str(error).removeprefix(str(path))}") from None
         for name in tables:
             if name not in parameters:
-                raise InputError(f"{path}: unknown parameter {name!r}, expected {', '.join(parameters.names)}")
+                raise InputError(f"{path}: unknown parameter {quoted(name)}, expected {', '.join(parameters.names)}")
         try:
             prior = Prior.of({name: tables[name] for name in parameters if name in tables})
             prior.check(parameters)
