@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from yeastfit.text import HIDDEN, JOINERS, LONGEST, as_html, quoted, shown
+from yeastfit.text import HIDDEN, JOINERS, LONGEST, LONGEST_NAME, as_html, file_name, quoted, shown
 
 # any text, surrogates of file names that are not UTF-8 included
 TEXTS = st.text(st.characters(exclude_categories=()), max_size=40)
@@ -49,6 +49,36 @@ def test_shown_text_is_one_line_of_valid_utf8_that_hides_nothing(text: str) -> N
 @given(TEXTS)
 def test_html_holds_no_markup(text: str) -> None:
     assert not set("<>\"'") & set(as_html(text))
+
+
+@pytest.mark.parametrize(
+    ("text", "name"),
+    [
+        ("a_24h (2)", "a_24h (2)"),
+        ("a\nb/c", "a_b_c"),
+        ("..", "_"),
+        ("", "_"),
+        ("-rf", "rf"),
+        (".-.hidden", "hidden"),
+        ("ends. ", "ends"),
+        ("e\u0301", "é"),
+        ("é" * 200, "é" * 60),
+        (b"\xff".decode(errors="surrogateescape"), "_"),
+    ],
+)
+def test_names_of_files(text: str, name: str) -> None:
+    assert file_name(text) == name
+
+
+@settings(deadline=None, derandomize=True)
+@given(TEXTS)
+def test_names_of_files_suit_every_system(text: str) -> None:
+    name = file_name(text)
+    assert 0 < len(name.encode()) <= LONGEST_NAME
+    assert shown(name) == name == file_name(name)
+    assert not set('/\\<>:"|?*') & set(name)
+    assert name[0] not in ".- "
+    assert name[-1] not in ". "
 
 
 def test_values_of_messages_are_short() -> None:

@@ -59,7 +59,7 @@ def file_name(text: str) -> str:
     """
     composed = unicodedata.normalize("NFC", text)
     name = "".join("_" if shown(each) != each or each in NOT_IN_NAMES else each for each in composed)
-    return name.encode()[:LONGEST_NAME].decode(errors="ignore").strip(". ").lstrip("-") or "_"
+    return name.encode()[:LONGEST_NAME].decode(errors="ignore").lstrip(".- ").rstrip(". ") or "_"
 
 
 def as_html(text: object) -> str:
