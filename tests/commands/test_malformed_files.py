@@ -21,6 +21,7 @@ from yeastfit.inference.targets_from_table import NEEDED, read_measurements
 DISC = np.where(np.hypot(*(np.mgrid[:64, :64] - 31.5)) < 15, 60, 150).astype(np.uint8)
 DISC += np.random.default_rng(0).integers(0, 5, DISC.shape).astype(np.uint8)
 Run = Callable[[Sequence[str | Path]], str]
+Case = tuple[str | bytes, str]  # what a file holds, and words of the message
 
 
 @pytest.fixture
@@ -118,7 +119,7 @@ def test_every_file_of_a_survey_costs_its_own_row_only(
 
 HEADER = "file,replicate,hours,um_per_pixel\n"
 IMAGE = "[[image]]\nfile = 'a.png'\nreplicate = 1\nhours = 2\num_per_pixel = 1\n"
-CSV = {
+CSV: dict[str, Case] = {
     "empty": (b"", "no column 'file'"),
     "blank": ("\n\n\n", "no column 'file'"),
     "no rows": (HEADER, "no rows"),
@@ -168,7 +169,7 @@ CSV = {
     "bad roi": (HEADER.replace("\n", ",roi\n") + 'a.png,1,2,1,"1,2,1_0,9"\n', "line 2: roi is '1,2,1_0,9'"),
     "bad threshold": (HEADER.replace("\n", ",threshold\n") + "a.png,1,2,1,-3\n", "line 2: threshold is '-3'"),
 }
-TOML = {
+TOML: dict[str, Case] = {
     "empty": (b"", "no rows"),
     "no toml": ("image = = 1", "not TOML"),
     "utf-16": (IMAGE.encode("utf-16"), "need UTF-8"),
@@ -194,9 +195,7 @@ MANIFESTS = [("manifest.csv", *case) for case in CSV.items()] + [("manifest.toml
 
 
 @pytest.mark.parametrize(("file", "name", "case"), MANIFESTS, ids=lambda value: value if isinstance(value, str) else "")
-def test_a_malformed_manifest_is_refused(
-    tmp_path: Path, refused: Run, file: str, name: str, case: tuple[str | bytes, str]
-) -> None:
+def test_a_malformed_manifest_is_refused(tmp_path: Path, refused: Run, file: str, name: str, case: Case) -> None:
     data, words = case
     written(tmp_path / "data" / "a.png", b"x")
     line = refused(["measure", written(tmp_path / "data" / file, data).parent])
@@ -280,7 +279,7 @@ def test_a_number_that_no_colony_has_is_refused_by_line_and_column(
     assert words in line
 
 
-TABLES = {
+TABLES: dict[str, Case] = {
     "empty": ("", "no rows"),
     "header only": (table().splitlines()[0], "no rows"),
     "utf-16": (table().encode("utf-16"), "need UTF-8"),
@@ -316,7 +315,7 @@ def test_a_malformed_table_is_refused(tmp_path: Path, refused: Run, name: str, c
     assert words in refused([command, tmp_path / "measurements.csv"])
 
 
-BESIDE = {
+BESIDE: dict[str, tuple[str, str | bytes, str]] = {
     "failures of other columns": ("failures.csv", "image,reason\na,b\n", "no columns file and error"),
     "failures in utf-16": ("failures.csv", "file,error\na,b\n".encode("utf-16"), "need UTF-8"),
     "failures without an end": ("failures.csv", 'file,error\na,"b\n', "line 2: not CSV"),
@@ -355,7 +354,7 @@ def test_a_malformed_truth_is_refused(tmp_path: Path, refused: Run, name: str) -
     assert "parameters.json: " in refused(["fit", tmp_path / "measurements.csv", "--truth"])
 
 
-PRIORS = {
+PRIORS: dict[str, Case] = {
     "empty": ("", "the prior is empty"),
     "no toml": ("[mobility", "no prior can be read"),
     "utf-16": ("[mobility]".encode("utf-16"), "no prior can be read: is a text file in UTF-16"),
