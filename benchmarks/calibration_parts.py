@@ -121,6 +121,11 @@ CELLS = Part(
     bins=20,
     settings=SequentialEmulator(simulations=1024, first=512, each=256, batch=64),
 )
-FEW_CELLS = replace(QUICK[0], model=Small(cells=600, area=9_000), judged=128)
+FEW_CELLS = replace(
+    QUICK[0],
+    model=Small(cells=600, area=9_000),
+    settings=SequentialEmulator(256, first=128, most_steps=500, batch=64, training=TINY),
+    judged=128,
+)
 STUDIES = {"algebraic": (FULL, QUICK), "offlattice": ((CELLS,), (FEW_CELLS,))}
 """Parts by model, in full and for a quick look."""

@@ -21,11 +21,12 @@ Targets: protocol and published means within 3 √2 standard errors, acceptance 
 emulator R-hat ≤ 1.01, effective size ≥ 1000.
 
     python -m benchmarks.offlattice_posteriors [--quick] [--json FILE] [--docs DIR] [--work DIR] [--set NAME]
-                                               [--method NAME] [--threads N] [--page]
+                                               [--method NAME] [--steps N] [--threads N] [--page]
 
 Every posterior is kept in the folder given by --work, out/offlattice by default, with all its simulations; an
 interrupted run goes on there. --set and --method restrict what is computed, --page computes nothing: the page is of all
-that is there, and says what is not. Colonies grow on N threads, by default one a core.
+that is there, and says what is not. --steps stops the protocol's chains early, to go on another time. Colonies grow on
+N threads, by default one a core.
 """
 
 import argparse
@@ -41,6 +42,7 @@ from scipy.stats import gaussian_kde
 
 from benchmarks.li2024_published import PUBLISHED_POSTERIORS, Published
 from benchmarks.offlattice_runs import FIVE, METHODS, SEED, Run, Sizes, real_colonies
+from benchmarks.offlattice_words import SYMBOLS, in_words, missing, title
 from benchmarks.report import Report, command
 from yeastfit.inference.abc.distances import LiDistance
 from yeastfit.inference.abc.smc import AbcSmc
@@ -55,7 +57,6 @@ from yeastfit.offlattice.li2024_statistics import PUBLISHED
 from yeastfit.offlattice.parameters import PARAMETERS
 
 NAMES = PARAMETERS.names
-SYMBOLS = [one.symbol for one in PARAMETERS.values()]
 COLOURS = {"protocol": "#7a5230", "smc": "#2563a8", "emulator-theirs": "#3f8f4f", "emulator": "#c2410c"}
 ERRORS = 3 * np.sqrt(2)
 TINY = TrainingSettings(members=2, width=16, steps=100)
@@ -72,24 +73,26 @@ def study(report: Report, sizes: Sizes, runs: list[Run], wanted: list[Run]) -> N
     for run in wanted:
         report.stage(f"{run.key}: {METHODS[run.method]}")
         run.infer(report.stage)
-    found = {(run.key, run.method): run.posterior() for run in runs if run.finished}
+    found = {(run.key, run.method): run.posterior() for run in runs if run.there}
     for key, colonies in sizes.sets.items():
         mine = {run.method: run for run in runs if run.key == key}
         results = {method: found[key, method] for method in METHODS if (key, method) in found}
-        report.table(f"{colonies.name}: parameters", parameters(key, results))
+        names = {method: run.name for method, run in mine.items()}
+        report.table(f"{colonies.name}: parameters", parameters(key, results, names))
         report.table(f"{colonies.name}: cost", [cost(mine[method], results.get(method)) for method in METHODS])
         at_mean(report, key, colonies, sizes.at_mean)
         for method, posterior in results.items():
-            judged(report, f"{colonies.name}, {METHODS[method]}", method, posterior)
+            judged(report, f"{colonies.name}, {names[method]}", method, posterior)
         if "protocol" in results:
-            protocol(report, key, colonies, results["protocol"], results.get("smc"))
+            protocol(report, mine["protocol"], results["protocol"], results.get("smc"))
         for method in ("emulator", "emulator-theirs"):
             if method in results:
                 reach(report, mine[method], results[method])
     if report.docs is not None:
         report.docs.mkdir(parents=True, exist_ok=True)
         picture(sizes, found).savefig(report.docs / "offlattice.png", dpi=70)
-        text = [report.head(__doc__), CAPTION, missing(runs), *report.sections()]
+        words = [line for key in sizes.sets for line in in_words([run for run in runs if run.key == key])]
+        text = [report.head(__doc__), CAPTION, missing(runs), "## In words", "\n".join(words), *report.sections()]
         (report.docs / "offlattice.md").write_text("\n\n".join(text))
 
 
@@ -99,20 +102,7 @@ Marginal densities, with the prior dotted. The published posterior, of which onl
 5 %, 50 % and 95 % quantiles, a dot at the mean."""
 
 
-def missing(runs: list[Run]) -> str:
-    """What is not there, in words."""
-    left = [f"{run.colonies.name}: {METHODS[run.method]}{_so_far(run)}" for run in runs if not run.finished]
-    if not left:
-        return "All posteriors are finished."
-    return "**Not finished**, and left out below:\n\n" + "\n".join(f"- {one}" for one in left)
-
-
-def _so_far(run: Run) -> str:
-    count = len(run.simulations()[0]) if run.file("h5").is_file() else 0
-    return f" ({count} simulations so far, after {run.seconds()['processor']:.0f} s of the processors)" if count else ""
-
-
-def parameters(key: str, results: dict[str, Posterior]) -> list[dict[str, Any]]:
+def parameters(key: str, results: dict[str, Posterior], names: dict[str, str]) -> list[dict[str, Any]]:
     """Means, medians and intervals side by side."""
     theirs = PUBLISHED_POSTERIORS[key]
     rows = []
@@ -125,7 +115,7 @@ def parameters(key: str, results: dict[str, Posterior]) -> list[dict[str, Any]]:
         )
         for method, found in results.items():
             low, high = found.interval(0.9)[k]
-            row = about | {"posterior": METHODS[method], "mean": float(found.mean[k])}
+            row = about | {"posterior": names[method], "mean": float(found.mean[k])}
             row |= {"median": float(found.quantile(0.5)[k]), "90 % interval": f"{low:.3f} to {high:.3f}"}
             row["effective size"] = int(effective(method, found)[k])
             rows.append(row | {"mean − published, errors": float((found.mean[k] - theirs.mean[k]) / theirs.error[k])})
@@ -147,7 +137,7 @@ def chain_error(found: Posterior) -> Float[np.ndarray, " free"]:
 
 def cost(run: Run, found: Posterior | None) -> dict[str, Any]:
     """Simulations and seconds."""
-    row: dict[str, Any] = {"posterior": METHODS[run.method], "data": f"mean of {run.observed[1]} colonies"}
+    row: dict[str, Any] = {"posterior": run.name, "data": f"mean of {run.observed[1]} colonies"}
     if found is None:
         return row | dict.fromkeys(("simulations", "accepted, %", "seconds", "processor seconds", "status"), "")
     seconds, accepted = (
@@ -169,10 +159,10 @@ def judged(report: Report, what: str, method: str, found: Posterior) -> None:
     report.add(f"{what}: effective size, least", least, "", 1000 if target else None)
 
 
-def protocol(report: Report, key: str, colonies: Li2024Colonies, found: Posterior, long: Posterior | None) -> None:
-    """Add acceptance, means and drifts, next to the published ones, and what short chains did."""
-    theirs, name = PUBLISHED_POSTERIORS[key], colonies.name
-    target = not report.quick
+def protocol(report: Report, run: Run, found: Posterior, long: Posterior | None) -> None:
+    """Add acceptance, means and drifts, next to the published ones; chains that were stopped have no targets."""
+    theirs, name = PUBLISHED_POSTERIORS[run.key], f"{run.colonies.name}, {run.name}"
+    target = run.finished and not report.quick
     share = found.acceptance.mean()
     error = found.acceptance.std(ddof=1) / np.sqrt(len(found.acceptance))
     apart = float(abs(share - theirs.acceptance) / np.hypot(error, 0.01))
@@ -180,7 +170,7 @@ def protocol(report: Report, key: str, colonies: Li2024Colonies, found: Posterio
     report.add(f"{name}: acceptance − published, in errors", apart, "", 3 if target else None, False, note)
     off = float(np.max(np.abs(found.mean - theirs.mean) / np.array(theirs.error)))
     report.add(f"{name}: means − published, in their errors, largest", off, "", ERRORS if target else None, False)
-    report.table(f"{name}: drifts of the protocol's chains", drifts(theirs, found, long))
+    report.table(f"{name}: drifts of the chains", drifts(theirs, found, long))
 
 
 def drifts(theirs: Published, found: Posterior, long: Posterior | None) -> list[dict[str, Any]]:
@@ -229,7 +219,7 @@ def reach(report: Report, run: Run, found: Posterior) -> None:
     for k, name in enumerate(run.statistics):
         mine, means = statistics[:, k], drawn[:, k]
         row: dict[str, Any] = {
-            "statistic": name.removeprefix("li2024_").replace("_", " "),
+            "statistic": title(name),
             "observed mean": float(observed[k]),
         }
         if run.method == "emulator":
@@ -238,8 +228,8 @@ def reach(report: Report, run: Run, found: Posterior) -> None:
         row["prior beyond observed, %"] = 100 * float(min((mine >= observed[k]).mean(), (mine <= observed[k]).mean()))
         row |= {"predicted mean": float(means.mean()), "sd": float(means.std())}
         rows.append(row | {"observed − predicted, sd": float((observed[k] - means.mean()) / means.std())})
-    title = f"{run.colonies.name}, {METHODS[run.method]}: what the model reaches"
-    report.table(f"{title} (predicted: means of {replicates} colonies)", rows)
+    about = f"{run.colonies.name}, {METHODS[run.method]}: what the model reaches"
+    report.table(f"{about} (predicted: means of {replicates} colonies)", rows)
     if run.method == "emulator":
         distances = LiDistance(np.array(run.colonies.observed))(statistics[:, : len(PUBLISHED)])
         note = f"of {len(distances)} colonies from the prior; their ε is {run.colonies.tolerance:g}"
@@ -281,13 +271,18 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("--work", type=Path, default=Path("out/offlattice"))
     parser.add_argument("--set", choices=list(LI2024))
     parser.add_argument("--method", choices=list(METHODS))
+    parser.add_argument("--steps", type=int)
     parser.add_argument("--threads", type=int)
     parser.add_argument("--page", action="store_true")
     own, others = parser.parse_known_args(arguments)
 
     def run(report: Report, quick: bool) -> None:
         sizes, folder = (QUICK, "quick") if quick else (Sizes(), "full")
-        runs = [Run(key, method, sizes, own.work / folder, own.threads) for method in METHODS for key in sizes.sets]
+        runs = [
+            Run(key, method, sizes, own.work / folder, own.threads, own.steps)
+            for method in METHODS
+            for key in sizes.sets
+        ]
         asked = [one for one in runs if own.set in (None, one.key) and own.method in (None, one.method)]
         study(report, sizes, runs, [] if own.page else asked)
 

@@ -64,6 +64,7 @@ class Run:
         sizes: How much is computed.
         folder: Of all its files.
         threads: That colonies grow on.
+        steps: Of the protocol's chains, where they shall stop before their end; a later run goes on from there.
     """
 
     key: str
@@ -71,6 +72,7 @@ class Run:
     sizes: Sizes
     folder: Path
     threads: int | None = None
+    steps: int | None = None
 
     @property
     def colonies(self) -> Li2024Colonies:
@@ -105,13 +107,31 @@ class Run:
         if self.method.startswith("emulator"):
             return self.sizes.emulator
         if self.method == "protocol":
-            return self.colonies.protocol(seed=SEED)
+            return self.colonies.protocol(seed=SEED, steps=self.steps)
         return replace(self.sizes.smc, tolerance=self.colonies.tolerance)
 
     @property
-    def finished(self) -> bool:
-        """Whether its posterior is there."""
+    def there(self) -> bool:
+        """Whether there is a posterior, if of chains that were stopped."""
         return self.file("npz").is_file()
+
+    @property
+    def done(self) -> int:
+        """Steps of the protocol's chains, 0 without any; 1 for another posterior that is there."""
+        if not self.there:
+            return 0
+        return int(self.posterior().settings["steps"]) if self.method == "protocol" else 1
+
+    @property
+    def finished(self) -> bool:
+        """Whether its posterior is there and whole."""
+        return self.done >= (self.colonies.steps if self.method == "protocol" else 1)
+
+    @property
+    def name(self) -> str:
+        """In words; of chains that were stopped, with their steps."""
+        cut = self.there and not self.finished
+        return METHODS[self.method] + (f", first {self.done} of {self.colonies.steps} steps" if cut else "")
 
     def posterior(self) -> Posterior:
         """What `infer` found."""
@@ -130,7 +150,7 @@ class Run:
 
     def infer(self, said: Callable[[str], None]) -> None:
         """Compute what is missing."""
-        if self.finished:
+        if self.finished or (self.steps and self.done >= self.steps):
             return
         self.file("npz").parent.mkdir(parents=True, exist_ok=True)
         clock = _Clock(self, said)

@@ -314,6 +314,7 @@ def test_the_off_lattice_study_from_command_to_page(tmp_path: Path) -> None:
     page = (tmp_path / "docs" / "calibration-offlattice.md").read_text()
     assert "Colonies of 600 cells, compared at 9000 pixels" in page
     assert "pseudohyphal from sated" in page
+    assert "posteriors that failed | 0 " in page
     assert "python -m benchmarks.calibration --model offlattice --docs docs" in page
 
 

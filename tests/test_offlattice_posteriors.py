@@ -9,8 +9,9 @@ from known_posteriors import Killed, assert_same
 
 from benchmarks import offlattice_posteriors as page
 from benchmarks.li2024_published import PUBLISHED_POSTERIORS
-from benchmarks.offlattice_posteriors import QUICK, chain_error, density, drifts, effective, missing, parameters
+from benchmarks.offlattice_posteriors import QUICK, chain_error, density, drifts, effective, parameters
 from benchmarks.offlattice_runs import FIVE, METHODS, Run, real_colonies
+from benchmarks.offlattice_words import in_words, missing, unreached
 from benchmarks.real_tables import main as write_tables
 from benchmarks.report import Report
 from yeastfit import LI2024
@@ -59,6 +60,32 @@ def test_a_killed_run_goes_on(finished: Run, tmp_path: Path, monkeypatch: pytest
     assert missing([run]) == "All posteriors are finished."
 
 
+def test_chains_that_were_stopped_say_so_and_go_on(finished: Run, tmp_path: Path) -> None:
+    run = replace(run_of(tmp_path), steps=2)
+    run.infer(print)
+    assert (run.there, run.done, run.finished) == (True, 2, False)
+    assert run.name == "protocol reproduced, first 2 of 4 steps"
+    assert "protocol reproduced" in missing([run])
+    np.testing.assert_array_equal(run.posterior().values, finished.posterior().values[:, :2])
+    whole = replace(run, steps=None)
+    whole.infer(print)
+    assert whole.finished
+    assert_same(whole.posterior(), finished.posterior())
+
+
+def test_what_the_model_does_not_reach_is_said(finished: Run) -> None:
+    class Found:
+        statistics = np.random.default_rng(0).normal([0.2126, 0.1642, 0.2], [0.01, 0.01, 0.02], (2, 500, 3))
+
+    said = unreached(finished, Found())  # type: ignore[arg-type]
+    assert len(said) == 1
+    assert "I_F" not in said[0]
+    assert "I_B is" in said[0]
+    words = in_words([finished])
+    assert "p_ps" in words[0] or "γ by" in words[0]
+    assert len(words) == 2
+
+
 class _Dying:
     """A simulator that dies at its third call."""
 
@@ -83,14 +110,14 @@ def test_page_of_one_finished_posterior(finished: Run, tmp_path: Path) -> None:
     assert "- AWRI 796, 50 µM: ABC-SMC to the same ε" in text
     assert "- AWRI 796, 50 µM: protocol reproduced" not in text
     assert "0.6332" in text or "0.633" in text
-    assert "drifts of the protocol's chains" in text
+    assert "drifts of the chains" in text
     assert "attempts per cell" in text
     assert (tmp_path / "offlattice.png").stat().st_size > 10_000
 
 
 def test_tables_hold_what_the_posterior_says(finished: Run) -> None:
     found = finished.posterior()
-    rows = parameters(KEY, {"protocol": found})
+    rows = parameters(KEY, {"protocol": found}, METHODS)
     assert len(rows) == 10
     theirs = PUBLISHED_POSTERIORS[KEY]
     assert rows[0]["mean"] == theirs.mean[0]

@@ -1,0 +1,68 @@
+"""What the page of off-lattice posteriors says in words, all of it computed."""
+
+import numpy as np
+
+from benchmarks.li2024_published import PUBLISHED_POSTERIORS
+from benchmarks.offlattice_runs import METHODS, Run
+from yeastfit.inference.posterior.result import Posterior
+from yeastfit.offlattice.parameters import PARAMETERS
+
+SYMBOLS = [one.symbol for one in PARAMETERS.values()]
+
+
+def missing(runs: list[Run]) -> str:
+    """What is not there, in words."""
+    left = [f"{run.colonies.name}: {METHODS[run.method]}{_so_far(run)}" for run in runs if not run.finished]
+    if not left:
+        return "All posteriors are finished."
+    return "**Not finished**, and left out below:\n\n" + "\n".join(f"- {one}" for one in left)
+
+
+def in_words(runs: list[Run]) -> list[str]:
+    """What the posteriors of one set say of the published one, and of the model."""
+    theirs, name = PUBLISHED_POSTERIORS[runs[0].key], runs[0].colonies.name
+    moved = (np.array(theirs.last) - theirs.early) / np.array(theirs.error)
+    far = [f"{SYMBOLS[k]} by {moved[k]:+.1f}" for k in np.flatnonzero(np.abs(moved) > 2)]
+    lines = [
+        f"- **{name}.** From the first 100 states to the last the published chains drift, in standard errors of the "
+        f"mean: {', '.join(far) + ': they were still on their way' if far else 'nothing by more than 2'}."
+    ]
+    for run in (one for one in runs if one.there):
+        found = run.posterior()
+        if run.method == "protocol":
+            off = np.abs(found.mean - theirs.mean) / np.array(theirs.error)
+            near = ", ".join(f"{symbol} {one:.1f}" for symbol, one in zip(SYMBOLS, off, strict=True))
+            lines.append(f"  - {run.name}: distance of its means from the published ones, in their errors: {near}.")
+        elif run.method == "smc":
+            off = (np.array(theirs.mean) - found.mean) / theirs.error
+            near = ", ".join(f"{symbol} {one:+.1f}" for symbol, one in zip(SYMBOLS, off, strict=True))
+            lines.append(f"  - Published less ABC-SMC's means, in published errors: {near}: what short chains did.")
+        else:
+            lines += [f"  - {run.name}: {said}" for said in unreached(run, found)]
+    return lines
+
+
+def unreached(run: Run, found: Posterior) -> list[str]:
+    """Statistics that predictions miss by more than three of their standard deviations."""
+    observed, replicates = run.observed
+    drawn = found.statistics.reshape(-1, len(observed))
+    mean, sd = drawn.mean(axis=0), drawn.std(axis=0)
+    missed = [
+        f"{title(name)} is {observed[k]:.4g} and predicted {mean[k]:.4g} ± {sd[k]:.2g}"
+        for k, name in enumerate(run.statistics)
+        if abs(observed[k] - mean[k]) > 3 * sd[k]
+    ]
+    what = f"means of {replicates} colonies"
+    return [f"the model does not reach the data: of {what}, {'; '.join(missed)}." if missed else f"{what} are reached."]
+
+
+def title(name: str) -> str:
+    """Of a statistic."""
+    return {"li2024_filament_area_index": "I_F", "li2024_filament_radius_index": "I_R"}.get(
+        name, "I_B" if name == "li2024_branch_index" else name.replace("_", " ")
+    )
+
+
+def _so_far(run: Run) -> str:
+    count = len(run.simulations()[0]) if run.file("h5").is_file() else 0
+    return f" ({count} simulations so far, after {run.seconds()['processor']:.0f} s of the processors)" if count else ""
