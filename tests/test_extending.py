@@ -9,6 +9,8 @@ from typing import Any
 import pytest
 
 import yeastfit
+from yeastfit.commands.app import run
+from yeastfit.storage import write_table
 
 PAGE = Path(__file__).parents[1] / "docs" / "extending.md"
 EXAMPLES = {
@@ -21,7 +23,7 @@ PUBLIC = {"yeastfit": yeastfit.__all__, "yeastfit.measure": yeastfit.measure.__a
 @pytest.fixture(autouse=True)
 def registries() -> Iterator[None]:
     """What an example registers is forgotten after it."""
-    registries: list[dict[str, Any]] = [yeastfit.STATISTICS, yeastfit.SAMPLERS]
+    registries: list[dict[str, Any]] = [yeastfit.STATISTICS, yeastfit.SAMPLERS, yeastfit.FORWARD_MODELS]
     kept = [(one, dict(one)) for one in registries]
     yield
     for one, before in kept:
@@ -47,3 +49,23 @@ def test_it_uses_public_names_only(name: str) -> None:
             assert {one.name for one in node.names} <= set(PUBLIC[node.module or ""])
         if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id == "yeastfit":
             assert node.attr in yeastfit.__all__
+
+
+def test_the_forward_model_goes_through_the_commands(tmp_path: Path, undrawn: None) -> None:
+    example: dict[str, Any] = {"__name__": "logistic_growth"}
+    exec(compile(EXAMPLES["logistic_growth"], "logistic_growth.py", "exec"), example)
+    rows = [
+        {"file": f"{k}{hours}.tif", "condition": "", "replicate": k, "hours": hours, "um_per_pixel": 0.75}
+        | {"mask": "", "max_radius": 100.0, "area": area}
+        for k, culture in enumerate(example["cultures"].tolist())
+        for hours, area in zip((2, 5, 8, 11, 14), culture, strict=True)
+    ]
+    write_table(tmp_path / "measurements.csv", rows)
+    table, model = str(tmp_path / "measurements.csv"), ["--model", "culture", "--start", "1"]
+    assert run(["fit", table, *model, "--out", str(tmp_path / "fit")]) == 0
+    found = yeastfit.Fit.load(tmp_path / "fit" / "fit.json")
+    assert abs(found.values["growth_rate"] - 0.6) < 4 * found.standard_errors["growth_rate"]
+    short = ["--method", "abc-smc", "--population", "100", "--simulations", "500", "--draws", "12"]
+    assert run(["infer", table, *model, *short, "--out", str(tmp_path / "infer")]) in (0, 1)
+    assert (tmp_path / "infer" / "manifest.json").is_file()
+    assert run(["design", *model, "--runs", "32", "--limit", "200", "--out", str(tmp_path / "design")]) == 0

@@ -7,6 +7,7 @@ masks are, on pixels of the same size.
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -146,14 +147,33 @@ def targets_of(
         reach = Range(high=LARGEST_REACH * spacing * scales.length, unit="µm")
         reach.read(row["max_radius"], f"{row['file']}: max_radius")
     extent = max(float(row["max_radius"]) for row in chosen) / scales.length
-    hours = sorted({float(row["hours"]) for row in chosen})
-    replicates = list(dict.fromkeys(row["replicate"] for row in chosen))
+    curves, hours = _by_replicate(chosen, values, statistics)
+    imaging = Imaging(extent, estimator, spacing, smoothing, scales)
+    return Targets.from_replicates(curves, scales.time(hours), imaging=imaging)
+
+
+def targets_in_hours(
+    rows: Sequence[Mapping[str, Any]], *, condition: str | None = None, statistics: Sequence[str]
+) -> Targets:
+    """Curves of one condition as the table has them, over hours and in µm. Raises `InputError` as `targets_of`."""
+    chosen = checked_rows(rows, condition)
+    curves, hours = _by_replicate(
+        chosen, [_in_lengths(row, statistics, Scales(length=1.0)) for row in chosen], statistics
+    )
+    return replace(Targets.from_replicates(curves, hours), time_label="hours", length_unit="µm")
+
+
+def _by_replicate(
+    rows: Sequence[Mapping[str, Any]], values: Sequence[Mapping[str, float]], statistics: Sequence[str]
+) -> tuple[dict[str, np.ndarray], np.ndarray]:
+    """Curves [replicate, time], nan where there is no image, and hours."""
+    hours = sorted({float(row["hours"]) for row in rows})
+    replicates = list(dict.fromkeys(row["replicate"] for row in rows))
     curves = {name: np.full((len(replicates), len(hours)), np.nan) for name in statistics}
-    for row, value in zip(chosen, values, strict=True):
+    for row, value in zip(rows, values, strict=True):
         for name in statistics:
             curves[name][replicates.index(row["replicate"]), hours.index(float(row["hours"]))] = value[name]
-    times = scales.time(np.array(hours))
-    return Targets.from_replicates(curves, times, imaging=Imaging(extent, estimator, spacing, smoothing, scales))
+    return curves, np.array(hours)
 
 
 def conditions_of(rows: Sequence[Mapping[str, Any]]) -> tuple[str, ...]:

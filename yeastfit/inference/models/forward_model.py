@@ -20,8 +20,8 @@ from yeastfit.inference.posterior.settings import Setting
 from yeastfit.inference.sensitivity.result import Sensitivity
 from yeastfit.inference.simulator import Simulator
 from yeastfit.inference.targets import Targets
-from yeastfit.inference.targets_from_table import targets_of
-from yeastfit.measure.statistics.registry import known_statistics
+from yeastfit.inference.targets_from_table import targets_in_hours
+from yeastfit.measure.statistics.registry import STATISTICS, known_statistics
 from yeastfit.model.model import Model
 from yeastfit.panel import Panel
 from yeastfit.parameter_set import ParameterSet
@@ -149,7 +149,7 @@ class ForwardModel(ABC):
         return tuple(names)
 
     def seen(self, rows: Sequence[Row], folder: Path, condition: str | None, statistics: Sequence[str]) -> Seen:
-        """Data of one condition from a table of measurements.
+        """Data of one condition from a table of measurements: by default as they stand there, over hours and in µm.
 
         Arguments:
             rows: Of measurements.csv.
@@ -157,11 +157,12 @@ class ForwardModel(ABC):
             condition: Which; may be left out where there is one.
             statistics: Which curves.
         """
-        return Seen(self, targets_of(rows, folder, condition=condition, statistics=statistics))
+        return Seen(self, targets_in_hours(rows, condition=condition, statistics=statistics))
 
     def measurement_errors(self, targets: Targets, given: float | None) -> dict[str, float]:
-        """Relative error of measurement of each statistic; `given` is one number for all."""
-        return targets.measurement_errors(given)
+        """Relative error of measurement of each statistic; `given` is one number for all, by default their own."""
+        errors = {name: STATISTICS[name].measurement_error if name in STATISTICS else 0.0 for name in targets.names}
+        return errors if given is None else dict.fromkeys(targets.names, given)
 
     def prior(self, parameters: ParameterSet, *, bounded: str = "log-uniform") -> Prior:
         """The prior where a user gives none; see `Prior.default`."""
