@@ -272,7 +272,9 @@ class _Rounds:
         moved = np.inf if before is None else float(apart(chains.flat, before.chains.flat).max())
         return Round(emulator, walk, chains, mean, covariance, moved, self._error_share(emulator, mean))
 
-    def _with_reused(self, values: Values, statistics: Statistics) -> tuple[Values, Statistics]:
+    def _with_reused(
+        self, values: Values, statistics: Statistics
+    ) -> tuple[Float[np.ndarray, "all free"], Float[np.ndarray, "all statistic"]]:
         """These simulations and the reused ones, each once."""
         own = {row.tobytes() for row in np.column_stack([values, statistics])}
         reused = np.column_stack([self.reused_values, self.reused_statistics])
