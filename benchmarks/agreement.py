@@ -42,8 +42,9 @@ from benchmarks.calibration_models import MODEL, PRIOR
 from benchmarks.recovery import BOX
 from benchmarks.report import Report, code, command
 from yeastfit.commands.infer_config import Request
-from yeastfit.commands.infer_run import POSTERIOR, InferRun
+from yeastfit.commands.infer_run import POSTERIOR, STORED, InferRun
 from yeastfit.commands.measured_source import measure_source
+from yeastfit.commands.run_folder import inputs_of
 from yeastfit.inference.abc.mcmc import McmcDiagnostics
 from yeastfit.inference.abc.regression_adjustment import Accepted
 from yeastfit.inference.abc.smc import SmcDiagnostics
@@ -53,6 +54,7 @@ from yeastfit.inference.posterior.draws import weighted_quantile
 from yeastfit.inference.posterior.result import Posterior
 from yeastfit.processors import available_processors
 from yeastfit.progress import silent
+from yeastfit.results_folder import results_folder
 from yeastfit.simulation.synthetic_data import read_truth
 from yeastfit.storage import write_table
 
@@ -166,8 +168,10 @@ def posterior(source: Path, folder: Path, request: Request) -> Found:
     """The draws of a run of `yeastfit infer`, continued if it was interrupted."""
     kept = folder / POSTERIOR
     if not kept.is_file():
-        run = InferRun.begin(request, source, folder, True, available_processors(), silent)
-        run.sample(lambda rows: None, silent)
+        with results_folder(folder, "infer", resume=True) as results:
+            run = InferRun.begin(request, source, results, True, available_processors(), silent)
+            run.sample(lambda rows: None, silent)
+            results.finish(inputs=inputs_of(source), seed=request.seed, kept=STORED)
         jax.clear_caches()
         gc.collect()
     return Found.of(Posterior.load(kept))

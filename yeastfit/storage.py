@@ -1,4 +1,4 @@
-"""Files: tables, JSON and the manifest of a run, each written whole or not at all."""
+"""Files: tables and JSON, each written whole or not at all."""
 
 import csv
 import errno
@@ -9,7 +9,6 @@ import os
 import platform
 import re
 import shutil
-import sys
 import tempfile
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -25,6 +24,7 @@ from yeastfit.text import shown
 
 PACKAGES = ("yeastfit", "jax", "equinox", "optimistix", "numpy", "scipy", "scikit-image", "matplotlib", "tifffile")
 NOT_FINITE = {"NaN": math.nan, "Infinity": math.inf, "-Infinity": -math.inf}
+WORK = ".yeastfit"  # folder inside that of a run's results, for what is on its way (`results_folder`)
 BOOKKEEPING = 1 << 21  # bytes: a chunk of every dataset fits in
 
 
@@ -76,11 +76,14 @@ def written_whole(path: str | Path) -> Iterator[Path]:
         path: The file; folders on the way are made.
 
     Yields:
-        A temporary path beside it, which takes its name where all goes well and is removed otherwise.
+        A temporary path, which takes its name where all goes well and is removed otherwise. It is beside the file or,
+        where a run is in the folder, in `WORK`, which the next one clears after a kill.
     """
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
-    handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.stem}-", suffix=path.suffix)
+    room = path.parent / WORK
+    room = room if room.is_dir() else path.parent
+    handle, name = tempfile.mkstemp(dir=room, prefix=f".{path.stem}-", suffix=path.suffix)
     os.close(handle)
     temporary = Path(name)
     try:
@@ -160,37 +163,6 @@ def read_json(path: str | Path) -> Any:
 def sha256_of(path: str | Path) -> str:
     """Compute the SHA-256 of a file's bytes, in hexadecimal."""
     return hashlib.sha256(Path(path).read_bytes()).hexdigest()
-
-
-def remove_files(folder: Path, names: Sequence[str]) -> None:
-    """Remove what an earlier run left in a folder, so that old and new results are never taken for one run."""
-    for name in names:
-        (folder / name).unlink(missing_ok=True)
-
-
-def write_manifest(
-    folder: str | Path, *, command: str, inputs: Sequence[str | Path], seed: int | None = None, **more: Any
-) -> None:
-    """Write manifest.json: command, arguments, seed, versions, device and the SHA-256 of every input.
-
-    Arguments:
-        folder: Where to.
-        command: The command that made the results.
-        inputs: Files that were read.
-        seed: Of the random numbers; None where the command draws none.
-        more: Anything else that belongs to the record.
-    """
-    device = jax.devices()[0]
-    manifest = {
-        "command": command,
-        "arguments": sys.argv[1:],
-        **({} if seed is None else {"seed": seed}),
-        "versions": versions(),
-        "device": {"kind": device.device_kind, "platform": device.platform, "count": jax.device_count()},
-        "inputs": {str(path): sha256_of(path) for path in inputs},
-        **more,
-    }
-    write_json(Path(folder) / "manifest.json", manifest)
 
 
 def _plain(data: Any) -> Any:

@@ -23,9 +23,13 @@ from yeastfit.inference.fit.response_surface import response_surface
 from yeastfit.inference.targets_from_table import NEEDED, TABLE
 from yeastfit.measure.statistics.registry import STATISTICS as KINDS
 from yeastfit.model.parameters import PARAMETERS
-from yeastfit.report.fit_files import FILES
+from yeastfit.results_folder import results_folder
 from yeastfit.storage import write_json, write_table
 
+FILES = (
+    *("fit.json", "parameters.csv", "targets.csv", "fit.png", "convergence.png", "spectrum.png", "ellipses.png"),
+    *("bootstrap.csv", "bootstrap.png", "profiles.csv", "profiles.png", "manifest.json"),
+)
 TRUTH = Parameters(mobility=2.0, metabolic_rate=0.7, aspect_ratio=0.6)
 SCALES = Scales()
 
@@ -204,11 +208,12 @@ def test_that_is_asked_before_anything_is_measured(tmp_path: Path, capsys: pytes
     assert not list(tmp_path.glob("out-infer*"))
 
 
-def test_an_older_fit_does_not_outlive_a_failed_one(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_older_fit_outlives_a_failed_one(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "out"
-    out.mkdir()
-    for name in FILES:
-        (out / name).write_text("an older fit")
+    with results_folder(out, "fit") as results:
+        for name in FILES[:-1]:
+            (results.partial / name).write_text("an older fit")
+        results.finish(inputs=[])
     table = str(write_measurements(tmp_path / "measurements.csv"))
     for wrong in ([str(tmp_path / "nowhere.csv")], [table, "--condition", "rich"], [table, "--bounds", "mobility=1"]):
         assert cli.run(["fit", *wrong, "--out", str(out)]) == 2
@@ -216,7 +221,7 @@ def test_an_older_fit_does_not_outlive_a_failed_one(tmp_path: Path, capsys: pyte
         assert len(list(out.iterdir())) == len(FILES), "what cannot begin leaves all as it was"
     assert cli.run(["fit", table, "--statistics", "area", "--out", str(out)]) == 2
     assert "'area' is not in the table" in capsys.readouterr().err
-    assert not list(out.iterdir())
+    assert {path.name for path in out.iterdir()} == set(FILES)
 
 
 def test_names_and_numbers_are_read() -> None:

@@ -43,6 +43,7 @@ from yeastfit.inference.samplers import SAMPLERS
 from yeastfit.inference.simulator import seed_of
 from yeastfit.model.parameters import PARAMETERS
 from yeastfit.progress import Progress, silent
+from yeastfit.results_folder import results_folder
 
 TINY = {
     "emulator": ["--simulations", "96", "--walkers", "8"],
@@ -339,7 +340,8 @@ def test_a_longer_run_of_the_emulator_keeps_its_first_round(data: Path, tmp_path
 
     def begun(simulations: int, resume: bool) -> InferRun:
         request = Request.of("emulator", {"simulations": simulations}, model="known")
-        return InferRun.begin(request, data, tmp_path / "out", resume, 1, silent)
+        with results_folder(tmp_path / "out", "infer", resume=resume) as results:
+            return InferRun.begin(request, data, results, resume, 1, silent)
 
     assert begun(64, False).folder.configuration["settings"]["first"] == 64
     longer = begun(300, True)
@@ -372,10 +374,9 @@ def test_problems_of_colonies_are_told_of_however_often_a_run_was_stopped(
 
 def test_colonies_that_are_seen_once_each_are_doubted(data: Path, tmp_path: Path) -> None:
     def doubts(table: Path, name: str) -> list[str]:
-        run = InferRun.begin(
-            Request(free=("mobility",), model="known"), table, tmp_path / name, False, 1, lambda done, total: None
-        )
-        return run.doubts()
+        request = Request(free=("mobility",), model="known")
+        with results_folder(tmp_path / name, "infer", resume=False) as results:
+            return InferRun.begin(request, table, results, False, 1, lambda done, total: None).doubts()
 
     assert doubts(data, "together") == []
     head, *lines = data.read_text().splitlines()

@@ -7,14 +7,15 @@ import typer
 
 from yeastfit.commands.generated_options import flag_of, generated
 from yeastfit.commands.model_options import ChosenModel, Free, ModelOptions, Statistics
-from yeastfit.commands.options import Out, Seed, names_in, numbers_in
+from yeastfit.commands.options import Out, Overwrite, Seed, names_in, numbers_in
 from yeastfit.commands.terminal import out, shown_progress, warn
 from yeastfit.errors import InputError
 from yeastfit.inference.information.design import design as make_design
 from yeastfit.inference.information.identifiability import percent
 from yeastfit.inference.sensitivity.result import Sensitivity
-from yeastfit.report.design_files import FILES, write_design
-from yeastfit.storage import remove_files, write_manifest
+from yeastfit.report.design_files import write_design
+from yeastfit.results_contents import check_finished
+from yeastfit.results_folder import results_folder
 
 RUNS = 256
 
@@ -68,6 +69,7 @@ def design(
         Path | None,
         typer.Option(help="sensitivity.json of an earlier run, to use instead of new simulations.", show_default=False),
     ] = None,
+    overwrite: Overwrite = False,
     seed: Seed = 0,
     *,
     chosen: ChosenModel,
@@ -84,14 +86,6 @@ def design(
         if given:
             said = f"{flag_of(given[0])} is given beside --sensitivity, but {sensitivity} says it"
             raise InputError(f"{said}: leave out one of the two")
-    names = chosen.forward.statistics_named(names_in(statistics) or chosen.forward.designed)
-    found = _read(sensitivity) if sensitivity else None
-    kept = [] if sensitivity is None else [sensitivity.resolve()]
-    remove_files(folder, [name for name in FILES if (folder / name).resolve() not in kept])
-    if found is None:
-        with shown_progress("growing colonies") as progress:
-            found = chosen.forward.sensitivity(names, chosen.values, runs=runs, seed=seed, progress=progress)
-        found.save(folder / "sensitivity.json")
     known: dict[str, Any] = {
         "measured_times": measured_times and numbers_in("--measured-times", measured_times),
         "measured_statistics": measured_statistics and names_in(measured_statistics),
@@ -103,12 +97,20 @@ def design(
         "criterion": criterion,
         "measurement_error": measurement_error,
     }
-    result = make_design(found, free=names_in(free) or chosen.forward.fitted, **known)
-    write_design(folder, result)
-    how = {} if sensitivity else chosen.configuration("design")
-    configuration = {**how, "parameters": found.at, "free": result.free, **known}
-    inputs = [sensitivity] if sensitivity else []
-    write_manifest(folder, command="design", seed=found.seed, inputs=inputs, configuration=configuration)
+    inputs, how = ([sensitivity], {}) if sensitivity else ([], chosen.configuration("design"))
+    earlier = _read(sensitivity) if sensitivity else None
+    names = chosen.forward.statistics_named(names_in(statistics) or chosen.forward.designed)
+    with results_folder(folder, "design", reads=inputs, overwrite=overwrite) as results:
+        if earlier is None:
+            with shown_progress("growing colonies") as progress:
+                found = chosen.forward.sensitivity(names, chosen.values, runs=runs, seed=seed, progress=progress)
+            found.save(results.partial / "sensitivity.json")
+        else:
+            found = earlier
+        result = make_design(found, free=names_in(free) or chosen.forward.fitted, **known)
+        write_design(results.partial, result)
+        configuration = {**how, "parameters": found.at, "free": result.free, **known}
+        results.finish(seed=found.seed, inputs=inputs, configuration=configuration)
     warn(list(found.warnings))
     warn(result.before.sentences())
     values_used = ", ".join(f"{name} {value:g}" for name, value in found.at.items())
@@ -122,6 +124,7 @@ def design(
 
 def _read(path: Path) -> Sensitivity:
     """An earlier sensitivity."""
+    check_finished(path.parent)
     try:
         return Sensitivity.load(path)
     except (OSError, ValueError, KeyError, TypeError) as error:

@@ -16,11 +16,13 @@ from yeastfit.commands.options import (
     Jobs,
     MeasurementError,
     Out,
+    Overwrite,
     Seed,
     Truth,
     named_pairs_in,
     names_in,
 )
+from yeastfit.commands.run_folder import inputs_of
 from yeastfit.commands.terminal import out, shown_progress, warn
 from yeastfit.inference.fit.bootstrap_profile import Bootstrap, Profile, explore, profiles
 from yeastfit.inference.fit.least_squares import fit as run_fit
@@ -28,8 +30,8 @@ from yeastfit.inference.fit.result import Fit
 from yeastfit.inference.fit.settings import FitSettings
 from yeastfit.inference.simulator import Simulator
 from yeastfit.processors import available_processors
-from yeastfit.report.fit_files import FILES, write_bootstrap, write_fit, write_profiles, write_targets
-from yeastfit.storage import remove_files, write_manifest
+from yeastfit.report.fit_files import write_bootstrap, write_fit, write_profiles, write_targets
+from yeastfit.results_folder import results_folder
 
 MANY_AT_EDGE = 0.02  # of bootstrap draws: from where intervals are visibly too narrow
 
@@ -90,6 +92,7 @@ def fit(
         bool, typer.Option("--profile", help="Compute the profile likelihood of every fitted parameter.")
     ] = False,
     truth: Truth = False,
+    overwrite: Overwrite = False,
     jobs: Jobs = None,
     seed: Seed = 0,
     *,
@@ -113,24 +116,24 @@ def fit(
     held = {name: value for name, value in held.items() if name not in model.parameters.subset(fitted)}
     check_source(source, condition or ())
     known = truth_of(source, model.parameters) if truth else None
-    remove_files(folder, FILES)
-    with shown_progress("measuring micrographs") as progress:
-        data = measure_source(source, folder, jobs or available_processors(), progress)
-    seen = data.seen(model, condition or (), names)
-    warn(data.warnings + list(dict.fromkeys(note for one in seen.values() for note in one.notes)))
-    targets = {"" if len(seen) == 1 else name: one.targets for name, one in seen.items()}
-    write_targets(folder, {name: one.targets for name, one in seen.items()})
-    both = [one.model.fit_simulators(one.targets, fitted, held) for one in seen.values()]
-    coarse, fine = (dict(zip(targets, each, strict=True)) for each in zip(*both, strict=True))
-    if measurement_error is None:
-        settings = replace(settings, measurement_error=model.measurement_errors(next(iter(targets.values())), None))
-    with shown_progress("fitting") as progress:
-        result = run_fit(targets, coarse, fine=fine, seed=seed, settings=settings, progress=progress, **options)
-    write_fit(folder, result, known)
-    lines = _explored(folder, result, bootstrap, profile, coarse, fine)
-    configuration = {**chosen.configuration("fit"), "parameters": held, "free": fitted, **options}
-    more = {"configuration": configuration, "seconds": result.seconds, "status": result.message}
-    write_manifest(folder, command="fit", seed=seed, inputs=data.inputs, **more)
+    with results_folder(folder, "fit", reads=inputs_of(source), overwrite=overwrite) as results:
+        with shown_progress("measuring micrographs") as progress:
+            data = measure_source(source, results.partial, jobs or available_processors(), progress)
+        seen = data.seen(model, condition or (), names)
+        warn(data.warnings + list(dict.fromkeys(note for one in seen.values() for note in one.notes)))
+        targets = {"" if len(seen) == 1 else name: one.targets for name, one in seen.items()}
+        write_targets(results.partial, {name: one.targets for name, one in seen.items()})
+        both = [one.model.fit_simulators(one.targets, fitted, held) for one in seen.values()]
+        coarse, fine = (dict(zip(targets, each, strict=True)) for each in zip(*both, strict=True))
+        if measurement_error is None:
+            settings = replace(settings, measurement_error=model.measurement_errors(next(iter(targets.values())), None))
+        with shown_progress("fitting") as progress:
+            result = run_fit(targets, coarse, fine=fine, seed=seed, settings=settings, progress=progress, **options)
+        write_fit(results.partial, result, known)
+        lines = _explored(results.partial, result, bootstrap, profile, coarse, fine)
+        configuration = {**chosen.configuration("fit"), "parameters": held, "free": fitted, **options}
+        more: dict[str, Any] = {"configuration": configuration, "status": result.message}
+        results.finish(seed=seed, inputs=data.inputs, seconds=result.seconds, **more)
     warn(list(result.warnings))
     out.print(_table(result, known))
     for line in lines:

@@ -1,5 +1,6 @@
 """`yeastfit gradcheck`: check the derivatives that fits rely on."""
 
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Annotated
 
@@ -8,14 +9,15 @@ from rich.table import Table
 
 from yeastfit.commands.generated_options import generated
 from yeastfit.commands.model_options import ChosenModel, ModelOptions
-from yeastfit.commands.options import Seed
+from yeastfit.commands.options import Overwrite, Seed
 from yeastfit.commands.terminal import out, shown_progress, warn
 from yeastfit.derivatives.check_colony import check_gradients
 from yeastfit.model.model import Model
 from yeastfit.model.numerics import Numerics
 from yeastfit.model.parameters import Parameters
 from yeastfit.model.relaxation import Relaxation
-from yeastfit.storage import write_manifest, write_table
+from yeastfit.results_folder import results_folder
+from yeastfit.storage import write_table
 
 
 @generated(chosen=ModelOptions("gradcheck", only="algebraic"))
@@ -37,6 +39,7 @@ def gradcheck(
         typer.Option(help="Distance over which contact forces fade in, in cell lengths L0. 0 is the exact rule."),
     ] = 0.2,
     tolerance: Annotated[float, typer.Option(help="Largest relative difference that counts as agreement.")] = 5e-4,
+    overwrite: Overwrite = False,
     seed: Seed = 0,
     *,
     chosen: ChosenModel,
@@ -50,7 +53,8 @@ def gradcheck(
     model: Model = chosen.forward.rules  # type: ignore[attr-defined]
     parameters = model.complete(Parameters(**chosen.values))
     numerics = Numerics(domain=domain, spacing=spacing, dt=dt, capacity=capacity)
-    with shown_progress("comparing derivatives") as progress:
+    opened = results_folder(folder, "gradcheck", overwrite=overwrite) if folder else nullcontext()
+    with opened as results, shown_progress("comparing derivatives") as progress:
         result = check_gradients(
             parameters,
             model=model,
@@ -61,17 +65,16 @@ def gradcheck(
             tolerance=tolerance,
             progress=progress,
         )
+        if results:
+            write_table(results.partial / "gradcheck.csv", result.rows())
+            configuration = {**chosen.configuration("gradcheck"), "parameters": parameters.asdict()}
+            configuration |= {"contact_width": contact_width, "numerics": vars(numerics)}
+            results.finish(seed=seed, inputs=[], configuration=configuration, passed=result.passed)
     lines = result.summary()
     table = Table(*lines[0])
     for line in lines:
         table.add_row(*line.values())
     out.print(table)
-    if folder:
-        write_table(folder / "gradcheck.csv", result.rows())
-        configuration = {**chosen.configuration("gradcheck"), "parameters": parameters.asdict()}
-        configuration |= {"contact_width": contact_width, "numerics": vars(numerics)}
-        more = {"configuration": configuration, "passed": result.passed}
-        write_manifest(folder, command="gradcheck", seed=seed, inputs=[], **more)
     warn(result.warnings())
     out.print(result.status + (f". Results in {folder}" if folder else ""))
     if not result.passed:

@@ -10,10 +10,10 @@ import typer
 from yeastfit.commands.failures import reason
 from yeastfit.commands.generated_options import generated
 from yeastfit.commands.infer_config import Request
-from yeastfit.commands.infer_run import InferRun
-from yeastfit.commands.measured_source import truth_of
+from yeastfit.commands.infer_run import SIMULATIONS, STORED, InferRun
+from yeastfit.commands.measured_source import check_source, truth_of
 from yeastfit.commands.model_options import ChosenModel, Free, ModelOptions, Statistics
-from yeastfit.commands.options import Jobs, MeasurementError, Seed, Truth, names_in
+from yeastfit.commands.options import Jobs, MeasurementError, Overwrite, Seed, Truth, names_in
 from yeastfit.commands.run_folder import inputs_of
 from yeastfit.commands.sampler_options import SamplerOptions
 from yeastfit.commands.signals import remaining
@@ -21,7 +21,7 @@ from yeastfit.commands.terminal import growing, out, shown_progress, warn
 from yeastfit.errors import InputError
 from yeastfit.inference.posterior.prior import template
 from yeastfit.processors import available_processors
-from yeastfit.storage import write_manifest
+from yeastfit.results_folder import ResultsFolder, results_folder
 
 DATA, MODEL, RUN = "Data", "Model and prior", "The run"
 
@@ -90,6 +90,7 @@ def infer(
     resume: Annotated[
         bool, typer.Option("--resume", help="Go on with the run in the folder.", rich_help_panel=RUN)
     ] = False,
+    overwrite: Overwrite = False,
     jobs: Jobs = None,
     seed: Seed = 0,
     *,
@@ -116,24 +117,29 @@ def infer(
         return
     if source is None or folder is None:
         raise InputError(f"{'SOURCE' if source is None else '--out'} is missing: yeastfit infer SOURCE --out FOLDER")
+    if resume and overwrite:
+        raise InputError("--overwrite begins anew, --resume goes on: need one of the two")
     true_values = truth_of(source, request.forward_model.parameters) if truth else None
-    run = _begun(request, source, folder, resume, jobs or available_processors())
-    warn([*run.folder.notes, *run.data.warnings])
-    settled = _finished(run, truth) if run.folder.finished else _run(run, true_values)
+    check_source(source, [] if condition is None else [condition])
+    reads = [*inputs_of(source), *([reuse / SIMULATIONS] if reuse else [])]
+    with results_folder(folder, "infer", reads=reads, overwrite=overwrite, resume=resume) as results:
+        run = _begun(request, source, results, resume, jobs or available_processors())
+        warn([*run.folder.notes, *run.data.warnings])
+        settled = _finished(run, truth) if results.finished else _run(run, true_values)
     if not settled:
         raise typer.Exit(1)
 
 
-def _begun(request: Request, source: Path, folder: Path, resume: bool, jobs: int) -> InferRun:
+def _begun(request: Request, source: Path, results: ResultsFolder, resume: bool, jobs: int) -> InferRun:
     """Measure or read the data."""
     try:
         with (
             remaining("repeat the command with --resume to go on"),
             shown_progress("measuring micrographs") as progress,
         ):
-            return InferRun.begin(request, source, folder, resume, jobs, progress)
+            return InferRun.begin(request, source, results, resume, jobs, progress)
     except OSError as error:
-        raise InputError(f"{folder}: {reason(error)}") from error
+        raise InputError(f"{results.path}: {reason(error)}") from error
 
 
 def _finished(run: InferRun, truth: bool) -> bool:
@@ -154,11 +160,11 @@ def _run(run: InferRun, truth: Mapping[str, float] | None) -> bool:
             posterior = run.sample(tell, progress)
             progress("posterior predictive check", 1.0)
             summary, remarks = run.results(posterior, truth, tell)
+        more = {"configuration": run.folder.configuration, "seconds": posterior.seconds, "warnings": summary.warnings}
+        more |= {"status": posterior.status.name}
+        run.folder.results.finish(seed=run.request.seed, inputs=inputs_of(run.source), kept=STORED, **more)
     except OSError as error:
         raise InputError(f"{folder}: {reason(error)}; {run.folder.resume_hint()}") from error
-    more = {"configuration": run.folder.configuration, "seconds": posterior.seconds, "warnings": summary.warnings}
-    more |= {"status": posterior.status.name}
-    write_manifest(folder, command="infer", seed=run.request.seed, inputs=inputs_of(run.source), **more)
     warn([*(one for one in summary.warnings if one not in run.data.warnings), *remarks])
     out.print(summary.table())
     for line in summary.lines():

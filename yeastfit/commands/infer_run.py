@@ -1,8 +1,9 @@
 """What `yeastfit infer` does: measurements, a sampler's run in a folder that can be resumed, and its results.
 
-Files of a run: run.json (what it is), measured/ (where micrographs were measured), targets.csv, simulations.h5 (every
-simulation; those of another run also in reused.h5), problems.json (what simulations ran into), chains.h5 (the chains,
-as emcee reads them), posterior.npz; then what `posterior_files` makes of them, and manifest.json.
+Files of a run from its beginning: run.json (what it is), measured/ (where micrographs were measured), simulations.h5
+(every simulation; those of another run also in reused.h5), problems.json (what simulations ran into). At its end:
+targets.csv, chains.h5 (the chains, as emcee reads them), posterior.npz, what `posterior_files` makes of them, and
+manifest.json.
 """
 
 import shutil
@@ -14,8 +15,8 @@ from typing import Any
 import numpy as np
 
 from yeastfit.commands.infer_config import Request
-from yeastfit.commands.measured_source import Measurements, check_source, measure_source, recorded_warnings
-from yeastfit.commands.run_folder import RUN, RunFolder, inputs_of, read_run, run_versions
+from yeastfit.commands.measured_source import Measurements, measure_source, recorded_warnings
+from yeastfit.commands.run_folder import RunFolder, inputs_of, read_run, run_versions
 from yeastfit.commands.sampler_options import extending
 from yeastfit.errors import InputError
 from yeastfit.inference.curve_covariance import measurement_covariance
@@ -34,10 +35,13 @@ from yeastfit.progress import Progress
 from yeastfit.report.fit_files import write_targets
 from yeastfit.report.posterior_files import photographs, write_results
 from yeastfit.report.posterior_summary import Summary
+from yeastfit.results_contents import RUN, check_finished
+from yeastfit.results_folder import ResultsFolder
 from yeastfit.storage import read_json, write_json, written_whole
 
 SIMULATIONS, REUSED, PROBLEMS_MET = "simulations.h5", "reused.h5", "problems.json"
-POSTERIOR, CHAINS = "posterior.npz", "chains.h5"
+POSTERIOR, CHAINS, MEASURED = "posterior.npz", "chains.h5", "measured"
+STORED = (RUN, MEASURED, SIMULATIONS, REUSED, PROBLEMS_MET)  # what a stopped run goes on with
 BATCH = 32  # simulations of the predictive check that run together
 PICTURED = 6  # photographs, and simulations beside them
 
@@ -92,32 +96,36 @@ class InferRun:
     tally: Tally = field(default_factory=Tally)
 
     @staticmethod
-    def begin(request: Request, source: Path, path: Path, resume: bool, jobs: int, progress: Progress) -> "InferRun":
-        """Open the folder, and measure or read the data.
+    def begin(
+        request: Request, source: Path, results: ResultsFolder, resume: bool, jobs: int, progress: Progress
+    ) -> "InferRun":
+        """Measure or read the data, or go on with a run.
 
         Raises:
             InputError: Something is wrong with options, data or folder; nothing has been simulated then.
         """
-        configuration, prior = request.configuration(), request.the_prior()
+        path, configuration, prior = results.path, request.configuration(), request.the_prior()
         chosen = [] if request.condition is None else [request.condition]
-        check_source(source, chosen)
         request.forward_model.check(prior, request.held)
-        if request.reuse and not (path / REUSED).is_file() and not (request.reuse / SIMULATIONS).is_file():
-            raise InputError(f"--reuse: {request.reuse} holds no {SIMULATIONS}, need the folder of a run of infer")
+        if request.reuse and not (path / REUSED).is_file():
+            if not (request.reuse / SIMULATIONS).is_file():
+                raise InputError(f"--reuse: {request.reuse} holds no {SIMULATIONS}, need the folder of a run of infer")
+            check_finished(request.reuse)
         folder = RunFolder.begin(
-            path,
+            results,
             configuration,
             inputs_of(source),
             request.seed,
             resume,
+            stored=STORED,
             extents=extending(configuration["method"]),
             kept=request.open_settings,
         )
-        data = _measured(source, path / "measured", jobs, progress)
+        data = _measured(source, results, jobs, progress)
         (name, seen), *_ = data.seen(request.forward_model, chosen, request.statistics).items()
         folder.notes.extend(seen.notes)
         model, single = seen.model, seen.targets
-        write_targets(path, {name: single})
+        write_targets(results.partial, {name: single})
         simulator = model.simulator(single, request.parameters.names, request.held)
         errors = model.measurement_errors(single, request.measurement_error)
         noise = measurement_covariance(single.observables, single.values, errors)
@@ -139,10 +147,8 @@ class InferRun:
         return None if sampled is None else sampled + self.request.draws * self.problem.replicates
 
     def sample(self, tell: Callable[[int], None], progress: Progress) -> Posterior:
-        """The sampler's run, its posterior saved; that of a finished run is read."""
-        path = self.folder.path
-        if self.folder.finished:
-            return self.saved()
+        """The sampler's run, its posterior saved."""
+        path, partial = self.folder.path, self.folder.results.partial
         with self._store(path / SIMULATIONS) as store:
             if self.request.reuse is not None:
                 with self._store(path / REUSED) as other:
@@ -150,12 +156,12 @@ class InferRun:
             problem = replace(self.problem, simulator=self._watched(tell))
             posterior = sample(problem, self.sampler, store, self.request.seed, progress).warned(*self.doubts())
         if posterior.backend is not None:
-            write_chains(path / CHAINS, posterior.backend)
-        posterior.save(path / POSTERIOR)
+            write_chains(partial / CHAINS, posterior.backend)
+        posterior.save(partial / POSTERIOR)
         return posterior
 
     def saved(self) -> Posterior:
-        """The posterior of a run that has been sampled."""
+        """The posterior of a finished run."""
         return Posterior.load(self.folder.path / POSTERIOR)
 
     def results(
@@ -170,7 +176,8 @@ class InferRun:
         observed = photographs(self.data.rows, self.data.folder, images, self.request.condition, PICTURED)
         shown = predicted.values[:PICTURED]
         drawn = self.model.outlines(self.problem.simulator, shown, self.targets, self.request.seed)
-        return summary, write_results(self.folder.path, summary, self.targets, observed, drawn, self._made())
+        partial = self.folder.results.partial
+        return summary, write_results(partial, summary, self.targets, observed, drawn, self._made())
 
     def doubts(self) -> list[str]:
         """What the data do not fulfil, in words."""
@@ -253,9 +260,12 @@ class InferRun:
         return made | {"versions": ", ".join(f"{name} {one}" for name, one in run_versions().items())}
 
 
-def _measured(source: Path, folder: Path, jobs: int, progress: Progress) -> Measurements:
-    """Measurements of the data, made once; the inputs have not changed since, and the table is written last."""
-    if not (folder / TABLE).is_file():
-        return measure_source(source, folder, jobs, progress)
-    rows = read_measurements(folder / TABLE)
-    return Measurements(rows, folder, [], recorded_warnings(rows, folder))
+def _measured(source: Path, results: ResultsFolder, jobs: int, progress: Progress) -> Measurements:
+    """Measurements of the data, made once; the inputs have not changed since."""
+    place = results.path / MEASURED
+    if (place / TABLE).is_file():
+        rows = read_measurements(place / TABLE)
+        return Measurements(rows, place, [], recorded_warnings(rows, place))
+    made = results.partial / MEASURED
+    data = measure_source(source, made, jobs, progress)
+    return replace(data, folder=results.keep(MEASURED)) if data.folder == made else data

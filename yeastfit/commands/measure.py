@@ -6,13 +6,13 @@ from typing import Annotated, Any
 import typer
 
 from yeastfit.commands.measure_batch import measure_batch
-from yeastfit.commands.options import Jobs, Out
+from yeastfit.commands.options import Jobs, Out, Overwrite
 from yeastfit.commands.terminal import fail, out, shown_progress, warn
 from yeastfit.measure.reading.batch_inputs import find_images
 from yeastfit.measure.reading.segmentation_options import read_options
 from yeastfit.processors import available_processors
-from yeastfit.report.measurement_files import clear_results, refuse_mixed_folder, write_results
-from yeastfit.storage import write_manifest
+from yeastfit.report.measurement_files import write_results
+from yeastfit.results_folder import results_folder
 
 
 def measure(
@@ -38,6 +38,7 @@ def measure(
             metavar="X0,Y0,X1,Y1", help="Region in which to look for the colony: left, top, right, bottom, in pixels."
         ),
     ] = None,
+    overwrite: Overwrite = False,
     jobs: Jobs = None,
 ) -> None:
     """Outline the colony in each micrograph and measure its shape; lengths are in µm.
@@ -51,20 +52,19 @@ def measure(
     """
     options: dict[str, Any] = {"seed_point": seed_point, "threshold": threshold, "roi": roi}
     images, dataset, skipped = find_images(paths, pixel_size, read_options(options, "options"))
-    refuse_mixed_folder(folder, images)
-    clear_results(folder)
-    with shown_progress("measuring micrographs") as progress:
-        outcomes = measure_batch(images, folder, jobs=jobs or available_processors(), progress=progress)
-    measured = [outcome for outcome in outcomes if outcome.row]
     options["pixel_size"] = pixel_size
     settings = {name: value for name, value in options.items() if value is not None}
     title = f"Micrographs of {(dataset.folder if dataset else paths[0] if len(paths) == 1 else folder).resolve().name}"
-    write_results(folder, title, outcomes, dataset=dataset, skipped=skipped, settings=settings)
-    inputs = ([dataset.manifest] if dataset else []) + [outcome.image.path for outcome in outcomes if outcome.sha256]
-    failed = [outcome.error for outcome in outcomes if not outcome.row]
-    overruled = {image.label: image.options.as_arguments() for image in images if image.options.as_arguments()}
-    more: dict[str, Any] = {"configuration": {**settings, "overruled": overruled}, "failed": failed}
-    write_manifest(folder, command="measure", inputs=inputs, **more)
+    with results_folder(folder, "measure", reads=[image.path for image in images], overwrite=overwrite) as results:
+        with shown_progress("measuring micrographs") as progress:
+            outcomes = measure_batch(images, results.partial, jobs=jobs or available_processors(), progress=progress)
+        write_results(results.partial, title, outcomes, dataset=dataset, skipped=skipped, settings=settings)
+        inputs = [dataset.manifest] if dataset else []
+        inputs += [outcome.image.path for outcome in outcomes if outcome.sha256]
+        failed = [outcome.error for outcome in outcomes if not outcome.row]
+        overruled = {image.label: image.options.as_arguments() for image in images if image.options.as_arguments()}
+        results.finish(inputs=inputs, configuration={**settings, "overruled": overruled}, failed=failed)
+    measured = [outcome for outcome in outcomes if outcome.row]
     warn([f"{outcome.image.label}: {doubt}" for outcome in measured for doubt in outcome.doubts])
     if skipped:
         warn([f"passed over, no images by their names: {', '.join(path.name for path in skipped)}"])

@@ -19,7 +19,7 @@ from yeastfit.inference.targets_from_table import (
 from yeastfit.measure.reading.batch_inputs import dataset_images
 from yeastfit.measure.reading.dataset import MANIFESTS, dataset_folder, read_dataset
 from yeastfit.progress import Progress
-from yeastfit.report.measurement_files import clear_results, refuse_mixed_folder, write_results
+from yeastfit.report.measurement_files import write_results
 from yeastfit.simulation.synthetic_data import read_truth
 from yeastfit.text_files import read_csv
 
@@ -99,8 +99,6 @@ def measure_source(source: Path, folder: Path, jobs: int, progress: Progress) ->
         return Measurements(rows, table.parent, files_of(table, rows), recorded_warnings(rows, table.parent))
     dataset = read_dataset(where or source)
     images = dataset_images(dataset)
-    refuse_mixed_folder(folder, images)
-    clear_results(folder)
     outcomes = measure_batch(images, folder, jobs=jobs, progress=progress)
     write_results(folder, f"Micrographs of {dataset.folder.resolve().name}", outcomes, dataset=dataset)
     rows = [outcome.row for outcome in outcomes if outcome.row]

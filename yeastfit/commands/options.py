@@ -17,6 +17,14 @@ SMOOTH = ", ".join(most_telling_first(names_with("smooth")))
 Out = Annotated[
     Path, typer.Option("--out", help="Folder for the results. It is made if it does not exist.", show_default=False)
 ]
+Overwrite = Annotated[
+    bool,
+    typer.Option(
+        "--overwrite",
+        help="Replace results of another command in the folder, and results that were changed since. Only files that "
+        "its manifest.json lists are removed.",
+    ),
+]
 Seed = Annotated[
     int,
     typer.Option(

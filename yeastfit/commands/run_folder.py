@@ -1,8 +1,8 @@
-"""The folder of a run that may be killed at any moment and resumed.
+"""The run.json of a run that may be killed at any moment and resumed.
 
-run.json is written before anything else and says what the run is: its configuration, the SHA-256 of its inputs, seed,
+It is written before anything else and says what the run is: its configuration, the SHA-256 of its inputs, seed,
 versions and device. Only the same configuration and the same inputs resume it; settings that merely say how long it
-goes on may rise. manifest.json comes last: a folder that has one is finished.
+goes on may rise.
 """
 
 import shlex
@@ -18,9 +18,10 @@ import jax
 from yeastfit.errors import InputError
 from yeastfit.inference.targets_from_table import files_of, read_measurements, table_in
 from yeastfit.measure.reading.dataset import dataset_folder, read_dataset
+from yeastfit.results_contents import RUN
+from yeastfit.results_folder import ResultsFolder
 from yeastfit.storage import as_json, from_json, read_json, sha256_of, versions, write_json
 
-RUN, MANIFEST = "run.json", "manifest.json"
 PACKAGES = ("emcee", "optax", "h5py")
 
 
@@ -29,62 +30,64 @@ class RunFolder:
     """Where a run lies and what it is.
 
     Attributes:
-        path: The folder.
+        results: The folder.
         configuration: What the run is, plain data; the sampler's settings are in `settings`.
         inputs: SHA-256 by file.
         seed: Of the run.
         notes: What a user should know about resuming it, in words.
-        finished: Whether all results are there.
     """
 
-    path: Path
+    results: ResultsFolder
     configuration: dict[str, Any]
     inputs: dict[str, str]
     seed: int
     notes: list[str]
-    finished: bool
+
+    @property
+    def path(self) -> Path:
+        """Of the folder."""
+        return self.results.path
 
     @staticmethod
     def begin(
-        path: Path,
+        results: ResultsFolder,
         configuration: Mapping[str, Any],
         inputs: Sequence[Path],
         seed: int,
         resume: bool,
         *,
+        stored: Sequence[str],
         extents: Sequence[str] = (),
         kept: Sequence[str] = (),
     ) -> "RunFolder":
         """Write run.json, or compare with the one that is there.
 
         Arguments:
-            path: The folder.
+            results: The folder.
             configuration: What the run is.
             inputs: Files that it reads.
             seed: Of the run.
             resume: Whether a run that is there goes on.
+            stored: Names of files that a longer run goes on with.
             extents: Settings that may rise.
             kept: Settings that nobody asked for: those of the run's first call stay.
 
         Raises:
-            InputError: There is a run and `resume` is not asked for, it is another one, a shorter one is asked for, or
-                the folder holds the inputs.
+            InputError: The run is another one, or a shorter one is asked for.
         """
-        if path.resolve() in {one.resolve().parent for one in inputs}:
-            raise InputError(f"--out: {path} holds the data, need another folder for the results")
+        path = results.path
         plain = from_json(as_json(configuration))
         hashes = hashes_of(inputs)
-        file, finished = path / RUN, (path / MANIFEST).is_file()
+        file = path / RUN
+        if not resume and results.finished:
+            results.clear()
+        if results.finished and not file.is_file():
+            raise InputError(f"--resume: {path} has lost its {RUN}, give another folder")
         if not file.is_file():
-            if finished:
-                raise InputError(f"--out: {path} holds results of another command, give another folder")
             made = {"arguments": sys.argv[1:], "versions": run_versions(), "device": jax.devices()[0].device_kind}
             write_json(file, {"command": "infer", "seed": seed, "configuration": plain, "inputs": hashes, **made})
             notes = ["there is nothing to resume, a new run begins"] if resume else []
-            return RunFolder(path, plain, hashes, seed, notes, False)
-        if not resume:
-            state = "a finished run" if finished else "a run that was not finished"
-            raise InputError(f"--out: {path} holds {state}: give --resume to go on with it, or another folder")
+            return RunFolder(results, plain, hashes, seed, notes)
         earlier = read_run(file)
         before, now = earlier["configuration"].get("settings", {}), plain["settings"]
         now |= {name: before[name] for name in kept if name in before}
@@ -100,10 +103,11 @@ class RunFolder:
                     f"--resume: {path} holds a run of {before[name]} {name}, now it is {now[name]}: give --{name} "
                     f"{before[name]} or more"
                 )
-        if longer := any(now[name] > before[name] for name in extents):
-            (path / MANIFEST).unlink(missing_ok=True)  # first: a folder that has one is finished
+        if any(now[name] > before[name] for name in extents):
+            if results.finished:
+                results.reopen(stored)
             write_json(file, {**earlier, "configuration": plain})
-        return RunFolder(path, plain, hashes, seed, _other_versions(earlier), finished and not longer)
+        return RunFolder(results, plain, hashes, seed, _other_versions(earlier))
 
     def resume_hint(self) -> str:
         """How to go on."""

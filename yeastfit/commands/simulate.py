@@ -7,16 +7,18 @@ import typer
 from yeastfit import plot
 from yeastfit.commands.generated_options import generated
 from yeastfit.commands.model_options import ChosenModel, ModelOptions
-from yeastfit.commands.options import Out, Seed
+from yeastfit.commands.options import Out, Overwrite, Seed
 from yeastfit.commands.terminal import out, shown_progress, warn
+from yeastfit.results_folder import results_folder
 from yeastfit.simulation.synthetic_data import write_mask
-from yeastfit.storage import write_manifest, write_table
+from yeastfit.storage import write_table
 
 
 @generated(chosen=ModelOptions("simulate"))
 def simulate(
     folder: Out,
     members: Annotated[int, typer.Option(help="Number of colonies to grow.")] = 4,
+    overwrite: Overwrite = False,
     seed: Seed = 0,
     *,
     chosen: ChosenModel,
@@ -28,21 +30,23 @@ def simulate(
     which yeastfit measure reads. Lengths are in µm in columns that end in _um and for the off-lattice model, otherwise
     in cell lengths L0.
     """
-    with shown_progress("growing colonies") as progress:
-        result = chosen.forward.grow(chosen.values, members, seed)
-        write_table(folder / "curves.csv", result.rows())
-        result.save(folder / "simulation.npz")
-        plot.save(plot.curves(result), folder / "curves.png")
-        for member in range(members):
-            progress(f"drawing colony {member + 1} of {members}", member / members)
-            plot.save(plot.colony(result, member), folder / f"colony_{member}.png")
-        if (drawn := result.masks()) is not None:
-            (folder / "masks").mkdir(exist_ok=True)
-            for member, mask in enumerate(drawn[0]):
-                write_mask(folder / "masks" / f"colony_{member}.png", mask, drawn[1])
-    warn(result.warnings())
     parameters = {**chosen.forward.parameters.defaults, **chosen.values}
     configuration = {**chosen.configuration("simulate"), "parameters": parameters, "members": members}
-    more = {"configuration": configuration, "seconds": result.seconds}
-    write_manifest(folder, command="simulate", seed=seed, inputs=[], **more)
+    with (
+        results_folder(folder, "simulate", overwrite=overwrite) as results,
+        shown_progress("growing colonies") as progress,
+    ):
+        result = chosen.forward.grow(chosen.values, members, seed)
+        write_table(results.partial / "curves.csv", result.rows())
+        result.save(results.partial / "simulation.npz")
+        plot.save(plot.curves(result), results.partial / "curves.png")
+        for member in range(members):
+            progress(f"drawing colony {member + 1} of {members}", member / members)
+            plot.save(plot.colony(result, member), results.partial / f"colony_{member}.png")
+        if (drawn := result.masks()) is not None:
+            (results.partial / "masks").mkdir()
+            for member, mask in enumerate(drawn[0]):
+                write_mask(results.partial / "masks" / f"colony_{member}.png", mask, drawn[1])
+        results.finish(seed=seed, inputs=[], configuration=configuration, seconds=result.seconds)
+    warn(result.warnings())
     out.print(f"{result.sentence()}. Results in {folder}")

@@ -8,14 +8,14 @@ from typing import Annotated
 import typer
 
 from yeastfit.commands.generated_options import generated
-from yeastfit.commands.options import Out
+from yeastfit.commands.options import Out, Overwrite
 from yeastfit.commands.rule_options import RecipeOptions
 from yeastfit.commands.terminal import out, shown_progress
 from yeastfit.errors import InputError
 from yeastfit.numbers import SEEDS
+from yeastfit.results_folder import check_folder
 from yeastfit.simulation.synthetic_data import Recipe, read_recipes
 from yeastfit.simulation.synthetic_data import synthesize as make_dataset
-from yeastfit.storage import write_manifest
 
 
 @generated(changed=RecipeOptions())
@@ -28,6 +28,7 @@ def synthesize(
         list[str] | None,
         typer.Option(help="Name of a data set to make; repeat it for several. By default all are made."),
     ] = None,
+    overwrite: Overwrite = False,
     seed: Annotated[
         int | None, typer.Option(min=0, max=SEEDS.high, help="Seed to use instead of the one in the file.")
     ] = None,
@@ -45,9 +46,10 @@ def synthesize(
     if unknown:
         raise InputError(f"{recipe}: no data set {unknown[0]!r}, there are {', '.join(recipes)}")
     recipes = {name: changed(recipes[name]) for name in only or recipes}
+    for name in recipes:
+        check_folder(folder / name, "synthesize", reads=[recipe], overwrite=overwrite)
     for name, each in recipes.items():
-        chosen = each if seed is None else replace(each, seed=seed)
+        each = each if seed is None else replace(each, seed=seed)
         with shown_progress(f"growing {name}") as progress:
-            make_dataset(chosen, folder / name, progress)
-        write_manifest(folder / name / "truth", command="synthesize", seed=chosen.seed, inputs=[recipe])
-        out.print(f"{name}: {chosen.replicates} colonies at {len(chosen.hours)} times in {folder / name}")
+            make_dataset(each, folder / name, progress, inputs=[recipe], overwrite=overwrite)
+        out.print(f"{name}: {each.replicates} colonies at {len(each.hours)} times in {folder / name}")

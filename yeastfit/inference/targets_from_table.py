@@ -22,6 +22,7 @@ from yeastfit.measure.statistics.registry import STATISTICS, Estimator, most_tel
 from yeastfit.measure.statistics.smooth_statistics import measure_mask_smoothly
 from yeastfit.model.parameters import Scales
 from yeastfit.numbers import HOURS, PIXEL_SIZES, Range
+from yeastfit.results_contents import check_finished
 from yeastfit.text import quoted, shown
 from yeastfit.text_files import read_csv
 
@@ -58,6 +59,7 @@ def read_measurements(path: str | Path) -> list[dict[str, Any]]:
             does not fit others of its row. The message names the line, the column, the value and what is admissible.
     """
     path = Path(path)
+    check_finished(path.parent)
     if not path.is_file():
         raise InputError(f"{path}: no table there, need the {TABLE} of `yeastfit measure`")
     names, cells = read_csv(path)

@@ -6,14 +6,9 @@ from yeastfit import plot
 from yeastfit.inference.information.design_result import Design
 from yeastfit.storage import write_table
 
-FILES = (
-    *("design.csv", "design.json", "information.json", "design.png", "spectrum.png", "ellipses.png"),
-    *("sensitivity.json", "manifest.json"),
-)
-
 
 def write_design(folder: Path, result: Design) -> None:
-    """Write the tables, JSON and figures among `FILES`.
+    """Write design.csv, design.json, information.json and the figures.
 
     Arguments:
         folder: Where to.

@@ -11,21 +11,6 @@ from yeastfit.inference.fit.result import Fit
 from yeastfit.inference.targets import Targets
 from yeastfit.storage import write_table
 
-FILES = (
-    "fit.json",
-    "parameters.csv",
-    "targets.csv",
-    "fit.png",
-    "convergence.png",
-    "spectrum.png",
-    "ellipses.png",
-    "bootstrap.csv",
-    "bootstrap.png",
-    "profiles.csv",
-    "profiles.png",
-    "manifest.json",
-)
-
 
 def write_targets(folder: Path, targets: Mapping[str, Targets]) -> None:
     """Write targets.csv, the curves to be fitted.

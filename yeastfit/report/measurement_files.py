@@ -6,27 +6,15 @@ from pathlib import Path
 from typing import Any
 
 from yeastfit import plot
-from yeastfit.errors import InputError
-from yeastfit.measure.reading.batch_inputs import InputImage
-from yeastfit.measure.reading.dataset import Dataset, find_manifest
+from yeastfit.measure.reading.dataset import Dataset
 from yeastfit.measure.replicate_curves import condition_curves
 from yeastfit.measure.statistics.filaments import SKELETON
 from yeastfit.measure.statistics.registry import STATISTICS, names_with
 from yeastfit.report.measurement_page import measurement_page
 from yeastfit.report.outcome import Outcome
-from yeastfit.storage import remove_files, versions, write_json, write_table, written_whole
+from yeastfit.storage import versions, write_json, write_table, written_whole
 from yeastfit.text import short
 
-FILES = (
-    "measurements.csv",
-    "columns.json",
-    "failures.csv",
-    "curves.csv",
-    "curves.png",
-    "contact_sheet.png",
-    "index.html",
-    "manifest.json",
-)
 OWN_COLUMNS = {
     "file": ("", "the image, as the manifest or the command line names it"),
     "condition": ("", "from the manifest; empty outside a data set"),
@@ -37,25 +25,6 @@ OWN_COLUMNS = {
     "warnings": ("", "doubts by name, with semicolons; the page explains them"),
     "mask": ("", "what was measured"),
 }
-
-
-def refuse_mixed_folder(folder: Path, images: Sequence[InputImage]) -> None:
-    """Check that results will not lie among the micrographs, where the next run would measure them.
-
-    Arguments:
-        folder: For the results.
-        images: What is to be measured.
-
-    Raises:
-        InputError: The folder holds micrographs or a data set.
-    """
-    if folder.resolve() in {image.path.parent.resolve() for image in images} or find_manifest(folder):
-        raise InputError(f"--out: {folder} holds the micrographs, need another folder for the results")
-
-
-def clear_results(folder: Path) -> None:
-    """Remove the results of an earlier run; masks and overlays stay."""
-    remove_files(folder, FILES)
 
 
 def write_results(

@@ -7,6 +7,7 @@ A data set is made from a `Recipe` alone:
     truth/parameters.json   parameters by name, and the recipe; a fit never opens this folder
     truth/masks/            what segmentation should find
     truth/curves.csv        statistics of every true mask in µm, and what only the model knows
+    manifest.json           how it was made, and the SHA-256 of all these files
 
 A file of recipes is TOML, a table for each data set:
 
@@ -18,7 +19,8 @@ A file of recipes is TOML, a table for each data set:
     budding = { rule = "uniform" }
 """
 
-import shutil
+import re
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field, fields
 from itertools import pairwise
 from pathlib import Path
@@ -41,6 +43,7 @@ from yeastfit.model.relaxation import HARD
 from yeastfit.model.simulate import Snapshot
 from yeastfit.numbers import HOURS, PIXEL_SIZES, Range
 from yeastfit.progress import Progress, silent
+from yeastfit.results_folder import results_folder
 from yeastfit.seeds import check_seed, photograph_stream
 from yeastfit.simulation.cell_coverage import coverage, true_mask
 from yeastfit.simulation.photograph import KINDS, Optics, photograph, write_micrograph
@@ -53,6 +56,8 @@ REPLICATES = Range(1, 10_000)
 PARTS: dict[str, type] = {"numerics": Numerics, "scales": Scales, "optics": Optics}
 OF_MASKS = ("area", "perimeter", "outer_perimeter", "compactness", "outer_compactness", "radius", "max_radius")
 OF_NODES = ("growth_rate", "cell_count", "mean_radius")  # with `OF_MASKS` the columns of truth/curves.csv, which stay
+LONGEST_NAME = 100
+RESERVED_NAMES = re.compile(r"(con|prn|aux|nul|com[0-9¹²³]|lpt[0-9¹²³])(\..*)?", re.IGNORECASE | re.DOTALL)
 
 BESIDE = ("recipe", "versions")  # what truth/parameters.json holds besides parameters
 
@@ -160,7 +165,8 @@ def read_recipes(path: str | Path) -> dict[str, Recipe]:
     if not tables:
         raise InputError(f"{path}: no data set there, need a table [name] for each")
     for name in tables:
-        if file_name(name) != name:
+        alike = [one for one in tables if one.casefold() == name.casefold()]
+        if file_name(name) != name or RESERVED_NAMES.fullmatch(name) or len(name) > LONGEST_NAME or len(alike) > 1:
             raise InputError(f"{path}: a data set is called {quoted(name)}, need a name that its folder can have")
     return {name: _recipe(table, f"{path}, [{short(name)}]") for name, table in tables.items()}
 
@@ -213,19 +219,34 @@ class _CellRecorder(eqx.Module):
         return {**nodes, **{f"cells/{each.name}": getattr(cells, each.name) for each in fields(cells)}}
 
 
-def synthesize(recipe: Recipe, folder: str | Path, progress: Progress = silent) -> None:
+def synthesize(
+    recipe: Recipe,
+    folder: str | Path,
+    progress: Progress = silent,
+    *,
+    inputs: Sequence[Path] = (),
+    overwrite: bool = False,
+) -> None:
     """Make a data set. The same recipe gives the same bytes.
 
     Arguments:
         recipe: What it is made from.
-        folder: Where; replaced as a whole.
+        folder: Where; a data set that is there is replaced once the new one is ready.
         progress: Told how many photographs were taken.
+        inputs: Files that the recipe is from, for the manifest.
+        overwrite: Whether results of another command may be replaced, and results that were changed since.
 
     Raises:
-        InputError: The recipe's parameters are not admissible, a colony reaches the edge of its photograph, or the
-            model ran into a problem, such as a colony that outgrew its capacity.
+        InputError: The folder holds something else, the recipe's parameters are not admissible, a colony reaches the
+            edge of its photograph, or the model ran into a problem, such as a colony that outgrew its capacity.
     """
-    folder = Path(folder)
+    with results_folder(folder, "synthesize", reads=inputs, overwrite=overwrite) as results:
+        _make(recipe, results.partial, results.path.name, progress)
+        results.finish(seed=recipe.seed, inputs=inputs)
+
+
+def _make(recipe: Recipe, folder: Path, name: str, progress: Progress) -> None:
+    """Grow the colonies and write everything but manifest.json."""
     times = [recipe.scales.time(hours) for hours in recipe.hours]
     run = simulate(
         recipe.truth(),
@@ -238,27 +259,23 @@ def synthesize(recipe: Recipe, folder: str | Path, progress: Progress = silent) 
         scales=recipe.scales,
     )
     if run.problems:
-        raise InputError(f"recipe for {folder.name}: {run.warnings()[0]}")
-    partial = folder.with_name(f".{folder.name}-partial")
-    shutil.rmtree(partial, ignore_errors=True)
+        raise InputError(f"recipe for {name}: {run.warnings()[0]}")
     rows, curves = [], []
     total = recipe.replicates * len(recipe.hours)
     for member in range(recipe.replicates):
         for k, hours in enumerate(recipe.hours):
-            name = _photograph_name(member, hours)
-            shape = _photograph(recipe, run.statistics, member, k, partial, name)
+            photo = _photograph_name(member, hours)
+            shape = _photograph(recipe, run.statistics, member, k, folder, photo)
             units = {key: recipe.scales.length ** STATISTICS[key].unit_power for key in OF_NODES}
             nodes = {key: float(run.statistics[key][member, k]) * unit for key, unit in units.items()}
             curves.append({"replicate": member + 1, "hours": hours, **shape, **nodes})
-            file = f"images/{name}.tif"
+            file = f"images/{photo}.tif"
             rows.append({"file": file, "replicate": member + 1, "hours": hours, "um_per_pixel": recipe.pixel_size})
             progress(f"photographed {len(rows)} of {total}", len(rows) / total)
-    write_table(partial / "truth" / "curves.csv", curves)
+    write_table(folder / "truth" / "curves.csv", curves)
     truth = {**recipe.truth().asdict(), **dict(zip(BESIDE, (recipe.asdict(), versions()), strict=True))}
-    write_json(partial / "truth" / "parameters.json", truth)
-    write_table(partial / "manifest.csv", rows)
-    shutil.rmtree(folder, ignore_errors=True)
-    partial.rename(folder)
+    write_json(folder / "truth" / "parameters.json", truth)
+    write_table(folder / "manifest.csv", rows)
 
 
 def _photograph(

@@ -25,6 +25,7 @@ from typing import Any
 from yeastfit.errors import InputError
 from yeastfit.measure.reading.segmentation_options import AUTOMATIC, SegmentationOptions, read_options
 from yeastfit.numbers import HOURS, PIXEL_SIZES
+from yeastfit.results_contents import check_finished
 from yeastfit.text import quoted, short, shown
 from yeastfit.text_files import read_csv, read_toml
 
@@ -116,6 +117,7 @@ def read_dataset(folder: str | Path) -> Dataset:
             stands twice at one time. The message names the line or the image, the value and what would be right.
     """
     folder = Path(folder)
+    check_finished(folder)
     manifest = find_manifest(folder)
     if manifest is None:
         raise InputError(f"{folder}: no manifest.csv or manifest.toml there, a data set has one: {', '.join(COLUMNS)}")

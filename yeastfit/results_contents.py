@@ -1,0 +1,122 @@
+"""What lies in a folder of results: whose they are, whether they are whole, and what else is there.
+
+manifest.json lists the files of a finished run with their SHA-256. While a run is in the folder, or after a kill,
+.yeastfit/owner.json says whose it is and lists the files that it may replace; the run.json of `infer` says whose a run
+is that can be resumed. Lists are taken from files that anybody may have written: a name that leads out of the folder
+makes the whole list void.
+"""
+
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path, PurePath
+from typing import Any
+
+from yeastfit.errors import InputError
+from yeastfit.storage import WORK, read_json, sha256_of
+
+MANIFEST, RUN, OWNER, LOCK = "manifest.json", "run.json", "owner.json", "lock"
+NO_RESULTS = (".DS_Store", "Thumbs.db", "desktop.ini", "yeastfit-error.txt")  # of desktops, and a fault's traceback
+
+Listed = dict[str, tuple[str, ...]]
+
+
+@dataclass(frozen=True)
+class Contents:
+    """What lies in a folder.
+
+    Attributes:
+        command: Whose results, finished or not; empty where there are none.
+        finished: Whether there is a manifest.
+        listed: SHA-256 of the files that a list names, by name; two where a run was replacing another.
+        others: Names of all other files and folders at the top.
+        holder: The process of the last run, in words.
+        endless: Whether the manifest lists no files, as those of earlier versions.
+    """
+
+    command: str = ""
+    finished: bool = False
+    listed: Listed = field(default_factory=dict)
+    others: tuple[str, ...] = ()
+    holder: str = "another process"
+    endless: bool = False
+
+    @staticmethod
+    def of(path: Path) -> "Contents":
+        """Look into a folder, which need not exist."""
+        if not path.is_dir():
+            return Contents()
+        manifest, owner, run = (_record(path / name) for name in (MANIFEST, f"{WORK}/{OWNER}", RUN))
+        run = run if run.get("command") == "infer" and "configuration" in run else {}
+        listed = (manifest or owner).get("files", {})
+        ours = {PurePath(name).parts[0] for name in listed} | {*NO_RESULTS}
+        ours |= {name for name, one in ((MANIFEST, manifest), (RUN, run), (WORK, owner)) if one}
+        ours |= {WORK} if _only_begun(path / WORK) else set()
+        return Contents(
+            next((one["command"] for one in (manifest, owner, run) if one), ""),
+            bool(manifest),
+            {name: (known,) if isinstance(known, str) else tuple(known) for name, known in listed.items()},
+            tuple(sorted({one.name for one in path.iterdir()} - ours)),
+            f"process {owner['pid']} on {owner['host']}" if {"pid", "host"} <= set(owner) else Contents.holder,
+            bool(manifest) and "files" not in manifest,
+        )
+
+
+def check_finished(folder: Path) -> None:
+    """Check that a folder to read from does not hold half a result.
+
+    Arguments:
+        folder: With results of a command, or any other.
+
+    Raises:
+        InputError: A command that writes there has not finished.
+    """
+    found = Contents.of(folder)
+    if found.command and not found.finished:
+        how = " with --resume" if found.command == "infer" else ""
+        raise InputError(
+            f"{folder} holds an unfinished run of yeastfit {found.command}: wait for it, or repeat the command{how}"
+        )
+
+
+def changed_files(folder: Path, listed: Listed) -> list[str]:
+    """Find listed files that are there with other bytes, as links, or behind links that lead elsewhere.
+
+    Arguments:
+        folder: Of the files.
+        listed: SHA-256 by name, any of which is right.
+
+    Returns:
+        Their names.
+    """
+    where = folder.resolve()
+
+    def changed(file: Path, known: Sequence[str]) -> bool:
+        linked = file.is_symlink() or not file.parent.resolve().is_relative_to(where)
+        return linked or not file.is_file() or sha256_of(file) not in known
+
+    return [name for name, known in listed.items() if os.path.lexists(folder / name) and changed(folder / name, known)]
+
+
+def _record(file: Path) -> dict[str, Any]:
+    """A manifest, owner.json or run.json; empty where the file is something else."""
+    try:
+        found = read_json(file)
+    except (OSError, ValueError, RecursionError):
+        return {}
+    if not isinstance(found, dict) or not isinstance(found.get("command"), str) or not found["command"]:
+        return {}
+    files = found.get("files", {})
+    return found if isinstance(files, dict) and all(_is_listing(*pair) for pair in files.items()) else {}
+
+
+def _is_listing(name: str, known: Any) -> bool:
+    """Whether this is the name of a file below the folder, with one SHA-256 or some."""
+    path = PurePath(name)
+    below = path.parts and not path.anchor and "\0" not in name and not {"..", WORK} & set(path.parts)
+    return bool(below) and all(isinstance(one, str) for one in (known if isinstance(known, list) else [known]))
+
+
+def _only_begun(work: Path) -> bool:
+    """Whether a run was killed before it wrote owner.json."""
+    return work.is_dir() and all(one.name == LOCK or one.name.startswith(".owner-") for one in work.iterdir())

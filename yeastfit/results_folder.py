@@ -1,0 +1,290 @@
+"""The folder of a command's results: one owner, one run at a time, whole results or none.
+
+    OUT/manifest.json    what made the results, and the SHA-256 of each of their files
+    OUT/…                the results
+    OUT/.yeastfit/       while a run is in the folder: its lock, owner.json, and results/, what it has made so far
+
+Results take their places when all of them are ready: the manifest of an earlier run is removed, then its files, then
+the new files are renamed into place, the manifest last. Before that owner.json lists the files of both, so that a run
+after a kill knows which are the package's. A folder with owner.json, or with the run.json of `infer`, is unfinished
+until it has a manifest. A file that no list names, or whose bytes are others than those listed, is never touched.
+"""
+
+import os
+import shutil
+import socket
+import sys
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, field
+from pathlib import Path, PurePath
+from typing import Any
+
+import jax
+from filelock import FileLock, Timeout
+
+from yeastfit.errors import InputError
+from yeastfit.results_contents import LOCK, MANIFEST, OWNER, Contents, Listed, changed_files
+from yeastfit.storage import WORK, check_room, sha256_of, versions, write_json
+
+RESULTS = "results"
+PATIENCE = 0.5  # seconds: a run that is just ending lets go of its lock
+NAMED = 3  # files in the way that an error names
+
+
+@dataclass
+class ResultsFolder:
+    """A folder that a run has for itself.
+
+    Attributes:
+        path: The folder.
+        command: Which writes into it.
+        finished: Whether it has a manifest.
+        earlier: SHA-256 of the files of earlier runs, by name.
+        overwrite: Whether earlier files may go that were changed since.
+        endless: Whether the manifest lists no files.
+    """
+
+    path: Path
+    command: str
+    finished: bool
+    earlier: Listed
+    overwrite: bool = False
+    endless: bool = False
+    _stays: bool = field(default=False, init=False)
+
+    @property
+    def partial(self) -> Path:
+        """Where results are written until all are ready."""
+        return self.path / WORK / RESULTS
+
+    def finish(
+        self, *, inputs: Sequence[str | Path], seed: int | None = None, kept: Iterable[str] = (), **more: Any
+    ) -> None:
+        """Put the results into their places and write manifest.json, both instead of those of an earlier run.
+
+        Arguments:
+            inputs: Files that were read.
+            seed: Of the random numbers; None where the command draws none.
+            kept: Files and folders of the run that lie in their places already.
+            more: Anything else that belongs to the record.
+
+        Raises:
+            InputError: A file that the package did not write is in the way.
+        """
+        new = _hashes(self.partial)
+        staying = {name: one for part in kept for name, one in _hashes(self.path, part).items()}
+        device = jax.devices()[0]
+        manifest = {
+            "command": self.command,
+            "arguments": sys.argv[1:],
+            **({} if seed is None else {"seed": seed}),
+            "versions": versions(),
+            "device": {"kind": device.device_kind, "platform": device.platform, "count": jax.device_count()},
+            "inputs": {str(path): sha256_of(path) for path in inputs},
+            **more,
+            "files": dict(sorted({**staying, **new}.items())),
+        }
+        write_json(self.path / WORK / MANIFEST, manifest)
+        replaced = {name: known for name, known in self.earlier.items() if name not in staying}
+        if in_the_way := self._in_the_way(new, replaced):
+            self._stays = True
+            raise InputError(
+                f"--out: {_listing(in_the_way)} in {self.path} came or changed while the command ran: its results are "
+                f"in {self.partial} until the next run"
+            )
+        both = {name: (*replaced.get(name, ()), *([new[name]] if name in new else [])) for name in {**replaced, **new}}
+        self._own(both)
+        self._unfinish()
+        self._remove(name for name in replaced if name not in new)
+        for name in new:
+            (self.path / name).parent.mkdir(parents=True, exist_ok=True)
+            (self.partial / name).replace(self.path / name)
+        (self.path / WORK / MANIFEST).replace(self.path / MANIFEST)
+        self.finished = True
+
+    def keep(self, name: str) -> Path:
+        """Put a file or folder into its place before the end, for a run that may be resumed; return its place."""
+        if os.path.lexists(self.path / name):
+            raise InputError(f"--out: {self.path / name} is in the way of such a file: move it away")
+        return (self.partial / name).rename(self.path / name)
+
+    def reopen(self, kept: Iterable[str]) -> None:
+        """Take the manifest away, so that a finished run is unfinished and may go on.
+
+        Arguments:
+            kept: Files and folders of the run that it goes on with; the others are replaced when it finishes.
+
+        Raises:
+            InputError: The manifest lists no files.
+        """
+        if self.endless:
+            raise InputError(f"--resume: {self.path} is of an earlier version, its run cannot be made longer")
+        staying = {name for part in kept for name in _hashes(self.path, part)}
+        self._own({name: known for name, known in self.earlier.items() if name not in staying})
+        self._unfinish()
+
+    def clear(self) -> None:
+        """Remove the files of earlier runs at once."""
+        self._unfinish()
+        self._remove(self.earlier)
+        self._own({})
+
+    def close(self) -> None:
+        """Leave nothing behind but results, and what says that they are unfinished."""
+        if not self._stays:
+            _clear_work(self.path / WORK)
+            if self.finished or not self.earlier:
+                (self.path / WORK / OWNER).unlink(missing_ok=True)
+
+    def _own(self, files: Listed) -> None:
+        self.earlier = files
+        process = {"pid": os.getpid(), "host": socket.gethostname(), "arguments": sys.argv[1:]}
+        write_json(self.path / WORK / OWNER, {"command": self.command, **process, "files": files})
+
+    def _unfinish(self) -> None:
+        (self.path / MANIFEST).unlink(missing_ok=True)
+        self.finished = False
+
+    def _in_the_way(self, new: Iterable[str], replaced: Listed) -> list[str]:
+        """Names of files that are not the package's where new ones would go, and of earlier ones that have changed."""
+        places = {place for name in new for place in (name, *map(str, PurePath(name).parents[:-1]))}
+        taken = {
+            place
+            for place in places
+            if os.path.lexists(self.path / place)
+            and place not in replaced
+            and (place in new or (self.path / place).is_symlink() or not (self.path / place).is_dir())
+        }
+        return sorted(taken.union([] if self.overwrite else changed_files(self.path, replaced)))
+
+    def _remove(self, names: Iterable[str]) -> None:
+        """Remove files, and the folders that are empty then."""
+        gone = [PurePath(name) for name in names]
+        for name in gone:
+            (self.path / name).unlink(missing_ok=True)
+        for parent in sorted({one for name in gone for one in name.parents[:-1]}, key=lambda one: -len(one.parts)):
+            with suppress(OSError):
+                (self.path / parent).rmdir()
+
+
+@contextmanager
+def results_folder(
+    path: str | Path,
+    command: str,
+    *,
+    reads: Sequence[Path] = (),
+    overwrite: bool = False,
+    resume: bool | None = None,
+) -> Iterator[ResultsFolder]:
+    """Open a folder for the results of one run; nothing appears in it before `ResultsFolder.finish`.
+
+    Arguments:
+        path: The folder, made where it is missing.
+        command: Which writes into it.
+        reads: Files that the run reads.
+        overwrite: Whether results of another command may be replaced, and results that were changed since.
+        resume: Whether the run that is there goes on; None for a command that always begins anew.
+
+    Yields:
+        The folder, locked.
+
+    Raises:
+        InputError: The folder cannot be made or written, holds something else, or another run is in it.
+    """
+    path = Path(path)
+    work = path / WORK
+    check_folder(path, command, reads=reads, overwrite=overwrite, resume=resume)
+    made = [one for one in (path, *path.parents) if not os.path.lexists(one)]
+    lock = FileLock(work / LOCK)
+    try:
+        work.mkdir(parents=True, exist_ok=True)
+        lock.acquire(timeout=PATIENCE)
+        found = check_folder(path, command, reads=reads, overwrite=overwrite, resume=resume)
+        check_room(work / OWNER)
+        _clear_work(work)
+        folder = ResultsFolder(path, command, found.finished, found.listed, overwrite, found.endless)
+        folder._own(found.listed)
+        folder.partial.mkdir()
+    except Timeout:
+        raise InputError(f"--out: {path} is in use: {Contents.of(path).holder} writes there") from None
+    except (OSError, InputError) as error:
+        _let_go(lock, made)
+        raise error if isinstance(error, InputError) else _unwritable(path, error) from error
+    try:
+        yield folder
+    finally:
+        folder.close()
+        _let_go(lock, made)
+
+
+def check_folder(
+    path: Path, command: str, *, reads: Sequence[Path] = (), overwrite: bool = False, resume: bool | None = None
+) -> Contents:
+    """Check that a command may write into a folder, as it is now; for arguments and errors see `results_folder`."""
+    try:
+        where = path.resolve()
+        inside = [one for one in reads if one.resolve().is_relative_to(where)]
+        found = Contents.of(path)
+        changed = [] if overwrite or resume else changed_files(path, found.listed)
+    except (OSError, RuntimeError, ValueError) as error:
+        raise _unwritable(path, error) from error
+    if inside:
+        raise InputError(f"--out: {path} holds the data, need another folder for the results")
+    own = found.command == command
+    if (own and resume) or not (found.command or found.others):
+        return found
+    if own and resume is not None and not (overwrite and found.finished):
+        state = "a finished run" if found.finished else "a run that was not finished"
+        raise InputError(f"--out: {path} holds {state}: give --resume to go on with it, or another folder")
+    if not found.command:
+        what, way = f"{_listing(found.others)}, which yeastfit did not write", ""
+    elif found.endless:
+        what, way = "results of an earlier version of yeastfit, whose manifest.json lists no files", ""
+    elif not own and not found.finished:
+        what, way = f"an unfinished run of yeastfit {found.command}", ", or repeat that command"
+    elif not own and not overwrite:
+        what = f"results of yeastfit {found.command}"
+        way = f", or --overwrite to replace its {len(found.listed)} files"
+    elif changed:
+        what, way = f"{_listing(changed)}, changed since yeastfit wrote it", ", or --overwrite to replace it"
+    else:
+        return found
+    raise InputError(f"--out: {path} holds {what}: give another folder{way}")
+
+
+def _unwritable(path: Path, error: Exception) -> InputError:
+    return InputError(f"--out: cannot write to {path}: {getattr(error, 'strerror', None) or error}")
+
+
+def _hashes(folder: Path, part: str = "") -> dict[str, str]:
+    """SHA-256 of all files in a folder, or of one part of it, by their names below the folder."""
+    inside = folder / part
+    found = [inside] if inside.is_file() else [one for one in inside.rglob("*") if not one.is_dir()]
+    return {one.relative_to(folder).as_posix(): sha256_of(one) for one in sorted(found)}
+
+
+def _listing(names: Sequence[str]) -> str:
+    more = f" and {len(names) - NAMED} more" if len(names) > NAMED else ""
+    return ", ".join(names[:NAMED]) + more
+
+
+def _clear_work(work: Path) -> None:
+    """Remove what a run has made so far."""
+    for one in work.iterdir():
+        if one.is_dir() and not one.is_symlink():
+            shutil.rmtree(one)
+        elif one.name not in (LOCK, OWNER):
+            one.unlink()
+
+
+def _let_go(lock: FileLock, made: Sequence[Path]) -> None:
+    """Remove the lock with its folder, and the folders that were made, where they are empty."""
+    file = Path(lock.lock_file)
+    if lock.is_locked:
+        with suppress(PermissionError):  # Windows removes no open file
+            file.unlink(missing_ok=True)
+    lock.release()
+    for one in (file.parent, *made):
+        with suppress(OSError):
+            one.rmdir()
