@@ -1,0 +1,349 @@
+"""The folder of results: whose it is, what is replaced and what is never touched, and kills at every step."""
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+from collections import namedtuple
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from yeastfit import results_folder as door
+from yeastfit.errors import InputError
+from yeastfit.results_contents import Contents, check_finished
+from yeastfit.results_folder import ResultsFolder, results_folder
+from yeastfit.storage import WORK, sha256_of, write_json, written_whole
+
+OLD = {"table.csv": "1", "masks/a.png": "2", "masks/deep/b.png": "3"}
+NEW = {"table.csv": "4", "masks/a.png": "2", "pictures/c.png": "5"}
+FOREIGN = {"notes.txt": "mine", "masks/mine.png": "mine", "own/masks/a.png": "mine"}
+
+
+def write(folder: Path, files: dict[str, str]) -> None:
+    for name, text in files.items():
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / name).write_text(text)
+
+
+def made(path: Path, files: dict[str, str], command: str = "measure", **how: Any) -> None:
+    """One whole run."""
+    with results_folder(path, command, **how) as results:
+        write(results.partial, files)
+        results.finish(inputs=[])
+
+
+def files_in(path: Path) -> dict[str, str]:
+    """Everything but manifest.json."""
+    found = {file.relative_to(path).as_posix(): file.read_text() for file in path.rglob("*") if file.is_file()}
+    return {name: text for name, text in found.items() if name != "manifest.json"}
+
+
+def assert_whole(path: Path, files: dict[str, str], command: str = "measure") -> None:
+    manifest = json.loads((path / "manifest.json").read_text())
+    assert manifest["command"] == command
+    assert manifest["files"] == {name: sha256_of(path / name) for name in sorted(files)}
+    assert files.items() <= files_in(path).items()
+
+
+def refused(path: Path, command: str = "measure", **how: Any) -> str:
+    """What is said; the folder stays as it is."""
+    before = files_in(path)
+    with pytest.raises(InputError, match="--out: ") as raised, results_folder(path, command, **how):
+        pytest.fail("nothing may be computed")
+    assert files_in(path) == before
+    return str(raised.value)
+
+
+# --- one run ----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("existing", [False, True])
+def test_nothing_appears_before_all_is_ready_and_nothing_else_stays(tmp_path: Path, existing: bool) -> None:
+    out = tmp_path / "deep" / "out"
+    if existing:
+        out.mkdir(parents=True)
+        (out / ".DS_Store").write_text("of a desktop")
+    with results_folder(out, "measure") as results:
+        write(results.partial, OLD)
+        assert {path.name for path in out.iterdir()} - {".DS_Store"} == {WORK}
+        with pytest.raises(
+            InputError, match=r"out holds an unfinished run of yeastfit measure: wait for it, or repeat"
+        ):
+            check_finished(out)
+        results.finish(inputs=[], seed=3, passed=True)
+    check_finished(out)
+    assert_whole(out, OLD)
+    assert set(files_in(out)) - {".DS_Store"} == set(OLD)
+    manifest = json.loads((out / "manifest.json").read_text())
+    assert (manifest["seed"], manifest["passed"], manifest["inputs"]) == (3, True, {})
+
+
+def test_a_run_that_fails_leaves_no_trace(tmp_path: Path) -> None:
+    with pytest.raises(ZeroDivisionError), results_folder(tmp_path / "deep" / "out", "fit") as results:
+        write(results.partial, OLD)
+        raise ZeroDivisionError
+    assert not list(tmp_path.iterdir())
+    made(tmp_path / "out", OLD)
+    with pytest.raises(ZeroDivisionError), results_folder(tmp_path / "out", "measure") as results:
+        write(results.partial, NEW)
+        raise ZeroDivisionError
+    assert_whole(tmp_path / "out", OLD)
+    assert files_in(tmp_path / "out") == OLD
+
+
+def test_a_run_replaces_the_files_of_the_one_before_and_no_others(tmp_path: Path) -> None:
+    made(tmp_path, OLD)
+    write(tmp_path, FOREIGN)
+    (tmp_path / "masks" / "deep" / "b.png").unlink()  # what is gone is nobody's
+    made(tmp_path, NEW)
+    assert_whole(tmp_path, NEW)
+    assert files_in(tmp_path) == NEW | FOREIGN
+    assert not (tmp_path / "masks" / "deep").exists()
+
+
+def test_a_file_that_comes_while_a_run_goes_on_stays(tmp_path: Path) -> None:
+    """So does one that is changed, and the run's results are not lost either."""
+    made(tmp_path, OLD)
+    for name, text in (("pictures/c.png", "mine"), ("pictures", "mine"), ("masks/a.png", "mine")):
+        (tmp_path / "pictures").unlink(missing_ok=True)
+        with (
+            pytest.raises(InputError, match=rf"{name} in .* came or changed while the command ran: its results are in"),
+            results_folder(tmp_path, "measure") as results,
+        ):
+            write(results.partial, NEW)
+            write(tmp_path, {name: text})
+            results.finish(inputs=[])
+        assert (tmp_path / name).read_text() == text
+        assert files_in(tmp_path / WORK / "results") == NEW
+        assert Contents.of(tmp_path).finished
+        shutil.rmtree(tmp_path / "pictures", ignore_errors=True)
+
+
+# --- what is refused --------------------------------------------------------------------------------------------------
+
+
+def test_folders_of_others_are_refused_with_what_is_in_the_way_and_a_way_out(tmp_path: Path) -> None:
+    write(foreign := tmp_path / "foreign", {f"{name}.txt": "" for name in "abcde"})
+    said = refused(foreign)
+    assert "holds a.txt, b.txt, c.txt and 2 more, which yeastfit did not write: give another folder" in said
+    assert "a.txt" in refused(foreign, overwrite=True)
+
+    made(other := tmp_path / "other", OLD, "simulate")
+    said = refused(other)
+    assert "results of yeastfit simulate: give another folder, or --overwrite to replace its 3 files" in said
+
+    with results_folder(tmp_path / "unfinished", "measure") as results:
+        results._own(dict.fromkeys(OLD, ("0",)))
+        unfinished = shutil.copytree(results.path, tmp_path / "killed")
+    for how in ({}, {"overwrite": True}):
+        said = refused(unfinished, "simulate", **how)
+        assert "an unfinished run of yeastfit measure: give another folder, or repeat that command" in said
+    made(unfinished, OLD)
+    assert files_in(unfinished) == OLD
+
+    write_json((earlier := tmp_path / "earlier") / "manifest.json", {"command": "measure", "versions": {}})
+    for how in ({}, {"overwrite": True}):
+        assert "an earlier version of yeastfit, whose manifest.json lists no files" in refused(earlier, **how)
+
+    made(changed := tmp_path / "changed", OLD)
+    (changed / "table.csv").write_text("by hand")
+    assert "holds table.csv, changed since yeastfit wrote it: give another folder, or --overw" in refused(changed)
+    made(changed, NEW, overwrite=True)
+    assert files_in(changed) == NEW
+
+
+def test_overwrite_removes_what_the_manifest_lists_and_nothing_else(tmp_path: Path) -> None:
+    made(tmp_path, OLD, "simulate")
+    write(tmp_path, FOREIGN)
+    made(tmp_path, NEW, overwrite=True)
+    assert_whole(tmp_path, NEW)
+    assert files_in(tmp_path) == NEW | FOREIGN
+
+
+def test_a_folder_that_is_read_from_is_not_written_to(tmp_path: Path) -> None:
+    made(tmp_path / "out", OLD)
+    for file in (tmp_path / "out" / "table.csv", tmp_path / "out" / "masks" / "deep" / "b.png"):
+        for how in ({}, {"overwrite": True}):
+            assert "holds the data, need another folder" in refused(tmp_path / "out", reads=[file], **how)
+
+
+def test_places_that_cannot_be_written_to_are_said_before_anything_is_computed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "file").write_text("")
+    (tmp_path / "loop").symlink_to(tmp_path / "loop")
+    (tmp_path / "nowhere").symlink_to(tmp_path / "missing" / "folder")
+    places = [tmp_path / "file", tmp_path / "file" / "below", tmp_path / "new" / ("x" * 300), tmp_path / "loop"]
+    before = sorted(tmp_path.iterdir())
+    for place in [*places, tmp_path / "nowhere", Path("/proc/yeastfit")]:
+        with pytest.raises(InputError, match="--out: cannot write to"), results_folder(place, "fit"):
+            pytest.fail("nothing may be computed")
+    usage = namedtuple("usage", "total used free")(10, 10, 0)
+    monkeypatch.setattr(shutil, "disk_usage", lambda path: usage)
+    with pytest.raises(InputError, match="No space left on device"), results_folder(tmp_path / "out", "fit"):
+        pytest.fail("nothing may be computed")
+    assert sorted(tmp_path.iterdir()) == before
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may write everywhere")
+def test_a_folder_without_permission_is_said(tmp_path: Path) -> None:
+    tmp_path.chmod(0o500)
+    with pytest.raises(InputError, match="Permission denied"), results_folder(tmp_path / "out", "fit"):
+        pytest.fail("nothing may be computed")
+    tmp_path.chmod(0o700)
+
+
+# --- two processes ----------------------------------------------------------------------------------------------------
+
+HOLDER = """
+import sys, time
+from pathlib import Path
+from yeastfit.results_folder import results_folder
+with results_folder(sys.argv[1], "measure") as results:
+    (results.partial / "half.csv").write_text("half")
+    print("inside", flush=True)
+    sys.stdin.read()
+    results.finish(inputs=[])
+"""
+
+
+def test_a_second_process_is_refused_by_name_and_a_dead_one_blocks_nobody(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    for killed in (False, True):
+        with subprocess.Popen(
+            [sys.executable, "-c", HOLDER, str(out)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+        ) as holder:
+            assert holder.stdout is not None
+            assert holder.stdout.readline() == "inside\n"
+            assert f"out is in use: process {holder.pid} on " in refused(out)
+            if killed:
+                holder.send_signal(signal.SIGKILL)
+            holder.communicate("")
+    assert Contents.of(out).finished
+    assert (out / WORK / "results" / "half.csv").is_file()
+    made(out, NEW)
+    assert {path.name for path in out.iterdir()} == {"manifest.json", "table.csv", "masks", "pictures"}
+
+
+# --- kills ------------------------------------------------------------------------------------------------------------
+
+
+class Killed(BaseException):
+    """Nothing is tidied up after it."""
+
+
+def killed_at(step: int, run: Callable[[], None], monkeypatch: pytest.MonkeyPatch) -> bool:
+    """Run, but stop dead before the step-th change of the disk; whether that came."""
+    left = [step]
+
+    def stopping(change: Callable[..., Any]) -> Callable[..., Any]:
+        def changed(*arguments: Any, **options: Any) -> Any:
+            left[0] -= 1
+            if left[0] < 0:
+                raise Killed
+            return change(*arguments, **options)
+
+        return changed
+
+    with monkeypatch.context() as patch:
+        for name in ("replace", "rename", "unlink", "rmdir", "mkdir", "write_text"):
+            patch.setattr(Path, name, stopping(getattr(Path, name)))
+        patch.setattr(shutil, "rmtree", stopping(shutil.rmtree))
+        patch.setattr(ResultsFolder, "close", lambda folder: None if left[0] < 0 else CLOSE(folder))
+        patch.setattr(door, "_let_go", lambda lock, made: lock.release() if left[0] < 0 else LET_GO(lock, made))
+        try:
+            run()
+        except Killed:
+            return True
+    return False
+
+
+CLOSE, LET_GO = ResultsFolder.close, door._let_go
+
+
+@pytest.mark.parametrize("before", [{}, OLD])
+def test_killed_at_any_step_a_folder_is_whole_or_unfinished_and_the_next_run_makes_it_whole(
+    tmp_path: Path, before: dict[str, str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    step, states = 0, list[bool]()
+    while True:
+        out = tmp_path / str(step)
+        if before:
+            made(out, before)
+            write(out, FOREIGN)
+        kept = FOREIGN if before else {}
+        if not killed_at(step, lambda out=out: made(out, NEW), monkeypatch):
+            break
+        found = Contents.of(out)
+        states.append(found.finished)
+        assert found.command in ("", "measure")
+        assert kept.items() <= files_in(out).items() if out.exists() else not kept
+        if found.finished:
+            assert_whole(out, NEW if "pictures/c.png" in files_in(out) else before)
+        elif found.command:
+            with pytest.raises(InputError, match="unfinished run of yeastfit measure"):
+                check_finished(out)
+            assert "unfinished run of yeastfit measure" in refused(out, "simulate", overwrite=True)
+        killed_at(step // 2, lambda out=out: made(out, NEW), monkeypatch)  # and once more
+        made(out, NEW)
+        assert_whole(out, NEW)
+        assert files_in(out) == NEW | kept
+        assert not (out / WORK).exists()
+        step += 1
+    assert step > 15
+    assert {True, False} == set(states)
+
+
+def test_temporary_files_of_a_killed_run_do_not_stay(tmp_path: Path) -> None:
+    with results_folder(tmp_path / "out", "fit") as results:
+        with written_whole(results.path / "problems.json") as temporary:
+            assert temporary.parent == results.path / WORK
+        killed = shutil.copytree(results.path, tmp_path / "killed")
+    (killed / WORK / ".problems-abc.json").write_text("half")
+    made(killed, NEW, "fit")
+    assert not (killed / WORK).exists()
+
+
+# --- lists that cannot be trusted -------------------------------------------------------------------------------------
+
+
+@given(st.text(max_size=20) | st.sampled_from(["../victim", "/victim", "a/../../victim", ".", "", "\0", WORK]))
+def test_a_manifest_leads_to_no_file_outside(tmp_path_factory: pytest.TempPathFactory, name: str) -> None:
+    where = tmp_path_factory.mktemp("where")
+    write(where, {"victim": "mine", "out/table.csv": "1"})
+    listed = {name: sha256_of(where / "victim"), "table.csv": sha256_of(where / "out" / "table.csv")}
+    write_json(where / "out" / "manifest.json", {"command": "measure", "files": listed})
+    for command in ("measure", "simulate"):
+        try:
+            made(where / "out", NEW, command, overwrite=True)
+        except InputError:
+            assert files_in(where / "out")["table.csv"] == "1"
+    assert (where / "victim").read_text() == "mine"
+
+
+def test_links_in_a_folder_are_not_followed(tmp_path: Path) -> None:
+    made(out := tmp_path / "out", OLD)
+    write(tmp_path / "elsewhere", {"a.png": "2", "deep/b.png": "3"})
+    shutil.rmtree(out / "masks")
+    (out / "masks").symlink_to(tmp_path / "elsewhere")
+    assert "masks/a.png, masks/deep/b.png, changed since" in refused(out)
+    with pytest.raises(InputError, match="masks"):
+        made(out, NEW, overwrite=True)
+    assert files_in(tmp_path / "elsewhere") == {"a.png": "2", "deep/b.png": "3"}
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["", "{", "[]", '{"command": 3}', '{"command": ""}', '{"files": {}}', '{"command": "fit", "files": []}']
+    + ['{"command": "fit", "files": {"a": 1}}', "[" * 3000, "\udcff"],
+)
+def test_a_manifest_that_yeastfit_cannot_have_written_is_a_file_like_any_other(tmp_path: Path, text: str) -> None:
+    (tmp_path / "manifest.json").write_bytes(text.encode(errors="surrogateescape"))
+    assert "holds manifest.json, which yeastfit did not write" in refused(tmp_path, "fit", overwrite=True)
