@@ -7,12 +7,12 @@ import signal
 import subprocess
 import sys
 from collections import namedtuple
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from yeastfit import results_folder as door
@@ -24,6 +24,14 @@ from yeastfit.storage import WORK, sha256_of, write_json, written_whole
 OLD = {"table.csv": "1", "masks/a.png": "2", "masks/deep/b.png": "3"}
 NEW = {"table.csv": "4", "masks/a.png": "2", "pictures/c.png": "5"}
 FOREIGN = {"notes.txt": "mine", "masks/mine.png": "mine", "own/masks/a.png": "mine"}
+
+
+@pytest.fixture(autouse=True, scope="module")
+def versionless() -> Iterator[None]:
+    """Looking up versions is what writing a manifest takes."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(door, "versions", dict)
+        yield
 
 
 def write(folder: Path, files: dict[str, str]) -> None:
@@ -41,7 +49,11 @@ def made(path: Path, files: dict[str, str], command: str = "measure", **how: Any
 
 def files_in(path: Path) -> dict[str, str]:
     """Everything but manifest.json."""
-    found = {file.relative_to(path).as_posix(): file.read_text() for file in path.rglob("*") if file.is_file()}
+    found = {
+        file.relative_to(path).as_posix(): file.read_text(errors="replace")
+        for file in path.rglob("*")
+        if file.is_file()
+    }
     return {name: text for name, text in found.items() if name != "manifest.json"}
 
 
@@ -86,14 +98,17 @@ def test_nothing_appears_before_all_is_ready_and_nothing_else_stays(tmp_path: Pa
 
 
 def test_a_run_that_fails_leaves_no_trace(tmp_path: Path) -> None:
-    with pytest.raises(ZeroDivisionError), results_folder(tmp_path / "deep" / "out", "fit") as results:
-        write(results.partial, OLD)
-        raise ZeroDivisionError
+    def failing(path: Path) -> None:
+        with results_folder(path, "measure") as results:
+            write(results.partial, NEW)
+            raise ZeroDivisionError
+
+    with pytest.raises(ZeroDivisionError):
+        failing(tmp_path / "deep" / "out")
     assert not list(tmp_path.iterdir())
     made(tmp_path / "out", OLD)
-    with pytest.raises(ZeroDivisionError), results_folder(tmp_path / "out", "measure") as results:
-        write(results.partial, NEW)
-        raise ZeroDivisionError
+    with pytest.raises(ZeroDivisionError):
+        failing(tmp_path / "out")
     assert_whole(tmp_path / "out", OLD)
     assert files_in(tmp_path / "out") == OLD
 
@@ -110,20 +125,20 @@ def test_a_run_replaces_the_files_of_the_one_before_and_no_others(tmp_path: Path
 
 def test_a_file_that_comes_while_a_run_goes_on_stays(tmp_path: Path) -> None:
     """So does one that is changed, and the run's results are not lost either."""
-    made(tmp_path, OLD)
-    for name, text in (("pictures/c.png", "mine"), ("pictures", "mine"), ("masks/a.png", "mine")):
-        (tmp_path / "pictures").unlink(missing_ok=True)
-        with (
-            pytest.raises(InputError, match=rf"{name} in .* came or changed while the command ran: its results are in"),
-            results_folder(tmp_path, "measure") as results,
-        ):
+
+    def disturbed(path: Path, name: str) -> None:
+        with results_folder(path, "measure") as results:
             write(results.partial, NEW)
-            write(tmp_path, {name: text})
+            write(path, {name: "mine"})
             results.finish(inputs=[])
-        assert (tmp_path / name).read_text() == text
-        assert files_in(tmp_path / WORK / "results") == NEW
-        assert Contents.of(tmp_path).finished
-        shutil.rmtree(tmp_path / "pictures", ignore_errors=True)
+
+    for number, name in enumerate(("pictures/c.png", "pictures", "masks/a.png")):
+        made(out := tmp_path / str(number), OLD)
+        with pytest.raises(InputError, match=f"{name} in .* came or changed while the command ran: its results are in"):
+            disturbed(out, name)
+        assert (out / name).read_text() == "mine"
+        assert files_in(out / WORK / "results") == NEW
+        assert Contents.of(out).finished
 
 
 # --- what is refused --------------------------------------------------------------------------------------------------
@@ -314,6 +329,7 @@ def test_temporary_files_of_a_killed_run_do_not_stay(tmp_path: Path) -> None:
 # --- lists that cannot be trusted -------------------------------------------------------------------------------------
 
 
+@settings(deadline=None, max_examples=60)
 @given(st.text(max_size=20) | st.sampled_from(["../victim", "/victim", "a/../../victim", ".", "", "\0", WORK]))
 def test_a_manifest_leads_to_no_file_outside(tmp_path_factory: pytest.TempPathFactory, name: str) -> None:
     where = tmp_path_factory.mktemp("where")
@@ -341,9 +357,19 @@ def test_links_in_a_folder_are_not_followed(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     "text",
-    ["", "{", "[]", '{"command": 3}', '{"command": ""}', '{"files": {}}', '{"command": "fit", "files": []}']
-    + ['{"command": "fit", "files": {"a": 1}}', "[" * 3000, "\udcff"],
+    [
+        *(
+            b"",
+            b"{",
+            b"[]",
+            b'{"command": 3}',
+            b'{"command": ""}',
+            b'{"files": {}}',
+            b'{"command": "fit", "files": []}',
+        ),
+        *(b'{"command": "fit", "files": {"a": 1}}', b"[" * 3000, b"\xff"),
+    ],
 )
-def test_a_manifest_that_yeastfit_cannot_have_written_is_a_file_like_any_other(tmp_path: Path, text: str) -> None:
-    (tmp_path / "manifest.json").write_bytes(text.encode(errors="surrogateescape"))
+def test_a_manifest_that_yeastfit_cannot_have_written_is_a_file_like_any_other(tmp_path: Path, text: bytes) -> None:
+    (tmp_path / "manifest.json").write_bytes(text)
     assert "holds manifest.json, which yeastfit did not write" in refused(tmp_path, "fit", overwrite=True)
