@@ -245,7 +245,9 @@ def test_the_command_names_bad_input(
 ) -> None:
     FOUND.save(tmp_path / "found.json")
     with wrong_types():
-        code = cli.run(["design", "--sensitivity", str(tmp_path / "found.json"), "--out", str(tmp_path), *options])
+        code = cli.run(
+            ["design", "--sensitivity", str(tmp_path / "found.json"), "--out", str(tmp_path / "out"), *options]
+        )
     assert code == 2
     error = capsys.readouterr().err
     assert message in error
