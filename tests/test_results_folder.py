@@ -6,9 +6,10 @@ import shutil
 import signal
 import subprocess
 import sys
-from collections import namedtuple
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -42,7 +43,7 @@ def write(folder: Path, files: dict[str, str]) -> None:
 
 def made(path: Path, files: dict[str, str], command: str = "measure", **how: Any) -> None:
     """One whole run."""
-    with results_folder(path, command, **how) as results:
+    with results_folder(path, command, overwrite=overwrite) as results:
         write(results.partial, files)
         results.finish(inputs=[])
 
@@ -157,15 +158,17 @@ def test_folders_of_others_are_refused_with_what_is_in_the_way_and_a_way_out(tmp
     with results_folder(tmp_path / "unfinished", "measure") as results:
         results._own(dict.fromkeys(OLD, ("0",)))
         unfinished = shutil.copytree(results.path, tmp_path / "killed")
-    for how in ({}, {"overwrite": True}):
-        said = refused(unfinished, "simulate", **how)
+    for overwrite in (False, True):
+        said = refused(unfinished, "simulate", overwrite=overwrite)
         assert "an unfinished run of yeastfit measure: give another folder, or repeat that command" in said
     made(unfinished, OLD)
     assert files_in(unfinished) == OLD
 
     write_json((earlier := tmp_path / "earlier") / "manifest.json", {"command": "measure", "versions": {}})
-    for how in ({}, {"overwrite": True}):
-        assert "an earlier version of yeastfit, whose manifest.json lists no files" in refused(earlier, **how)
+    for overwrite in (False, True):
+        assert "an earlier version of yeastfit, whose manifest.json lists no files" in refused(
+            earlier, overwrite=overwrite
+        )
 
     made(changed := tmp_path / "changed", OLD)
     (changed / "table.csv").write_text("by hand")
@@ -185,8 +188,8 @@ def test_overwrite_removes_what_the_manifest_lists_and_nothing_else(tmp_path: Pa
 def test_a_folder_that_is_read_from_is_not_written_to(tmp_path: Path) -> None:
     made(tmp_path / "out", OLD)
     for file in (tmp_path / "out" / "table.csv", tmp_path / "out" / "masks" / "deep" / "b.png"):
-        for how in ({}, {"overwrite": True}):
-            assert "holds the data, need another folder" in refused(tmp_path / "out", reads=[file], **how)
+        for overwrite in (False, True):
+            assert "holds the data, need another folder" in refused(tmp_path / "out", reads=[file], overwrite=overwrite)
 
 
 def test_places_that_cannot_be_written_to_are_said_before_anything_is_computed(
@@ -200,8 +203,7 @@ def test_places_that_cannot_be_written_to_are_said_before_anything_is_computed(
     for place in [*places, tmp_path / "nowhere", Path("/proc/yeastfit")]:
         with pytest.raises(InputError, match="--out: cannot write to"), results_folder(place, "fit"):
             pytest.fail("nothing may be computed")
-    usage = namedtuple("usage", "total used free")(10, 10, 0)
-    monkeypatch.setattr(shutil, "disk_usage", lambda path: usage)
+    monkeypatch.setattr(shutil, "disk_usage", lambda path: SimpleNamespace(free=0))
     with pytest.raises(InputError, match="No space left on device"), results_folder(tmp_path / "out", "fit"):
         pytest.fail("nothing may be computed")
     assert sorted(tmp_path.iterdir()) == before
@@ -294,7 +296,7 @@ def test_killed_at_any_step_a_folder_is_whole_or_unfinished_and_the_next_run_mak
             made(out, before)
             write(out, FOREIGN)
         kept = FOREIGN if before else {}
-        if not killed_at(step, lambda out=out: made(out, NEW), monkeypatch):
+        if not killed_at(step, partial(made, out, NEW), monkeypatch):
             break
         found = Contents.of(out)
         states.append(found.finished)
@@ -306,7 +308,7 @@ def test_killed_at_any_step_a_folder_is_whole_or_unfinished_and_the_next_run_mak
             with pytest.raises(InputError, match="unfinished run of yeastfit measure"):
                 check_finished(out)
             assert "unfinished run of yeastfit measure" in refused(out, "simulate", overwrite=True)
-        killed_at(step // 2, lambda out=out: made(out, NEW), monkeypatch)  # and once more
+        killed_at(step // 2, partial(made, out, NEW), monkeypatch)  # and once more
         made(out, NEW)
         assert_whole(out, NEW)
         assert files_in(out) == NEW | kept
