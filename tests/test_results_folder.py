@@ -43,7 +43,7 @@ def write(folder: Path, files: dict[str, str]) -> None:
 
 def made(path: Path, files: dict[str, str], command: str = "measure", **how: Any) -> None:
     """One whole run."""
-    with results_folder(path, command, overwrite=overwrite) as results:
+    with results_folder(path, command, **how) as results:
         write(results.partial, files)
         results.finish(inputs=[])
 
