@@ -76,6 +76,7 @@ def print_version(wanted: bool) -> bool:
     return wanted
 
 
+@app.callback(help=HELP)
 def options(
     wanted: Annotated[
         bool, typer.Option("--version", help="Print the version and exit.", callback=print_version, is_eager=True)
