@@ -186,6 +186,10 @@ REFUSED: dict[str, tuple[Make, str]] = {
     "one_pixel.png": (pillow(Image.new("L", (1, 1)), "PNG"), "at least 16"),
     "one_row.tif": (tiff(GREY[:1]), "at least 16"),
     "one_column.png": (pillow(Image.fromarray(GREY[:, :1]), "PNG"), "at least 16"),
+    "long.png": (
+        pillow(Image.fromarray(np.tile(GREY[:16], 10)), "PNG"),
+        "640 x 16 pixels, need sides at most 32 times",
+    ),
     "constant.tif": (tiff(np.full((SIDE, SIDE), 0.25, np.float32)), "every pixel is 0.25"),
     "black.png": (pillow(Image.new("L", (SIDE, SIDE)), "PNG"), "every pixel is 0"),
     "white.jpg": (pillow(Image.new("L", (SIDE, SIDE), 255), "JPEG"), "every pixel is 255"),
@@ -211,6 +215,7 @@ READ: dict[str, tuple[Make, np.ndarray, float]] = {
     "sixteen_bits.png": (pillow(Image.fromarray(GREY.astype(np.uint16) * 257), "PNG"), GREY * 257.0, 0),
     "signed.tif": (tiff(GREY.astype(np.int16) - 100), GREY - 100.0, 0),
     "signed_32.tif": (tiff(GREY.astype(np.int32) - 100), GREY - 100.0, 0),
+    "unsigned_32.tif": (tiff(GREY.astype(np.uint32)), GREY, 0),
     "unsigned_64.tif": (tiff(GREY.astype(np.uint64)), GREY, 0),
     "double.tif": (tiff(GREY / 255.0), GREY / 255.0, 1e-7),
     "half.tif": (tiff(GREY.astype(np.float16)), GREY, 0),
