@@ -57,7 +57,7 @@ class TowardsFood(BuddingRule):
 class Clocks(BirthRule):
     """A node's phase grows by c Δt and it buds at ln 2, times a factor that is a setting; the children start at 0."""
 
-    name: ClassVar[str] = "clocks"
+    name: ClassVar[str] = "own clocks"
     cycle: float = 1.0
 
     def node_state(self) -> dict[str, float]:
@@ -138,14 +138,14 @@ def test_the_bias_points_buds_at_the_nutrient() -> None:
 def test_it_goes_on_from_a_saved_colony_as_if_it_had_never_stopped(grown: Simulation, tmp_path: Path) -> None:
     grown.save(tmp_path / "run.npz")
     loaded = Simulation.load(tmp_path / "run.npz", model=MODEL)
-    assert loaded.model.asdict()["births"] == {"rule": "clocks", "cycle": 1.0}
+    assert loaded.model.asdict()["births"] == {"rule": "own clocks", "cycle": 1.0}
     assert loaded.parameters.asdict() == grown.parameters.asdict()
     np.testing.assert_array_equal(loaded.colony.node_state["phase"], grown.colony.node_state["phase"])
     begun = simulate(loaded.parameters, start=loaded.colony, times=[3.0], model=MODEL, numerics=NUMERICS)
     more = simulate(loaded.parameters, member_keys(1, 3), times=[2.5, 3.0], model=MODEL, numerics=NUMERICS)
     np.testing.assert_array_equal(begun.colony.count, more.colony.count)
     np.testing.assert_allclose(begun.colony.positions, more.colony.positions, atol=1e-5)
-    with pytest.raises(InputError, match="births: rule 'clocks' is unknown, expected one of global"):
+    with pytest.raises(InputError, match="births: rule 'own clocks' is unknown, expected one of global"):
         Simulation.load(tmp_path / "run.npz")
     with pytest.raises(InputError, match="model has the rules"):
         Simulation.load(tmp_path / "run.npz", model=Model())
@@ -180,7 +180,7 @@ def test_it_is_synthesised_from_python_and_by_name(tmp_path: Path, monkeypatch: 
     synthesize(recipe, tmp_path / "python")
     truth = json.loads((tmp_path / "python" / "truth" / "parameters.json").read_text())
     assert truth["budding_bias"] == 3.0
-    assert truth["recipe"]["model"]["births"] == {"rule": "clocks", "cycle": 1.5}
+    assert truth["recipe"]["model"]["births"] == {"rule": "own clocks", "cycle": 1.5}
 
     file = tmp_path / "recipes.toml"
     file.write_text(
@@ -193,13 +193,13 @@ def test_it_is_synthesised_from_python_and_by_name(tmp_path: Path, monkeypatch: 
         pixel_size = 1.5
         numerics = { domain = 12.0, spacing = 0.2, dt = 0.02, capacity = 40 }
         [slow.model]
-        births = { rule = "clocks", cycle = 1.5 }
+        births = { rule = "own clocks", cycle = 1.5 }
         budding = { rule = "towards food" }
         """
     )
-    with pytest.raises(InputError, match=r"recipes.toml, \[slow\]: births: rule 'clocks' is unknown"):
+    with pytest.raises(InputError, match=r"recipes.toml, \[slow\]: births: rule 'own clocks' is unknown"):
         read_recipes(file)
-    monkeypatch.setitem(RULES["births"], "clocks", Clocks)
+    monkeypatch.setitem(RULES["births"], "own clocks", Clocks)
     monkeypatch.setitem(RULES["budding"], "towards food", TowardsFood)
     synthesize(read_recipes(file)["slow"], tmp_path / "file")
     for name in ("images/colony01_04.0h.tif", "truth/curves.csv", "truth/parameters.json"):

@@ -79,6 +79,7 @@ def bud(context: Context, births: Births, budding: BuddingRule, newborn: Mapping
         return slots.at[slot].set(values, mode="drop")
 
     state = {**colony.node_state, **births.node_state}
+    begin: dict[str, Array | float] = {**newborn, **births.newborn}
     full = colony.problems.capacity_reached | (wanted_count > room)
     return dataclasses.replace(
         colony,
@@ -88,7 +89,7 @@ def bud(context: Context, births: Births, budding: BuddingRule, newborn: Mapping
         lineages=placed(colony.lineages, lineages),
         count=colony.count + jnp.minimum(wanted_count, room).astype(colony.count.dtype),
         problems=eqx.tree_at(lambda problems: problems.capacity_reached, colony.problems, full),
-        node_state={name: placed(values, newborn[name]) for name, values in state.items()},
+        node_state={name: placed(values, begin[name]) for name, values in state.items()},
     )
 
 

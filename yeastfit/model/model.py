@@ -20,6 +20,10 @@ from yeastfit.model.colony import Colony, start
 from yeastfit.model.contact import NodeContact
 from yeastfit.model.death import NoDeath
 from yeastfit.model.growth import GlobalBirths
+from yeastfit.model.mechanisms.clock_births import ClockBirths
+from yeastfit.model.mechanisms.gradient_budding import BiasedBudding, GradientBudding
+from yeastfit.model.mechanisms.patch_births import PatchBirths
+from yeastfit.model.mechanisms.polar_budding import PolarBudding
 from yeastfit.model.numerics import Numerics
 from yeastfit.model.parameters import PARAMETERS, Parameters
 from yeastfit.model.rules import BirthRule, BuddingRule, ContactRule, Context, DeathRule, Rule, UptakeRule
@@ -33,7 +37,11 @@ BASES: dict[str, type[Rule]] = {
 
 RULES: dict[str, dict[str, type[Rule]]] = {question: {} for question in BASES}
 """Rules by question and name, for recipes, files and the command line. A rule of one's own may be added."""
-for _rule in (GlobalBirths, UniformBudding, TurnedBudding, NodeContact, BiomassUptake, NoDeath):
+for _rule in (
+    *(GlobalBirths, PatchBirths, ClockBirths),
+    *(UniformBudding, GradientBudding, BiasedBudding, PolarBudding, TurnedBudding),
+    *(NodeContact, BiomassUptake, NoDeath),
+):
     RULES[_rule.question][_rule.name] = _rule
 
 

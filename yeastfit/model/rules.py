@@ -76,12 +76,14 @@ class Births(eqx.Module):
         weights: Of the child of each of `parents`; 0 where there is none.
         event: Number of the event, by which the lineages of two children of one parent differ.
         node_state: What budding changes in the state of nodes, by name.
+        newborn: State with which the child of each of `parents` starts, by name; else that of `Rule.node_state`.
     """
 
     parents: Int[Array, " node"]
     weights: Float[Array, " node"]
     event: Int[Array, ""]
     node_state: dict[str, Float[Array, " node"]] = eqx.field(default_factory=dict)
+    newborn: dict[str, Float[Array, " node"]] = eqx.field(default_factory=dict)
 
 
 class Rule(eqx.Module):

@@ -1,0 +1,66 @@
+"""The further mechanisms in plain NumPy and SciPy, from their equations; what is random is given."""
+
+# mypy: disable-error-code="import-untyped"
+
+from __future__ import annotations
+
+import math
+from collections import defaultdict
+
+import numpy as np
+from scipy import integrate, optimize, special
+
+from reference.colony import Floats, Ints
+
+# --- budding -------------------------------------------------------------------------------------------------------
+
+
+def mixed_angle(uniform: float, axis: float, concentration: float, share: float = 1.0) -> float:
+    """The angle that a uniform one becomes when a share of all is drawn to an axis: equal shares of the circle below.
+
+    Shares are counted from the point opposite to the axis, counterclockwise.
+    """
+
+    def density(t: float) -> float:
+        peak = math.exp(concentration * (math.cos(t) - 1)) / (2 * math.pi * special.ive(0, concentration))
+        return share * peak + (1 - share) / (2 * math.pi)
+
+    def below(t: float) -> float:
+        return float(0.5 + integrate.quad(density, 0.0, t, epsabs=1e-13, epsrel=1e-12, limit=200)[0])
+
+    u = ((uniform - axis) / (2 * math.pi) + 0.5) % 1.0
+    return axis + float(optimize.brentq(lambda t: below(t) - u, -math.pi, math.pi, xtol=1e-13))
+
+
+# --- births --------------------------------------------------------------------------------------------------------
+
+
+def patch_parents(positions: Floats, fed: Floats, side: float, least: float = 0.0) -> list[int]:
+    """Who buds at an event, by patches: quotas, whole parts, largest remainders, the best fed first."""
+    patches: dict[tuple[int, int], list[int]] = defaultdict(list)
+    for node, (x, y) in enumerate(positions):
+        if fed[node] >= least:
+            patches[math.floor(x / side + 0.5), math.floor(y / side + 0.5)].append(node)
+    quotas = {place: min(math.expm1(float(np.mean(fed[nodes]))), 1.0) * len(nodes) for place, nodes in patches.items()}
+    buds = {place: math.floor(quota) for place, quota in quotas.items()}
+    left = math.ceil(sum(quotas.values())) - sum(buds.values())
+    for place in sorted(quotas, key=lambda place: (buds[place] - quotas[place], place))[:left]:
+        buds[place] += 1
+    chosen = [node for place, nodes in patches.items() for node in sorted(nodes, key=lambda n: -fed[n])[: buds[place]]]
+    return sorted(chosen, key=lambda node: -fed[node])
+
+
+def clock_step(phases: Floats, lengths: Floats, fed: Floats, dt: float, least: float = 0.0) -> tuple[Floats, Ints]:
+    """Phases of all nodes a step later, those of the newborn at the end, and their mothers."""
+    later = phases + dt * fed
+    ripe = np.flatnonzero((later >= lengths) & (fed >= least))
+    later[ripe] -= lengths[ripe]
+    return np.append(later, later[ripe]), ripe
+
+
+def euler_lotka(variation: float) -> float:
+    """r of 2 E[e^(−rΨ)] = 1, log Ψ normal about log(ln 2) with σ² = log(1 + v²)."""
+    nodes, weights = np.polynomial.hermite_e.hermegauss(80)
+    lengths = math.log(2) * np.exp(math.sqrt(math.log1p(variation**2)) * nodes)
+    share = weights / weights.sum()
+    return float(optimize.brentq(lambda r: 2 * np.sum(share * np.exp(-r * lengths)) - 1, 0.1, 5.0))
