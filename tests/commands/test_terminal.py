@@ -1,6 +1,5 @@
 """What the terminal shows of a long run: where it is, and its pace."""
 
-from collections.abc import Callable
 from io import StringIO
 
 import pytest
@@ -8,7 +7,7 @@ from rich.console import Console
 from rich.table import Table
 
 from yeastfit.commands import terminal
-from yeastfit.commands.terminal import Pace, TextConsole, growing, shown_progress
+from yeastfit.commands.terminal import Pace, TextConsole, shown_progress
 
 
 def test_the_time_that_is_left_follows_from_all_the_time_that_went_by(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -58,12 +57,22 @@ def test_text_is_printed_as_it_is_and_acts_on_nothing() -> None:
     assert not {"\x1b", "\u202e", "\udcff"} & set(said)
 
 
-@pytest.mark.parametrize("show", [shown_progress, lambda noun: growing(None, 0, noun)])
-def test_progress_shows_any_text(monkeypatch: pytest.MonkeyPatch, show: Callable) -> None:
+def test_progress_shows_any_text(monkeypatch: pytest.MonkeyPatch) -> None:
     written = StringIO()
     monkeypatch.setattr(terminal, "err", TextConsole(file=written, force_terminal=True, width=120))
-    with show(HOSTILE) as told:
-        progress = told[1] if isinstance(told, tuple) else told
-        progress(HOSTILE, 0.25)
+    with shown_progress(HOSTILE) as progress:
+        Pace(None, 0, HOSTILE, progress)(HOSTILE, 0.25)
     assert HARMLESS in written.getvalue()
     assert "\u202e" not in written.getvalue()
+
+
+def test_a_sampler_and_its_simulations_are_shown_in_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    now, told = [1000.0], list[tuple[str, float]]()
+    monkeypatch.setattr(terminal.clock, "perf_counter", lambda: now[0])
+    pace = Pace(most=400, done=100, noun="colonies", progress=lambda what, share: told.append((what, share)))
+    pace("pilot", 0.0)
+    now[0] += 10.0
+    pace.count(100)
+    pace("chains", 0.9)
+    line = "100 colonies, 10.0 a second, at most 0:00:20 left"
+    assert told == [("pilot", 0.25), (f"pilot: {line}", 0.5), (f"chains: {line}", 0.5)]

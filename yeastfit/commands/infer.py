@@ -17,7 +17,7 @@ from yeastfit.commands.options import Jobs, MeasurementError, Overwrite, Seed, T
 from yeastfit.commands.run_folder import inputs_of
 from yeastfit.commands.sampler_options import SamplerOptions
 from yeastfit.commands.signals import remaining
-from yeastfit.commands.terminal import growing, out, shown_progress, warn
+from yeastfit.commands.terminal import Pace, out, shown_progress, warn
 from yeastfit.errors import InputError
 from yeastfit.inference.posterior.prior import template
 from yeastfit.processors import available_processors
@@ -154,12 +154,12 @@ def _finished(run: InferRun, truth: bool) -> bool:
 def _run(run: InferRun, truth: Mapping[str, float] | None) -> bool:
     """Sample and write everything; whether the posterior has settled."""
     folder = run.folder.path
-    pace = growing(run.simulations_at_most, run.tally.simulated, run.model.nouns[1])
     try:
-        with remaining(run.folder.resume_hint()), pace as (tell, progress):
-            posterior = run.sample(tell, progress)
-            progress("posterior predictive check", 1.0)
-            summary, remarks = run.results(posterior, truth, tell)
+        with remaining(run.folder.resume_hint()), shown_progress("sampling") as progress:
+            pace = Pace(run.simulations_at_most, run.tally.simulated, run.model.nouns[1], progress)
+            posterior = run.sample(pace.count, pace)
+            pace("posterior predictive check", 1.0)
+            summary, remarks = run.results(posterior, truth, pace.count)
         more = {"configuration": run.folder.configuration, "seconds": posterior.seconds, "warnings": summary.warnings}
         more |= {"status": posterior.status.name}
         run.folder.results.finish(seed=run.request.seed, inputs=inputs_of(run.source), kept=STORED, **more)

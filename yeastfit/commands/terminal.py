@@ -4,7 +4,7 @@ Whatever is printed is data: markup and names of emoji mean nothing in it, and n
 """
 
 import time as clock
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from datetime import timedelta
@@ -16,7 +16,7 @@ from rich.progress import BarColumn, TextColumn, TimeElapsedColumn
 from rich.progress import Progress as Bar
 from rich.text import Text
 
-from yeastfit.progress import Progress
+from yeastfit.progress import Progress, silent
 from yeastfit.text import shown
 
 
@@ -49,12 +49,14 @@ def shown_progress(what: str) -> Iterator[Progress]:
 
 @dataclass
 class Pace:
-    """How fast simulations run, and how long the rest takes at most.
+    """A sampler's `progress` that also tells how fast simulations run, and how long the rest takes at most.
 
     Attributes:
         most: Simulations in all, at most; None where nobody knows.
         done: How many of them were there before.
         noun: What they are called.
+        progress: Where it is shown.
+        doing: What the sampler is doing.
         began: Seconds count from here, whatever else they are spent on.
         grown: Simulations since then.
     """
@@ -62,8 +64,23 @@ class Pace:
     most: int | None
     done: int
     noun: str = "simulations"
+    progress: Progress = silent
+    doing: str = "sampling"
     began: float = field(default_factory=lambda: clock.perf_counter())
     grown: int = 0
+
+    def __call__(self, what: str, share: float) -> None:
+        """Show what the sampler is doing; the share that counts is that of the simulations."""
+        self.doing = what
+        self._show()
+
+    def count(self, simulations: int) -> None:
+        """Show that so many more have run."""
+        self.grown += simulations
+        self._show()
+
+    def _show(self) -> None:
+        self.progress(f"{self.doing}: {self}" if self.grown else self.doing, self.share)
 
     @property
     def share(self) -> float:
@@ -80,32 +97,6 @@ class Pace:
             return pace
         left = timedelta(seconds=round(max(self.most - self.done - self.grown, 0) / each))
         return f"{pace}, at most {left} left"
-
-
-@contextmanager
-def growing(most: int | None, done: int, noun: str) -> Iterator[tuple[Callable[[int], None], Progress]]:
-    """Show what a sampler is doing and the pace of its simulations, on a terminal only.
-
-    Arguments:
-        most: Simulations in all, at most; None where nobody knows.
-        done: How many of them were there before.
-        noun: What they are called.
-
-    Yields:
-        What to call with the simulations of each batch, and the sampler's `progress`.
-    """
-    doing, rate = (TextColumn(text, markup=False) for text in ("{task.description}", "{task.fields[pace]}"))
-    columns = (doing, BarColumn(), rate, TimeElapsedColumn())
-    with Bar(*columns, console=err, disable=not err.is_terminal, transient=True) as bar:
-        pace = Pace(most, done, noun)
-        task = bar.add_task("sampling", total=1.0, pace="")
-        bar.update(task, completed=pace.share)
-
-        def tell(rows: int) -> None:
-            pace.grown += rows
-            bar.update(task, completed=pace.share, pace=str(pace))
-
-        yield tell, lambda what, share: bar.update(task, description=shown(what))
 
 
 def warn(lines: list[str]) -> None:
