@@ -1,0 +1,340 @@
+"""Malformed command lines: each ends with exit code 2 and one line that names the culprit, and nothing is written.
+
+Nothing is grown or measured: what is wrong is said first. Malformed files are the matter of test_malformed_files.
+"""
+
+import csv
+import shlex
+from pathlib import Path
+
+import pytest
+
+from yeastfit.commands import app as cli
+
+COLUMNS = [
+    "file",
+    "condition",
+    "replicate",
+    "hours",
+    "um_per_pixel",
+    "area",
+    "perimeter",
+    "compactness",
+    "radius",
+    "max_radius",
+    "csr",
+    "mask",
+]
+RECIPE = "[one]\nseed = 1\nhours = [4.0]\nparameters = {{ mobility = 1.0 }}\n{}"
+FILES: dict[str, str | bytes] = {
+    "empty.toml": "",
+    "broken.toml": "[one\n",
+    "utf16.toml": RECIPE.encode("utf-16"),
+    "digits.toml": RECIPE.format(f"replicates = {'1' * 5000}\n"),
+    "nested.toml": f"a = {'{ a = ' * 3000}1{' }' * 3000}\n",
+    "lists.toml": f"a = {'[' * 3000}{']' * 3000}\n",
+    "recipes.toml": RECIPE.format(""),
+    "field.toml": RECIPE.format("colour = 1\n"),
+    "huge.toml": RECIPE.format("numerics = { domain = 1e9 }\n"),
+    "nodes.toml": RECIPE.format("numerics = { capacity = 10000000000 }\n"),
+    "step.toml": RECIPE.format("numerics = { dt = 1e-300 }\n"),
+    "rate.toml": RECIPE.format("scales = { rate = nan }\n"),
+    "length.toml": RECIPE.format("scales = { length = 0 }\n"),
+    "text.toml": RECIPE.format("replicates = 'ten'\n"),
+    "prior.toml": "[mobility]\ndistribution = 'uniform'\nlow = nan\nhigh = 1\n",
+    "other.toml": "[colour]\ndistribution = 'uniform'\nlow = 0\nhigh = 1\n",
+    "broken.json": "{",
+    "nested.json": "[" * 3000 + "]" * 3000,
+    "number.json": "1",
+    "digits.json": "1" * 5000,
+    "text.json": '"nothing"',
+    "empty.csv": "",
+    "utf16.csv": "file,hours\n".encode("utf-16"),
+    "words.csv": "one,two\n1,2\n",
+    "notes.txt": "no image",
+}
+"""What some of the command lines name. `table/measurements.csv` is sound, and `folder` is an empty folder."""
+
+NOT_A_NUMBER = ["inf", "nan", "-inf", "1_0", "abc", "''", "0x10", "1e999", "1,5", "１０"]
+A_NUMBER = "it must be a finite number"
+WHOLE = "it must be a whole number"
+MEMORY = "of memory, this machine has"
+SEED = "it must be a whole number from 0 to 18446744073709551615"
+NO_FILE = "No such file"
+CASES: list[tuple[str, str]] = [
+    # --- no command, no option
+    ("simulat --out OUT", "simulat"),
+    ("--nothing", "--nothing"),
+    ("simulate --out OUT --nothing 1", "--nothing"),
+    ("simulate", "--out"),
+    ("simulate --out OUT more", "more"),
+    ("simulate --out OUT --time", "--time"),
+    ("measure --out OUT", "PATHS"),
+    ("synthesize --out OUT", "--recipe"),
+    ("fit --out OUT", "SOURCE"),
+    ("infer --out OUT", "SOURCE"),
+    ("infer table", "--out"),
+    ("design", "--out"),
+    # --- simulate
+    *((f"simulate --out OUT --time {one}", "--time is") for one in NOT_A_NUMBER),
+    *((f"simulate --out OUT --mobility {one}", "--mobility is") for one in NOT_A_NUMBER[:4]),
+    ("simulate --out OUT --time 0", "time is 0"),
+    ("simulate --out OUT --time -1", "time is -1"),
+    ("simulate --out OUT --time 1e300", "time is 1e+300, 5e+301 steps"),
+    ("simulate --out OUT --time 1e9", "time is 1e+09"),
+    ("simulate --out OUT --time 1e7 --dt 0.001 --every 0.001", MEMORY),
+    ("simulate --out OUT --every 0", "every is 0"),
+    ("simulate --out OUT --every -1", "every is -1"),
+    ("simulate --out OUT --every 1e-300", "every is 1e-300, it must be at least dt"),
+    ("simulate --out OUT --every 20", "every is 20"),
+    ("simulate --out OUT --dt 0", "dt is 0"),
+    ("simulate --out OUT --dt -0.1", "dt is -0.1"),
+    ("simulate --out OUT --dt 1e-300", "dt is 1e-300"),
+    ("simulate --out OUT --dt 1e9", "dt is 1"),
+    ("simulate --out OUT --spacing 0", "spacing is 0"),
+    ("simulate --out OUT --spacing -1", "spacing is -1"),
+    ("simulate --out OUT --spacing 1e-9", f"domain / spacing is 40 / 1e-09 {MEMORY}"),
+    ("simulate --out OUT --domain 1e9", f"domain / spacing is 1e+09 / 0.1 {MEMORY}"),
+    ("simulate --out OUT --domain 1e308 --spacing 1e-300", f"domain / spacing {MEMORY}"),
+    ("simulate --out OUT --domain 10.03", "domain / spacing is 10.03"),
+    ("simulate --out OUT --domain 0", "domain is 0"),
+    ("simulate --out OUT --capacity 1e10", f"--capacity is '1e10', {WHOLE}"),
+    ("simulate --out OUT --capacity 10000000000", f"capacity is 1e+10 {MEMORY}"),
+    (f"simulate --out OUT --capacity {'9' * 5000}", "--capacity is"),
+    ("simulate --out OUT --capacity 2.5", "--capacity is '2.5'"),
+    ("simulate --out OUT --capacity 1", "capacity is 1"),
+    ("simulate --out OUT --members 0", "members is 0"),
+    ("simulate --out OUT --members -3", "members is -3"),
+    ("simulate --out OUT --members 1_0", f"--members is '1_0', {WHOLE}"),
+    ("simulate --out OUT --members 1.5", "--members is '1.5'"),
+    ("simulate --out OUT --members 1000000000", f"members is 1e+09 {MEMORY}"),
+    ("simulate --out OUT --members 1000000", f"members is 1e+06 {MEMORY}"),
+    ("simulate --out OUT --rate 0", "rate is 0"),
+    ("simulate --out OUT --rate nan", "--rate is 'nan'"),
+    ("simulate --out OUT --length -1", "length is -1"),
+    ("simulate --out OUT --seed -1", SEED),
+    ("simulate --out OUT --seed 18446744073709551616", SEED),
+    ("simulate --out OUT --seed 1.0", SEED),
+    ("simulate --out OUT --mobility -1", "mobility is -1"),
+    ("simulate --out OUT --aspect-ratio 0", "aspect_ratio is 0"),
+    ("simulate --out OUT --aspect-ratio 1.5", "aspect_ratio is 1.5"),
+    ("simulate --out OUT --repulsion-radius 0.6", "repulsion_radius is 0.6"),
+    ("simulate --out OUT --model nothing", "nothing"),
+    ("simulate --out OUT --budding nothing", "--budding is 'nothing'"),
+    ("simulate --out OUT --hard=1", "--hard"),
+    ("simulate --out OUT --model offlattice --cells 0", "cells is 0"),
+    ("simulate --out OUT --model offlattice --cells 1e4", f"--cells is '1e4', {WHOLE}"),
+    ("simulate --out OUT --model offlattice --cells 1000000000000", f"cells is 1e+12 {MEMORY}"),
+    ("simulate --out OUT --model offlattice --every 0", "every is 0"),
+    ("simulate --out OUT --model offlattice --every 50000", "every is 50000"),
+    ("simulate --out OUT --model offlattice --delay -1", "delay is -1"),
+    ("simulate --out OUT --model offlattice --delay nan", "--delay is 'nan'"),
+    ("simulate --out OUT --model offlattice --fork 2", "fork is 2"),
+    ("simulate --out OUT --model offlattice --members 0", "members is 0"),
+    ("simulate --out OUT --model offlattice --time 3", "--time is an option of --model algebraic"),
+    ("simulate --out OUT --cells 100", "--cells is an option of --model offlattice"),
+    # --- measure
+    ("measure nowhere.tif --out OUT", "nowhere.tif"),
+    ("measure folder --out OUT", "folder"),
+    ("measure notes.txt nowhere --out OUT", "nowhere"),
+    *(
+        (f"measure notes.txt --out OUT --pixel-size {one}", "pixel")
+        for one in ("0", "-1", "nan", "1e-200", "1e9", "1_0")
+    ),
+    ("measure notes.txt --out OUT --threshold nan", "--threshold is 'nan'"),
+    ("measure notes.txt --out OUT --seed-point 1", "seed_point is '1'"),
+    ("measure notes.txt --out OUT --seed-point 1,a", "seed_point is '1,a'"),
+    ("measure notes.txt --out OUT --seed-point 1_0,2", "seed_point is '1_0,2'"),
+    ("measure notes.txt --out OUT --seed-point nan,2", "seed_point is 'nan,2'"),
+    ("measure notes.txt --out OUT --roi 1,2,3", "roi is '1,2,3'"),
+    ("measure notes.txt --out OUT --roi 5,5,1,1", "roi"),
+    ("measure notes.txt --out OUT --jobs 0", f"--jobs is '0', {WHOLE} of at least 1"),
+    ("measure notes.txt --out OUT --jobs 1_0", "--jobs is '1_0'"),
+    # --- synthesize
+    ("synthesize --out OUT --recipe nowhere.toml", f"nowhere.toml {NO_FILE}"),
+    ("synthesize --out OUT --recipe folder", "folder"),
+    *((f"synthesize --out OUT --recipe {one}.toml", f"{one}.toml") for one in ("empty", "broken", "utf16", "digits")),
+    *((f"synthesize --out OUT --recipe {one}.toml", f"{one}.toml") for one in ("nested", "lists", "field", "text")),
+    ("synthesize --out OUT --recipe huge.toml", f"huge.toml, [one] domain / spacing {MEMORY}"),
+    ("synthesize --out OUT --recipe nodes.toml", f"nodes.toml, [one] capacity {MEMORY}"),
+    ("synthesize --out OUT --recipe step.toml", "step.toml, [one] dt is 1e-300"),
+    ("synthesize --out OUT --recipe rate.toml", "rate.toml, [one] rate is nan"),
+    ("synthesize --out OUT --recipe length.toml", "length.toml, [one] length is 0"),
+    ("synthesize --out OUT --recipe recipes.toml --only two", "recipes.toml 'two' one"),
+    ("synthesize --out OUT --recipe recipes.toml --seed -1", SEED),
+    ("synthesize --out OUT --recipe recipes.toml --seed 1e3", SEED),
+    # --- fit
+    ("fit nowhere --out OUT", "nowhere"),
+    ("fit folder --out OUT", "folder"),
+    ("fit notes.txt --out OUT", "notes.txt"),
+    ("fit empty.csv --out OUT", "empty.csv"),
+    ("fit utf16.csv --out OUT", "utf16.csv"),
+    ("fit words.csv --out OUT", "words.csv"),
+    ("fit table --out OUT --condition nothing", "--condition 'nothing'"),
+    ("fit table --out OUT --free nothing", "'nothing'"),
+    ("fit table --out OUT --free mobility,mobility", "mobility"),
+    ("fit table --out OUT --own nothing", "nothing"),
+    ("fit table --out OUT --statistics nothing", "'nothing'"),
+    *(
+        (f"fit table --out OUT {option} {shlex.quote(one)}", option)
+        for option in ("--bounds", "--prior")
+        for one in ("mobility", "mobility=1", "mobility=1:2:3", "mobility=a:b", "mobility=nan:1", "mobility=1_0:20")
+    ),
+    ("fit table --out OUT --bounds nothing=1:2", "nothing"),
+    ("fit table --out OUT --bounds mobility=2:1", "mobility"),
+    ("fit table --out OUT --bounds mobility=-1:1", "mobility"),
+    ("fit table --out OUT --prior nothing=1:0.1", "nothing"),
+    ("fit table --out OUT --prior mobility=1:-0.1", "mobility"),
+    ("fit table --out OUT --method nothing", "method is 'nothing'"),
+    ("fit table --out OUT --starts 0", f"--starts is '0', {WHOLE} of at least 1"),
+    ("fit table --out OUT --starts 10000000000", f"starts is 1e+10 {MEMORY}"),
+    ("fit table --out OUT --dt 0", "dt is 0"),
+    ("fit table --out OUT --dt inf", "--dt is 'inf'"),
+    ("fit table --out OUT --spacing 0", "spacing is 0"),
+    ("fit table --out OUT --spacing 1e-9", f"spacing is 1e-09 {MEMORY}"),
+    ("fit table --out OUT --measurement-error -1", "--measurement-error is '-1'"),
+    ("fit table --out OUT --measurement-error nan", "--measurement-error is 'nan'"),
+    ("fit table --out OUT --bootstrap -1", "--bootstrap is '-1'"),
+    ("fit table --out OUT --bootstrap 1000000000", "--bootstrap is '1000000000' from 0 to 1000000"),
+    ("fit table --out OUT --jobs 0", "--jobs is '0'"),
+    ("fit table --out OUT --rate -1", "rate is -1"),
+    ("fit table --out OUT --length nan", "--length is 'nan'"),
+    ("fit table --out OUT --mobility -1", "mobility is -1"),
+    ("fit table --out OUT --truth", "--truth"),
+    ("fit table --out OUT --seed 18446744073709551616", SEED),
+    ("fit table --out OUT --model offlattice --area 0", "area is 0"),
+    ("fit table --out OUT --model offlattice --pixel-size 1e-200", "pixel_size is 1e-200"),
+    # --- infer
+    ("infer nowhere --out OUT", "nowhere"),
+    ("infer folder --out OUT", "folder"),
+    ("infer table --out OUT --method nothing", "nothing"),
+    ("infer table --out OUT --model nothing", "nothing"),
+    ("infer table --out OUT --free nothing", "nothing"),
+    ("infer table --out OUT --statistics nothing", "nothing"),
+    ("infer table --out OUT --condition nothing", "--condition 'nothing'"),
+    ("infer table --out OUT --draws 5", "--draws is '5'"),
+    ("infer table --out OUT --draws 10000000000", f"draws is 1e+10 {MEMORY}"),
+    ("infer table --out OUT --walkers 0", "walkers is 0"),
+    ("infer table --out OUT --walkers 10000000000", f"walkers is 1e+10 {MEMORY}"),
+    ("infer table --out OUT --simulations 1000000000000", f"simulations is 1e+12 {MEMORY}"),
+    ("infer table --out OUT --first 3", "first is 3"),
+    ("infer table --out OUT --settle nan", "--settle is 'nan'"),
+    ("infer table --out OUT --widen 0", "widen is 0"),
+    ("infer table --out OUT --steps 10", "steps"),
+    ("infer table --out OUT --method abc-mcmc --steps 0", "steps is 0"),
+    ("infer table --out OUT --method abc-mcmc --steps 10000000 --walkers 10000000", f"steps {MEMORY}"),
+    ("infer table --out OUT --method abc-mcmc --tolerance 0", "tolerance is 0"),
+    ("infer table --out OUT --method abc-mcmc --tolerance inf", "--tolerance is 'inf'"),
+    ("infer table --out OUT --method abc-mcmc --pilot 1", "pilot is 1"),
+    ("infer table --out OUT --method abc-mcmc --move nothing", "nothing"),
+    ("infer table --out OUT --method abc-mcmc --discard 1000", "discard is 1000"),
+    ("infer table --out OUT --method abc-smc --population 10000000000", f"population is 1e+10 {MEMORY}"),
+    ("infer table --out OUT --method abc-smc --populations 0", "populations is 0"),
+    ("infer table --out OUT --method abc-smc --quantile 1", "quantile is 1"),
+    ("infer table --out OUT --li --method emulator", "--li"),
+    *((f"infer table --out OUT --prior {one}", one) for one in ("nowhere.toml", "folder", "utf16.toml", "nested.toml")),
+    *(
+        (f"infer table --out OUT --prior {one}", one)
+        for one in ("digits.toml", "lists.toml", "prior.toml", "other.toml")
+    ),
+    ("infer table --out OUT --reuse nowhere", "--reuse nowhere"),
+    ("infer table --out OUT --dt 0", "dt is 0"),
+    ("infer table --out OUT --spacing -1", "spacing is -1"),
+    ("infer table --out OUT --seed -1", SEED),
+    # --- design
+    *(
+        (f"design --out OUT --times {shlex.quote(one)}", "--times is")
+        for one in ("1,a", "1,inf", "1_0", "", "0", "-1,2")
+    ),
+    ("design --out OUT --times 1e300", MEMORY),
+    ("design --out OUT --times 2,60", f"capacity is {MEMORY}"),
+    ("design --out OUT --measured-times 1,nan", "--measured-times is '1,nan'"),
+    ("design --out OUT --statistics nothing", "nothing"),
+    ("design --out OUT --runs 17", "runs is 17"),
+    ("design --out OUT --runs 0", "runs is 0"),
+    ("design --out OUT --runs 16000000000", f"runs is 1.6e+10 {MEMORY}"),
+    ("design --out OUT --dt 0", "dt is 0"),
+    ("design --out OUT --steps 0", "--steps is '0'"),
+    ("design --out OUT --added 0", "--added is '0'"),
+    ("design --out OUT --replicates 1.5", "--replicates is '1.5'"),
+    ("design --out OUT --measurement-error -1", "--measurement-error is '-1'"),
+    *(
+        (f"design --out OUT --sensitivity {one}", one)
+        for one in ("nowhere.json", "folder", "broken.json", "number.json")
+    ),
+    *(
+        (f"design --out OUT --sensitivity {one}", one)
+        for one in ("nested.json", "digits.json", "text.json", "notes.txt")
+    ),
+    ("design --out OUT --sensitivity number.json --runs 32", "--runs"),
+    # --- gradcheck
+    ("gradcheck --out OUT --time 0", "0"),
+    ("gradcheck --out OUT --time nan", "--time is 'nan'"),
+    ("gradcheck --out OUT --time 1e300", "time is 1e+300"),
+    ("gradcheck --out OUT --dt 0", "dt is 0"),
+    ("gradcheck --out OUT --domain 1e9", f"domain / spacing {MEMORY}"),
+    ("gradcheck --out OUT --capacity 10000000000", f"capacity is 1e+10 {MEMORY}"),
+    ("gradcheck --out OUT --contact-width -1", "contact"),
+    ("gradcheck --out OUT --tolerance inf", "--tolerance is 'inf'"),
+    ("gradcheck --out OUT --tolerance 0", "tolerance is 0"),
+    ("gradcheck --out OUT --mobility 1_0", "--mobility is '1_0'"),
+    # --- demo
+    ("demo --out OUT --jobs 0", "--jobs is '0'"),
+    ("demo --out OUT --nothing", "--nothing"),
+]
+
+
+def contents(folder: Path) -> dict[str, bytes | None]:
+    """Of every file below a folder; None for folders."""
+    return {str(path.relative_to(folder)): path.read_bytes() if path.is_file() else None for path in folder.rglob("*")}
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, bytes | None]]:
+    """A folder with `FILES`, and what is in it."""
+    folder = tmp_path_factory.mktemp("files")
+    for name, content in FILES.items():
+        (folder / name).write_bytes(content if isinstance(content, bytes) else content.encode())
+    for name in ("folder", "table", "results"):
+        (folder / name).mkdir()
+    (folder / "results" / "notes.txt").write_text("somebody's own")
+    with (folder / "table" / "measurements.csv").open("w", newline="") as file:
+        table = csv.writer(file, lineterminator="\n")
+        table.writerow(COLUMNS)
+        for replicate in (1, 2, 3):
+            for hours, radius in ((4, 10.0), (8, 15.0)):
+                name, row = f"{replicate}_{hours}", 1.0 + 0.01 * replicate
+                table.writerow(
+                    [f"{name}.tif", "", replicate, hours, 0.75]
+                    + [3.1 * radius**2 * row, 6.4 * radius, 0.9 * row, radius * row, 1.4 * radius, 0.9, f"{name}.png"]
+                )
+    return folder, contents(folder)
+
+
+@pytest.mark.parametrize(("line", "words"), CASES, ids=[line[:70] for line, _ in CASES])
+def test_a_malformed_command_line_is_refused(
+    line: str,
+    words: str,
+    files: tuple[Path, dict[str, bytes | None]],
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    folder, before = files
+    monkeypatch.chdir(folder)
+    code = cli.run([part.replace("OUT", "results") for part in shlex.split(line)])
+    output = capsys.readouterr()
+    assert (code, output.out) == (2, ""), output.err
+    (said,) = output.err.splitlines()
+    assert said.startswith("error: ")
+    assert len(said) < 400
+    place = 0
+    for part in words.split(" "):
+        assert part in said[place:], f"{part!r} after {said[:place]!r} in {said!r}"
+        place = said.index(part, place) + len(part)
+    assert contents(folder) == before
+
+
+def test_there_are_many_of_all_commands() -> None:
+    assert len({line for line, _ in CASES}) == len(CASES) >= 200
+    for command in cli.COMMANDS:
+        assert sum(line.startswith(command) for line, _ in CASES) >= 2
