@@ -10,6 +10,7 @@ from yeastfit.commands.model_options import ChosenModel, Free, ModelOptions, Sta
 from yeastfit.commands.options import Out, Overwrite, Seed, names_in, numbers_in
 from yeastfit.commands.terminal import out, shown_progress, warn
 from yeastfit.errors import InputError
+from yeastfit.inference.information.design import check_arguments
 from yeastfit.inference.information.design import design as make_design
 from yeastfit.inference.information.identifiability import percent
 from yeastfit.inference.sensitivity.result import Sensitivity
@@ -97,6 +98,7 @@ def design(
         "criterion": criterion,
         "measurement_error": measurement_error,
     }
+    check_arguments(replicates, added, steps, by, criterion)
     inputs, how = ([sensitivity], {}) if sensitivity else ([], chosen.configuration("design"))
     earlier = _read(sensitivity) if sensitivity else None
     names = chosen.forward.statistics_named(names_in(statistics) or chosen.forward.designed)
@@ -127,7 +129,7 @@ def _read(path: Path) -> Sensitivity:
     check_finished(path.parent)
     try:
         return Sensitivity.load(path)
-    except (OSError, ValueError, KeyError, TypeError) as error:
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
         raise InputError(
             f"--sensitivity: {path} cannot be read as one ({type(error).__name__}: {error}), "
             "need the sensitivity.json of an earlier run"

@@ -25,6 +25,7 @@ from yeastfit.commands.options import (
 from yeastfit.commands.run_folder import inputs_of
 from yeastfit.commands.terminal import out, shown_progress, warn
 from yeastfit.inference.fit.bootstrap_profile import Bootstrap, Profile, explore, profiles
+from yeastfit.inference.fit.least_squares import check_search
 from yeastfit.inference.fit.least_squares import fit as run_fit
 from yeastfit.inference.fit.result import Fit
 from yeastfit.inference.fit.settings import FitSettings
@@ -114,6 +115,7 @@ def fit(
     settings = FitSettings(method=method, starts=starts, measurement_error=measurement_error)  # type: ignore[arg-type]
     held = {**model.parameters.defaults, **chosen.values}
     held = {name: value for name, value in held.items() if name not in model.parameters.subset(fitted)}
+    check_search(model.parameters.subset(fitted), condition or ("",), **options)
     check_source(source, condition or ())
     known = truth_of(source, model.parameters) if truth else None
     with results_folder(folder, "fit", reads=inputs_of(source), overwrite=overwrite) as results:

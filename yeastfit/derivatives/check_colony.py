@@ -19,6 +19,7 @@ from yeastfit.model.parameters import Parameters
 from yeastfit.model.relaxation import Relaxation
 from yeastfit.model.rules import BuddingRule, Context
 from yeastfit.model.simulate import Snapshot
+from yeastfit.numbers import POSITIVE
 from yeastfit.progress import Progress, silent
 from yeastfit.seeds import key_of
 from yeastfit.simulation.result import Simulation
@@ -77,6 +78,7 @@ def check_gradients(
     values = model.complete(parameters or Parameters())
     _check_scalars(values)
     _check_smooth(relaxation)
+    POSITIVE.read(tolerance, "tolerance")
     if draws < 1:
         raise InputError(f"draws is {draws}, it must be at least 1")
     wanted = np.asarray(schedule_of(times, numerics).steps)

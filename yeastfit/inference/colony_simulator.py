@@ -36,6 +36,7 @@ DEFAULT_FREE = ("mobility", "metabolic_rate", "aspect_ratio")
 MOST_NODES = 4096  # capacity, where colonies could in theory grow to more
 MARGIN = 3.0  # L0 between a colony and the edge of the dish: several diffusion lengths, nutrient is untouched there
 OUTLINE_PIXEL = 0.05  # L0, of `outlines`
+SMALLEST = 4.0  # L0: no colony's domain is narrower
 
 
 @dataclass(frozen=True)
@@ -48,7 +49,8 @@ class Resolution:
 
     def __post_init__(self) -> None:
         STEPS.read(self.dt, "dt")
-        POSITIVE.read(self.spacing, "spacing")
+        side = SMALLEST / POSITIVE.read(self.spacing, "spacing")
+        check_memory(POINT * side * side, f"spacing is {self.spacing:g}, which over {SMALLEST:g} L0")
 
 
 COARSE = Resolution(dt=0.01, spacing=0.2)

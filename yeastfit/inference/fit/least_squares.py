@@ -37,6 +37,7 @@ from yeastfit.inference.parameter_space import ONLY, Bounds, ParameterSpace
 from yeastfit.inference.simulator import Simulator
 from yeastfit.inference.targets import Targets
 from yeastfit.model.model import Model
+from yeastfit.parameter_set import ParameterSet
 from yeastfit.progress import Progress, silent
 
 GaussianPriors = Mapping[str, tuple[float, float]]
@@ -111,6 +112,29 @@ def fit(
     _check_count(by_name, space, priors)
     ensembles = Ensembles(by_name, simulators, space, seed, settings, finer if settings.refined else {})
     return Fitter(ensembles, priors, progress or silent, colonies_in(simulators, finer)).run(begin)
+
+
+def check_search(
+    parameters: ParameterSet,
+    conditions: Sequence[str],
+    *,
+    own: Sequence[str] = (),
+    bounds: Bounds | None = None,
+    prior: GaussianPriors | None = None,
+) -> None:
+    """Check what says where to search, before there are data.
+
+    Arguments:
+        parameters: The free ones.
+        conditions: Their names.
+        own: As in `fit`, as are `bounds` and `prior`.
+        bounds: See there.
+        prior: See there.
+
+    Raises:
+        InputError: Arguments that make no sense.
+    """
+    _priors(prior or {}, ParameterSpace.of(parameters, conditions, own, bounds))
 
 
 def _refuse_for_simulators(**given: Any) -> None:

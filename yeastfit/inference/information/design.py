@@ -77,7 +77,7 @@ def design(
     Raises:
         InputError: Arguments that make no sense.
     """
-    _check(replicates, added, steps, by, criterion)
+    check_arguments(replicates, added, steps, by, criterion)
     names = chosen_free(found, free)
     nothing = measured_times is not None and len(measured_times) == 0
     known = () if nothing else tuple(chosen_observables(found, measured_statistics, measured_times).tolist())
@@ -207,7 +207,7 @@ class _Task:
         return float(np.log(high / low) / np.sqrt(12.0))
 
 
-def _check(replicates: float, added: float, steps: int, by: str, criterion: str) -> None:
+def check_arguments(replicates: float, added: float, steps: int, by: str, criterion: str) -> None:
     """Raise `InputError` where an argument makes no sense."""
     for name, value in (("replicates", replicates), ("added", added), ("steps", steps)):
         if not value > 0:
