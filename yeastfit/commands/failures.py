@@ -17,7 +17,8 @@ from yeastfit.errors import InputError, SimulationError
 from yeastfit.text import quoted, shown
 
 COMPUTATION, GIVEN, FAULT = 1, 2, 70
-REPORT = "yeastfit-error.txt"  # the traceback, in the results folder
+REPORT = "yeastfit-error.txt"  # the traceback, beside the results of a run
+MANIFEST, RUN = "manifest.json", "run.json"  # of `results_contents`, which imports what failed, perhaps
 NO_ROOM = "RESOURCE_EXHAUSTED"  # XLA's word in the message of an exception of jax
 UsageError = typer.BadParameter.__base__ or Exception  # what typer says of options; it does not export the name
 
@@ -27,8 +28,8 @@ def explained(error: Exception, folder: Path | None) -> tuple[int, str]:
 
     Arguments:
         error: What ended the command.
-        folder: For the results, where the command has one: a fault's traceback is written there if it exists, and else
-            to the folder for temporary files.
+        folder: For the results, where the command has one: a fault's traceback is written there if it holds a run, and
+            else to the folder for temporary files.
 
     Returns:
         The code, and one line without a newline.
@@ -65,8 +66,8 @@ def _reported(error: Exception, folder: Path | None) -> str:
     """Write the traceback; the file's name."""
     text = "".join(traceback.format_exception(error))
     report = f"yeastfit {' '.join(map(shown, sys.argv[1:]))}\nPython {sys.version}\n\n{text}"
-    try:
-        if folder is not None and folder.is_dir():
+    try:  # not into a folder without a run, where it would be in the way of one
+        if folder is not None and any((folder / name).is_file() for name in (MANIFEST, RUN)):
             (folder / REPORT).write_text(report, encoding="utf-8", errors="backslashreplace")
             return str(folder / REPORT)
     except OSError:

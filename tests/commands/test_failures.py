@@ -1,0 +1,98 @@
+"""Whatever is raised in a command is one line and an exit code."""
+
+import errno
+import os
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+import jax
+import pytest
+
+from yeastfit.commands import app as cli
+from yeastfit.commands.failures import REPORT, UsageError
+from yeastfit.errors import InputError, PixelSizeError, SimulationError
+
+HUGE = "RESOURCE_EXHAUSTED: Out of memory allocating\n 8589934592 bytes."
+TOLD = {
+    "input": (InputError("hours is 1_0"), 2, "hours is 1_0"),
+    "pixel size": (PixelSizeError("a.png: no pixel size"), 2, "a.png: no pixel size"),
+    "control characters": (InputError("a\nb\x1b[31m"), 2, r"a\nb\x1b[31m"),
+    "computation": (SimulationError("nothing came of it"), 1, "nothing came of it"),
+    "usage": (UsageError("--time\n\nis unknown"), 2, "--time is unknown"),
+    "missing": (FileNotFoundError(errno.ENOENT, "x", "here.csv"), 2, "here.csv: No such file or directory"),
+    "permission": (PermissionError(errno.EACCES, "x", Path("here")), 2, "here: Permission denied"),
+    "directory": (IsADirectoryError(errno.EISDIR, "x", "here"), 2, "here: Is a directory"),
+    "long name": (OSError(errno.ENAMETOOLONG, "x", "y" * 10), 2, "yyyyyyyyyy: File name too long"),
+    "full disk": (OSError(errno.ENOSPC, "x", "here.h5"), 2, "here.h5: No space left on device"),
+    "full output": (OSError(errno.ENOSPC, "x"), 2, "standard output: No space left on device"),
+    "hdf5": (OSError("Unable to\n open file"), 2, "Unable to open file"),
+    "name of bytes": (FileNotFoundError(errno.ENOENT, "x", "caf\udce9"), 2, r"caf\xe9: No such file or directory"),
+    "memory": (MemoryError("Unable to allocate 7.81 EiB"), 2, "not enough memory: Unable to allocate 7.81 EiB"),
+    "no words": (MemoryError(), 2, "not enough memory: give smaller sizes"),
+    "memory of XLA": (jax.errors.JaxRuntimeError(HUGE), 2, f"not enough memory: {' '.join(HUGE.split())}"),
+    "name": (UnicodeEncodeError("utf-8", "\udce9", 0, 1, "surrogates"), 2, "text that cannot be read or written: "),
+}
+
+
+@pytest.mark.parametrize("case", TOLD)
+def test_an_exception_is_one_line_and_an_exit_code(
+    case: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    error, code, words = TOLD[case]
+    assert raised(error, monkeypatch) == code
+    output = capsys.readouterr()
+    (line,) = output.err.splitlines()
+    assert line == f"error: {words}" or (words.endswith(": ") and line.startswith(f"error: {words}"))
+    assert not output.out
+
+
+def test_nobody_is_told_that_nobody_reads(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    assert raised(BrokenPipeError(errno.EPIPE, "x"), monkeypatch) == 141
+    assert capsys.readouterr() == ("", "")
+
+
+@pytest.mark.parametrize("run", ["", "manifest.json", "run.json"])
+def test_a_fault_leaves_its_traceback(
+    run: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    (tmp_path / "out").mkdir()
+    if run:
+        (tmp_path / "out" / run).write_text("{}")
+    assert raised(KeyError("a\nb"), monkeypatch, tmp_path / "out") == 70
+    (line,) = capsys.readouterr().err.splitlines()
+    (report,) = tmp_path.glob(f"out/{REPORT}" if run else "yeastfit-error-*.txt")
+    assert line.startswith(f"error: a fault of yeastfit, please report it with the file {report}: KeyError: ")
+    text = report.read_text()
+    assert "Traceback (most recent call last)" in text
+    assert "in fails" in text
+    assert sys.version in text
+
+
+@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="needs a device that is always full")
+@pytest.mark.parametrize("buffered", ["", "1"])
+def test_a_full_output_is_one_line(buffered: str) -> None:
+    environment = {**os.environ, "PYTHONUNBUFFERED": buffered}
+    with open("/dev/full", "w") as full:
+        command = [sys.executable, "-m", "yeastfit", "--version"]
+        done = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True, env=environment, check=False)
+    assert (done.returncode, done.stderr) == (2, "error: standard output: No space left on device\n")
+
+
+def test_a_closed_pipe_is_quiet() -> None:
+    command = f"{sys.executable} -m yeastfit --help | true; echo ${{PIPESTATUS[0]}}"
+    done = subprocess.run(["bash", "-c", command], capture_output=True, text=True, check=False)
+    assert done.stderr == ""
+    assert done.stdout in ("141\n", "0\n")  # 0 where all was written before the pipe was closed
+
+
+def raised(error: Exception, monkeypatch: pytest.MonkeyPatch, folder: Path = Path("nowhere")) -> int:
+    """The exit code of a command that raises."""
+
+    def fails(*arguments: object) -> None:
+        raise error
+
+    monkeypatch.setattr("yeastfit.commands.synthesize.read_recipes", fails)
+    return cli.run(["synthesize", "--recipe", "one.toml", "--out", str(folder)])
