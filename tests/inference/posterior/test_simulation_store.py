@@ -238,6 +238,32 @@ def test_a_file_that_lost_its_beginning_is_said_to_be_damaged(tmp_path: Path, le
         Store(path, FREE, LABELS)
 
 
+def test_a_damaged_byte_is_said_or_costs_its_row_wherever_it_is(tmp_path: Path) -> None:
+    """Every range of the file: a byte is changed, or the end is lost. What is read is as it was written."""
+    path = tmp_path / "simulations.h5"
+    with Store(path, FREE, LABELS) as store:
+        store.append(*rows(ROOM))
+    whole, rng = path.read_bytes(), np.random.default_rng(0)
+    written = {row.tobytes() for row in np.column_stack([*rows(ROOM)])}
+    places = np.unique(np.concatenate([np.arange(40), rng.integers(0, 7000, 60), rng.integers(0, len(whole), 60)]))
+    read = list[int]()
+    for place in places.tolist():
+        flipped = bytearray(whole)
+        flipped[place] ^= int(rng.integers(1, 256))
+        for damaged in (flipped, whole[:place]):
+            path.write_bytes(damaged)
+            try:
+                with Store(path, FREE, LABELS) as store:
+                    found = {row.tobytes() for row in np.column_stack(store.all())}
+            except InputError:
+                continue
+            assert found <= written
+            read.append(len(found))
+            assert len(found) >= ROOM - 1 or damaged is not flipped
+    assert len(read) > 60
+    assert len(read) < 2 * len(places) - 60
+
+
 def test_a_closed_store_says_so(tmp_path: Path) -> None:
     store = Store(tmp_path / "simulations.h5", FREE, LABELS)
     store.close()
