@@ -223,8 +223,8 @@ def check_folder(
 ) -> Contents:
     """Check that a command may write into a folder, as it is now; for arguments and errors see `results_folder`."""
     try:
-        where = path.resolve()
-        inside = [one for one in reads if one.resolve().is_relative_to(where)]
+        where = os.path.realpath(path)  # unlike `Path.resolve` not raising for an input that links to itself
+        inside = [one for one in reads if Path(os.path.realpath(one)).is_relative_to(where)]
         found = Contents.of(path)
         changed = [] if overwrite or resume else changed_files(path, found.listed)
     except (OSError, RuntimeError, ValueError) as error:
@@ -273,7 +273,7 @@ def _clear_work(work: Path) -> None:
     """Remove what a run has made so far."""
     for one in work.iterdir():
         if one.is_dir() and not one.is_symlink():
-            shutil.rmtree(one)
+            shutil.rmtree(one, ignore_errors=True)  # where a process that ends still writes, the next run clears it
         elif one.name not in (LOCK, OWNER):
             one.unlink()
 

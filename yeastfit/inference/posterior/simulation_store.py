@@ -105,11 +105,9 @@ class Store(Simulations):
             with h5py.File(image, "w", libver=("earliest", "v108"), userblock_size=USER_BLOCK) as file:
                 file.attrs["head"] = as_json(self._head)
                 start = file.create_dataset(DATASET, data=self._rows).id.get_offset()
-            whole = image.getbuffer()
-            whole[: CHECK.size] = CHECK.pack(
-                NAME, start, len(whole), _check(start, len(whole), bytes(whole[USER_BLOCK:start]))
-            )
-            whole.release()
+            whole = image.getvalue()
+            image.seek(0)
+            image.write(CHECK.pack(NAME, start, len(whole), _check(start, len(whole), whole[USER_BLOCK:start])))
         self._file = _opened(self.path)
 
     def _open(self) -> None:
