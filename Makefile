@@ -9,8 +9,8 @@ demo: $(VENV)/.installed
 	$(BIN)/yeastfit demo
 
 test: $(VENV)/.installed-test lint types
-	$(BIN)/python -m pytest --numprocesses auto --maxprocesses 4 --dist worksteal
-	XLA_FLAGS= $(BIN)/python -m pytest --numprocesses auto --maxprocesses 2 --dist worksteal -m users_compiler
+	$(BIN)/python -m pytest --numprocesses auto --maxprocesses 4 --dist worksteal -m 'not slow and not users_compiler'
+	XLA_FLAGS= $(BIN)/python -m pytest -m users_compiler $$(grep -rl --include='test_*.py' mark.users_compiler tests)
 
 # the export with ArviZ 1.x, which Python 3.11 has not: make test-arviz PYTHON=python3.12 VENV=.venv-arviz
 test-arviz: $(VENV)/.made

@@ -14,13 +14,15 @@ from PIL import Image
 from threadpoolctl import threadpool_limits
 
 # Half of what the tests take is compiling, and most programs run once: XLA's older code generator, its first level of
-# optimisation and loops that are not vectorised compile faster. What users run is tested once more by those marked
-# users_compiler: `XLA_FLAGS= pytest -m users_compiler`, a part of `make test`.
+# optimisation, modules in one part and loops that are not vectorised compile faster. What users run is tested by those
+# marked users_compiler: `XLA_FLAGS= pytest -m users_compiler`, a part of `make test`.
 QUICK = (
     "--xla_cpu_use_fusion_emitters=false --xla_backend_optimization_level=1 --xla_llvm_disable_expensive_passes=true"
+    " --xla_cpu_parallel_codegen_split_count=1"
 )
 if version("jaxlib").startswith("0.10."):  # with a flag that it does not know, jaxlib ends the process
     os.environ.setdefault("XLA_FLAGS", QUICK)
+ONCE = ("measure", "model", "simulation")  # folders of tests whose programs run a second or less: not optimised at all
 
 # Either core has its own tests: further threads for matrices as small as these mostly wait, and waiting takes a core.
 os.environ["OPENBLAS_NUM_THREADS"] = "1"  # of processes that are started from here
@@ -43,6 +45,14 @@ install_import_hook("yeastfit", "typechecking.check")
 def pytest_configure(config: pytest.Config) -> None:
     """jax writes its files in place: a process that reads half of one says so, and compiles."""
     config.addinivalue_line("filterwarnings", "ignore:Error reading persistent compilation cache entry")
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_runtest_setup(item: pytest.Item) -> None:
+    """Without optimisation programs compile in half the time and run five times as long."""
+    here = any(Path(__file__).parent / folder in item.path.parents for folder in ONCE)
+    once = here and item.get_closest_marker("runs_long") is None
+    jax.config.update("jax_disable_most_optimizations", once and os.environ.get("XLA_FLAGS") == QUICK)
 
 
 def pytest_unconfigure() -> None:

@@ -364,6 +364,7 @@ def test_means_of_the_hard_model_are_the_references_on_the_sources_grid() -> Non
     assert_same_means(ours, reference_ensemble(12, times, numerics))
 
 
+@pytest.mark.runs_long
 @pytest.mark.parametrize(
     ("name", "bound"), [("area", 0.015), ("radius", 0.005), ("perimeter", 0.03), ("compactness", 0.07)]
 )
@@ -377,6 +378,7 @@ def test_smooth_statistics_are_close_to_the_hard_ones_of_the_same_colonies(
     assert np.abs(ratio.mean(axis=0) - 1.0)[1:].max() < bound
 
 
+@pytest.mark.runs_long
 @pytest.mark.parametrize(
     ("name", "bound"), [("cell_count", 0.02), ("growth_rate", 0.03), ("mean_radius", 0.03), ("area", 0.04)]
 )
