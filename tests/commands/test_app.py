@@ -14,8 +14,8 @@ from PIL import Image
 
 from yeastfit import FORWARD_MODELS, ForwardModel, Simulator, Targets
 from yeastfit.commands import app as cli
-from yeastfit.commands.generated_options import generated
-from yeastfit.commands.model_options import ChosenModel, ModelOptions
+from yeastfit.commands.generated.model import ChosenModel, ModelOptions
+from yeastfit.commands.generated.options import generated
 from yeastfit.errors import SimulationError
 from yeastfit.measure.reading.dataset import read_dataset
 from yeastfit.parameter_set import Parameter, ParameterSet

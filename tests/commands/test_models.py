@@ -26,8 +26,8 @@ from yeastfit import (
     Targets,
 )
 from yeastfit.commands import app as cli
-from yeastfit.commands.model_options import ModelOptions
-from yeastfit.commands.rule_options import RecipeOptions
+from yeastfit.commands.generated.model import ModelOptions
+from yeastfit.commands.generated.rules import RecipeOptions
 from yeastfit.inference.colony_simulator import COARSE
 from yeastfit.inference.fit.simulators import colonies_in
 from yeastfit.inference.models.algebraic import Algebraic

@@ -17,7 +17,7 @@ from typer.core import TyperCommand, TyperGroup
 
 from yeastfit.commands import signals
 from yeastfit.commands.failures import explained
-from yeastfit.commands.generated_options import with_options
+from yeastfit.commands.generated.options import with_options
 from yeastfit.commands.strict_numbers import strictly
 
 HELP = """Estimate how yeast colonies grow from micrographs: simulate, measure, fit, infer.

@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from yeastfit.commands.fit import fit
-from yeastfit.commands.generated_options import with_options
+from yeastfit.commands.generated.options import with_options
 from yeastfit.commands.options import Jobs
 from yeastfit.errors import InputError
 

@@ -5,8 +5,8 @@ from typing import Annotated, Any
 
 import typer
 
-from yeastfit.commands.generated_options import flag_of, generated
-from yeastfit.commands.model_options import ChosenModel, Free, ModelOptions, Statistics
+from yeastfit.commands.generated.model import ChosenModel, Free, ModelOptions, Statistics
+from yeastfit.commands.generated.options import flag_of, generated
 from yeastfit.commands.options import Out, Overwrite, Seed, names_in, numbers_in
 from yeastfit.commands.terminal import out, shown_progress, warn
 from yeastfit.errors import InputError

@@ -9,9 +9,9 @@ import numpy as np
 import typer
 from rich.table import Table
 
-from yeastfit.commands.generated_options import generated
+from yeastfit.commands.generated.model import ChosenModel, Free, ModelOptions, Statistics
+from yeastfit.commands.generated.options import generated
 from yeastfit.commands.measured_source import check_source, measure_source, truth_of
-from yeastfit.commands.model_options import ChosenModel, Free, ModelOptions, Statistics
 from yeastfit.commands.options import (
     Jobs,
     MeasurementError,

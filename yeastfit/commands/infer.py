@@ -8,14 +8,14 @@ from typing import Annotated, Any
 import typer
 
 from yeastfit.commands.failures import reason
-from yeastfit.commands.generated_options import generated
+from yeastfit.commands.generated.model import ChosenModel, Free, ModelOptions, Statistics
+from yeastfit.commands.generated.options import generated
+from yeastfit.commands.generated.samplers import SamplerOptions
 from yeastfit.commands.infer_config import Request
 from yeastfit.commands.infer_run import SIMULATIONS, STORED, InferRun
 from yeastfit.commands.measured_source import check_source, truth_of
-from yeastfit.commands.model_options import ChosenModel, Free, ModelOptions, Statistics
 from yeastfit.commands.options import Jobs, MeasurementError, Overwrite, Seed, Truth, names_in
 from yeastfit.commands.run_folder import inputs_of
-from yeastfit.commands.sampler_options import SamplerOptions
 from yeastfit.commands.signals import remaining
 from yeastfit.commands.terminal import Pace, out, shown_progress, warn
 from yeastfit.errors import InputError

@@ -14,10 +14,10 @@ from typing import Any
 
 import numpy as np
 
+from yeastfit.commands.generated.samplers import extending
 from yeastfit.commands.infer_config import Request
 from yeastfit.commands.measured_source import Measurements, measure_source, recorded_warnings
 from yeastfit.commands.run_folder import RunFolder, inputs_of, read_run, run_versions
-from yeastfit.commands.sampler_options import extending
 from yeastfit.errors import InputError
 from yeastfit.inference.curve_covariance import measurement_covariance
 from yeastfit.inference.models.forward_model import ForwardModel

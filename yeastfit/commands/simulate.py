@@ -5,8 +5,8 @@ from typing import Annotated
 import typer
 
 from yeastfit import plot
-from yeastfit.commands.generated_options import generated
-from yeastfit.commands.model_options import ChosenModel, ModelOptions
+from yeastfit.commands.generated.model import ChosenModel, ModelOptions
+from yeastfit.commands.generated.options import generated
 from yeastfit.commands.options import Out, Overwrite, Seed
 from yeastfit.commands.terminal import out, shown_progress, warn
 from yeastfit.results_folder import results_folder

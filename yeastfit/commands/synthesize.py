@@ -7,9 +7,9 @@ from typing import Annotated
 
 import typer
 
-from yeastfit.commands.generated_options import generated
+from yeastfit.commands.generated.options import generated
+from yeastfit.commands.generated.rules import RecipeOptions
 from yeastfit.commands.options import Out, Overwrite
-from yeastfit.commands.rule_options import RecipeOptions
 from yeastfit.commands.terminal import out, shown_progress
 from yeastfit.errors import InputError
 from yeastfit.numbers import SEEDS

@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import MISSING, Field, fields
 from typing import Any
 
-from yeastfit.commands.generated_options import Option, flag_of, hints_of, plain_kind
+from yeastfit.commands.generated.options import Option, flag_of, hints_of, plain_kind
 from yeastfit.inference.posterior.settings import Setting
 from yeastfit.inference.samplers import SAMPLERS
 

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
-from yeastfit.commands.generated_options import Option, flag_of, hints_of, plain_kind
+from yeastfit.commands.generated.options import Option, flag_of, hints_of, plain_kind
 from yeastfit.errors import InputError
 from yeastfit.model.model import BASES, RULES, Model
 from yeastfit.model.parameters import PARAMETERS

@@ -6,9 +6,8 @@ from typing import Annotated, Any, get_origin
 
 import typer
 
-from yeastfit.commands.generated_options import Option, flag_of, hints_of, plain_kind
-from yeastfit.commands.options import SMOOTH, numbers_in
-from yeastfit.commands.rule_options import (
+from yeastfit.commands.generated.options import Option, flag_of, hints_of, plain_kind
+from yeastfit.commands.generated.rules import (
     Brought,
     check_brought,
     parameter_options,
@@ -16,6 +15,7 @@ from yeastfit.commands.rule_options import (
     rule_parameters,
     rules_from,
 )
+from yeastfit.commands.options import SMOOTH, numbers_in
 from yeastfit.errors import InputError
 from yeastfit.inference.models.forward_model import ForwardModel, settings_of
 from yeastfit.inference.models.registry import DEFAULT, FORWARD_MODELS, model_named
