@@ -117,7 +117,7 @@ def design(result: Design) -> Figure:
     _write_numbers(axes, table, "{:.1f}", lambda value: value > 0.6 * top)
     axes.axhline(len(result.statistics) - 0.5, color="white", lw=3)
     axes.set(xticks=range(len(result.times)), yticks=range(len(rows)), yticklabels=rows, xlabel="time")
-    axes.set_xticklabels([f"{time:g}" for time in result.times])
+    axes.set_xticklabels(["" if np.isnan(time) else f"{time:g}" for time in result.times])
     for number, choice in enumerate(result.sequence, start=1):
         single = len(choice.statistics) == 1 and len(result.statistics) > 1
         row = result.statistics.index(choice.statistics[0]) if single else len(rows) - 1
