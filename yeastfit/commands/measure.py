@@ -1,5 +1,6 @@
 """`yeastfit measure`: outline the colony in each micrograph and measure it."""
 
+import os
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -54,7 +55,8 @@ def measure(
     images, dataset, skipped = find_images(paths, pixel_size, read_options(options, "options"))
     options["pixel_size"] = pixel_size
     settings = {name: value for name, value in options.items() if value is not None}
-    title = f"Micrographs of {(dataset.folder if dataset else paths[0] if len(paths) == 1 else folder).resolve().name}"
+    place = dataset.folder if dataset else paths[0] if len(paths) == 1 else folder
+    title = f"Micrographs of {os.path.basename(os.path.realpath(place))}"
     with results_folder(folder, "measure", reads=[image.path for image in images], overwrite=overwrite) as results:
         with shown_progress("measuring micrographs") as progress:
             outcomes = measure_batch(images, results.partial, jobs=jobs or available_processors(), progress=progress)
