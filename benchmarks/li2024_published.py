@@ -23,6 +23,7 @@ class Published:
         size: Effective size that this error implies.
         early: Mean of each chain's first 100 states.
         last: Mean of the chains' last states.
+        last_error: Standard error of that.
         attempts: To place a daughter, per cell, at the mean.
         kept: Cells of N that are drawn, at the mean.
         pseudohyphal: Share of those, at the mean.
@@ -38,6 +39,7 @@ class Published:
     size: tuple[int, ...]
     early: tuple[float, ...]
     last: tuple[float, ...]
+    last_error: tuple[float, ...]
     attempts: float
     kept: int
     pseudohyphal: float
@@ -55,6 +57,7 @@ PUBLISHED_POSTERIORS = {
         size=(68, 63, 48, 50, 88),
         early=(0.669, 0.573, 0.260, 0.094, 0.112),
         last=(0.611, 0.692, 0.259, 0.172, 0.142),
+        last_error=(0.032, 0.032, 0.027, 0.015, 0.017),
         attempts=3.48,
         kept=38_700,
         pseudohyphal=0.097,
@@ -70,6 +73,7 @@ PUBLISHED_POSTERIORS = {
         size=(94, 83, 89, 104, 90),
         early=(0.843, 0.598, 0.173, 0.243, 0.147),
         last=(0.764, 0.525, 0.180, 0.272, 0.182),
+        last_error=(0.014, 0.027, 0.014, 0.019, 0.016),
         attempts=3.70,
         kept=81_900,
         pseudohyphal=0.048,
@@ -85,6 +89,7 @@ PUBLISHED_POSTERIORS = {
         size=(137, 117, 152, 101, 160),
         early=(0.583, 0.757, 0.261, 0.175, 0.129),
         last=(0.585, 0.668, 0.179, 0.184, 0.138),
+        last_error=(0.031, 0.040, 0.023, 0.024, 0.021),
         attempts=3.55,
         kept=54_700,
         pseudohyphal=0.115,

@@ -182,7 +182,7 @@ def drifts(theirs: Published, found: Posterior, long: Posterior | None) -> list[
     for k in range(len(NAMES)):
         before, now = theirs.last[k] - theirs.early[k], float(last[:, k].mean() - first[k])
         row: dict[str, Any] = {"parameter": SYMBOLS[k], "published, first 100": theirs.early[k]}
-        row |= {"published, last": theirs.last[k], "here, first 100": float(first[k])}
+        row |= {"published, last": theirs.last[k], "error": theirs.last_error[k], "here, first 100": float(first[k])}
         row |= {"here, last": float(last[:, k].mean()), "error of that": float(spread[k])}
         row |= {"same sign": "yes" if before * now > 0 else "no"}
         rows.append(row | {"ABC-SMC, mean": None if long is None else float(long.mean[k])})

@@ -4,6 +4,7 @@ import numpy as np
 
 from benchmarks.li2024_published import PUBLISHED_POSTERIORS
 from benchmarks.offlattice_runs import METHODS, Run
+from yeastfit.errors import InputError
 from yeastfit.inference.posterior.result import Posterior
 from yeastfit.offlattice.parameters import PARAMETERS
 
@@ -21,11 +22,12 @@ def missing(runs: list[Run]) -> str:
 def in_words(runs: list[Run]) -> list[str]:
     """What the posteriors of one set say of the published one, and of the model."""
     theirs, name = PUBLISHED_POSTERIORS[runs[0].key], runs[0].colonies.name
-    moved = (np.array(theirs.last) - theirs.early) / np.array(theirs.error)
+    moved = (np.array(theirs.last) - theirs.early) / np.array(theirs.last_error)
     far = [f"{SYMBOLS[k]} by {moved[k]:+.1f}" for k in np.flatnonzero(np.abs(moved) > 2)]
+    said = ", ".join(far) + ": they were still on their way" if far else "nothing by more than 2"
     lines = [
-        f"- **{name}.** From the first 100 states to the last the published chains drift, in standard errors of the "
-        f"mean: {', '.join(far) + ': they were still on their way' if far else 'nothing by more than 2'}."
+        f"- **{name}.** From the mean of their first 100 states to their last states the published chains drift, in "
+        f"standard errors of the latter: {said}."
     ]
     for run in (one for one in runs if one.there):
         found = run.posterior()
@@ -43,17 +45,21 @@ def in_words(runs: list[Run]) -> list[str]:
 
 
 def unreached(run: Run, found: Posterior) -> list[str]:
-    """Statistics that predictions miss by more than three of their standard deviations."""
+    """Statistics that no simulation from the prior reaches, and those that predictions miss by more than three sd."""
     observed, replicates = run.observed
     drawn = found.statistics.reshape(-1, len(observed))
     mean, sd = drawn.mean(axis=0), drawn.std(axis=0)
     missed = [
-        f"{title(name)} is {observed[k]:.4g} and predicted {mean[k]:.4g} ± {sd[k]:.2g}"
+        f"{title(name)} is {observed[k]:.3g} and predicted {mean[k]:.3g} ± {sd[k]:.2g}"
         for k, name in enumerate(run.statistics)
         if abs(observed[k] - mean[k]) > 3 * sd[k]
     ]
-    what = f"means of {replicates} colonies"
-    return [f"the model does not reach the data: of {what}, {'; '.join(missed)}." if missed else f"{what} are reached."]
+    said = [] if found.settled else [f"{found.status}."]
+    if beyond := [one for one in found.warnings if "the prior's simulations have" in one]:
+        said.append(f"beyond the reach of single colonies from the prior: {'; '.join(beyond)}.")
+    if missed:
+        return [*said, f"means of {replicates} colonies are missed by more than three sd: {'; '.join(missed)}."]
+    return [*said, f"means of {replicates} colonies lie within three sd of what is predicted."]
 
 
 def title(name: str) -> str:
@@ -64,5 +70,10 @@ def title(name: str) -> str:
 
 
 def _so_far(run: Run) -> str:
-    count = len(run.simulations()[0]) if run.file("h5").is_file() else 0
-    return f" ({count} simulations so far, after {run.seconds()['processor']:.0f} s of the processors)" if count else ""
+    if not run.file("h5").is_file():
+        return ""
+    try:
+        count = len(run.simulations()[0])
+    except InputError:  # another process has the file
+        return ", which is being computed"
+    return f" ({count} simulations so far, after {run.seconds()['processor']:.0f} s of the processors)"

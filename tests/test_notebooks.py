@@ -10,9 +10,9 @@ import pytest
 from nbclient import NotebookClient
 
 import yeastfit
-from yeastfit import measure, model, plot
+from yeastfit import measure, model, offlattice, plot
 
-PUBLIC = {room.__name__: room.__all__ for room in (yeastfit, measure, model, plot)}
+PUBLIC = {room.__name__: room.__all__ for room in (yeastfit, measure, model, offlattice, plot)}
 NOTEBOOKS = sorted((Path(__file__).parents[1] / "notebooks").glob("*.ipynb"))
 FIGURES = {  # statements about each in the last table of source_figures.ipynb
     "2.1": 1,
@@ -33,6 +33,7 @@ FIGURES = {  # statements about each in the last table of source_figures.ipynb
 FULL_SIZE = {  # what the first cell says
     "fitting.ipynb": "full size: 10 colonies to 14 h",
     "gradients.ipynb": "full size: 64 colonies to t = 7.5",
+    "offlattice.ipynb": "full size: 65000 cells, at most 2048 simulations",
     "posterior.ipynb": "full size: 10 colonies to 14 h, 4096 simulations",
     "source_figures.ipynb": "full size: 6 members, to 35.0 h",
 }

@@ -55,6 +55,8 @@ def test_a_killed_run_goes_on(finished: Run, tmp_path: Path, monkeypatch: pytest
     said = missing([run, finished])
     assert "Not finished" in said
     assert f"{run.colonies.name}: {METHODS['protocol']} (" in said
+    with run._store():
+        assert missing([run]).endswith(f"{METHODS['protocol']}, which is being computed")
     run.infer(print)
     assert_same(run.posterior(), finished.posterior())
     assert missing([run]) == "All posteriors are finished."
@@ -75,12 +77,14 @@ def test_chains_that_were_stopped_say_so_and_go_on(finished: Run, tmp_path: Path
 
 def test_what_the_model_does_not_reach_is_said(finished: Run) -> None:
     class Found:
+        settled, warnings = True, ("x was observed as 2, the prior's simulations have 0..1",)
         statistics = np.random.default_rng(0).normal([0.2126, 0.1642, 0.2], [0.01, 0.01, 0.02], (2, 500, 3))
 
     said = unreached(finished, Found())  # type: ignore[arg-type]
-    assert len(said) == 1
-    assert "I_F" not in said[0]
-    assert "I_B is" in said[0]
+    assert len(said) == 2
+    assert "x was observed as 2" in said[0]
+    assert "I_F" not in said[1]
+    assert "I_B is" in said[1]
     words = in_words([finished])
     assert "p_ps" in words[0] or "γ by" in words[0]
     assert len(words) == 2
