@@ -258,7 +258,7 @@ def test_help_explains_rules_settings_and_parameters(leaning: list[str], capsys:
     for command in ("simulate", "synthesize", "fit", "infer", "design", "gradcheck"):
         assert cli.run([command, "--help"]) == 0
         text = " ".join(capsys.readouterr().out.replace("│", " ").split())
-        assert "In which direction a child appears." in text
+        assert "In which direction a child appears: uniform, " in text
         assert "How often the cosine is taken of the angle. Of --budding leaning." in text
         assert "κ, how closely children lie to the right. Plausible: 0.1 to 50. Of --budding leaning." in text
 

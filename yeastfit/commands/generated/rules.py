@@ -46,8 +46,8 @@ def rule_options() -> list[Option]:
     found = dict[str, Option]()
     for question, base in BASES.items():
         names, default = _choosable(question), getattr(Model(), question).name
-        words = _first_line(base)
-        found[question] = Option(question, str, words, PANEL, shown=default, choices=tuple(names))
+        text = f"{_first_line(base).rstrip('.')}: {', '.join(names)}."
+        found[question] = Option(question, str, text, PANEL, shown=default, choices=("RULE",))
         for name, rule in names.items():
             for setting, kind in _settings(rule).items():
                 text = f"{_described(rule, setting)} Of {flag_of(question)} {name}."
