@@ -1,5 +1,6 @@
 """Rendered colonies against closed forms, and what half contrast makes of their photographs."""
 
+import errno
 from collections.abc import Callable
 from dataclasses import replace
 from math import pi
@@ -268,7 +269,7 @@ def test_a_failed_write_leaves_the_old_file(tmp_path: Path, pixels: Array, monke
     path.write_bytes(b"old")
 
     def fail(*_: Any) -> None:
-        raise OSError("disk full")
+        raise OSError(errno.ENOSPC, "disk full")
 
     monkeypatch.setattr(Path, "replace", fail)
     with pytest.raises(OSError, match="disk full"):
