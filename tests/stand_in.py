@@ -16,7 +16,7 @@ from yeastfit.model.parameters import PARAMETERS
 from yeastfit.parameter_set import ParameterSet
 from yeastfit.seeds import keys_of
 
-STATISTICS = ("compactness", "radius", "area")
+STATISTICS = ("perimeter", "radius", "area")
 TIMES = np.array([1.0, 2.0, 3.0, 4.0])
 CURVES = len(STATISTICS) * len(TIMES)
 OBSERVABLES = tuple(Observable(name, float(time)) for name in STATISTICS for time in TIMES)

@@ -170,7 +170,7 @@ def test_bad_input_is_one_line_and_exit_code_2(
     ("change", "words"),
     [
         (lambda text: text.replace("colony01_03.0h.tif", "gone.tif"), ["line 2", "gone.tif"]),
-        (lambda text: text.replace(",3.0,0.75", ",nan,0.75", 1), ["line 2", "hours is 'nan'"]),
+        (lambda text: text.replace(",3,0.75", ",nan,0.75", 1), ["line 2", "hours is 'nan'"]),
     ],
 )
 def test_a_bad_data_set_leaves_an_older_fit_as_it_was(

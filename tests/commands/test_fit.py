@@ -174,10 +174,12 @@ def test_bad_options_are_one_line_and_exit_code_2(
     arguments: list[str], words: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     source = table(tmp_path, {"": TRUTH})
+    known = ["--statistics", ",".join(STATISTICS)]
     with wrong_types():
-        assert cli.run(["fit", str(source), "--out", str(tmp_path / "out"), *arguments]) == 2
-    (line,) = capsys.readouterr().err.strip().splitlines()
+        assert cli.run(["fit", str(source), "--out", str(tmp_path / "out"), *known, *arguments]) == 2
+    *others, line = capsys.readouterr().err.strip().splitlines()
     assert line.startswith("error: ")
+    assert all("masks are missing" in one for one in others)
     assert all(word in line for word in words), line
     assert not (tmp_path / "out" / "fit.json").exists()
 

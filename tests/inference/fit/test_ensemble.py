@@ -71,7 +71,7 @@ def test_sigma_holds_scatter_monte_carlo_and_measurement_errors(targets: Targets
     chosen = replace(targets, scatter=np.array([0.1, 0.2, np.nan])[:, None] * np.ones((3, 4)))
     whole = ensembles({"": chosen}, {"": StandIn(straight)})
     whole = replace(
-        whole, settings=replace(SETTINGS, measurement_error={"radius": 0.0, "area": 0.03, "compactness": 0.0})
+        whole, settings=replace(SETTINGS, measurement_error={"radius": 0.0, "area": 0.03, "perimeter": 0.0})
     )
     (joint,) = (model_of(each) for each in whole.local_models([AT], 16384, 0.1))
     local = joint.conditions[""]
