@@ -14,7 +14,7 @@ from benchmarks.offlattice_runs import FIVE, METHODS, Run, real_colonies
 from benchmarks.offlattice_words import in_words, missing, unreached
 from benchmarks.real_tables import main as write_tables
 from benchmarks.report import Report
-from yeastfit import LI2024
+from yeastfit import LI2024, InputError
 from yeastfit.inference.posterior.result import Posterior
 from yeastfit.offlattice.li2024_statistics import PUBLISHED
 
@@ -55,7 +55,8 @@ def test_a_killed_run_goes_on(finished: Run, tmp_path: Path, monkeypatch: pytest
     said = missing([run, finished])
     assert "Not finished" in said
     assert f"{run.colonies.name}: {METHODS['protocol']} (" in said
-    with run._store():
+    with monkeypatch.context() as patched:
+        patched.setattr(Run, "simulations", in_use)
         assert missing([run]).endswith(f"{METHODS['protocol']}, which is being computed")
     run.infer(print)
     assert_same(run.posterior(), finished.posterior())
@@ -88,6 +89,10 @@ def test_what_the_model_does_not_reach_is_said(finished: Run) -> None:
     words = in_words([finished])
     assert "p_ps" in words[0] or "γ by" in words[0]
     assert len(words) == 2
+
+
+def in_use(run: Run) -> None:
+    raise InputError(f"{run.key} is in use by another process")
 
 
 class _Dying:
