@@ -8,6 +8,7 @@ import math
 from collections import defaultdict
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import integrate, optimize, special
 
 from reference.colony import Floats, Ints
@@ -30,6 +31,16 @@ def mixed_angle(uniform: float, axis: float, concentration: float, share: float 
 
     u = ((uniform - axis) / (2 * math.pi) + 0.5) % 1.0
     return axis + float(optimize.brentq(lambda t: below(t) - u, -math.pi, math.pi, xtol=1e-13))
+
+
+# --- death ---------------------------------------------------------------------------------------------------------
+
+
+def without(positions: Floats, parents: Ints, gone: NDArray[np.bool_]) -> tuple[Floats, Ints]:
+    """Nodes that are left, in order, and the tree: whoever has lost its parent has none."""
+    left = [node for node in range(len(parents)) if not gone[node]]
+    number = {node: place for place, node in enumerate(left)}
+    return positions[left], np.array([number.get(int(parents[node]), -1) for node in left], dtype=np.int64)
 
 
 # --- births --------------------------------------------------------------------------------------------------------

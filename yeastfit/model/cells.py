@@ -54,8 +54,14 @@ def cells_of(colony: Colony, aspect_ratio: Float[Array, ""], shortest: float = 1
         directions=jnp.where(exists[:, None], edge / length[:, None], jnp.array([1.0, 0.0], edge.dtype)),
         half_lengths=half_length,
         half_widths=aspect_ratio * half_length,
-        weights=colony.weights[1:],
+        weights=weights_of_cells(colony.weights, colony.parents),
     )
+
+
+def weights_of_cells(weights: Float[Array, " node"], parents: Int[Array, " node"]) -> Float[Array, " cell"]:
+    """A cell has the weight of its lighter node: the child's, unless the parent is dying."""
+    child, parent = weights[1:], weights[jnp.maximum(parents[1:], 0)]
+    return jnp.where(parents[1:] >= 0, jnp.where(parent < child, parent, child), 0.0)
 
 
 def level_set(

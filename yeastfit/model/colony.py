@@ -17,8 +17,8 @@ class Colony(eqx.Module):
 
     Attributes:
         positions: Of nodes, in L0.
-        parents: Slot of each node's parent; −1 for node 0.
-        weights: In [0, 1], fixed at birth; 1 in the hard model.
+        parents: Slot of each node's parent; −1 for node 0, and for a node that has lost its parent.
+        weights: In [0, 1], fixed at birth unless nodes die; 1 in the hard model.
         lineages: Data of random keys. A founder's is split from the member's key, a child's is its parent's folded with
             the number of the event, so that a draw belongs to a lineage and not to a slot.
         count: Slots in use; those from `count` on are empty (weight 0, position 0, parent −1).
@@ -51,11 +51,12 @@ class Problems(eqx.Module):
     left_domain: Bool[Array, "*member"]
     unstable: Bool[Array, "*member"]
     not_finite: Bool[Array, "*member"]
+    died_out: Bool[Array, "*member"]
 
     @staticmethod
     def none() -> "Problems":
         """Nothing yet."""
-        return Problems(*(jnp.zeros((), bool),) * 4)
+        return Problems(*(jnp.zeros((), bool),) * 5)
 
 
 def start(key: Array, numerics: Numerics, node_state: Mapping[str, float] | None = None) -> Colony:
@@ -89,5 +90,6 @@ PROBLEMS = {
     "left_domain": "a node came within one cell of the domain's edge: raise domain or end earlier",
     "unstable": "Δt · elasticity · (degree + 1) reached 2, where forward Euler oscillates: lower dt",
     "not_finite": "positions or nutrient are not finite: lower dt",
+    "died_out": "no node was left alive: lower death_rate or starvation, or end earlier",
 }
 """What each field of `Problems` means, and what to do about it."""

@@ -19,19 +19,35 @@ from yeastfit.model.budding import TurnedBudding, UniformBudding
 from yeastfit.model.colony import Colony, start
 from yeastfit.model.contact import NodeContact
 from yeastfit.model.death import NoDeath
+from yeastfit.model.fluctuations import NoFluctuation
 from yeastfit.model.growth import GlobalBirths
 from yeastfit.model.mechanisms.clock_births import ClockBirths
 from yeastfit.model.mechanisms.gradient_budding import BiasedBudding, GradientBudding
+from yeastfit.model.mechanisms.langevin_motion import LangevinMotion
+from yeastfit.model.mechanisms.nutrient_fluctuation import NutrientFluctuation
 from yeastfit.model.mechanisms.patch_births import PatchBirths
 from yeastfit.model.mechanisms.polar_budding import PolarBudding
+from yeastfit.model.mechanisms.starvation_death import StarvationDeath
+from yeastfit.model.motion import DrivenMotion
 from yeastfit.model.numerics import Numerics
 from yeastfit.model.parameters import PARAMETERS, Parameters
-from yeastfit.model.rules import BirthRule, BuddingRule, ContactRule, Context, DeathRule, Rule, UptakeRule
+from yeastfit.model.rules import (
+    BirthRule,
+    BuddingRule,
+    ContactRule,
+    Context,
+    DeathRule,
+    FluctuationRule,
+    MotionRule,
+    Rule,
+    UptakeRule,
+)
 from yeastfit.model.uptake import BiomassUptake
 from yeastfit.parameter_set import ParameterSet
 
 BASES: dict[str, type[Rule]] = {
-    base.question: base for base in (BirthRule, BuddingRule, ContactRule, UptakeRule, DeathRule)
+    base.question: base
+    for base in (BirthRule, BuddingRule, ContactRule, UptakeRule, DeathRule, MotionRule, FluctuationRule)
 }
 """The base class of the rules of each question."""
 
@@ -40,7 +56,8 @@ RULES: dict[str, dict[str, type[Rule]]] = {question: {} for question in BASES}
 for _rule in (
     *(GlobalBirths, PatchBirths, ClockBirths),
     *(UniformBudding, GradientBudding, BiasedBudding, PolarBudding, TurnedBudding),
-    *(NodeContact, BiomassUptake, NoDeath),
+    *(NodeContact, BiomassUptake, NoDeath, StarvationDeath),
+    *(DrivenMotion, LangevinMotion, NoFluctuation, NutrientFluctuation),
 ):
     RULES[_rule.question][_rule.name] = _rule
 
@@ -54,6 +71,8 @@ class Model(eqx.Module):
         contact: How nodes push each other apart.
         uptake: How fast cells take up nutrient.
         death: What becomes of nodes.
+        motion: Where a step takes a node, given its velocity.
+        fluctuations: What disturbs the nutrient.
 
     Raises:
         InputError: What is given for a question is no rule for it, or two rules bring different parameters or two
@@ -65,6 +84,8 @@ class Model(eqx.Module):
     contact: ContactRule = NodeContact()
     uptake: UptakeRule = BiomassUptake()
     death: DeathRule = NoDeath()
+    motion: MotionRule = DrivenMotion()
+    fluctuations: FluctuationRule = NoFluctuation()
 
     def __check_init__(self) -> None:
         for question, rule in self.rules.items():

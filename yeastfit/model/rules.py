@@ -1,11 +1,13 @@
 """The questions that a colony model answers, one rule object each, and what a rule is given to answer it.
 
-    question   asked                             default
-    births     who buds in this step, and when   `growth.GlobalBirths`
-    budding    in which direction                `budding.UniformBudding`
-    contact    how nodes push each other         `contact.NodeContact`
-    uptake     how fast cells eat                `uptake.BiomassUptake`
-    death      what becomes of nodes             `death.NoDeath`
+    question       asked                             default
+    births         who buds in this step, and when   `growth.GlobalBirths`
+    budding        in which direction                `budding.UniformBudding`
+    contact        how nodes push each other         `contact.NodeContact`
+    uptake         how fast cells eat                `uptake.BiomassUptake`
+    death          what becomes of nodes             `death.NoDeath`
+    motion         where a step takes a node         `motion.DrivenMotion`
+    fluctuations   what disturbs the nutrient        `fluctuations.NoFluctuation`
 
 A new mechanism is a subclass of one of the bases below, with the method of its question and the parameters it brings;
 `Model(budding=MyRule())` is then simulated, fitted, inferred and synthesised like any other. Methods are traced by JAX:
@@ -64,8 +66,9 @@ class Context(eqx.Module):
 
 
 def growth_rate(fed: Float[Array, " node"], weights: Float[Array, " node"]) -> Float[Array, ""]:
-    """μ = Σ w_i c(x_i) / Σ w_i, the mean nutrient of nodes (source 2.13)."""
-    return jnp.sum(weights * fed) / jnp.sum(weights)
+    """μ = Σ w_i c(x_i) / Σ w_i, the mean nutrient of nodes (source 2.13); 0 where there is none."""
+    total = jnp.sum(weights)
+    return jnp.sum(weights * fed) / jnp.where(total > 0, total, 1.0)
 
 
 class Births(eqx.Module):
@@ -194,3 +197,28 @@ class DeathRule(Rule):
     @abstractmethod
     def deaths(self, context: Context) -> Colony:
         """The colony after this step's deaths. Asked after the nutrient's step and before births."""
+
+
+class MotionRule(Rule):
+    """Where a node is after a time step, given its velocity."""
+
+    question: ClassVar[str] = "motion"
+
+    @abstractmethod
+    def moved(self, context: Context, velocity: Float[Array, "node 2"]) -> Float[Array, "node 2"]:
+        """Positions after the step; those of empty slots do not matter.
+
+        Arguments:
+            context: The colony after the births.
+            velocity: By springs, contact and drift; 0 in empty slots.
+        """
+
+
+class FluctuationRule(Rule):
+    """What disturbs the nutrient."""
+
+    question: ClassVar[str] = "fluctuations"
+
+    @abstractmethod
+    def shaken(self, context: Context) -> Float[Array, "x y"]:
+        """The nutrient after this step's fluctuations. Asked after cells have eaten."""

@@ -16,7 +16,7 @@ from jaxtyping import Array, Float, Int, PyTree
 
 from yeastfit.model.active_window import extent_of_cells, extent_of_change, on_window
 from yeastfit.model.budding import bud
-from yeastfit.model.cells import Cells, cells_of, level_set
+from yeastfit.model.cells import Cells, cells_of, level_set, weights_of_cells
 from yeastfit.model.colony import Colony, Problems
 from yeastfit.model.forces import stiffness, velocity
 from yeastfit.model.model import Model
@@ -72,6 +72,7 @@ def step(
     cells = cells_of(colony, parameters.aspect_ratio)
     context = seen(colony)
     context = seen(colony, nutrient=eaten(context, cells, model.uptake), step=colony.step + 1)
+    context = seen(context.colony, nutrient=model.fluctuations.shaken(context))
     context = seen(context.colony, node_state=model.advance(context))
     context = seen(model.death.deaths(context))
     colony = jax.lax.cond(
@@ -79,7 +80,8 @@ def step(
         lambda: bud(context, model.births.births(context), model.budding, model.node_state()),
         lambda: context.colony,
     )
-    positions = colony.positions + numerics.dt * velocity(seen(colony), model.contact)
+    context_of_motion = seen(colony)
+    positions = model.motion.moved(context_of_motion, velocity(context_of_motion, model.contact))
     colony = dataclasses.replace(colony, positions=positions)
     return colony, Snapshot(cells, context.growth_rate, colony, parameters, relaxation)
 
@@ -99,7 +101,7 @@ def eaten(context: Context, cells: Cells, uptake: UptakeRule) -> Float[Array, "x
             nutrient_step(nutrient[window, window], rate, context.parameters.diffusivity, numerics)
         )
 
-    cells = dataclasses.replace(cells, weights=context.living[1:])
+    cells = dataclasses.replace(cells, weights=weights_of_cells(context.living, context.colony.parents))
     extent = jnp.maximum(extent_of_cells(cells, reach), extent_of_change(nutrient, numerics.spacing))
     return on_window(on, extent, numerics.spacing, numerics.points, nutrient, cells)
 
@@ -161,7 +163,7 @@ def trajectory(
     def to_sample(carry: tuple[Snapshot, Array], last: Array) -> tuple[tuple[Snapshot, Array], PyTree]:
         (snapshot, _, _), _ = jax.lax.scan(jax.checkpoint(block), (*carry, last), None, length=blocks)
         colony = snapshot.colony
-        colony = eqx.tree_at(lambda c: c.problems, colony, problems_of(colony, parameters, numerics))
+        colony = eqx.tree_at(lambda c: c.problems, colony, problems_of(colony, parameters, numerics, model))
         snapshot = eqx.tree_at(lambda s: s.colony, snapshot, colony)
         return (snapshot, last), observe(snapshot)
 
@@ -174,7 +176,7 @@ def trajectory(
     return snapshot.colony, observed
 
 
-def problems_of(colony: Colony, parameters: Parameters, numerics: Numerics) -> Problems:
+def problems_of(colony: Colony, parameters: Parameters, numerics: Numerics, model: Model) -> Problems:
     """The colony's problems, with those that can be seen at a sample time. A problem stays once it has occurred.
 
     Seldom looking is enough: while nobody dies, a node's degree never falls, so the last sample shows any instability.
@@ -187,4 +189,5 @@ def problems_of(colony: Colony, parameters: Parameters, numerics: Numerics) -> P
         left_domain=before.left_domain | jnp.any(jnp.abs(colony.positions) > limit),
         unstable=before.unstable | (numerics.dt * parameters.elasticity * stiffness(colony) >= 2.0),
         not_finite=before.not_finite | ~finite,
+        died_out=before.died_out | (jnp.sum(model.death.living(colony)) < 0.5),
     )

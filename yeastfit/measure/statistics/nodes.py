@@ -1,6 +1,6 @@
 """What only the state of a simulated colony tells. With w_i the weight of node i and x_i its position:
 
-    cells = Σ w_i − 1,    d̄ = Σ w_i |x_i| / Σ w_i,    μ the growth rate of the step
+    cells = Σ_k w_k,    d̄ = Σ w_i |x_i| / Σ w_i,    μ the growth rate of the step
 
 (table 3.1 of "A Novel Algebraic Agent Based Model for Pseudohyphal Baker's Yeast Colony Morphology"). A whole node has
 the weight 1, an empty slot 0. All three can be differentiated.
@@ -11,6 +11,7 @@ from jaxtyping import Array, Float
 
 from yeastfit.measure.statistics.indicator import norm
 from yeastfit.measure.statistics.statistic import Statistic
+from yeastfit.model.cells import weights_of_cells
 from yeastfit.model.simulate import Snapshot
 
 
@@ -26,8 +27,18 @@ def mean_radius(snapshot: Snapshot) -> Float[Array, ""]:
 
 
 def cell_count(snapshot: Snapshot) -> Float[Array, ""]:
-    """Number of cells: one less than nodes."""
-    return jnp.sum(snapshot.colony.weights) - 1.0
+    """Number of cells: one less than nodes, as long as they all hang together and nobody is dying."""
+    weights, parents = snapshot.colony.weights, snapshot.colony.parents
+    without_cell = jnp.where(parents < 0, weights, 0.0)
+    unjoined = weights[1:] - weights_of_cells(weights, parents) - without_cell[1:]
+    return jnp.sum(weights) - jnp.sum(without_cell) - jnp.sum(unjoined)
+
+
+def dead_share(snapshot: Snapshot) -> Float[Array, ""]:
+    """Share of nodes that are dead and still there."""
+    colony = snapshot.colony
+    vitality = colony.node_state.get("vitality", jnp.ones_like(colony.weights))
+    return 1.0 - jnp.sum(colony.weights * vitality) / jnp.sum(colony.weights)
 
 
 ENTRIES = (
@@ -41,4 +52,5 @@ ENTRIES = (
         reach=3.0,
     ),
     Statistic("cell_count", 0, "number of cells", "cells", nodes=cell_count),
+    Statistic("dead_share", 0, "share of nodes that are dead and in the way", nodes=dead_share, may_vanish=True),
 )

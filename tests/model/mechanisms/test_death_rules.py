@@ -1,0 +1,133 @@
+"""Death by starvation: survival, what is left of a tree, slots, derivatives, and colonies that die out."""
+
+import dataclasses
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from helpers import colony_of, context_of, random_tree
+
+from reference import mechanisms as plain
+from yeastfit.errors import InputError
+from yeastfit.model.cells import cells_of
+from yeastfit.model.colony import Colony
+from yeastfit.model.mechanisms.starvation_death import StarvationDeath, without
+from yeastfit.model.model import Model
+from yeastfit.model.numerics import Numerics
+from yeastfit.model.parameters import Parameters
+from yeastfit.model.relaxation import HARD, Relaxation
+from yeastfit.simulation.simulate import member_keys, simulate
+
+NODES = 2000
+NUMERICS = Numerics(domain=4.0, spacing=1.0, dt=0.02, capacity=NODES)
+STAY, VANISH = Model(death=StarvationDeath()), Model(death=StarvationDeath("vanish"))
+BOTH = pytest.mark.parametrize("model", [STAY, VANISH], ids=["stay", "vanish"])
+
+
+def aged(model: Model, relaxation: Relaxation, steps: int, rate: float, fed: float = 0.05) -> Colony:
+    """Nodes that only die, in nutrient `fed` under a threshold of 0.1: the hazard is rate · (1 − 10 fed)."""
+    rng = np.random.default_rng(0)
+    colony = model.resumed(colony_of(rng.uniform(-1, 1, (NODES, 2)), random_tree(rng, NODES), numerics=NUMERICS))
+    parameters = model.complete(Parameters(death_rate=rate, starvation=0.1))
+
+    @eqx.filter_jit
+    def run(colony: Colony) -> Colony:
+        def one(colony: Colony, _: None) -> tuple[Colony, None]:
+            colony = dataclasses.replace(colony, step=colony.step + 1)
+            context = context_of(colony, NUMERICS, relaxation, parameters, local_nutrient=jnp.full(NODES, fed))
+            return model.death.deaths(context), None
+
+        return jax.lax.scan(one, colony, None, length=steps)[0]
+
+    return run(colony)
+
+
+@BOTH
+def test_nodes_survive_as_their_hazard_says(model: Model) -> None:
+    """At constant nutrient a share e^(−ht) lives: of whole nodes within four errors, of weights exactly."""
+    expected = np.exp(-1.2 * 0.5 * 1.0)
+    whole = aged(model, HARD, 50, 1.2)
+    living = np.asarray(model.death.living(whole))
+    assert set(living.tolist()) == {0.0, 1.0}
+    assert abs(living.sum() / NODES - expected) < 4 * np.sqrt(expected * (1 - expected) / NODES)
+    assert int(whole.count) == (NODES if model is STAY else living.sum())
+    part = aged(model, Relaxation(), 50, 1.2)
+    np.testing.assert_allclose(model.death.living(part), expected, rtol=1e-5)
+
+
+@BOTH
+def test_who_is_fed_lives(model: Model) -> None:
+    for rate, fed in ((0.0, 0.0), (5.0, 0.1), (5.0, 0.7)):
+        np.testing.assert_array_equal(model.death.living(aged(model, HARD, 3, rate, fed)), 1.0)
+
+
+def test_who_dies_belongs_to_lineages_and_not_to_slots() -> None:
+    rng = np.random.default_rng(1)
+    colony = VANISH.resumed(colony_of(rng.uniform(-1, 1, (NODES, 2)), [-1] * NODES, numerics=NUMERICS))
+    order = rng.permutation(NODES)
+    mixed = dataclasses.replace(colony, positions=colony.positions[order], lineages=colony.lineages[order])
+    parameters = VANISH.complete(Parameters(death_rate=9.0))
+    left = []
+    for one in (colony, mixed):
+        context = context_of(one, NUMERICS, HARD, parameters, local_nutrient=jnp.zeros(NODES))
+        after = VANISH.death.deaths(context)
+        left.append({tuple(x) for x in np.asarray(after.positions)[: int(after.count)].tolist()})
+    assert left[0] == left[1]
+    assert len(left[0]) < NODES
+
+
+def test_the_others_move_up_as_in_the_plain_reading() -> None:
+    rng, numerics = np.random.default_rng(2), dataclasses.replace(NUMERICS, capacity=40)
+    colony = colony_of(rng.uniform(-1, 1, (30, 2)), random_tree(rng, 30), numerics=numerics)
+    gone = np.zeros(40, bool)
+    gone[[0, 3, 4, 17, 29]] = True
+    after = without(colony, jnp.asarray(gone))
+    positions, parents = plain.without(np.asarray(colony.positions)[:30], np.asarray(colony.parents)[:30], gone[:30])
+    assert int(after.count) == 25
+    np.testing.assert_array_equal(after.positions[:25], positions)
+    np.testing.assert_array_equal(after.parents[:25], parents)
+    assert not np.asarray(after.weights)[25:].any()
+    # cells go with either of their nodes
+    cells = cells_of(after, jnp.asarray(0.7))
+    assert int(jnp.sum(cells.weights > 0)) == int((parents >= 0).sum())
+
+
+def test_weights_are_differentiable_in_both_parameters() -> None:
+    with jax.enable_x64(True):
+        x = np.random.default_rng(3).uniform(-1, 1, (6, 2))
+        numerics = dataclasses.replace(NUMERICS, capacity=6)
+        for model in (STAY, VANISH):
+            colony = model.resumed(colony_of(x, numerics=numerics))
+
+            def left(values: jax.Array, model: Model = model, colony: Colony = colony) -> jax.Array:
+                parameters = model.complete(Parameters(death_rate=values[0], starvation=values[1]))
+                fed = jnp.linspace(0.0, 0.5, 6)
+                context = context_of(colony, numerics, Relaxation(), parameters, local_nutrient=fed)
+                return model.death.living(model.death.deaths(context))
+
+            at, h = jnp.array([0.8, 0.33]), 1e-6
+            exact = np.asarray(jax.jacfwd(left)(at))
+            for i in range(2):
+                step = h * jnp.eye(2)[i]
+                np.testing.assert_allclose(exact[:, i], (left(at + step) - left(at - step)) / (2 * h), atol=1e-8)
+            assert np.abs(exact).max() > 1e-3
+
+
+def test_a_colony_that_starves_dies_out_and_says_so() -> None:
+    numerics = Numerics(domain=8.0, spacing=0.2, dt=0.02, capacity=16)
+    values = Parameters(metabolic_rate=20.0, death_rate=50.0, starvation=1.0, mobility=0.1)
+    run = simulate(values, member_keys(0, 2), times=[0.5, 2.0], model=VANISH, numerics=numerics, relaxation=HARD)
+    assert run.problems == {"died_out": 2}
+    assert (np.asarray(run.colony.count) == 0).all()
+    assert np.isnan(run.statistics["compactness"][:, -1]).all()  # of no cells
+    assert (run.statistics["growth_rate"][:, -1] == 0).all()
+
+
+def test_what_the_dead_cannot_do_is_refused(unchecked: None) -> None:
+    with pytest.raises(InputError, match="dead is 'bury', it must be 'stay' or 'vanish'"):
+        StarvationDeath("bury")  # type: ignore[arg-type]
+    with pytest.raises(InputError, match=r"starvation \(c_d\) is 0, it must be finite and above 0"):
+        STAY.complete(Parameters(starvation=0.0))
+    assert Model.of({"death": {"rule": "starvation", "dead": "vanish"}}).asdict() == VANISH.asdict()

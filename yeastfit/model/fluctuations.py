@@ -1,0 +1,17 @@
+"""Random fluctuations of the nutrient. The source's model has none (docs/model.md, section 8)."""
+
+from typing import ClassVar
+
+from jaxtyping import Array, Float
+
+from yeastfit.model.rules import Context, FluctuationRule
+
+
+class NoFluctuation(FluctuationRule):
+    """The nutrient diffuses and is eaten, no more: the source's rule."""
+
+    name: ClassVar[str] = "none"
+
+    def shaken(self, context: Context) -> Float[Array, "x y"]:
+        """The same nutrient."""
+        return context.colony.nutrient
