@@ -13,8 +13,9 @@ from yeastfit import measure, model, offlattice
 def test_the_package() -> None:
     names = """
     FORWARD_MODELS HARD LI2024 PARAMETERS RULES SAMPLERS STATISTICS BirthRule Births BuddingRule CachedSimulator
-    ColonySimulator ContactRule Context Dataset DeathRule Design Diagnostics Fit FitSettings FitStatus ForwardModel
-    GradientCheck Imaging Information InputError Model Numerics Observable Parameter ParameterSet Parameters
+    ColonySimulator ContactRule Context Dataset DeathRule Design DetachmentRule Diagnostics Fit FitSettings FitStatus
+    FluctuationRule ForwardModel
+    GradientCheck Imaging Information InputError Model MotionRule Numerics Observable Parameter ParameterSet Parameters
     Posterior Prior Problem Relaxation Resolution Scales Seen Sensitivity Setting Simulation SimulationError Simulator
     Statistic Status Store Targets UptakeRule available_processors check_derivatives check_gradients design explore
     fit infer information information_of measure measure_dataset measure_file member_keys model plot profiles

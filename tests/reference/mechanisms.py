@@ -9,7 +9,7 @@ from collections import defaultdict
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import integrate, optimize, special
+from scipy import integrate, optimize, sparse, special
 
 from reference.colony import Floats, Ints
 
@@ -41,6 +41,16 @@ def without(positions: Floats, parents: Ints, gone: NDArray[np.bool_]) -> tuple[
     left = [node for node in range(len(parents)) if not gone[node]]
     number = {node: place for place, node in enumerate(left)}
     return positions[left], np.array([number.get(int(parents[node]), -1) for node in left], dtype=np.int64)
+
+
+# --- detachment ----------------------------------------------------------------------------------------------------
+
+
+def networks(parents: Ints) -> int:
+    """Connected components of the graph of nodes and their parents."""
+    joined = np.flatnonzero(parents >= 0)
+    graph = sparse.coo_array((np.ones(len(joined)), (joined, parents[joined])), shape=(len(parents),) * 2)
+    return int(sparse.csgraph.connected_components(graph, directed=False)[0])
 
 
 # --- births --------------------------------------------------------------------------------------------------------

@@ -19,6 +19,7 @@ from yeastfit.model.budding import TurnedBudding, UniformBudding
 from yeastfit.model.colony import Colony, start
 from yeastfit.model.contact import NodeContact
 from yeastfit.model.death import NoDeath
+from yeastfit.model.detachment import NoDetachment
 from yeastfit.model.fluctuations import NoFluctuation
 from yeastfit.model.growth import GlobalBirths
 from yeastfit.model.mechanisms.clock_births import ClockBirths
@@ -27,6 +28,7 @@ from yeastfit.model.mechanisms.langevin_motion import LangevinMotion
 from yeastfit.model.mechanisms.nutrient_fluctuation import NutrientFluctuation
 from yeastfit.model.mechanisms.patch_births import PatchBirths
 from yeastfit.model.mechanisms.polar_budding import PolarBudding
+from yeastfit.model.mechanisms.random_detachment import RandomDetachment
 from yeastfit.model.mechanisms.starvation_death import StarvationDeath
 from yeastfit.model.motion import DrivenMotion
 from yeastfit.model.numerics import Numerics
@@ -37,6 +39,7 @@ from yeastfit.model.rules import (
     ContactRule,
     Context,
     DeathRule,
+    DetachmentRule,
     FluctuationRule,
     MotionRule,
     Rule,
@@ -47,7 +50,16 @@ from yeastfit.parameter_set import ParameterSet
 
 BASES: dict[str, type[Rule]] = {
     base.question: base
-    for base in (BirthRule, BuddingRule, ContactRule, UptakeRule, DeathRule, MotionRule, FluctuationRule)
+    for base in (
+        BirthRule,
+        BuddingRule,
+        ContactRule,
+        UptakeRule,
+        DeathRule,
+        MotionRule,
+        FluctuationRule,
+        DetachmentRule,
+    )
 }
 """The base class of the rules of each question."""
 
@@ -58,6 +70,7 @@ for _rule in (
     *(UniformBudding, GradientBudding, BiasedBudding, PolarBudding, TurnedBudding),
     *(NodeContact, BiomassUptake, NoDeath, StarvationDeath),
     *(DrivenMotion, LangevinMotion, NoFluctuation, NutrientFluctuation),
+    *(NoDetachment, RandomDetachment),
 ):
     RULES[_rule.question][_rule.name] = _rule
 
@@ -73,6 +86,7 @@ class Model(eqx.Module):
         death: What becomes of nodes.
         motion: Where a step takes a node, given its velocity.
         fluctuations: What disturbs the nutrient.
+        detachment: Which cells let go of their mothers.
 
     Raises:
         InputError: What is given for a question is no rule for it, or two rules bring different parameters or two
@@ -86,6 +100,7 @@ class Model(eqx.Module):
     death: DeathRule = NoDeath()
     motion: MotionRule = DrivenMotion()
     fluctuations: FluctuationRule = NoFluctuation()
+    detachment: DetachmentRule = NoDetachment()
 
     def __check_init__(self) -> None:
         for question, rule in self.rules.items():

@@ -8,6 +8,7 @@
     death          what becomes of nodes             `death.NoDeath`
     motion         where a step takes a node         `motion.DrivenMotion`
     fluctuations   what disturbs the nutrient        `fluctuations.NoFluctuation`
+    detachment     which cells let go                `detachment.NoDetachment`
 
 A new mechanism is a subclass of one of the bases below, with the method of its question and the parameters it brings;
 `Model(budding=MyRule())` is then simulated, fitted, inferred and synthesised like any other. Methods are traced by JAX:
@@ -16,6 +17,7 @@ relaxed model. A rule's own fields are settings, fixed while a model runs; what 
 """
 
 from abc import abstractmethod
+from collections.abc import Mapping
 from dataclasses import fields
 from typing import ClassVar
 
@@ -222,3 +224,18 @@ class FluctuationRule(Rule):
     @abstractmethod
     def shaken(self, context: Context) -> Float[Array, "x y"]:
         """The nutrient after this step's fluctuations. Asked after cells have eaten."""
+
+
+class DetachmentRule(Rule):
+    """Which cells let go of their mothers."""
+
+    question: ClassVar[str] = "detachment"
+
+    @abstractmethod
+    def detached(self, context: Context, newborn: Mapping[str, float]) -> Colony:
+        """The colony after this step's detachments.
+
+        Arguments:
+            context: The colony after the births.
+            newborn: Initial values of the state of nodes, by name.
+        """

@@ -1,6 +1,6 @@
 """One time step, and its repetition (docs/model.md, section 3).
 
-    cells → level set → uptake → nutrient → deaths → births → motion
+    cells → level set → uptake → nutrient → deaths → births → detachment → motion
 
 Which law holds at each of these is the model's business (`yeastfit.model.model`); this file only asks its rules.
 """
@@ -53,7 +53,7 @@ Observe = Callable[[Snapshot], PyTree]
 def step(
     colony: Colony, parameters: Parameters, relaxation: Relaxation, numerics: Numerics, model: Model = SOURCE
 ) -> tuple[Colony, Snapshot]:
-    """One time step: cells eat, die, bud and move, in this order.
+    """One time step: cells eat, die, bud, let go and move, in this order.
 
     Arguments:
         colony: The state before.
@@ -80,9 +80,9 @@ def step(
         lambda: bud(context, model.births.births(context), model.budding, model.node_state()),
         lambda: context.colony,
     )
-    context_of_motion = seen(colony)
-    positions = model.motion.moved(context_of_motion, velocity(context_of_motion, model.contact))
-    colony = dataclasses.replace(colony, positions=positions)
+    parted = seen(model.detachment.detached(seen(colony), model.node_state()))
+    positions = model.motion.moved(parted, velocity(parted, model.contact))
+    colony = dataclasses.replace(parted.colony, positions=positions)
     return colony, Snapshot(cells, context.growth_rate, colony, parameters, relaxation)
 
 

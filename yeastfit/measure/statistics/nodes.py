@@ -41,6 +41,11 @@ def dead_share(snapshot: Snapshot) -> Float[Array, ""]:
     return 1.0 - jnp.sum(colony.weights * vitality) / jnp.sum(colony.weights)
 
 
+def networks(snapshot: Snapshot) -> Float[Array, ""]:
+    """Number of trees of nodes that hang together."""
+    return jnp.sum(jnp.where(snapshot.colony.parents < 0, snapshot.colony.weights, 0.0))
+
+
 ENTRIES = (
     Statistic("growth_rate", 0, "growth rate μ over μ*", "growth rate μ", nodes=growth_rate, comparable=False),
     Statistic(
@@ -53,4 +58,5 @@ ENTRIES = (
     ),
     Statistic("cell_count", 0, "number of cells", "cells", nodes=cell_count),
     Statistic("dead_share", 0, "share of nodes that are dead and in the way", nodes=dead_share, may_vanish=True),
+    Statistic("networks", 0, "number of networks of cells that hang together", nodes=networks),
 )

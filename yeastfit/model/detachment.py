@@ -1,0 +1,17 @@
+"""Whether cells let go of each other. In the source's model they never do (docs/model.md, section 8)."""
+
+from collections.abc import Mapping
+from typing import ClassVar
+
+from yeastfit.model.colony import Colony
+from yeastfit.model.rules import Context, DetachmentRule
+
+
+class NoDetachment(DetachmentRule):
+    """The network stays in one piece: the source's rule."""
+
+    name: ClassVar[str] = "none"
+
+    def detached(self, context: Context, newborn: Mapping[str, float]) -> Colony:
+        """The same colony."""
+        return context.colony
