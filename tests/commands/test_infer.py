@@ -46,7 +46,7 @@ from yeastfit.progress import Progress, silent
 from yeastfit.results_folder import results_folder
 
 TINY = {
-    "emulator": ["--simulations", "96", "--walkers", "8"],
+    "emulator": ["--simulations", "96", "--walkers", "8", "--most-steps", "500"],
     "abc-mcmc": ["--steps", "40", "--walkers", "8", "--pilot", "96", "--pilot-quantile", "0.1"],
     "abc-smc": ["--population", "64", "--simulations", "600", "--pilot", "96"],
 }

@@ -30,7 +30,7 @@ PICTURES = {
 OPTIONS = {
     "abc-mcmc": ["--steps", "20", "--walkers", "4", "--pilot", "96", "--pilot-quantile", "0.2"],
     "abc-smc": ["--population", "48", "--simulations", "300", "--pilot", "96"],
-    "emulator": ["--simulations", "64", "--walkers", "4"],
+    "emulator": ["--simulations", "64", "--walkers", "4", "--most-steps", "500"],
 }
 WORDS = {  # a doubt, and what is said of the method further down
     "abc-mcmc": ("chains are too short for mobility", "Draws are simulations within"),
