@@ -18,6 +18,8 @@ def main() -> None:
             code = run()
         except KeyboardInterrupt:
             code = signals.current.tell()
+        if signals.current.received:
+            signals.current.end()  # Python's own end would wait for compiled programs, and crash among their threads
     sys.exit(code)
 
 

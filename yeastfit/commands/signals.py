@@ -20,7 +20,7 @@ from dataclasses import dataclass
 from types import FrameType
 from typing import NoReturn
 
-GRACE = 1.7  # seconds that the main thread has for an orderly end
+GRACE = 1.0  # seconds that the main thread has for an orderly end; a busy machine may add one
 ANSWERED = (signal.SIGINT, signal.SIGTERM)
 SHOW_CURSOR = "\x1b[?25h\n"  # a progress bar hides it
 
@@ -55,6 +55,7 @@ class Interruption:
         """Write the line and return the exit code."""
         self.told = True
         with suppress(OSError):
+            sys.stdout.flush()
             sys.stderr.write(self.line)
             sys.stderr.flush()
         return self.code
