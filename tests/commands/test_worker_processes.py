@@ -61,8 +61,10 @@ def test_a_process_without_parent_goes_on() -> None:
     worker_processes._end_after_parent()
 
 
-def test_the_processes_that_measure_end_with_their_parent(monkeypatch: pytest.MonkeyPatch) -> None:
-    asked: list[bool] = []
-    monkeypatch.setattr(measure_batch, "end_with_parent", lambda: asked.append(True))
-    measure_batch._begin([])
-    assert asked == [True]
+def test_a_process_ends_with_its_parent_before_it_does_anything(monkeypatch: pytest.MonkeyPatch) -> None:
+    done: list[object] = []
+    monkeypatch.setattr(worker_processes, "end_with_parent", lambda: done.append("asked"))
+    monkeypatch.setattr(worker_processes.pickle, "loads", lambda work: (done.append, work))
+    worker_processes.begin(b"work")
+    assert done == ["asked", b"work"]
+    assert measure_batch.begin is worker_processes.begin

@@ -21,7 +21,7 @@ from pathlib import Path
 import numpy as np
 
 from yeastfit import plot
-from yeastfit.commands.worker_processes import end_with_parent
+from yeastfit.commands.worker_processes import begin
 from yeastfit.errors import InputError, PixelSizeError
 from yeastfit.measure.measure_images import measure_file
 from yeastfit.measure.outlining.segmentation import DOUBTS, segment
@@ -79,7 +79,7 @@ def _in_processes(images: Sequence[InputImage], folder: Path, processes: int) ->
     waiting = dict(enumerate(images))
     context = multiprocessing.get_context("spawn")  # JAX must not be forked
     while waiting and _can_be_sent(registered()):
-        pool = ProcessPoolExecutor(processes, context, _begin, (registered(),))
+        pool = ProcessPoolExecutor(processes, context, begin, (pickle.dumps((register_missing, registered())),))
         try:
             with _settings_for_workers():
                 first = pool.submit(os.getpid)
@@ -100,12 +100,6 @@ def _in_processes(images: Sequence[InputImage], folder: Path, processes: int) ->
             pool.shutdown(cancel_futures=True)  # after the images at hand
     for number, image in waiting.items():
         yield number, measure_image(image, folder)
-
-
-def _begin(statistics: Sequence[Statistic]) -> None:
-    """What a process does first."""
-    end_with_parent()
-    register_missing(statistics)
 
 
 def _can_be_sent(statistics: Sequence[Statistic]) -> bool:

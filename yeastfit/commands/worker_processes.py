@@ -7,12 +7,24 @@ for, a thread waits for the end of the pipe that every spawned process holds to 
 import ctypes
 import multiprocessing
 import os
+import pickle
 import signal
 import sys
 import threading
 from contextlib import suppress
 
 PR_SET_PDEATHSIG = 1  # linux/prctl.h
+
+
+def begin(work: bytes) -> None:
+    """What a process does first: it ends with its parent from now on, and then calls a function.
+
+    Arguments:
+        work: The function and its argument, pickled, so that what they need is imported only then.
+    """
+    end_with_parent()
+    function, argument = pickle.loads(work)
+    function(argument)
 
 
 def end_with_parent() -> None:
