@@ -113,7 +113,7 @@ def _can_be_sent(statistics: Sequence[Statistic]) -> bool:
 
 @contextmanager
 def _settings_for_workers() -> Iterator[None]:
-    """Let processes started inside use one thread each and ignore Ctrl-C, which reaches them as well as this one."""
+    """Let processes started inside use one thread each and ignore Ctrl-C until they have begun."""
     added = [name for name in THREADS if name not in os.environ]
     os.environ.update(dict.fromkeys(added, "1"))
     main = threading.current_thread() is threading.main_thread()  # only there can signals be set

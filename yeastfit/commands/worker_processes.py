@@ -28,7 +28,8 @@ def begin(work: bytes) -> None:
 
 
 def end_with_parent() -> None:
-    """Make this process, started by `multiprocessing`, end when its parent does."""
+    """Make this process, started by `multiprocessing`, end when its parent does, and at once after Ctrl-C."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)  # which reaches both: the parent need not wait for what is at hand
     if sys.platform == "linux":
         with suppress(OSError, AttributeError):  # then the thread does it, if later
             ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
