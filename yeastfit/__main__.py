@@ -1,5 +1,6 @@
 """`yeastfit` and `python -m yeastfit`: signals are answered before the command line is imported."""
 
+import io
 import os
 import sys
 
@@ -11,6 +12,8 @@ def main() -> None:
     """Entry point of `yeastfit`."""
     # one JAX device per processor, over which ensembles are shared out
     os.environ.setdefault("JAX_NUM_CPU_DEVICES", str(available_processors()))
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(errors="backslashreplace")  # as standard error does, where a terminal has no µ
     with signals.answered_signals():
         try:
             from yeastfit.commands.app import run

@@ -1,5 +1,8 @@
 """What the terminal shows of a long run: where it is, and its pace."""
 
+import os
+import subprocess
+import sys
 from io import StringIO
 
 import pytest
@@ -40,6 +43,14 @@ def test_progress_is_shown_on_a_terminal_only(monkeypatch: pytest.MonkeyPatch, o
     assert ("measured 3 of 12" in written.getvalue()) == on_a_terminal
 
 
+PROGRAM = """import sys
+from yeastfit.__main__ import main
+sys.argv = ["yeastfit", "--version"]
+try:
+    main()
+except SystemExit:
+    print("50 µM")
+"""
 HOSTILE = "[red]x[/blue] :smile: \x1b[31m\n\u202e\udcff [/]"
 HARMLESS = r"[red]x[/blue] :smile: \x1b[31m\n\u202e\xff [/]"
 
@@ -76,3 +87,9 @@ def test_a_sampler_and_its_simulations_are_shown_in_one_line(monkeypatch: pytest
     pace("chains", 0.9)
     line = "100 colonies, 10.0 a second, at most 0:00:20 left"
     assert told == [("pilot", 0.25), (f"pilot: {line}", 0.5), (f"chains: {line}", 0.5)]
+
+
+def test_letters_that_a_terminal_lacks_are_written_as_escapes() -> None:
+    environment = {**os.environ, "PYTHONIOENCODING": "ascii:strict"}
+    done = subprocess.run([sys.executable, "-c", PROGRAM], env=environment, capture_output=True, check=True)
+    assert done.stdout.splitlines()[-1] == rb"50 \xb5M"
