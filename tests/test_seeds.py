@@ -82,7 +82,7 @@ def test_every_command_refuses_others(command: str, seed: str, capsys: pytest.Ca
 
 
 @pytest.mark.parametrize("seed", ["-1", "1.5", '"1"', "18446744073709551616", "true"])
-def test_recipes_refuse_others(seed: str, tmp_path: Any) -> None:
+def test_recipes_refuse_others(seed: str, tmp_path: Any, unchecked: None) -> None:
     (tmp_path / "recipes.toml").write_text(f"[one]\nseed = {seed}\nhours = [4]\nparameters = {{}}\n")
     with pytest.raises(InputError, match=r"\[one\]: seed is"):
         read_recipes(tmp_path / "recipes.toml")
