@@ -16,7 +16,9 @@ def missing(runs: list[Run]) -> str:
     left = [f"{run.colonies.name}: {METHODS[run.method]}{_so_far(run)}" for run in runs if not run.finished]
     if not left:
         return "All posteriors are finished."
-    return "**Not finished**, and left out below:\n\n" + "\n".join(f"- {one}" for one in left)
+    return "**Not finished**, and left out below but for chains of which the steps so far are shown:\n\n" + "\n".join(
+        f"- {one}" for one in left
+    )
 
 
 def in_words(runs: list[Run]) -> list[str]:
