@@ -217,7 +217,7 @@ def test_no_condition_is_refused() -> None:
     ("values", "message"),
     [
         ({"starts": 0}, "starts is 0, it must be at least 1"),
-        ({"tolerance": 0.0}, "tolerance is 0.0, it must be above 0"),
+        ({"tolerance": 0.0}, "tolerance is 0.0, it must be a number above 0"),
         ({"members": (16,)}, "each stage has one of both"),
         ({"members": (9,), "spreads": (0.1,)}, "a stage has members 9 and spread 0.1"),
         ({"members": (16,), "spreads": (1.5,)}, "a stage has members 16 and spread 1.5"),
