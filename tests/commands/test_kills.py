@@ -8,6 +8,7 @@ import os
 import subprocess
 import sys
 import time
+from io import BytesIO
 from pathlib import Path
 
 import numpy as np
@@ -47,6 +48,14 @@ def run(command: list[str], seconds: float = 1e6) -> tuple[int, float]:
 def contents(folder: Path) -> dict[str, bytes]:
     found = {one.relative_to(folder).as_posix(): one for one in folder.rglob("*") if one.is_file()}
     return {name: one.read_bytes() for name, one in found.items()}
+
+
+def essence(name: str, data: bytes) -> object:
+    """A file's bytes; of an archive, all its arrays but the configuration, which holds seconds."""
+    if not name.endswith(".npz"):
+        return data
+    with np.load(BytesIO(data)) as archive:
+        return {key: archive[key].tobytes() for key in archive.files if key != "configuration"}
 
 
 def command_of(name: str, inputs: Path, out: Path) -> list[str]:
@@ -115,6 +124,6 @@ def test_killed_at_random_moments_it_comes_to_the_same_bytes(name: str, inputs: 
             assert {file for file in again if file not in ("manifest.json", "mine.txt")} == set(whole)
             for file, text in whole.items():
                 if Path(file).name not in UNLIKE:
-                    assert again[file] == text, file
+                    assert essence(file, again[file]) == essence(file, text), file
     assert kills == KILLS
     print(f"{name}: {kills} kills, {unfinished} left unfinished")
