@@ -55,7 +55,7 @@ from yeastfit.inference.posterior.result import Posterior
 from yeastfit.processors import available_processors
 from yeastfit.progress import silent
 from yeastfit.results_folder import results_folder
-from yeastfit.simulation.synthetic_data import read_truth
+from yeastfit.simulation.recipe import read_truth
 from yeastfit.storage import write_table
 
 DATA = Path(__file__).parent.parent / "data" / "synthetic"

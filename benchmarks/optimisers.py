@@ -48,7 +48,7 @@ from benchmarks.report import Report, command
 from yeastfit import Fit, FitSettings, InputError, Targets, fit, measure_dataset, read_dataset
 from yeastfit.inference.colony_simulator import DEFAULT_FREE
 from yeastfit.inference.parameter_space import Vector
-from yeastfit.simulation.synthetic_data import read_truth
+from yeastfit.simulation.recipe import read_truth
 
 DEMO = Path(__file__).parents[1] / "data" / "synthetic" / "demo"
 HOPELESS = 1.5  # times the best median so far, after which a run is given up

@@ -47,7 +47,8 @@ from yeastfit.model.numerics import Numerics
 from yeastfit.model.parameters import PARAMETERS
 from yeastfit.processors import available_processors
 from yeastfit.progress import silent
-from yeastfit.simulation.synthetic_data import Recipe, synthesize
+from yeastfit.simulation.recipe import Recipe
+from yeastfit.simulation.synthetic_data import synthesize
 
 BOX = {"mobility": (0.5, 3.0), "metabolic_rate": (0.4, 2.5), "aspect_ratio": (0.45, 0.9)}
 COUNT, SEED = 20, 2031

@@ -56,9 +56,9 @@ from .model.rules import (
 from .observable import Observable
 from .parameter_set import Parameter, ParameterSet
 from .processors import available_processors
+from .simulation.recipe import read_truth
 from .simulation.result import Simulation
 from .simulation.simulate import member_keys, simulate
-from .simulation.synthetic_data import read_truth
 
 __version__: str
 __all__ = [

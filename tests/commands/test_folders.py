@@ -17,7 +17,7 @@ from yeastfit.errors import InputError, SimulationError
 from yeastfit.inference.models.algebraic import Algebraic
 from yeastfit.results_folder import results_folder
 from yeastfit.simulation import synthetic_data
-from yeastfit.simulation.synthetic_data import read_recipes
+from yeastfit.simulation.recipe import read_recipes
 from yeastfit.storage import WORK, write_json
 
 COMMANDS = ["simulate", "measure", "fit", "infer", "gradcheck", "design", "synthesize"]

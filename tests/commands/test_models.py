@@ -33,7 +33,7 @@ from yeastfit.inference.fit.simulators import colonies_in
 from yeastfit.inference.models.algebraic import Algebraic
 from yeastfit.inference.simulator import names_of
 from yeastfit.offlattice.simulation import OfflatticeSimulation
-from yeastfit.simulation.synthetic_data import Recipe
+from yeastfit.simulation.recipe import Recipe
 from yeastfit.storage import write_table
 
 OFFLATTICE = ["--model", "offlattice", "--cells", "1200"]

@@ -33,7 +33,8 @@ from yeastfit import (
 from yeastfit.inference.colony_curves import ColonyCurves
 from yeastfit.measure.statistics.smooth_statistics import SmoothStatistics
 from yeastfit.model.simulate import Schedule
-from yeastfit.simulation.synthetic_data import Recipe, read_recipes, synthesize
+from yeastfit.simulation.recipe import Recipe, read_recipes
+from yeastfit.simulation.synthetic_data import synthesize
 
 NUMERICS = Numerics(domain=8.0, spacing=0.2, dt=0.02, capacity=40)
 

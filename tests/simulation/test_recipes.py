@@ -7,7 +7,7 @@ import pytest
 from helpers import wrong_types
 
 from yeastfit.errors import InputError
-from yeastfit.simulation.synthetic_data import Recipe, read_recipes, read_truth
+from yeastfit.simulation.recipe import Recipe, read_recipes, read_truth
 
 GOOD = "[a]\nseed = 1\nhours = [4, 8.5]\nparameters = { mobility = 2 }\n"
 

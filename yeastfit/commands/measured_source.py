@@ -20,7 +20,7 @@ from yeastfit.measure.reading.batch_inputs import dataset_images
 from yeastfit.measure.reading.dataset import MANIFESTS, dataset_folder, read_dataset
 from yeastfit.progress import Progress
 from yeastfit.report.measurement_files import write_results
-from yeastfit.simulation.synthetic_data import read_truth
+from yeastfit.simulation.recipe import read_truth
 from yeastfit.text_files import read_csv
 
 

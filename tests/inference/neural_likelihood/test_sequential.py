@@ -14,7 +14,8 @@ from scipy.stats import chi2
 from yeastfit import InputError
 from yeastfit.inference.neural_likelihood.network import TrainingSettings
 from yeastfit.inference.neural_likelihood.rounds import EmulatorDiagnostics
-from yeastfit.inference.neural_likelihood.sequential import SequentialEmulator, far_draws, proposed
+from yeastfit.inference.neural_likelihood.sequential import SequentialEmulator
+from yeastfit.inference.neural_likelihood.training_rounds import far_draws, proposed
 from yeastfit.inference.posterior.emcee_file import write_chains
 from yeastfit.inference.posterior.prior import Prior
 from yeastfit.inference.posterior.problem import Problem

@@ -13,7 +13,7 @@ from yeastfit.model.model import BASES, RULES, Model
 from yeastfit.model.parameters import PARAMETERS
 from yeastfit.model.rules import Rule
 from yeastfit.parameter_set import Parameter
-from yeastfit.simulation.synthetic_data import Recipe
+from yeastfit.simulation.recipe import Recipe
 
 PANEL, PARAMETER_PANEL = "Rules of the model", "Model parameters"
 

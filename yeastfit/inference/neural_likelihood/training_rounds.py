@@ -1,0 +1,80 @@
+"""One round of the sequential emulator: its chains, proposals for the next one, and draws that lie far off."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from yeastfit.errors import InputError
+from yeastfit.inference.neural_likelihood.emulator import Emulator
+from yeastfit.inference.neural_likelihood.mcmc import Chains, Walk
+from yeastfit.inference.posterior.prior import Prior
+from yeastfit.inference.posterior.robust_summary import covariance_of_most, far_off
+
+CHAIN = 32  # bytes of a step of a chain, at least
+FEW = 0.01  # of the draws, above which outlying ones are warned of
+TRIES = 100  # times that draws outside the prior are repeated
+
+
+@dataclass(frozen=True)
+class Round:
+    """One round's emulator and chains.
+
+    Attributes:
+        emulator: Trained on all simulations so far.
+        walk: Can make the chains longer.
+        chains: On its posterior.
+        mean: Of the prior's coordinates.
+        covariance: Of the prior's coordinates.
+        moved: How far `apart` the posterior is from that of the round before, in the parameter that moved most.
+        error_share: Share of the emulator's error in the variance that data are compared with, at the mean.
+    """
+
+    emulator: Emulator
+    walk: Walk
+    chains: Chains
+    mean: Float[np.ndarray, " free"]
+    covariance: Float[np.ndarray, "free free"]
+    moved: float
+    error_share: float
+
+
+def proposed(
+    draws: Float[np.ndarray, "draw free"], count: int, widen: float, prior: Prior, rng: np.random.Generator
+) -> Float[np.ndarray, "count free"]:
+    """Proposals around draws of the posterior, w times as wide as the bulk of it, in the prior's coordinates.
+
+    Raises:
+        InputError: Hardly any proposal lies in the prior.
+    """
+    root = np.sqrt(widen**2 - 1.0) * np.linalg.cholesky(covariance_of_most(draws))
+    proposals = np.zeros((0, draws.shape[1]))
+    for _ in range(TRIES):
+        x = draws[rng.integers(len(draws), size=count)]
+        x = x + rng.standard_normal(x.shape) @ root.T
+        proposals = np.concatenate([proposals, x[np.isfinite(prior.log_density_of_coordinates(x))]])
+        if len(proposals) >= count:
+            return proposals[:count]
+    raise InputError(f"widen is {widen:g}: with it hardly a draw lies in the prior, lower it")
+
+
+def far_draws(
+    draws: Float[np.ndarray, "draw free"], before: Float[np.ndarray, "draw2 free"] | None, prior: Prior
+) -> list[str]:
+    """A warning of outlying draws: their fraction in the last round and the one before, and where they lie.
+
+    Arguments:
+        draws: Of the last round, in the prior's coordinates.
+        before: Of the round before, where there was one.
+        prior: Of the parameters.
+    """
+    far = far_off(draws, draws)
+    if far.mean() < FEW:
+        return []
+    low, high = prior.values(np.quantile(draws[far], [0.05, 0.95], axis=0)).tolist()
+    where = ", ".join(f"{name} {a:.3g} to {b:.3g}" for name, a, b in zip(prior.free, low, high, strict=True))
+    then = "" if before is None else f", {100 * far_off(before, draws).mean():.1f} % did in the round before"
+    return [
+        f"{100 * far.mean():.1f} % of the draws lie far from the others ({where}){then}: how many do is the least "
+        "certain part of a posterior, and so are quantiles that reach there"
+    ]
