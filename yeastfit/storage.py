@@ -91,7 +91,8 @@ def written_whole(path: str | Path) -> Iterator[Path]:
         temporary.chmod(0o644)
         temporary.replace(path)
     except OSError as error:
-        error.filename = path if error.filename in (None, name) else error.filename  # a full disk names no file
+        if error.errno is not None and error.filename in (None, name):
+            error.filename = path  # a full disk names no file
         raise
     finally:
         temporary.unlink(missing_ok=True)

@@ -22,14 +22,7 @@ from yeastfit.model.death import NoDeath
 from yeastfit.model.detachment import NoDetachment
 from yeastfit.model.fluctuations import NoFluctuation
 from yeastfit.model.growth import GlobalBirths
-from yeastfit.model.mechanisms.clock_births import ClockBirths
-from yeastfit.model.mechanisms.gradient_budding import BiasedBudding, GradientBudding
-from yeastfit.model.mechanisms.langevin_motion import LangevinMotion
-from yeastfit.model.mechanisms.nutrient_fluctuation import NutrientFluctuation
-from yeastfit.model.mechanisms.patch_births import PatchBirths
-from yeastfit.model.mechanisms.polar_budding import PolarBudding
-from yeastfit.model.mechanisms.random_detachment import RandomDetachment
-from yeastfit.model.mechanisms.starvation_death import StarvationDeath
+from yeastfit.model.mechanisms import every_rule
 from yeastfit.model.motion import DrivenMotion
 from yeastfit.model.numerics import Numerics
 from yeastfit.model.parameters import PARAMETERS, Parameters
@@ -65,13 +58,9 @@ BASES: dict[str, type[Rule]] = {
 
 RULES: dict[str, dict[str, type[Rule]]] = {question: {} for question in BASES}
 """Rules by question and name, for recipes, files and the command line. A rule of one's own may be added."""
-for _rule in (
-    *(GlobalBirths, PatchBirths, ClockBirths),
-    *(UniformBudding, GradientBudding, BiasedBudding, PolarBudding, TurnedBudding),
-    *(NodeContact, BiomassUptake, NoDeath, StarvationDeath),
-    *(DrivenMotion, LangevinMotion, NoFluctuation, NutrientFluctuation),
-    *(NoDetachment, RandomDetachment),
-):
+_SOURCE: list[type[Rule]] = [GlobalBirths, UniformBudding, TurnedBudding, NodeContact, BiomassUptake, NoDeath]
+_SOURCE += [DrivenMotion, NoFluctuation, NoDetachment]
+for _rule in _SOURCE + every_rule():
     RULES[_rule.question][_rule.name] = _rule
 
 
@@ -106,6 +95,8 @@ class Model(eqx.Module):
         for question, rule in self.rules.items():
             if not isinstance(rule, BASES[question]):
                 raise InputError(f"{question} is {rule!r}, it must be a {BASES[question].__name__}")
+            if not hasattr(rule, "name"):
+                raise InputError(f"{question} is {rule!r}, which has no name: files and warnings call a rule by one")
         states = [name for rule in self.parts for name in rule.node_state()]
         twice = sorted({name for name in states if states.count(name) > 1})
         if twice:

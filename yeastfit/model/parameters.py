@@ -111,6 +111,8 @@ class Parameters:
         return {name: np.asarray(value, dtype=float).tolist() for name, value in self.values.items()}
 
     def __getitem__(self, name: str) -> Array:
+        if name not in self.values:
+            raise KeyError(f"no value of a parameter {name!r}, there are {', '.join(self.values)}")
         return self.values[name]
 
     def __getattr__(self, name: str) -> Array:
