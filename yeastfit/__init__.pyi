@@ -17,13 +17,14 @@ from .inference.information.experiment import information_of
 from .inference.information.fisher import information
 from .inference.information.result import Information
 from .inference.li2024 import LI2024
-from .inference.models.forward_model import ForwardModel, Seen
+from .inference.models.forward_model import ForwardModel, Grown, Seen
 from .inference.models.registry import FORWARD_MODELS
 from .inference.posterior.cached_simulator import CachedSimulator
 from .inference.posterior.diagnostics import Diagnostics
 from .inference.posterior.prior import Prior
 from .inference.posterior.problem import Problem
 from .inference.posterior.result import Posterior
+from .inference.posterior.sampler import Sampler
 from .inference.posterior.settings import Setting
 from .inference.posterior.simulation_store import Store
 from .inference.posterior.status import Status
@@ -53,7 +54,9 @@ from .model.rules import (
     MotionRule,
     UptakeRule,
 )
+from .numbers import Range
 from .observable import Observable
+from .panel import Panel
 from .parameter_set import Parameter, ParameterSet
 from .processors import available_processors
 from .simulation.recipe import read_truth
@@ -87,6 +90,7 @@ __all__ = [
     "FluctuationRule",
     "ForwardModel",
     "GradientCheck",
+    "Grown",
     "Imaging",
     "Information",
     "InputError",
@@ -94,14 +98,17 @@ __all__ = [
     "MotionRule",
     "Numerics",
     "Observable",
+    "Panel",
     "Parameter",
     "ParameterSet",
     "Parameters",
     "Posterior",
     "Prior",
     "Problem",
+    "Range",
     "Relaxation",
     "Resolution",
+    "Sampler",
     "Scales",
     "Seen",
     "Sensitivity",

@@ -61,7 +61,7 @@ class Grown(Protocol):
         """Tidy table: one row per member and sample."""
 
     def panels(self, member: int) -> list[Panel]:
-        """What a picture of one colony at its end shows."""
+        """What a picture of one colony at its end shows, at least one panel."""
 
     def masks(self) -> Outlines | None:
         """Of all members at their end, as a camera would see them, with µm per pixel; None where there are none."""
@@ -188,12 +188,12 @@ class ForwardModel(ABC):
         raise InputError(f"--model: {type(self).__name__} has no sensitivity without data, which design needs")
 
     def grow(self, values: Mapping[str, float], members: int, seed: int) -> Grown:
-        """Colonies at given values of some parameters, for `simulate`.
+        """Colonies at given values of all parameters, for `simulate`.
 
         Raises:
             InputError: The model has no such thing.
         """
-        raise InputError(f"--model: {type(self).__name__} cannot be simulated without data")
+        raise InputError(f"--model: {type(self).__name__} has no `grow`, which simulate needs: use fit or infer")
 
     def settings(self, command: str) -> dict[str, Any]:
         """The settings that a command has, plain data; rules are named where they are not the default ones."""
