@@ -48,7 +48,7 @@ from yeastfit.commands.run_folder import inputs_of
 from yeastfit.inference.abc.mcmc import McmcDiagnostics
 from yeastfit.inference.abc.regression_adjustment import Accepted
 from yeastfit.inference.abc.smc import SmcDiagnostics
-from yeastfit.inference.colony_simulator import Resolution
+from yeastfit.inference.models.algebraic import Algebraic
 from yeastfit.inference.neural_likelihood.rounds import EmulatorDiagnostics
 from yeastfit.inference.posterior.draws import weighted_quantile
 from yeastfit.inference.posterior.result import Posterior
@@ -195,7 +195,8 @@ def beside(name: str, seed: int, size: Size, work: Path, report: Report) -> dict
     """Posteriors of the reduced data of one set, by method."""
     table, prior = few(name, work), work / "prior.toml"
     prior.write_text(PRIOR.toml())
-    common: dict[str, Any] = {"prior": prior, "resolution": Resolution(size.dt, size.spacing), "seed": seed}
+    common: dict[str, Any] = {"prior": prior, "seed": seed}
+    common["forward_model"] = Algebraic(dt=size.dt, spacing=size.spacing)
     abc = {"replicates": COLONIES, "pilot": size.pilot}
     found = dict[str, Found]()
     for method in METHODS:

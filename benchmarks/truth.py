@@ -21,10 +21,10 @@ import numpy as np
 from benchmarks.agreement import DATA, LEVEL, SETS, posterior, truth_of, yes
 from benchmarks.report import Report, code, command
 from yeastfit.commands.infer_config import Request
-from yeastfit.inference.colony_simulator import Resolution
+from yeastfit.inference.models.algebraic import Algebraic
 
 DEFAULT = Request()
-QUICK = Request.of("emulator", {"simulations": 256}, resolution=Resolution(0.05, 0.4))
+QUICK = Request.of("emulator", {"simulations": 256}, forward_model=Algebraic(dt=0.05, spacing=0.4))
 
 
 def judge(report: Report, sets: tuple[str, ...], work: Path, request: Request = DEFAULT) -> None:

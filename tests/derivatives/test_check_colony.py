@@ -231,7 +231,7 @@ def test_gradcheck_ends_with_1_where_something_does_not_agree(
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["--contact", "0"], "relaxation width contact is None"),
+        (["--contact-width", "0"], "relaxation width contact is None"),
         (["--time", "0"], "times is"),
         (["--mobility", "-1"], "mobility"),
         (["--elasticity", "60"], "dt is 0.02, too large for the springs"),
