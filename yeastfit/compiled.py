@@ -1,4 +1,7 @@
-"""Functions compiled by numba, an optional dependency: where it is missing, calling one says how to install it."""
+"""Functions compiled by numba, an optional dependency: where it is missing, calling one says how to install it.
+
+Importing this module imports numba, which takes half a second.
+"""
 
 from collections.abc import Callable
 from functools import cache, wraps
@@ -40,29 +43,27 @@ def array_kernel(function: Callable[Arguments, Result]) -> Callable[Arguments, R
 
 
 def _compiled(function: Callable[Arguments, Result], **options: Any) -> Callable[Arguments, Result]:
-    """Compile lazily, under a name with a digest of this folder's sources.
+    """Compile lazily, under a name with a digest of the sources of the function's folder.
 
     Numba compiles again when the file of a kernel changes, but not when a kernel that it calls does, in another file.
     """
     plain = unwrap(function)  # of the tests' type checks, which numba cannot compile
     if njit is None:
         return _missing(plain)
-    plain.__qualname__ += f"_{_sources()}"
+    plain.__qualname__ += f"_{_sources(Path(plain.__code__.co_filename).parent)}"
     return njit(**options, cache=True, nogil=True)(plain)
 
 
 def _missing(function: Callable[Arguments, Result]) -> Callable[Arguments, Result]:
     @wraps(function)
     def call(*args: Arguments.args, **kwargs: Arguments.kwargs) -> Result:
-        raise InputError(
-            "the off-lattice model needs numba, which is not installed: pip install 'yeastfit[offlattice]'"
-        )
+        raise InputError("this needs numba, which is not installed: pip install 'yeastfit[offlattice]'")
 
     return call
 
 
 @cache
-def _sources() -> str:
-    """Eight hexadecimal digits that change with any file of this folder."""
-    files = sorted(Path(__file__).parent.glob("*.py"))
+def _sources(folder: Path) -> str:
+    """Eight hexadecimal digits that change with any file of a folder."""
+    files = sorted(folder.glob("*.py"))
     return sha256(b"".join(file.read_bytes() for file in files)).hexdigest()[:8]

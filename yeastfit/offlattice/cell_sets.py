@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Int
 
-from yeastfit.offlattice.compiled import kernel
+from yeastfit.compiled import kernel
 
 ELIGIBLE_SATED, ELIGIBLE_PSEUDOHYPHAL, CHILDLESS = 0, 1, 2
 """Cells that can bud, by form (SATED and PSEUDOHYPHAL), and those of both that have no pseudohyphal daughter."""

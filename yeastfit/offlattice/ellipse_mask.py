@@ -22,9 +22,9 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy import ndimage
 
+from yeastfit.compiled import kernel
 from yeastfit.errors import InputError
 from yeastfit.offlattice.colony import OfflatticeColony
-from yeastfit.offlattice.compiled import kernel
 from yeastfit.offlattice.placing import PIXELS_PER_UM, SEMI_AXES
 
 PIXEL = 1.55008

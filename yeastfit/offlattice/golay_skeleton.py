@@ -22,7 +22,7 @@ neighbours holds exactly one run of pixels, or none. Order of passes and ends re
 import numpy as np
 from jaxtyping import Bool
 
-from yeastfit.offlattice.compiled import array_kernel, kernel
+from yeastfit.compiled import array_kernel, kernel
 
 RING = ("NW", "N", "NE", "E", "SE", "S", "SW", "W")
 """Neighbours in the order of the bits of their code."""

@@ -15,8 +15,8 @@ u₂, u₃, and another mother by each of steps 2 and 3 that asks for one; the a
 import numpy as np
 from jaxtyping import Int, Shaped
 
+from yeastfit.compiled import kernel
 from yeastfit.offlattice.cell_sets import CHILDLESS, ELIGIBLE_PSEUDOHYPHAL, ELIGIBLE_SATED, Sets, add
-from yeastfit.offlattice.compiled import kernel
 from yeastfit.offlattice.mothers import after_transition, any_eligible, bear_pseudohyphal, count_on
 from yeastfit.offlattice.overlap import NOBODY, PSEUDOHYPHAL, SATED, free, insert
 from yeastfit.offlattice.parameters import Rates

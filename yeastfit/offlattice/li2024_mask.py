@@ -26,9 +26,9 @@ from functools import cache
 import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
 
+from yeastfit.compiled import array_kernel, kernel
 from yeastfit.errors import InputError
 from yeastfit.offlattice.colony import OfflatticeColony
-from yeastfit.offlattice.compiled import array_kernel, kernel
 from yeastfit.offlattice.placing import DIRECTIONS, PIXELS_PER_UM, SEMI_AXES
 
 BIN = 4

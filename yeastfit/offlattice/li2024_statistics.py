@@ -24,10 +24,10 @@ from math import floor, nan, pi
 import numpy as np
 from jaxtyping import Bool, Int
 
+from yeastfit.compiled import array_kernel, kernel
 from yeastfit.errors import InputError
 from yeastfit.measure.statistics.pixels import Pixels
 from yeastfit.measure.statistics.statistic import Statistic
-from yeastfit.offlattice.compiled import array_kernel, kernel
 from yeastfit.offlattice.golay_skeleton import count_ends, skeleton
 
 RING = 4

@@ -17,6 +17,7 @@ first try are free, and the crowded middle of the colony retires. From the trans
 import numpy as np
 from jaxtyping import Shaped
 
+from yeastfit.compiled import kernel
 from yeastfit.offlattice.cell_sets import (
     CHILDLESS,
     ELIGIBLE_PSEUDOHYPHAL,
@@ -26,7 +27,6 @@ from yeastfit.offlattice.cell_sets import (
     member,
     remove,
 )
-from yeastfit.offlattice.compiled import kernel
 from yeastfit.offlattice.overlap import SATED
 from yeastfit.offlattice.parameters import Rates
 from yeastfit.offlattice.random_numbers import Numbers, below

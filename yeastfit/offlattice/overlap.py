@@ -16,7 +16,7 @@ of any reach fit, and cells that share a bin from tile to tile are told apart by
 import numpy as np
 from jaxtyping import Float, Int, Shaped
 
-from yeastfit.offlattice.compiled import kernel
+from yeastfit.compiled import kernel
 from yeastfit.offlattice.placing import DIRECTIONS, SEMI_AXES
 
 CELL = np.dtype(

@@ -18,8 +18,8 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, Int, UInt64
 
+from yeastfit.compiled import kernel
 from yeastfit.errors import InputError
-from yeastfit.offlattice.compiled import kernel
 
 MOST_SEED = 2**64
 

@@ -12,7 +12,7 @@ So of a pseudohyphal cell with a pseudohyphal daughter the next is sated with pr
 daughter is pseudohyphal with probability max(0, p_sp − p_ps) / (1 − p_ps), hence never where p_sp ≤ p_ps.
 """
 
-from yeastfit.offlattice.compiled import kernel
+from yeastfit.compiled import kernel
 from yeastfit.offlattice.overlap import PSEUDOHYPHAL, SATED
 from yeastfit.offlattice.parameters import Rates
 
