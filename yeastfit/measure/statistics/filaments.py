@@ -44,6 +44,7 @@ from scipy import ndimage
 
 from yeastfit.measure.statistics.pixels import TIE, Mask, PerPixel, Pixels
 from yeastfit.measure.statistics.statistic import Statistic
+from yeastfit.measure.statistics.thinning import skeleton
 from yeastfit.numbers import Range
 
 RING = 4
@@ -129,19 +130,17 @@ def csr_radius(distance: PerPixel) -> float:
 
 
 def _branches(pixels: Pixels, inner: float) -> tuple[float, float]:
-    from skimage.morphology import skeletonize
-
     row, column = np.ogrid[: pixels.colony.shape[0], : pixels.colony.shape[1]]
     distance = np.hypot(row - pixels.centre[0], column - pixels.centre[1])
     beyond = distance >= inner - TIE
     width = max(_CORE * inner, _THICKNESS)
     thick = np.where(beyond, pixels.colony, distance >= inner - width - TIE)
     count, length, orientations = 0, 0.0, 0
-    for index, rows, columns in _quadrants(thick.shape, pixels.centre, round(width)):
-        skeleton = np.pad(skeletonize(thick.ravel()[index]), 1)
-        own = skeleton & np.pad(beyond.ravel()[index], 1)
+    for (whole, outer), rows, columns in _quadrants((thick, beyond), pixels.centre, round(width)):
+        thin = np.pad(skeleton(whole), 1)
+        own = thin & np.pad(outer, 1)
         own[rows + 1 :], own[:, columns + 1 :] = False, False
-        neighbours, steps = _around(skeleton, own)
+        neighbours, steps = _around(thin, own)
         count += int((neighbours <= 1).sum())
         length += 0.5 * float(steps.sum())
         orientations += 1
@@ -149,30 +148,32 @@ def _branches(pixels: Pixels, inner: float) -> tuple[float, float]:
 
 
 def _quadrants(
-    shape: tuple[int, ...], centre: tuple[float, float], seam: int
-) -> Iterator[tuple[Int[np.ndarray, "row column"], int, int]]:
-    """Each quadrant as it is and mirrored, turned to the upper left: flat indices of its pixels, its height and width.
+    images: tuple[Mask, Mask], centre: tuple[float, float], seam: int
+) -> Iterator[tuple[list[Mask], int, int]]:
+    """Each quadrant of two images as it is and mirrored, turned to the upper left; its height and width.
 
-    The indices reach `seam` pixels into the next quadrants, where the cut between them would show in a skeleton. A
+    The images reach `seam` pixels into the next quadrants, where the cut between them would show in a skeleton. A
     pixel on an axis belongs to one quadrant of the four.
     """
-    index = np.arange(shape[0] * shape[1]).reshape(shape)
     row, column = centre
-    for mirrored, middle in ((index, column), (index[:, ::-1], shape[1] - 1 - column)):
-        turned, up, left = mirrored, row, middle
+    for mirrored, middle in (
+        (images, column),
+        ([image[:, ::-1] for image in images], images[0].shape[1] - 1 - column),
+    ):
+        turned, up, left = list(mirrored), row, middle
         for _ in range(4):
             height, width = int(np.ceil(up - TIE)), floor(left + TIE) + 1
-            yield turned[: height + seam, : width + seam], height, width
-            turned, up, left = np.rot90(turned), turned.shape[1] - 1 - left, up
+            yield [image[: height + seam, : width + seam] for image in turned], height, width
+            turned, up, left = [np.rot90(image) for image in turned], turned[0].shape[1] - 1 - left, up
 
 
-def _around(skeleton: Mask, own: Mask) -> tuple[Int[np.ndarray, " own"], Float[np.ndarray, " own"]]:
+def _around(thin: Mask, own: Mask) -> tuple[Int[np.ndarray, " own"], Float[np.ndarray, " own"]]:
     """Of every own pixel of a skeleton with an empty margin: its neighbours, and the length of the steps to them.
 
     A step across counts only where no two steps along lead to the same place.
     """
     rows, columns = np.nonzero(own)
-    near = {(i, j): skeleton[rows + i, columns + j] for i in (-1, 0, 1) for j in (-1, 0, 1) if i or j}
+    near = {(i, j): thin[rows + i, columns + j] for i in (-1, 0, 1) for j in (-1, 0, 1) if i or j}
     steps = np.zeros(len(rows))
     for (i, j), there in near.items():
         across = i != 0 and j != 0
