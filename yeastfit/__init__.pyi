@@ -5,6 +5,7 @@ from .derivatives.check import check_derivatives
 from .derivatives.check_colony import check_gradients
 from .derivatives.result import GradientCheck
 from .errors import InputError, SimulationError
+from .inference.calibration import calibrate
 from .inference.colony_simulator import ColonySimulator, Resolution
 from .inference.fit.bootstrap_profile import explore, profiles
 from .inference.fit.least_squares import fit
@@ -20,6 +21,7 @@ from .inference.li2024 import LI2024
 from .inference.models.forward_model import ForwardModel, Grown, Seen
 from .inference.models.registry import FORWARD_MODELS
 from .inference.posterior.cached_simulator import CachedSimulator
+from .inference.posterior.calibration_ranks import Calibration
 from .inference.posterior.diagnostics import Diagnostics
 from .inference.posterior.prior import Prior
 from .inference.posterior.problem import Problem
@@ -76,6 +78,7 @@ __all__ = [
     "Births",
     "BuddingRule",
     "CachedSimulator",
+    "Calibration",
     "ColonySimulator",
     "ContactRule",
     "Context",
@@ -122,6 +125,7 @@ __all__ = [
     "Targets",
     "UptakeRule",
     "available_processors",
+    "calibrate",
     "check_derivatives",
     "check_gradients",
     "design",

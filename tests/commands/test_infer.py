@@ -369,7 +369,7 @@ def test_problems_of_colonies_are_told_of_however_often_a_run_was_stopped(
         assert cli.run(arguments(data, tmp_path / "out", "abc-smc")) == 130
     finished(arguments(data, tmp_path / "out", "abc-smc", "--resume"))
     said = json.loads((tmp_path / "out" / "manifest.json").read_text())["warnings"]
-    assert any(one.startswith("6 of 680 discs: births were cut") for one in said)
+    assert any(one.startswith("6 of 920 discs: births were cut") for one in said)
 
 
 def test_colonies_that_are_seen_once_each_are_doubted(data: Path, tmp_path: Path) -> None:

@@ -77,6 +77,14 @@ def infer(
     draws: Annotated[
         int, typer.Option(min=10, help="Data sets simulated at the end to check the posterior.", rich_help_panel=RUN)
     ] = Request.draws,
+    prior_draws: Annotated[
+        int,
+        typer.Option(
+            min=0,
+            help="Data sets simulated from the prior for posterior.nc, which ArviZ compares with the data; 0 for none.",
+            rich_help_panel=RUN,
+        ),
+    ] = Request.prior_draws,
     measurement_error: MeasurementError = None,
     reuse: Annotated[
         Path | None,
@@ -109,7 +117,13 @@ def infer(
     asked: dict[str, Any] = {
         **{"model": chosen.name, "forward_model": chosen.forward, "fixed": chosen.values},
         **{"free": names_in(free), "statistics": names_in(statistics), "condition": condition, "prior": prior},
-        **{"draws": draws, "measurement_error": measurement_error, "reuse": reuse, "seed": seed},
+        **{
+            "draws": draws,
+            "prior_draws": prior_draws,
+            "measurement_error": measurement_error,
+            "reuse": reuse,
+            "seed": seed,
+        },
     }
     request = Request.of_li(method, settings, **asked) if li else Request.of(method or "emulator", settings, **asked)
     if print_prior:

@@ -8,6 +8,7 @@ from typing import Any
 from yeastfit.errors import InputError
 from yeastfit.inference.models.forward_model import ForwardModel
 from yeastfit.inference.models.registry import DEFAULT, model_named
+from yeastfit.inference.posterior.predictive_check import FEWEST
 from yeastfit.inference.posterior.prior import Prior
 from yeastfit.inference.posterior.sampler import Sampler
 from yeastfit.inference.samplers import SAMPLERS, name_of, sampler_of, settings_of
@@ -32,6 +33,7 @@ class Request:
         prior: File; by default the plausible ranges.
         bounded: Distribution of parameters that have a largest value, in the default prior.
         draws: Of the posterior predictive check.
+        prior_draws: Data sets predicted from the prior, for ArviZ's file.
         measurement_error: Relative, of the means; by default as the registry of statistics has it.
         reuse: Folder of another run whose simulations serve again.
         seed: Same seed, same posterior.
@@ -50,12 +52,15 @@ class Request:
     prior: Path | None = None
     bounded: str = "log-uniform"
     draws: int = 40
+    prior_draws: int = 40
     measurement_error: float | None = None
     reuse: Path | None = None
     seed: int = 0
 
     def __post_init__(self) -> None:
         check_count("draws", self.draws)
+        if self.prior_draws and self.prior_draws < FEWEST:
+            raise InputError(f"--prior-draws is {self.prior_draws}, it must be 0 or at least {FEWEST}")
         kind = model_named(self.model)
         forward = kind() if self.forward_model is None else self.forward_model
         object.__setattr__(self, "forward_model", forward)

@@ -23,6 +23,7 @@ from yeastfit.inference.curve_covariance import measurement_covariance
 from yeastfit.inference.models.forward_model import ForwardModel
 from yeastfit.inference.posterior.cached_simulator import CachedSimulator
 from yeastfit.inference.posterior.emcee_file import write_chains
+from yeastfit.inference.posterior.predictive_check import Predictive
 from yeastfit.inference.posterior.problem import Problem
 from yeastfit.inference.posterior.result import Posterior
 from yeastfit.inference.posterior.sampler import Sampler
@@ -33,7 +34,7 @@ from yeastfit.inference.targets import Targets
 from yeastfit.inference.targets_from_table import TABLE, read_measurements
 from yeastfit.progress import Progress
 from yeastfit.report.fit_files import write_targets
-from yeastfit.report.posterior_files import photographs, write_results
+from yeastfit.report.posterior_files import photographs, with_arviz, write_results
 from yeastfit.report.posterior_summary import Summary
 from yeastfit.results_contents import RUN, check_finished
 from yeastfit.results_folder import ResultsFolder
@@ -144,7 +145,13 @@ class InferRun:
     def simulations_at_most(self) -> int | None:
         """Simulations of the run, those of the predictive check among them, where the sampler knows."""
         sampled = getattr(self.sampler, "simulations_at_most", None)
-        return None if sampled is None else sampled + self.request.draws * self.problem.replicates
+        checked = self.request.draws + self.prior_draws
+        return None if sampled is None else sampled + checked * self.problem.replicates
+
+    @property
+    def prior_draws(self) -> int:
+        """Data sets predicted from the prior: those asked for where there is ArviZ, whose file alone holds them."""
+        return self.request.prior_draws if with_arviz() else 0
 
     def sample(self, tell: Callable[[int], None], progress: Progress) -> Posterior:
         """The sampler's run, its posterior saved."""
@@ -171,13 +178,24 @@ class InferRun:
         with self._store(self.folder.path / SIMULATIONS) as store:
             simulator = CachedSimulator(self._watched(tell), BATCH, store)
             predicted = posterior.predict(simulator, draws=self.request.draws, seed=self.request.seed)
+            beforehand, remarks = self._predicted_beforehand(posterior, simulator)
         summary = Summary.of(posterior, predicted, truth, self.problems_met(), self.model)
         images = self.source if self.source.is_dir() else self.source.parent
         observed = photographs(self.data.rows, self.data.folder, images, self.request.condition, PICTURED)
         shown = predicted.values[:PICTURED]
         drawn = self.model.outlines(self.problem.simulator, shown, self.targets, self.request.seed)
         partial = self.folder.results.partial
-        return summary, write_results(partial, summary, self.targets, observed, drawn, self._made())
+        remarks += write_results(partial, summary, self.targets, observed, drawn, self._made(), beforehand)
+        return summary, remarks
+
+    def _predicted_beforehand(self, posterior: Posterior, simulator: Simulator) -> tuple[Predictive | None, list[str]]:
+        """Data predicted from the prior, and why there are none."""
+        if not self.prior_draws:
+            return None, []
+        try:
+            return posterior.predict_prior(simulator, draws=self.prior_draws, seed=self.request.seed), []
+        except InputError as error:
+            return None, [f"posterior.nc has no prior_predictive: {error}"]
 
     def doubts(self) -> list[str]:
         """What the data do not fulfil, in words."""

@@ -6,7 +6,6 @@ entry here or, from outside the package, `yeastfit.SAMPLERS["name"] = Class`; Py
 
 import time
 from collections.abc import Mapping, Sequence
-from contextlib import nullcontext
 from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
@@ -23,9 +22,9 @@ from yeastfit.inference.posterior.prior import Prior
 from yeastfit.inference.posterior.problem import Problem
 from yeastfit.inference.posterior.result import Posterior
 from yeastfit.inference.posterior.sampler import Sampler
-from yeastfit.inference.posterior.simulation_store import Store
+from yeastfit.inference.posterior.simulation_store import opened_store
 from yeastfit.inference.posterior.simulations import Simulations
-from yeastfit.inference.simulator import Simulator, labels_of
+from yeastfit.inference.simulator import Simulator
 from yeastfit.inference.targets import Targets
 from yeastfit.progress import Progress, silent
 
@@ -81,7 +80,7 @@ def infer(
         raise InputError(f"settings {', '.join(settings)} are given beside a sampler, which has its own")
     else:
         sampler = method
-    with _opened(store, simulator) as simulations:
+    with opened_store(store, simulator) as simulations:
         return sample(problem, sampler, simulations, seed, progress or silent)
 
 
@@ -123,11 +122,3 @@ def name_of(sampler: Sampler) -> str:
     """Its name in `SAMPLERS`, or that of its class where it is not registered."""
     names = [name for name, kind in SAMPLERS.items() if kind is type(sampler)]
     return names[0] if names else type(sampler).__name__
-
-
-def _opened(store: Simulations | str | Path | None, simulator: Simulator) -> Any:
-    """A context manager that gives the store."""
-    names, labels = simulator.parameters.names, labels_of(simulator)
-    if store is None:
-        return nullcontext(Simulations(names, labels))
-    return nullcontext(store) if isinstance(store, Simulations) else Store(store, names, labels)

@@ -76,6 +76,7 @@ def write_results(
     observed: Sequence[Photograph],
     drawn: Outlines | None,
     made: Mapping[str, str],
+    beforehand: Predictive | None = None,
 ) -> list[str]:
     """Write all files but the manifest.
 
@@ -86,6 +87,7 @@ def write_results(
         observed: Photographs.
         drawn: Simulated outlines at the first draws of the predictive check, and µm per pixel.
         made: How the run was made, for the page.
+        beforehand: Data predicted from the prior, for posterior.nc.
 
     Returns:
         Remarks, in words.
@@ -103,10 +105,15 @@ def write_results(
     with written_whole(folder / "index.html") as temporary:
         page = posterior_page(summary, pictures, made, photographed=bool(observed))
         temporary.write_text(page, encoding="utf-8")
-    if importlib.util.find_spec("arviz") is None:
+    if not with_arviz():
         return ["posterior.nc is left out: ArviZ is not installed (pip install yeastfit[arviz])"]
-    posterior.to_netcdf(folder / "posterior.nc", predicted)
+    posterior.to_netcdf(folder / "posterior.nc", predicted, beforehand)
     return []
+
+
+def with_arviz() -> bool:
+    """Whether ArviZ is installed, so that there is a posterior.nc."""
+    return importlib.util.find_spec("arviz") is not None
 
 
 def _figures(

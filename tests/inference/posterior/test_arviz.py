@@ -7,14 +7,18 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 from made_posteriors import made_posterior
+from scipy.stats import uniform
 
 from yeastfit import InputError
-from yeastfit.inference.posterior.arviz import groups_of, resampled
+from yeastfit.inference.posterior.arviz import Beside, groups_of, resampled
+from yeastfit.inference.posterior.calibration_ranks import Calibration
 from yeastfit.inference.posterior.chain_diagnostics import autocorrelation_time
 from yeastfit.inference.posterior.predictive_check import Predictive
+from yeastfit.inference.posterior.prior import Prior
 from yeastfit.inference.posterior.result import Posterior
 
 PREDICTED = Predictive(
@@ -25,6 +29,15 @@ PREDICTED = Predictive(
     observed=np.array([0.1, 0.2, 0.3]),
     replicates=1,
     failed=0,
+)
+
+
+CALIBRATED = Calibration(
+    free=("mobility", "aspect_ratio"),
+    truths=np.zeros((20, 2)),
+    ranks=np.stack([np.arange(20), np.arange(20)[::-1]], axis=1),
+    joint_ranks=np.arange(20),
+    draws=19,
 )
 
 
@@ -95,10 +108,15 @@ WEIGHTS = np.linspace(0.1, 2, 400)[None] / np.linspace(0.1, 2, 400).sum()
 def test_what_is_not_there() -> None:
     found = replace(made_up(), statistics=np.full((3, 50, 3), np.nan), acceptance=np.ones(4))
     groups = groups_of(found)
-    assert set(groups) == {"posterior", "sample_stats"}
+    assert set(groups) == {"posterior", "sample_stats", "log_prior", "prior"}
     assert set(groups["sample_stats"]) == {"lp"}
-    with pytest.raises(InputError, match=r"predictive is of area, count, expected .* area, length, count"):
-        groups_of(found, replace(PREDICTED, labels=("area", "count")))
+    other = replace(PREDICTED, labels=("area", "count"))
+    with pytest.raises(InputError, match=r"^predictive is of area, count, expected .* area, length, count"):
+        groups_of(found, Beside(other))
+    with pytest.raises(InputError, match=r"^prior_predictive is of area, count, expected .* area, length, count"):
+        groups_of(found, Beside(None, other))
+    with pytest.raises(InputError, match=r"calibration is of rate, expected the parameters .* mobility, aspect_ratio"):
+        groups_of(found, Beside(calibration=replace(CALIBRATED, free=("rate",))))
 
 
 def test_weighted_draws_are_resampled_and_kept(arviz: Any, tmp_path: Path) -> None:
@@ -125,6 +143,61 @@ def test_weighted_draws_are_resampled_and_kept(arviz: Any, tmp_path: Path) -> No
     )
 
 
+def test_sensitivities_to_prior_and_data_are_those_of_a_gaussian(arviz: Any, tmp_path: Path) -> None:
+    """ArviZ's psense, on the file: of λ ~ N(0, 1) seen once with variance v, mean m = o / (1 + v).
+
+    Raising prior or likelihood to the power 1 + δ moves the posterior's mean by ∓ δ o v / (1 + v)²; where the
+    likelihood says little (v large) the prior alone moves the spread, and the other way round.
+    """
+    rng, prior = np.random.default_rng(2), {"distribution": "normal", "mean": 0.0, "sd": 1.0}
+    told = {}
+    for name, variance in (("data", 0.01), ("prior", 100.0)):
+        values = np.sqrt(variance / (1 + variance)) * rng.standard_normal((4, 1000, 1))
+        found = made_posterior(
+            values, prior=Prior.of({"mobility": prior}), log_likelihood=-0.5 * values[..., 0] ** 2 / variance
+        )
+        found.to_netcdf(tmp_path / "posterior.nc")
+        told[name] = sensitivities(arviz, arviz.from_netcdf(str(tmp_path / "posterior.nc"), engine="h5netcdf"))
+    assert told["data"][1] > 0.05 > told["data"][0]
+    assert told["prior"][0] > 0.05 > told["prior"][1]
+
+
+def sensitivities(arviz: Any, data: Any) -> tuple[float, float]:
+    """To the prior and to the data, by either ArviZ."""
+    if hasattr(arviz, "psense_summary"):
+        table = arviz.psense_summary(data)
+        return float(table["prior"].iloc[0]), float(table["likelihood"].iloc[0])
+    each = [arviz.psens(data, component=part)["mobility"] for part in ("prior", "likelihood")]
+    return float(each[0]), float(each[1])
+
+
+def test_arviz_draws_ranks_and_the_ecdf_of_a_calibration(arviz: Any, tmp_path: Path) -> None:
+    """From the file, with what the group holds: all groups and their attributes are there."""
+    found = replace(made_up(), log_likelihood=np.zeros((3, 50)))
+    found.to_netcdf(tmp_path / "posterior.nc", PREDICTED, PREDICTED, CALIBRATED)
+    tree = arviz.from_netcdf(str(tmp_path / "posterior.nc"), engine="h5netcdf")
+    groups = set(getattr(tree, "children", None) or tree.groups())
+    assert groups >= {"log_prior", "log_likelihood", "prior", "prior_predictive", "prior_sbc"}
+    np.testing.assert_array_equal(tree["prior"]["mobility"].values[0, :10], PREDICTED.values[:, 0])
+    assert np.ptp(tree["prior"]["mobility"].values) > 1e6
+    density = found.prior.log_density(found.flat).reshape(3, 50)
+    np.testing.assert_allclose(tree["log_prior"]["mobility"] + tree["log_prior"]["aspect_ratio"], density)
+    np.testing.assert_allclose(tree["prior_sbc"]["joint"].values[0], (np.arange(20) + 0.5) / 20)
+    if hasattr(arviz, "plot_ecdf_pit"):  # ArviZ 1.x
+        assert len(arviz.plot_ecdf_pit(tree, group="prior_sbc").viz["ecdf_lines"].data_vars) == 3
+        assert len(arviz.plot_rank(tree).viz["ecdf_lines"].data_vars) == 2
+    else:
+        shares = tree["prior_sbc"]["joint"].values.ravel()
+        assert arviz.plot_ecdf(
+            shares, eval_points=shares, cdf=uniform.cdf, difference=True, confidence_bands=True
+        ).lines
+        assert len(np.ravel(arviz.plot_rank(tree))) == 2
+    plt.close("all")
+    near = groups_of(found, Beside(calibration=replace(CALIBRATED, near=True)))
+    assert "posterior_sbc" in near
+    assert "prior_sbc" not in near
+
+
 def test_draws_are_resampled_as_often_as_their_weight_says() -> None:
     numbers = resampled(WEIGHTS[0], np.random.default_rng(3))
     counts = np.bincount(numbers, minlength=400)
@@ -144,12 +217,13 @@ def test_what_arviz_1_is_called_with(monkeypatch: pytest.MonkeyPatch) -> None:
 
     monkeypatch.setitem(sys.modules, "arviz", SimpleNamespace(__version__="1.2.0", from_dict=from_dict))
     assert made_up().to_arviz(PREDICTED) == "tree"
-    assert set(called["data"]) == {"posterior", "posterior_predictive", "sample_stats", "observed_data"}
+    of_draws = {"posterior", "sample_stats", "log_prior", "prior"}
+    assert set(called["data"]) == {*of_draws, "posterior_predictive", "observed_data"}
     assert called["dims"] == {"statistics": ["statistic"], "simulated": ["statistic"]}
     assert called["coords"] == {"statistic": ["area", "length", "count"]}
     assert called["attrs"]["posterior"]["seed"] == 5
     made_up(1, 400, WEIGHTS).to_arviz()
-    assert set(called["data"]) == {"posterior", "sample_stats", "weighted_draws"}
+    assert set(called["data"]) == {*of_draws, "weighted_draws"}
 
 
 def test_without_arviz_it_is_said_how_to_get_it(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -252,6 +252,7 @@ class _Rounds:
             values.reshape(chains, draws, free),
             simulations=self.simulator.asked,
             log_probability=last.chains.log_density,
+            log_likelihood=last.chains.log_density - self._log_prior(last.chains.x),
             acceptance=last.chains.acceptance,
             statistics=statistics.reshape(chains, draws, -1),
             status=None if self._settled(last) else Status.STILL_MOVING,
@@ -265,6 +266,10 @@ class _Rounds:
             ),
             backend=last.walk.backend,
         )
+
+    def _log_prior(self, x: Float[np.ndarray, "chain draw free"]) -> Float[np.ndarray, "chain draw"]:
+        """Of the prior's coordinates, as chains add it to the log-likelihood."""
+        return self.problem.prior.log_density_of_coordinates(x.reshape(-1, x.shape[-1])).reshape(x.shape[:2])
 
     def _reported(self, one: Round) -> RoundDiagnostics:
         emulator, settled = one.emulator, self._settled(one)

@@ -24,6 +24,7 @@ class Draws:
         values: λ.
         weights: Sum to 1 over all chains and draws; equal for chains.
         log_probability: As the method keeps it, up to a constant; nan where it keeps none.
+        log_likelihood: Of each draw, up to a constant, where the method has one.
         acceptance: Share of accepted proposals of each chain, or of each population of weighted draws.
         statistics: Simulated with each draw; nan where none are.
         worth: Independent draws per parameter, where the method knows better than chains or weights tell.
@@ -43,6 +44,7 @@ class Draws:
     acceptance: Float[np.ndarray, " part"]
     statistics: Float[np.ndarray, "chain draw statistic"]
     worth: Float[np.ndarray, " free"] | None = None
+    log_likelihood: Float[np.ndarray, "chain draw"] | None = None
 
     def __post_init__(self) -> None:
         total = self.weights.sum()

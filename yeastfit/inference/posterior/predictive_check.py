@@ -123,7 +123,9 @@ class Predictive:
         return Predictive(**{**read, **plain})
 
 
-def predict(draws_of: Draws, simulator: Simulator, *, draws: int = 40, seed: int = 0) -> Predictive:
+def predict(
+    draws_of: Draws, simulator: Simulator, *, draws: int = 40, seed: int = 0, prior: bool = False
+) -> Predictive:
     """Simulate data like those observed at draws of a posterior.
 
     Arguments:
@@ -131,6 +133,7 @@ def predict(draws_of: Draws, simulator: Simulator, *, draws: int = 40, seed: int
         simulator: Of one replicate.
         draws: How many data sets.
         seed: Same seed, same draws and simulations.
+        prior: Whether λ is drawn from the prior instead.
 
     Raises:
         InputError: There are fewer than `FEWEST` draws, or fewer came to something, or the simulator has other
@@ -145,9 +148,11 @@ def predict(draws_of: Draws, simulator: Simulator, *, draws: int = 40, seed: int
             f"simulator is of {names} and {len(labels)} statistics, the posterior of {draws_of.free} "
             f"and the data of {len(observed)}"
         )
-    values = draws_of.drawn(draws, np.random.default_rng(stream_of(seed, Stream.PREDICTIVE, 0)))
+    drawn, simulated = (2, 3) if prior else (0, 1)
+    rng = np.random.default_rng(stream_of(seed, Stream.PREDICTIVE, drawn))
+    values = draws_of.prior.sample(draws, rng) if prior else draws_of.drawn(draws, rng)
     seeds = np.array(
-        [stream_of(seed, Stream.PREDICTIVE, 1, k).generate_state(1)[0] for k in range(draws)], dtype=np.uint64
+        [stream_of(seed, Stream.PREDICTIVE, simulated, k).generate_state(1)[0] for k in range(draws)], dtype=np.uint64
     )
     means: Simulator = Replicates(simulator, draws_of.replicates)
     if draws_of.noise is not None:

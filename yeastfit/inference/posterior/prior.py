@@ -60,6 +60,15 @@ class Prior:
         density = self._log_density(x) - x[:, self._logarithmic].sum(axis=1)
         return np.where(inside, density, -np.inf)
 
+    def log_densities(self, values: Values) -> Values:
+        """Log density of each λ by itself, which add up to `log_density`; −inf outside its support."""
+        low, high = self.support.T
+        inside = (values >= low) & (values <= high) & ((values > 0) | ~self._logarithmic)
+        x = self.coordinates(np.where(inside, values, self._medians))
+        columns = zip(self.distributions.values(), x.T, strict=True)
+        density = np.stack([one.density.logpdf(column) for one, column in columns], axis=1)
+        return np.where(inside, density - np.where(self._logarithmic, x, 0.0), -np.inf)
+
     def log_density_of_coordinates(self, x: Values) -> Float[np.ndarray, " draw"]:
         """Log density of the coordinates x; −inf outside the support."""
         inside, x = self._inside(self.values(x))
@@ -89,6 +98,11 @@ class Prior:
         columns = zip(self.distributions.values(), unit.T, strict=True)
         values = self.values(np.stack([one.density.ppf(share) for one, share in columns], axis=1))
         return np.clip(values, *self.support.T)  # exp(log high) may exceed high by its last bit
+
+    def shares(self, values: Values) -> Values:
+        """Cumulative probabilities of λ, the inverse of `quantile`; 0 or 1 outside the support."""
+        columns = zip(self.distributions.values(), self.coordinates(np.clip(values, *self.support.T)).T, strict=True)
+        return np.stack([one.density.cdf(x) for one, x in columns], axis=1)
 
     def sample(self, count: int, rng: np.random.Generator) -> Values:
         """Independent draws of λ."""

@@ -11,7 +11,8 @@ from emcee.backends import Backend
 from jaxtyping import Float
 
 from yeastfit.errors import InputError
-from yeastfit.inference.posterior.arviz import inference_data, write_netcdf
+from yeastfit.inference.posterior.arviz import Beside, inference_data, write_netcdf
+from yeastfit.inference.posterior.calibration_ranks import Calibration
 from yeastfit.inference.posterior.diagnostics import Diagnostics
 from yeastfit.inference.posterior.draws import Draws
 from yeastfit.inference.posterior.predictive_check import Predictive, predict
@@ -22,6 +23,7 @@ from yeastfit.inference.simulator import Simulator
 from yeastfit.storage import as_json, from_json, written_whole
 
 ARRAYS = ("values", "weights", "log_probability", "acceptance", "statistics", "observed")
+LIKELIHOOD = "log_likelihood"  # an array of the file only where the method has one
 NOT_SAVED = ("backend",)
 
 
@@ -123,27 +125,48 @@ class Posterior(Draws):
         """
         return predict(self, simulator, draws=draws, seed=seed)
 
-    def to_arviz(self, predictive: Predictive | None = None) -> Any:
+    def predict_prior(self, simulator: Simulator, *, draws: int = 40, seed: int = 0) -> Predictive:
+        """Prior predictive check: the same at draws of the prior; arguments and errors are those of `predict`."""
+        return predict(self, simulator, draws=draws, seed=seed, prior=True)
+
+    def to_arviz(
+        self,
+        predictive: Predictive | None = None,
+        prior_predictive: Predictive | None = None,
+        calibration: Calibration | None = None,
+    ) -> Any:
         """ArviZ's `InferenceData`, or xarray's `DataTree` where ArviZ is 1.0 or later.
 
         Weighted draws are resampled, as ArviZ reads no weights; the original ones are in a group `weighted_draws`.
+        The groups that are there are listed in `yeastfit.inference.posterior.arviz`.
 
         Arguments:
             predictive: Result of `predict`; without it the groups of predicted and observed data are missing.
+            prior_predictive: Result of `predict_prior`, for the group of that name.
+            calibration: Result of `yeastfit.calibrate`, for the group `prior_sbc` or `posterior_sbc`.
 
         Raises:
-            InputError: ArviZ is not installed, or `predictive` is of other statistics.
+            InputError: ArviZ is not installed, or an argument is of other statistics or parameters.
         """
-        return inference_data(self, predictive, self._about, self.seed)
+        beside = Beside(predictive, prior_predictive, calibration)
+        return inference_data(self, beside, self._about, self.seed)
 
-    def to_netcdf(self, path: str | Path, predictive: Predictive | None = None) -> None:
+    def to_netcdf(
+        self,
+        path: str | Path,
+        predictive: Predictive | None = None,
+        prior_predictive: Predictive | None = None,
+        calibration: Calibration | None = None,
+    ) -> None:
         """`to_arviz` as a NetCDF file, which `arviz.from_netcdf` reads."""
-        write_netcdf(path, self, predictive, self._about, self.seed)
+        write_netcdf(path, self, Beside(predictive, prior_predictive, calibration), self._about, self.seed)
 
     def save(self, path: str | Path) -> None:
         """Write all of it but `backend` as one .npz file."""
         arrays = {name: getattr(self, name) for name in ARRAYS}
-        names = [one.name for one in fields(self) if one.name not in (*ARRAYS, *NOT_SAVED)]
+        if self.log_likelihood is not None:
+            arrays[LIKELIHOOD] = self.log_likelihood
+        names = [one.name for one in fields(self) if one.name not in (*ARRAYS, LIKELIHOOD, *NOT_SAVED)]
         rest = {name: getattr(self, name) for name in names}
         rest |= {"prior": self.prior.asdict(), "status": self.status.name, "diagnostics": self.diagnostics.asdict()}
         with written_whole(path) as temporary, temporary.open("wb") as file:
@@ -158,7 +181,7 @@ class Posterior(Draws):
         """
         try:
             with Path(path).open("rb") as opened, np.load(opened, allow_pickle=False) as file:
-                arrays = {name: file[name] for name in ARRAYS}
+                arrays = {name: file[name] for name in (*ARRAYS, *({LIKELIHOOD} & set(file.files)))}
                 rest = from_json(str(file["rest"]))
             rest |= {name: tuple(rest[name]) for name in ("labels", "warnings")}
             arrays |= {name: np.array(rest.pop(name)) for name in ("noise", "worth") if rest[name] is not None}

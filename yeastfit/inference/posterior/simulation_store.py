@@ -23,6 +23,7 @@ open in 0.05 s; SQLite takes 272 bytes for a simulation instead of 212, and afte
 import struct
 import zlib
 from collections.abc import Sequence
+from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -32,6 +33,7 @@ import numpy as np
 
 from yeastfit.errors import InputError
 from yeastfit.inference.posterior.simulations import Seeds, Simulations, Statistics, Values, checks
+from yeastfit.inference.simulator import Simulator, labels_of
 from yeastfit.storage import as_json, from_json, full_disks_told, hdf5_written_whole
 
 DATASET = "simulations"
@@ -132,6 +134,14 @@ class Store(Simulations):
         if shorter or torn:
             self.notes.append(f"{self.path.name} was torn: {len(self)} simulations are whole, what followed is gone")
             self._write_whole()
+
+
+def opened_store(store: Simulations | str | Path | None, simulator: Simulator) -> AbstractContextManager[Simulations]:
+    """A store for a simulator: an open one as it is, one at a path, or one in memory where there is None."""
+    names, labels = simulator.parameters.names, labels_of(simulator)
+    if isinstance(store, str | Path):
+        return Store(store, names, labels)
+    return nullcontext(Simulations(names, labels) if store is None else store)
 
 
 def _opened(path: Path) -> h5py.File:
