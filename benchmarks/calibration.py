@@ -5,7 +5,8 @@ right, the truth is distributed like a draw from its own posterior: its rank amo
 0..L (Talts et al. 2018, arXiv:1804.06788), and a central interval of probability q contains it with probability q. This
 holds for each λ and for any function of λ and data. The function used here is the log-likelihood of an emulator trained
 on other simulations, from the prior alone. It detects posteriors that are right on average over the data but respond
-to them too little (Modrák et al. 2023, doi:10.1214/23-BA1404).
+to them too little (Modrák et al. 2023, doi:10.1214/23-BA1404). All parameters together are ranked, too: by how many
+draws lie nearer to a random point than the truth (TARP, Lemos et al. 2023, arXiv:2302.03026), likewise uniform.
 
 The algebraic model has the prior mobility 0.5 to 3, metabolic rate 0.4 to 2.5, aspect ratio 0.45 to 0.9, each log-
 uniform. Colonies are young and the model is coarse, since the samplers are tested here and not the model; data and
@@ -52,12 +53,13 @@ from jaxtyping import Float
 
 from benchmarks.calibration_parts import FULL, STUDIES, Part
 from benchmarks.lines import append_line, read_lines
-from benchmarks.ranks import LIKELIHOOD, Record, picture, verdicts
+from benchmarks.ranks import JOINT, LIKELIHOOD, Record, picture, verdicts
 from benchmarks.recovery import SEED
 from benchmarks.report import Report, code, command
 from yeastfit.errors import InputError
 from yeastfit.inference.abc.smc import SmcDiagnostics
 from yeastfit.inference.neural_likelihood.emulator import Emulator
+from yeastfit.inference.posterior.calibration_ranks import joint_rank
 from yeastfit.inference.posterior.result import Posterior
 from yeastfit.inference.posterior.simulation_store import Store
 from yeastfit.inference.simulator import Replicates, Simulator, Stream, labels_of, stream_of
@@ -170,13 +172,14 @@ def placed(
 ) -> dict[str, dict[str, float]]:
     """Rank of a truth among draws, and the share of the posterior below it.
 
-    For the log-likelihood the share is that of the draws, as it is computed only for them.
+    For the log-likelihood and for all parameters together the share is that of the draws, as it is computed only for
+    them.
     """
     drawn = np.concatenate([truth[None], found.drawn(draws, rng)])
     columns = np.column_stack([drawn, log_likelihood(drawn)])
-    rank = (columns[1:] < columns[0]).sum(axis=0)
-    share = np.append(found.weights.ravel() @ (found.flat < truth), (rank[-1] + 0.5) / (draws + 1))
-    names = (*found.free, LIKELIHOOD)
+    rank = np.append((columns[1:] < columns[0]).sum(axis=0), joint_rank(found.prior, truth, drawn[1:], rng))
+    share = np.append(found.weights.ravel() @ (found.flat < truth), (rank[-2:] + 0.5) / (draws + 1))
+    names = (*found.free, LIKELIHOOD, JOINT)
     return {name: dict(zip(names, one.tolist(), strict=True)) for name, one in (("rank", rank), ("share", share))}
 
 

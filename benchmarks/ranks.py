@@ -18,7 +18,7 @@ from scipy.stats import binom, binomtest
 from benchmarks.recovery import SEED
 from benchmarks.report import Report
 
-LIKELIHOOD = "log-likelihood"
+LIKELIHOOD, JOINT = "log-likelihood", "joint posterior (TARP)"
 LEVELS = {0.5: (45.0, 55.0), 0.9: (86.0, 94.0)}  # percentage of truths inside, by probability of the interval
 LEAST_P, TRIALS = 0.01, 2000  # smallest p; sets of uniform ranks simulated for it
 Record = dict[str, Any]
@@ -90,20 +90,23 @@ def column(records: Sequence[Record], key: str, name: str) -> np.ndarray:
 
 
 def quantities(records: Sequence[Record]) -> tuple[str, ...]:
-    """What was ranked: the parameters, and the log-likelihood where it was."""
+    """What was ranked: the parameters; the log-likelihood and the joint posterior where they were."""
     return tuple(records[0]["share"])
 
 
 def coverage(records: Sequence[Record], level: float) -> tuple[float, float, float]:
     """Percentage of true values inside their intervals, with an interval from the scatter of data sets."""
-    parameters = [name for name in quantities(records) if name != LIKELIHOOD]
-    inside = np.mean([_inside(column(records, "share", name), level) for name in parameters], axis=0)
+    parameters = [name for name in quantities(records) if name not in (LIKELIHOOD, JOINT)]
+    inside = np.mean([_inside(name, column(records, "share", name), level) for name in parameters], axis=0)
     error = 1.96 * inside.std(ddof=1) / np.sqrt(len(inside)) if len(inside) > 1 else np.nan
     middle = inside.mean()
     return 100 * middle, 100 * max(0.0, middle - error), 100 * min(1.0, middle + error)
 
 
-def _inside(shares: np.ndarray, level: float) -> np.ndarray:
+def _inside(name: str, shares: np.ndarray, level: float) -> np.ndarray:
+    """In the central interval of this probability; of the joint posterior, in the region nearest to a random point."""
+    if name == JOINT:
+        return shares <= level
     return np.abs(shares - 0.5) <= 0.5 * level
 
 
@@ -157,7 +160,7 @@ def _judged(report: Report, found: tuple[float, float, float], what: str, low: f
 def _row(name: str, shares: np.ndarray, p: float) -> dict[str, Any]:
     row: dict[str, Any] = {"quantity": name.replace("_", " ")}
     for level in LEVELS:
-        inside = int(_inside(shares, level).sum())
+        inside = int(_inside(name, shares, level).sum())
         ends = binomtest(inside, len(shares)).proportion_ci(method="wilson")
         row[f"{100 * level:g} %"] = 100 * inside / len(shares)
         row["interval" + " " * len(row)] = f"{100 * ends.low:.0f} to {100 * ends.high:.0f}"

@@ -17,7 +17,7 @@ from benchmarks import calibration, ranks
 from benchmarks.calibration import Study
 from benchmarks.calibration_models import Young
 from benchmarks.calibration_parts import CELLS, FEW_CELLS, FULL, QUICK, Part
-from benchmarks.ranks import LIKELIHOOD, Record, Uniform
+from benchmarks.ranks import JOINT, LIKELIHOOD, Record, Uniform
 from benchmarks.recovery import BOX
 from benchmarks.report import Report
 from yeastfit import InputError
@@ -28,7 +28,7 @@ from yeastfit.inference.posterior.result import Posterior
 from yeastfit.inference.posterior.simulation_store import Store
 
 EMULATED, ABC = FULL
-QUANTITIES = (*BOX, LIKELIHOOD)
+QUANTITIES = (*BOX, LIKELIHOOD, JOINT)
 
 
 def posterior_of(values: np.ndarray) -> Posterior:
@@ -300,8 +300,8 @@ def test_the_off_lattice_model_has_studies_of_its_own(tmp_path: Path, capsys: py
 
 
 def test_coverage_is_of_the_parameters_that_were_ranked() -> None:
-    shares: list[Record] = [{"share": {"fork": 0.5, "transition": 0.99, LIKELIHOOD: 0.99}}] * 4
-    assert ranks.quantities(shares) == ("fork", "transition", LIKELIHOOD)
+    shares: list[Record] = [{"share": {"fork": 0.5, "transition": 0.99, LIKELIHOOD: 0.99, JOINT: 0.99}}] * 4
+    assert ranks.quantities(shares) == ("fork", "transition", LIKELIHOOD, JOINT)
     assert ranks.coverage(shares, 0.9)[0] == 50
 
 
