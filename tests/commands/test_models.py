@@ -304,7 +304,8 @@ def test_what_would_be_right_is_said_in_one_line(
 def test_numba_is_asked_for_where_it_is_missing(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    from yeastfit.offlattice import colony, compiled
+    from yeastfit import compiled
+    from yeastfit.offlattice import colony
 
     monkeypatch.setattr(compiled, "njit", None)
     monkeypatch.setattr(colony, "grow_cells", compiled.kernel(lambda *arguments: (0, 0, 0, 0)))
