@@ -13,8 +13,8 @@ from itertools import combinations_with_replacement
 from typing import Any
 
 import numpy as np
+import scipy
 from jaxtyping import Float
-from scipy.stats import qmc
 
 
 def monomials(x: Any, degree: int = 2) -> Any:
@@ -43,7 +43,7 @@ def sobol_points(count: int, size: int, seed: int | np.random.SeedSequence) -> F
         size: Dimensions of the cube.
         seed: Of the scrambling.
     """
-    sequence = qmc.Sobol(size, rng=np.random.default_rng(seed))
+    sequence = scipy.stats.qmc.Sobol(size, rng=np.random.default_rng(seed))
     return sequence.random_base2(max(count - 1, 0).bit_length())[:count]
 
 

@@ -16,7 +16,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from scipy import stats
+import scipy
 
 from yeastfit.errors import InputError
 from yeastfit.numbers import number_of
@@ -43,15 +43,16 @@ class Family:
 
 
 def _uniform(n: Numbers) -> Any:
-    return stats.uniform(n["low"], n["high"] - n["low"])
+    return scipy.stats.uniform(n["low"], n["high"] - n["low"])
 
 
 def _log_uniform(n: Numbers) -> Any:
-    return stats.uniform(np.log(n["low"]), np.log(n["high"]) - np.log(n["low"]))
+    return scipy.stats.uniform(np.log(n["low"]), np.log(n["high"]) - np.log(n["low"]))
 
 
 def _normal(n: Numbers) -> Any:
-    return stats.truncnorm((n["low"] - n["mean"]) / n["sd"], (n["high"] - n["mean"]) / n["sd"], n["mean"], n["sd"])
+    low, high = ((n[end] - n["mean"]) / n["sd"] for end in ("low", "high"))
+    return scipy.stats.truncnorm(low, high, n["mean"], n["sd"])
 
 
 def _log_normal(n: Numbers) -> Any:
@@ -60,7 +61,7 @@ def _log_normal(n: Numbers) -> Any:
 
 
 def _beta(n: Numbers) -> Any:
-    return stats.beta(n["a"], n["b"], n["low"], n["high"] - n["low"])
+    return scipy.stats.beta(n["a"], n["b"], n["low"], n["high"] - n["low"])
 
 
 FAMILIES: dict[str, Family] = {

@@ -1,0 +1,33 @@
+"""The public names of `yeastfit.plot`, and where each is defined."""
+
+from .corner_plot import corner
+from .fits import bootstrap, convergence, fit, profiles
+from .information import design, ellipses, spectrum
+from .measured_curves import condition_curves
+from .micrographs import overlay, thumbnail, thumbnail_sheet
+from .posterior import colonies, cross_validation, predictive, ranks, traces
+from .simulations import colony, curves
+from .style import save
+
+__all__ = [
+    "bootstrap",
+    "colonies",
+    "colony",
+    "condition_curves",
+    "convergence",
+    "corner",
+    "cross_validation",
+    "curves",
+    "design",
+    "ellipses",
+    "fit",
+    "overlay",
+    "predictive",
+    "profiles",
+    "ranks",
+    "save",
+    "spectrum",
+    "thumbnail",
+    "thumbnail_sheet",
+    "traces",
+]
