@@ -18,6 +18,7 @@ from typer.core import TyperCommand, TyperGroup
 from yeastfit.commands import signals
 from yeastfit.commands.failures import explained
 from yeastfit.commands.generated.options import with_options
+from yeastfit.commands.program_cache import keep_programs
 from yeastfit.commands.strict_numbers import strictly
 
 HELP = """Estimate how yeast colonies grow from micrographs: simulate, measure, fit, infer.
@@ -62,6 +63,8 @@ class _Commands(TyperGroup):
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
         """The command that is run and its arguments."""
         name, command, rest = super().resolve_command(ctx, args)
+        if ctx.params["cache"]:
+            keep_programs()  # before the command imports JAX
         return name, command and loaded(name or "", rest), rest
 
 
@@ -81,6 +84,9 @@ def options(
     wanted: Annotated[
         bool, typer.Option("--version", help="Print the version and exit.", callback=print_version, is_eager=True)
     ] = False,
+    cache: Annotated[
+        bool, typer.Option(help="Keep compiled programs in your cache folder, so that the next run starts sooner.")
+    ] = True,
 ) -> None:
     """Options that come before a command."""
 
