@@ -54,6 +54,7 @@ from .model.rules import (
     DetachmentRule,
     FluctuationRule,
     MotionRule,
+    ShapeRule,
     UptakeRule,
 )
 from .numbers import Range
@@ -116,6 +117,7 @@ __all__ = [
     "Seen",
     "Sensitivity",
     "Setting",
+    "ShapeRule",
     "Simulation",
     "SimulationError",
     "Simulator",

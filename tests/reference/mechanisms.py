@@ -85,3 +85,21 @@ def euler_lotka(variation: float) -> float:
     lengths = math.log(2) * np.exp(math.sqrt(math.log1p(variation**2)) * nodes)
     share = weights / weights.sum()
     return float(optimize.brentq(lambda r: 2 * np.sum(share * np.exp(-r * lengths)) - 1, 0.1, 5.0))
+
+
+# --- shapes of cells -----------------------------------------------------------------------------------------------
+
+
+def superellipse_level(x: Floats, y: Floats, ends: Floats, ratio: float, exponent: float) -> Floats:
+    """(|u/p|^n + |v/q|^n)^(2/n) - 1 at points, of the cell between two nodes."""
+    (ax, ay), (bx, by) = ends
+    p, angle = 0.5 * math.hypot(bx - ax, by - ay), math.atan2(by - ay, bx - ax)
+    dx, dy = x - 0.5 * (ax + bx), y - 0.5 * (ay + by)
+    u, v = dx * math.cos(angle) + dy * math.sin(angle), dy * math.cos(angle) - dx * math.sin(angle)
+    total = np.abs(u / p) ** exponent + np.abs(v / (ratio * p)) ** exponent
+    return np.asarray(total ** (2 / exponent) - 1)
+
+
+def superellipse_area(p: float, q: float, exponent: float) -> float:
+    """4 p q Gamma(1 + 1/n)^2 / Gamma(1 + 2/n)."""
+    return float(4 * p * q * special.gamma(1 + 1 / exponent) ** 2 / special.gamma(1 + 2 / exponent))

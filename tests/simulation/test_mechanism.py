@@ -236,7 +236,7 @@ def test_what_is_no_rule_is_named(rules: dict, words: str) -> None:
 
 
 def test_a_parameter_that_no_rule_has_is_named() -> None:
-    with pytest.raises(InputError, match=r"unknown parameter 'budding_bias', expected one of diffusivity, .*ratio$"):
+    with pytest.raises(InputError, match=r"budding_bias is a parameter of budding 'biased' or .*: choose that rule"):
         simulate(Parameters(budding_bias=1.0), member_keys(0, 1), times=[0.1], numerics=NUMERICS)
     with pytest.raises(InputError, match=r"budding_bias \(κ\) is -1, it must be in \[0, 1000\]"):
         simulate(Parameters(budding_bias=-1.0), member_keys(0, 1), times=[0.1], model=MODEL, numerics=NUMERICS)

@@ -157,8 +157,9 @@ class ColonySimulator:
         places = np.abs(np.asarray(grown.positions)[np.asarray(grown.alive)])
         farthest = places.max(where=np.isfinite(places), initial=0.0)  # what is not finite is not in the picture
         points = 2 * int(np.ceil((float(farthest) + 1.5) / OUTLINE_PIXEL)) + 1
-        each = (jax.tree.map(itemgetter(k), (grown, parameters.aspect_ratio)) for k in range(len(values)))
-        return [mask_of(colony, ratio, HARD, OUTLINE_PIXEL * (points - 1), points) for colony, ratio in each]
+        each = (jax.tree.map(itemgetter(k), (grown, parameters)) for k in range(len(values)))
+        width = OUTLINE_PIXEL * (points - 1)
+        return [mask_of(colony, its, HARD, width, points, model.shape) for colony, its in each]
 
     def _count(self, values: np.ndarray) -> None:
         met = values[:, -len(PROBLEMS) :].sum(axis=0).astype(int).tolist()

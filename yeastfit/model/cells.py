@@ -8,6 +8,8 @@ f = (u/p)² + (v/q)² − 1 = r² − 1, dimensionless. Hard union: g = min_k f_
 a sum of anisotropic Gaussians, hence local: only r² ≤ `reach` is ever evaluated. Each cell covers its
 bounding box with square patches of PATCH² grid points; the patches of all cells form one list that is worked off in
 chunks, so the work follows the area of the cells, and no cell is cut however stretched it is.
+
+Cells with exponents n are superellipses, r² = (|u/p|^n + |v/q|^n)^(2/n), of which n = 2 is the ellipse.
 """
 
 import equinox as eqx
@@ -34,6 +36,7 @@ class Cells(eqx.Module):
     half_lengths: Float[Array, " cell"]
     half_widths: Float[Array, " cell"]
     weights: Float[Array, " cell"]
+    exponents: Float[Array, " cell"] | None = None
 
 
 def cells_of(colony: Colony, aspect_ratio: Float[Array, ""], shortest: float = 1e-3) -> Cells:
@@ -134,10 +137,12 @@ def _patches(
     """
     cells = jax.lax.stop_gradient(cells)
     across = cells.directions[:, ::-1]
-    extent = jnp.sqrt(
-        jax.lax.stop_gradient(jnp.asarray(reach))
-        * ((cells.half_lengths[:, None] * cells.directions) ** 2 + (cells.half_widths[:, None] * across) ** 2)
-    )
+    along, over = cells.half_lengths[:, None] * cells.directions, cells.half_widths[:, None] * across
+    if cells.exponents is None:
+        extent = jnp.sqrt(jax.lax.stop_gradient(jnp.asarray(reach)) * (along**2 + over**2))
+    else:  # the supporting line of a superellipse: the norm with the dual exponent n / (n − 1)
+        dual = (cells.exponents / (cells.exponents - 1.0))[:, None]
+        extent = jnp.sqrt(jax.lax.stop_gradient(jnp.asarray(reach)) * squared_norm(along, over, dual))
     first = jnp.ceil(jnp.clip((cells.centres - extent - origin) / spacing, 0, points)).astype(int)
     last = jnp.floor(jnp.clip((cells.centres + extent - origin) / spacing, -1, points - 1)).astype(int)
     counts = jnp.where(cells.weights[:, None] > 0, (jnp.maximum(last - first + 1, 0) + PATCH - 1) // PATCH, 0)
@@ -153,7 +158,22 @@ def _squared_radius(
     dx = origin + spacing * (corner[:, :1] + offsets) - cells.centres[:, :1]
     dy = origin + spacing * (corner[:, 1:] + offsets) - cells.centres[:, 1:]
     cos, sin = cells.directions[:, :1], cells.directions[:, 1:]
+    if cells.exponents is not None:
+        p, q, n = (leaf[:, None, None] for leaf in (cells.half_lengths, cells.half_widths, cells.exponents))
+        x, y, cos, sin = dx[:, :, None], dy[:, None, :], cos[:, :, None], sin[:, :, None]
+        return squared_norm((cos * x + sin * y) / p, (cos * y - sin * x) / q, n)
     along, across = cells.half_lengths[:, None] ** -2, cells.half_widths[:, None] ** -2
     xx, yy = cos**2 * along + sin**2 * across, sin**2 * along + cos**2 * across
     xy = 2.0 * cos * sin * (along - across)
     return (xx * dx**2)[:, :, None] + (yy * dy**2)[:, None, :] + (xy * dx)[:, :, None] * dy[:, None, :]
+
+
+def squared_norm(
+    u: Float[Array, "*shape"], v: Float[Array, "*shape"], n: Float[Array, "*#shape"]
+) -> Float[Array, "*shape"]:
+    """(|u|ⁿ + |v|ⁿ)^(2/n), 0 at the origin; for n ≥ 2 differentiable in all three. Powers are of numbers up to 1."""
+    largest = jax.lax.stop_gradient(jnp.maximum(u**2, v**2))
+    some = largest > 0
+    scale = jnp.where(some, largest, 1.0)
+    total = jnp.where(some, (u**2 / scale) ** (0.5 * n) + (v**2 / scale) ** (0.5 * n), 1.0)
+    return jnp.where(some, scale * total ** (2.0 / n), 0.0)

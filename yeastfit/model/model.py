@@ -36,8 +36,10 @@ from yeastfit.model.rules import (
     FluctuationRule,
     MotionRule,
     Rule,
+    ShapeRule,
     UptakeRule,
 )
+from yeastfit.model.shape import EllipticalCells
 from yeastfit.model.uptake import BiomassUptake
 from yeastfit.parameter_set import ParameterSet
 
@@ -52,6 +54,7 @@ BASES: dict[str, type[Rule]] = {
         MotionRule,
         FluctuationRule,
         DetachmentRule,
+        ShapeRule,
     )
 }
 """The base class of the rules of each question."""
@@ -59,7 +62,7 @@ BASES: dict[str, type[Rule]] = {
 RULES: dict[str, dict[str, type[Rule]]] = {question: {} for question in BASES}
 """Rules by question and name, for recipes, files and the command line. A rule of one's own may be added."""
 _SOURCE: list[type[Rule]] = [GlobalBirths, UniformBudding, TurnedBudding, NodeContact, BiomassUptake, NoDeath]
-_SOURCE += [DrivenMotion, NoFluctuation, NoDetachment]
+_SOURCE += [DrivenMotion, NoFluctuation, NoDetachment, EllipticalCells]
 for _rule in _SOURCE + every_rule():
     RULES[_rule.question][_rule.name] = _rule
 
@@ -76,10 +79,11 @@ class Model(eqx.Module):
         motion: Where a step takes a node, given its velocity.
         fluctuations: What disturbs the nutrient.
         detachment: Which cells let go of their mothers.
+        shape: What outline a cell has.
 
     Raises:
-        InputError: What is given for a question is no rule for it, or two rules bring different parameters or two
-            kinds of state under one name.
+        InputError: What is given for a question is no rule for it, or two rules exclude each other, or bring different
+            parameters or two kinds of state under one name.
     """
 
     births: BirthRule = GlobalBirths()
@@ -90,6 +94,7 @@ class Model(eqx.Module):
     motion: MotionRule = DrivenMotion()
     fluctuations: FluctuationRule = NoFluctuation()
     detachment: DetachmentRule = NoDetachment()
+    shape: ShapeRule = EllipticalCells()
 
     def __check_init__(self) -> None:
         for question, rule in self.rules.items():
@@ -97,6 +102,10 @@ class Model(eqx.Module):
                 raise InputError(f"{question} is {rule!r}, it must be a {BASES[question].__name__}")
             if not hasattr(rule, "name"):
                 raise InputError(f"{question} is {rule!r}, which has no name: files and warnings call a rule by one")
+        for question, rule in self.rules.items():
+            objection = rule.objection(self.rules)
+            if objection:
+                raise InputError(f"{question}: rule {rule.name!r} {objection}")
         states = [name for rule in self.parts for name in rule.node_state()]
         twice = sorted({name for name in states if states.count(name) > 1})
         if twice:
@@ -125,6 +134,10 @@ class Model(eqx.Module):
         Raises:
             InputError: A value belongs to no rule of this model, or is not admissible.
         """
+        for name in parameters.values:
+            owners = [] if name in self.parameters else bringing(name)
+            if owners:
+                raise InputError(f"{name} is a parameter of {' or '.join(owners)}: choose that rule, or leave it out")
         return parameters.within(self.parameters)
 
     def node_state(self) -> dict[str, float]:
@@ -164,6 +177,16 @@ class Model(eqx.Module):
             if question not in BASES:
                 raise InputError(f"model: question {question!r} is unknown, expected some of {', '.join(BASES)}")
         return Model(**{question: _rule_of(question, settings) for question, settings in rules.items()})  # type: ignore[arg-type]
+
+
+def bringing(name: str) -> list[str]:
+    """The registered rules that bring a parameter, as in "budding 'biased'"."""
+    return [
+        f"{question} {rule.name!r}"
+        for question, rules in RULES.items()
+        for rule in rules.values()
+        if name in [one.name for one in rule.parameters]
+    ]
 
 
 def _described(rule: Rule) -> dict[str, Any]:

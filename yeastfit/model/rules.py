@@ -9,6 +9,7 @@
     motion         where a step takes a node         `motion.DrivenMotion`
     fluctuations   what disturbs the nutrient        `fluctuations.NoFluctuation`
     detachment     which cells let go                `detachment.NoDetachment`
+    shape          what outline a cell has           `shape.EllipticalCells`
 
 A new mechanism is a subclass of one of the bases below, with the method of its question and the parameters it brings;
 `Model(budding=MyRule())` is then simulated, fitted, inferred and synthesised like any other. Methods are traced by JAX:
@@ -25,6 +26,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, UInt32
 
+from yeastfit.model.cells import Cells
 from yeastfit.model.colony import Colony
 from yeastfit.model.interpolation import gradient_at, nutrient_at
 from yeastfit.model.numerics import Numerics
@@ -111,6 +113,10 @@ class Rule(eqx.Module):
     def advance(self, context: Context) -> dict[str, Float[Array, " node"]]:
         """The state of all nodes one time step later; by default unchanged. Asked after the nutrient's step."""
         return {name: context.colony.node_state[name] for name in self.node_state()}
+
+    def objection(self, rules: Mapping[str, "Rule"]) -> str | None:
+        """Why it cannot be in one model with some of these rules, by question; None where it can."""
+        return None
 
     @property
     def parts(self) -> tuple["Rule", ...]:
@@ -239,3 +245,13 @@ class DetachmentRule(Rule):
             context: The colony after the births.
             newborn: Initial values of the state of nodes, by name.
         """
+
+
+class ShapeRule(Rule):
+    """What outline a cell has."""
+
+    question: ClassVar[str] = "shape"
+
+    @abstractmethod
+    def cells(self, colony: Colony, parameters: Parameters) -> Cells:
+        """The cells of a colony, one for each node but the first."""

@@ -16,7 +16,7 @@ from jaxtyping import Array, Float, Int, PyTree
 
 from yeastfit.model.active_window import extent_of_cells, extent_of_change, on_window
 from yeastfit.model.budding import bud
-from yeastfit.model.cells import Cells, cells_of, level_set, weights_of_cells
+from yeastfit.model.cells import Cells, level_set, weights_of_cells
 from yeastfit.model.colony import Colony, Problems
 from yeastfit.model.forces import stiffness, velocity
 from yeastfit.model.model import Model
@@ -69,7 +69,7 @@ def step(
     def seen(colony: Colony, **changed: PyTree) -> Context:
         return Context.of(dataclasses.replace(colony, **changed), parameters, relaxation, numerics, model.death)
 
-    cells = cells_of(colony, parameters.aspect_ratio)
+    cells = model.shape.cells(colony, parameters)
     context = seen(colony)
     context = seen(colony, nutrient=eaten(context, cells, model.uptake), step=colony.step + 1)
     context = seen(context.colony, nutrient=model.fluctuations.shaken(context))
@@ -169,7 +169,7 @@ def trajectory(
 
     blocks = 1 << ((schedule.longest.bit_length() - 1) // 2)
     rules = parameters, relaxation, numerics, model
-    cells = cells_of(colony, parameters.aspect_ratio)
+    cells = model.shape.cells(colony, parameters)
     first = Snapshot(cells, jnp.zeros_like(colony.weights[0]), colony, parameters, relaxation)
     begin = first, colony.step.astype(schedule.steps.dtype)
     (snapshot, _), observed = jax.lax.scan(jax.checkpoint(to_sample), begin, schedule.steps)

@@ -23,6 +23,7 @@ def coverage(
     extent: float,
     pixel_size: float,
     supersample: int = 5,
+    exponents: Array | None = None,
 ) -> tuple[Floats, Floats]:
     """Share of each pixel in the union of ellipses r² = (u/p)² + (v/q)² ≤ 1, and its mean of Σ √max(1 − r², 0).
 
@@ -38,6 +39,7 @@ def coverage(
         pixel_size: Of its pixels.
         supersample: Means are over its square of points in a pixel. With an odd number no pixel is exactly half
             covered, a tie that `true_mask` counts as colony: at 4² points a mask of single cells is 2 % too large.
+        exponents: n [n] of superellipses r² = (|u/p|ⁿ + |v/q|ⁿ)^(2/n), at least 2; by default 2, ellipses.
 
     Returns:
         The fraction, in [0, 1], and the thickness in cell layers, both [rows, columns], round(extent / pixel_size) a
@@ -47,18 +49,19 @@ def coverage(
         InputError: Shapes differ, a value is not finite, a length is negative, directions are no unit vectors, or the
             image would be empty or enormous.
     """
-    cells = _checked_cells(centres, directions, half_lengths, half_widths)
+    cells = _checked_cells(centres, directions, half_lengths, half_widths, exponents)
     side = _checked_side(extent, pixel_size, supersample)
     # x of the columns, and -y of the rows
     axis = (np.arange(side * supersample) + 0.5) * (pixel_size / supersample) - 0.5 * side * pixel_size
     covered = np.zeros((axis.size, axis.size), dtype=bool)
     thickness = np.zeros((side, side))
-    for x, y, cos, sin, p, q in cells:
-        rows = _span(-y, hypot(p * sin, q * cos), side, pixel_size)
-        columns = _span(x, hypot(p * cos, q * sin), side, pixel_size)
+    for x, y, cos, sin, p, q, n in cells:
+        rows = _span(-y, _reach(p * sin, q * cos, n), side, pixel_size)
+        columns = _span(x, _reach(p * cos, q * sin, n), side, pixel_size)
         fine_rows, fine_columns = (slice(s.start * supersample, s.stop * supersample) for s in (rows, columns))
         up, right = -axis[fine_rows, None] - y, axis[None, fine_columns] - x
-        r2 = ((cos * right + sin * up) / p) ** 2 + ((cos * up - sin * right) / q) ** 2
+        u, v = (cos * right + sin * up) / p, (cos * up - sin * right) / q
+        r2 = u**2 + v**2 if n == 2 else (np.abs(u) ** n + np.abs(v) ** n) ** (2 / n)
         covered[fine_rows, fine_columns] |= r2 <= 1
         thickness[rows, columns] += _pixel_means(np.sqrt(np.maximum(1 - r2, 0)), supersample)
     return _pixel_means(covered, supersample), thickness
@@ -67,6 +70,14 @@ def coverage(
 def true_mask(fraction: Array) -> Mask:
     """Pixels that are colony, fraction ≥ ½: what a segmentation of the photograph should find."""
     return np.asarray(finite("fraction", fraction, (None, None)) >= 0.5)
+
+
+def _reach(along: float, across: float, exponent: float) -> float:
+    """How far a cell reaches in a direction: the norm with the exponent dual to that of its outline."""
+    if exponent == 2:
+        return hypot(along, across)
+    dual = exponent / (exponent - 1)
+    return float((abs(along) ** dual + abs(across) ** dual) ** (1 / dual))
 
 
 def _span(centre: float, reach: float, side: int, pixel_size: float) -> slice:
@@ -82,8 +93,10 @@ def _pixel_means(samples: Array, supersample: int) -> Floats:
     return np.asarray(means, dtype=np.float64)
 
 
-def _checked_cells(centres: Array, directions: Array, half_lengths: Array, half_widths: Array) -> Floats:
-    """x, y, direction, p and q [n, 6] of the cells that cover something."""
+def _checked_cells(
+    centres: Array, directions: Array, half_lengths: Array, half_widths: Array, exponents: Array | None
+) -> Floats:
+    """x, y, direction, p, q and n [n, 7] of the cells that cover something."""
     centres = finite("centres", centres, (None, 2))
     count = len(centres)
     directions = finite("directions", directions, (count, 2))
@@ -95,7 +108,8 @@ def _checked_cells(centres: Array, directions: Array, half_lengths: Array, half_
     norms = np.hypot(*directions[exists].T)
     if (off := np.abs(norms - 1) > 1e-4).any():
         raise InputError(f"directions: got a vector of length {norms[off][0]:g}, need unit vectors")
-    return np.column_stack([centres, directions, *lengths])[exists]
+    powers = np.full(count, 2.0) if exponents is None else finite("exponents", exponents, (count,))
+    return np.column_stack([centres, directions, *lengths, powers])[exists]
 
 
 def _checked_side(extent: float, pixel_size: float, supersample: int) -> int:

@@ -100,7 +100,7 @@ class Simulation:
         parameters = jax.tree.map(lambda leaf: leaf if leaf.ndim == 0 else leaf[member], parameters)
         reach = float(np.abs(np.asarray(state.positions)[np.asarray(state.alive)]).max()) + 2.0
         width = min(self.numerics.domain, width or 2 * reach)
-        mask = mask_of(state, parameters.aspect_ratio, self.relaxation, width, points=801)
+        mask = mask_of(state, parameters, self.relaxation, width, 801, self.model.shape)
         time = float(self.times[-1])
         title = f"{int(state.count) - 1} cells at {self.scales.hours(time):.1f} h (t = {time:.4g})"
         half, edge = (0.5 * one * self.scales.length for one in (width, self.numerics.domain))

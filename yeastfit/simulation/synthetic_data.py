@@ -47,7 +47,8 @@ class _CellRecorder(eqx.Module):
 
     def finish(self, observed: tuple[Cells, dict[str, np.ndarray]]) -> dict[str, np.ndarray]:
         cells, nodes = observed
-        return {**nodes, **{f"cells/{each.name}": getattr(cells, each.name) for each in fields(cells)}}
+        kept = {each.name: getattr(cells, each.name) for each in fields(cells)}
+        return {**nodes, **{f"cells/{name}": values for name, values in kept.items() if values is not None}}
 
 
 def synthesize(
@@ -123,6 +124,7 @@ def _photograph(
         length * cells["half_widths"][kept],
         recipe.extent,
         recipe.pixel_size,
+        exponents=cells["exponents"][kept] if "exponents" in cells else None,
     )
     mask = true_mask(fraction)
     if mask[[0, -1]].any() or mask[:, [0, -1]].any():

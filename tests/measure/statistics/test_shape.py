@@ -3,7 +3,6 @@
 from collections.abc import Mapping
 from math import pi
 
-import jax.numpy as jnp
 import numpy as np
 import pytest
 from helpers import colony_of, pair
@@ -20,6 +19,7 @@ from yeastfit.measure.statistics.measure_mask import measure_mask
 from yeastfit.measure.statistics.model_as_mask import HardStatistics, mask_of
 from yeastfit.measure.statistics.registry import STATISTICS, names_with, recorded
 from yeastfit.model.numerics import Numerics
+from yeastfit.model.parameters import Parameters
 from yeastfit.model.relaxation import HARD
 
 CENTROID = ("centroid_x", "centroid_y")
@@ -288,7 +288,7 @@ def test_only_what_is_asked_for_is_computed(monkeypatch):
 def test_the_mask_of_one_cell_is_its_ellipse(angle):
     """Two nodes 1.6 apart, in a square of 4, on both sides of the lattice's middle."""
     colony = colony_of(pair(1.6, angle, (0.2, -0.1)), [-1, 0], numerics=Numerics(4.0, 0.2, capacity=4))
-    found = mask_of(colony, jnp.asarray(0.6), HARD, 4.0, 201)
+    found = mask_of(colony, Parameters(aspect_ratio=0.6), HARD, 4.0, 201)
     np.testing.assert_array_equal(found.T, ellipse(40, 0.6, angle, (10, -5), 201))
 
 

@@ -140,5 +140,5 @@ def test_what_is_no_bias_is_refused() -> None:
         Model(budding=BiasedBudding()).complete(Parameters(budding_bias=2000.0))
     with pytest.raises(InputError, match=r"polarity \(q\) is 1.5"):
         Model(budding=PolarBudding()).complete(Parameters(polarity=1.5))
-    with pytest.raises(InputError, match="unknown parameter 'budding_bias'"):
+    with pytest.raises(InputError, match="budding_bias is a parameter of budding 'biased' or budding 'polar': choose"):
         Model(budding=GradientBudding()).complete(Parameters(budding_bias=1.0))

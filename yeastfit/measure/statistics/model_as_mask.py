@@ -3,40 +3,53 @@
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Shaped
+from jaxtyping import Array, Bool, Shaped
 
 from yeastfit.measure.statistics.measure_mask import measure_mask
 from yeastfit.measure.statistics.registry import STATISTICS, check_names, recorded
 from yeastfit.measure.statistics.smooth_statistics import node_statistics
-from yeastfit.model.cells import cells_of, level_set
+from yeastfit.model.cells import level_set
 from yeastfit.model.colony import Colony
+from yeastfit.model.parameters import Parameters
 from yeastfit.model.relaxation import Relaxation
+from yeastfit.model.rules import ShapeRule
+from yeastfit.model.shape import EllipticalCells
 from yeastfit.model.simulate import Snapshot
+
+ELLIPSE = EllipticalCells()
 
 
 def mask_of(
-    colony: Colony, aspect_ratio: Float[Array, ""], relaxation: Relaxation, width: float, points: int
+    colony: Colony,
+    parameters: Parameters,
+    relaxation: Relaxation,
+    width: float,
+    points: int,
+    shape: ShapeRule = ELLIPSE,
 ) -> Bool[np.ndarray, "x y"]:
     """Draw the cells of one colony.
 
     Arguments:
         colony: Its state.
-        aspect_ratio: Of its cells.
+        parameters: Values of the model's parameters.
         relaxation: Says how cells are joined.
         width: Side of a square around the origin, in L0.
         points: Along each side of it.
+        shape: Of cells.
 
     Returns:
         Where the cells are, {g ≤ 0}.
     """
-    side = jnp.asarray(width, aspect_ratio.dtype)  # an array: for another width nothing is compiled
-    return np.asarray(_mask_of(colony, aspect_ratio, relaxation, side, points))
+    side = jnp.asarray(width, colony.positions.dtype)  # an array: for another width nothing is compiled
+    return np.asarray(_mask_of(colony, parameters, relaxation, side, points, shape))
 
 
 @eqx.filter_jit
-def _mask_of(colony: Colony, ratio: Array, relaxation: Relaxation, width: Array, points: int) -> Bool[Array, "x y"]:
+def _mask_of(
+    colony: Colony, parameters: Parameters, relaxation: Relaxation, width: Array, points: int, shape: ShapeRule
+) -> Bool[Array, "x y"]:
     grid = -0.5 * width, width / (points - 1), points
-    return level_set(cells_of(colony, ratio), relaxation.union, relaxation.union_reach, *grid) <= 0
+    return level_set(shape.cells(colony, parameters), relaxation.union, relaxation.union_reach, *grid) <= 0
 
 
 class HardStatistics(eqx.Module):
