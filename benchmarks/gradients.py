@@ -12,6 +12,8 @@ differences and at most that of the regression. Cost is counted in colonies of t
 counts as many colonies as take the same time, measured separately in the middle of the grid. Then, for one colony of
 the source's size, all seven derivatives in forward mode take at most 8 plain runs, and reverse mode at most 2 GB.
 
+One λ more has rules beyond the source's at work (`gradients_of_rules`).
+
 --quick: one λ, small ensembles up to 60 nodes. --docs DIR writes DIR/gradients.md and DIR/gradients.png.
 """
 
@@ -27,6 +29,7 @@ import jax.numpy as jnp
 import numpy as np
 from matplotlib.figure import Figure
 
+from benchmarks.gradients_of_rules import audit_of_rules
 from benchmarks.programs import LAMBDA, SOURCE, STEPS, Program, samples
 from benchmarks.report import Report, command
 from yeastfit import Numerics, Parameters, Relaxation, Sensitivity, member_keys, sensitivity, simulate
@@ -360,6 +363,7 @@ def run(report: Report, quick: bool) -> None:
     """Run the audit, measure the cost, and write the page."""
     rows = audit(report, quick)
     verdicts(report, rows, report.part(f"worth, {quick}", partial(worth_of_a_path, report, quick)))
+    audit_of_rules(report, quick)
     cost_of_derivatives(report, quick)
     if report.docs is not None:
         picture(rows, report.docs / "gradients.png")

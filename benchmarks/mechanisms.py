@@ -1,0 +1,131 @@
+"""What each rule beyond the source's costs: the time of a step beside that of the plain model.
+
+A colony of 250 nodes, grown by the source's rules, takes further steps by each rule in turn, and by the source's again
+before and after; every rule has parameters with which it is at work. Then stars of 125, 250, 500 and 1000 nodes take
+further steps, in a dish that grows with them: the cost is linear in nodes where the exponent of the last table is
+about 1.
+
+Targets: no rule takes above 1.5 times as long as the plain model, contact between cells at most 10 times at 500 cells.
+
+    python -m benchmarks.mechanisms
+
+--quick: shorter runs, without the larger stars. --docs DIR writes DIR/mechanisms-cost.md.
+"""
+
+from functools import partial
+from typing import Any
+
+import jax
+import numpy as np
+
+from benchmarks.programs import LAMBDA, MIDDLE, SOURCE, STATISTICS, Program, numerics_for, placed, samples
+from benchmarks.report import Report, command
+from yeastfit.measure.statistics.smooth_statistics import SmoothStatistics
+from yeastfit.model.colony import Colony, start
+from yeastfit.model.model import Model
+from yeastfit.model.numerics import Numerics
+from yeastfit.model.parameters import Parameters
+from yeastfit.model.relaxation import Relaxation
+from yeastfit.model.simulate import trajectory
+
+Rules = dict[str, dict[str, Any]]
+
+CASES: dict[str, tuple[Rules, dict[str, float]]] = {
+    "gradient": ({"budding": {"rule": "gradient"}}, {}),
+    "biased": ({"budding": {"rule": "biased"}}, {"budding_bias": 2.0}),
+    "polar": ({"budding": {"rule": "polar"}}, {"budding_bias": 2.0, "polarity": 0.7}),
+    "patches": ({"births": {"rule": "patches"}}, {}),
+    "clocks": ({"births": {"rule": "clocks"}}, {"cycle_variation": 0.2}),
+    "starvation, stay": ({"death": {"rule": "starvation"}}, {"death_rate": 0.2, "starvation": 0.3}),
+    "starvation, vanish": (
+        {"death": {"rule": "starvation", "dead": "vanish"}},
+        {"death_rate": 0.2, "starvation": 0.3},
+    ),
+    "langevin": ({"motion": {"rule": "langevin"}}, {"node_noise": 0.01}),
+    "lognormal": ({"fluctuations": {"rule": "lognormal"}}, {"nutrient_noise": 0.05}),
+    "random detachment": ({"detachment": {"rule": "random"}}, {"detachment_rate": 0.01}),
+}
+"""Rules by question, and the parameters with which they are at work."""
+BETWEEN_CELLS: tuple[str, ...] = ()
+"""Those that may take 10 times as long."""
+SIZES = (125, 250, 500, 1000)
+
+
+def further(model: Model, values: dict[str, float], colony: Colony, numerics: Numerics, steps: int) -> float:
+    """Milliseconds a step of a colony, statistics at the end alone; the median of five runs."""
+    parameters = model.complete(Parameters(**LAMBDA, **values))
+    observe = STATISTICS if numerics == SOURCE else SmoothStatistics(numerics.domain, numerics.spacing)
+
+    def run(parameters: Parameters, colony: Colony) -> Any:
+        at = samples(steps, steps, int(since))
+        return trajectory(parameters, colony, at, Relaxation(), numerics, observe, model)
+
+    since = colony.step
+    program = Program.of(run, parameters, model.resumed(colony))
+    program.timed(1)
+    program.timed(5)
+    return 1e3 * program.wall / steps
+
+
+def grown(steps: int) -> Colony:
+    """The source's colony after some steps."""
+
+    def run(parameters: Parameters, colony: Colony) -> Any:
+        return trajectory(parameters, colony, samples(steps, steps), Relaxation(), SOURCE, STATISTICS)[0]
+
+    colony: Colony = jax.jit(run)(Parameters(**LAMBDA), start(jax.random.key(0), SOURCE))
+    return colony
+
+
+def beside_the_plain_model(report: Report, quick: bool) -> list[dict[str, Any]]:
+    """A row for each rule at 250 nodes; the plain model is timed before and after all of them."""
+    colony, steps = grown(MIDDLE), 25 if quick else 100
+    report.stage(f"{int(colony.count)} nodes: plain")
+    plain = [further(Model(), {}, colony, SOURCE, steps)]
+    rows: list[dict[str, Any]] = []
+    for name, (rules, values) in CASES.items():
+        report.stage(f"{int(colony.count)} nodes: {name}")
+        rows.append({"rule": name, "ms a step": further(Model.of(rules), values, colony, SOURCE, steps)})
+    plain.append(further(Model(), {}, colony, SOURCE, steps))
+    return [
+        {"rule": "plain", "ms a step": float(np.mean(plain)), "times plain": 1.0},
+        *({**row, "times plain": float(row["ms a step"] / np.mean(plain))} for row in rows),
+    ]
+
+
+def against_nodes(report: Report, sizes: tuple[int, ...]) -> list[dict[str, Any]]:
+    """A row for each rule: milliseconds a step of stars of several sizes, and the exponent of nodes."""
+    nutrient = np.asarray(grown(MIDDLE).nutrient)
+    rows = []
+    for name, (rules, values) in {"plain": ({}, {}), **CASES}.items():
+        report.stage(f"stars of {sizes[0]} to {sizes[-1]} nodes: {name}")
+        row: dict[str, Any] = {"rule": name}
+        for nodes in sizes:
+            colony, numerics = placed(nodes, 3.0, 1.0, 0.7, nutrient), numerics_for(nodes)
+            row[f"{nodes} nodes"] = further(Model.of(rules), values, colony, numerics, 15)
+        times = np.log([row[f"{nodes} nodes"] for nodes in sizes])
+        rows.append({**row, "exponent": float(np.polyfit(np.log(sizes), times, 1)[0])})
+    return rows
+
+
+def run(report: Report, quick: bool) -> None:
+    """Measure, and write the page."""
+    rows = report.part(f"plain, {quick}", partial(beside_the_plain_model, report, quick))
+    report.table("a step of 250 nodes", rows)
+    worst = max((row for row in rows if row["rule"] not in BETWEEN_CELLS), key=lambda row: row["times plain"])
+    report.add("slowest rule but contact between cells", worst["times plain"], "× plain", 1.5, False, worst["rule"])
+    sizes = SIZES[2:3] if quick else SIZES
+    stars = report.part(f"stars, {quick}", partial(against_nodes, report, sizes)) if not quick else []
+    if stars:
+        report.table("ms a step against nodes", stars)
+    for name in BETWEEN_CELLS:
+        at = {row["rule"]: row["500 nodes"] for row in stars}
+        ratio = at[name] / at["plain"] if at else next(r["times plain"] for r in rows if r["rule"] == name)
+        report.add(f"{name} at {500 if at else 250} cells", ratio, "× plain", 10, False)
+    if report.docs is not None:
+        page = "\n\n".join([report.head(__doc__), *report.sections()])
+        (report.docs / "mechanisms-cost.md").write_text(page)
+
+
+if __name__ == "__main__":
+    command("mechanisms", run)
