@@ -3,13 +3,17 @@ PYTHON ?= python3
 VENV ?= .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo test test-arviz lint types data notebooks clean
+.PHONY: demo test test-thorough test-arviz lint types data notebooks clean
 
 demo: $(VENV)/.installed
 	$(BIN)/yeastfit demo
 
 test: $(VENV)/.installed-test lint types
-	$(BIN)/python -m pytest --numprocesses auto --maxprocesses 4 --dist worksteal -m 'not slow and not users_compiler'
+	$(BIN)/python -m pytest --numprocesses auto --maxprocesses 4 --dist worksteal -m 'not slow and not thorough and not users_compiler'
+
+# dear tests, and those that compile as users do
+test-thorough: $(VENV)/.installed-test
+	$(BIN)/python -m pytest --numprocesses auto --maxprocesses 4 --dist worksteal -m 'thorough and not users_compiler'
 	XLA_FLAGS= $(BIN)/python -m pytest -m users_compiler $$(grep -rl --include='test_*.py' mark.users_compiler tests)
 
 # the export with ArviZ 1.x, which Python 3.11 has not: make test-arviz PYTHON=python3.12 VENV=.venv-arviz

@@ -15,7 +15,7 @@ from threadpoolctl import threadpool_limits
 
 # Half of what the tests take is compiling, and most programs run once: XLA's older code generator, its first level of
 # optimisation, modules in one part and loops that are not vectorised compile faster. What users run is tested by those
-# marked users_compiler: `XLA_FLAGS= pytest -m users_compiler`, a part of `make test`.
+# marked users_compiler: `XLA_FLAGS= pytest -m users_compiler`, a part of `make test-thorough`.
 QUICK = (
     "--xla_cpu_use_fusion_emitters=false --xla_backend_optimization_level=1 --xla_llvm_disable_expensive_passes=true"
     " --xla_cpu_parallel_codegen_split_count=1"

@@ -241,6 +241,7 @@ def test_truths_are_draws_from_the_prior_and_data_differ_from_one_to_the_next(tm
         assert np.std(data - truths) == pytest.approx(0.1 / np.sqrt(part.replicates), rel=0.3)
 
 
+@pytest.mark.thorough
 def test_page_and_picture_are_of_what_was_kept(tmp_path: Path, echoed: None) -> None:
     study = Study(QUICK, tmp_path / "work")
     for k, part in enumerate(QUICK):

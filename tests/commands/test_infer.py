@@ -246,6 +246,7 @@ def test_a_full_disk_is_one_line_and_loses_nothing(data: Path, tmp_path: Path, m
     assert_same(tmp_path / "parts", tmp_path / "whole")
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("unchecked")
 @pytest.mark.parametrize(("first", "then"), [("abc-smc", "emulator"), ("emulator", "abc-mcmc")])
 def test_colonies_of_another_run_serve_again(
@@ -306,6 +307,7 @@ def test_what_cannot_be_reused_is_refused(data: Path, tmp_path: Path, capsys: py
     assert "dt 0.01" in said
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("unchecked")
 def test_more_steps_make_a_run_longer(data: Path, tmp_path: Path) -> None:
     longer = [*arguments(data, tmp_path / "long", "abc-mcmc"), "--steps", "55"]

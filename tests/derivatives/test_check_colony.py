@@ -93,6 +93,7 @@ def test_simulations_pass(check: GradientCheck) -> None:
     assert max(c.uncertainty for c in check.comparisons if c.by == "transpose") < 1e-9
 
 
+@pytest.mark.thorough
 def test_growth_is_that_of_the_tangents(check: GradientCheck) -> None:
     """A displacement of the first nodes starts at 1, a change of λ at 0; both grow but moderately here."""
     assert check.growth_times[-1] == pytest.approx(2.2)
@@ -105,6 +106,7 @@ def test_growth_is_that_of_the_tangents(check: GradientCheck) -> None:
     assert check.warnings() == []
 
 
+@pytest.mark.thorough
 def test_rows_and_text(check: GradientCheck) -> None:
     rows = check.rows()
     assert len(rows) == len(check.comparisons)
@@ -202,6 +204,7 @@ def test_what_does_not_fit_is_named(change: dict[str, Any], words: str) -> None:
 # --- the command line ----------------------------------------------------------------------------------------------
 
 
+@pytest.mark.thorough
 def test_gradcheck_writes_a_table_and_ends_with_0(ran: Ran) -> None:
     assert ran.status == 0
     assert "passed: of 240 derivatives 240 agrees" in ran.out
@@ -216,6 +219,7 @@ def test_gradcheck_writes_a_table_and_ends_with_0(ran: Ran) -> None:
     assert manifest["configuration"]["numerics"]["capacity"] == 10
 
 
+@pytest.mark.thorough
 def test_gradcheck_ends_with_1_where_something_does_not_agree(
     capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

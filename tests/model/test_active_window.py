@@ -69,6 +69,7 @@ def precision(request: pytest.FixtureRequest) -> bool:
     return bool(request.param)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("relaxation", [Relaxation(), Relaxation(None, None, None, "whole")], ids=["relaxed", "hard"])
 def test_what_is_left_out_would_not_have_changed(
     precision: bool, relaxation: Relaxation, monkeypatch: pytest.MonkeyPatch
@@ -111,6 +112,7 @@ def test_nutrient_of_any_kind_is_stepped_wherever_it_is() -> None:
     assert changed.max() > 1e-2
 
 
+@pytest.mark.thorough
 def test_no_derivative_is_lost_at_the_squares_edge(double: None, monkeypatch: pytest.MonkeyPatch) -> None:
     """Of the nutrient by diffusivity and by metabolic rate, against steps on the whole grid."""
     numerics = Numerics(domain=12.0, spacing=0.1, capacity=60)  # half sides 2.9, 4.2 and 6, of which the last is idle

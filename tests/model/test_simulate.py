@@ -216,6 +216,7 @@ def test_a_trajectory_repeats_the_step(at: Array) -> None:
         np.testing.assert_allclose(values, [o[name] for o in observed], rtol=1e-11)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", ["mean_radius", "area", "cell_count", "growth_rate", "radius", "perimeter"])
 def test_derivative_of_a_trajectory(
     name: str, slopes: dict[str, np.ndarray], differences: dict[str, np.ndarray]

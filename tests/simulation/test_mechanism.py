@@ -116,6 +116,7 @@ def test_it_is_simulated_with_the_parameters_that_it_brings(grown: Simulation) -
     assert np.abs(both.colony.positions - grown.colony.positions).max() > 0.1
 
 
+@pytest.mark.thorough
 def test_the_bias_points_buds_at_the_nutrient() -> None:
     """Right after the first event at t = 1, at δ from the parents: the angle to the slope is that of the formula."""
 
@@ -207,6 +208,7 @@ def test_it_is_synthesised_from_python_and_by_name(tmp_path: Path, monkeypatch: 
         assert (tmp_path / "file" / name).read_bytes() == (tmp_path / "python" / name).read_bytes()
 
 
+@pytest.mark.thorough
 def test_curves_that_are_fitted_depend_on_its_parameter() -> None:
     """As every sampler sees them: in log λ of all the model's parameters, where a bias of 0 is the source's rule."""
     how = ("mean_radius", "cell_count"), NUMERICS, SmoothStatistics(8.0, 0.2), HARD, Schedule.of([60])

@@ -278,6 +278,7 @@ def test_rows_are_in_both_units(five: Simulation) -> None:
 # --- derivatives -----------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.thorough
 def test_derivatives_stay_finite_over_four_events_in_single_precision() -> None:
     def curves(log_values: Array) -> dict[str, Array]:
         parameters = Parameters.from_array(PARAMETERS.names, jnp.exp(log_values))
@@ -378,6 +379,7 @@ def test_smooth_statistics_are_close_to_the_hard_ones_of_the_same_colonies(
     assert np.abs(ratio.mean(axis=0) - 1.0)[1:].max() < bound
 
 
+@pytest.mark.thorough
 @pytest.mark.runs_long
 @pytest.mark.parametrize(
     ("name", "bound"), [("cell_count", 0.02), ("growth_rate", 0.03), ("mean_radius", 0.03), ("area", 0.04)]

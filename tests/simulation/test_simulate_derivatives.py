@@ -183,6 +183,7 @@ SINGULAR: dict[str, tuple[Callable[[Array], Array], tuple[float, float]]] = {
 }
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", SINGULAR)
 def test_value_and_gradient_are_finite_at(name: str, colonies: Colony) -> None:
     """In everything; and nothing depends on where empty slots are."""
@@ -208,6 +209,7 @@ ENDS = {
 }
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("double", [True, False], ids=["double", "single"])
 def test_value_and_gradient_are_finite_at_corners_of_the_box(double: bool) -> None:
     """Each λ at 0 or its lowest, tiny, or the largest plausible; 24 corners, three at a time."""

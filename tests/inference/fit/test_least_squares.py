@@ -30,6 +30,7 @@ def grown(names: tuple[str, ...], times: list[float], replicates: int, estimator
     return Targets.from_replicates(curves, np.array(times), imaging=imaging)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("names", "estimator"), [(("compactness", "radius", "area"), "smooth"), (("outer_compactness", "area"), "mask")]
 )

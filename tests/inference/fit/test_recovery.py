@@ -33,6 +33,7 @@ def estimates(count: int, method: OptimiserName, known: bool) -> Iterator[tuple[
         yield (result.theta - AT_TRUTH) / np.sqrt(np.diag(result.log_covariance)), result
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("method", "count"), [("levenberg-marquardt", 100), ("dogleg", 30), ("bfgs", 30)])
 def test_errors_cover_the_truth(method: OptimiserName, count: int) -> None:
     """68 % within one error and 95 % within two, within three binomial deviations; χ² on its degrees of freedom."""

@@ -44,6 +44,7 @@ def test_mean_and_scatter_of_a_curved_simulator(of_curved: Emulator) -> None:
     np.testing.assert_array_equal(success, 1.0)
 
 
+@pytest.mark.thorough
 def test_the_error_it_claims_is_the_error_it_makes() -> None:
     """On average over simulations that might as well have been made, in the variance of one data set."""
     made, claimed = [], []

@@ -7,6 +7,7 @@ from scipy.stats import norm
 from yeastfit.inference.neural_likelihood.mcmc import Walk
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("free", "walkers"), [(1, 128), (2, 128), (5, 128), (5, 40)])
 def test_a_normal_density_is_drawn_from(free: int, walkers: int) -> None:
     """Means, standard deviations and 90 % intervals, within four of their standard errors; with few walkers, too."""

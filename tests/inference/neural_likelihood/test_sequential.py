@@ -116,6 +116,7 @@ def test_a_linear_gaussian_simulator_has_its_closed_form(measured: bool) -> None
     assert (found.effective_size > 1000).all()
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("unchecked")
 def test_curved_means_and_noise_that_depends_on_the_parameters() -> None:
     known = curved()
@@ -128,6 +129,7 @@ def test_curved_means_and_noise_that_depends_on_the_parameters() -> None:
     assert (np.abs(predicted.mean(axis=0) - observed) < 2 * predicted.std(axis=0)).all()
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("unchecked")
 def test_failures_count_as_evidence() -> None:
     """Six data sets that did not fail tell against λ at which simulations fail."""
@@ -185,6 +187,7 @@ def test_a_run_that_was_stopped_goes_on_to_the_same_bits(tmp_path: Path, undistu
     assert (other.values[:, :10] != undisturbed.values[:, :10]).all()
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("unchecked")
 def test_a_longer_run_has_use_for_all_of_a_shorter_one(tmp_path: Path) -> None:
     """Although its last round was a part of one."""
@@ -199,6 +202,7 @@ def test_a_longer_run_has_use_for_all_of_a_shorter_one(tmp_path: Path) -> None:
     assert "not settled: whether one round more would move it is not known" in "\n".join(once.warnings)
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("unchecked")
 def test_simulations_of_other_runs_are_learnt_from(undisturbed: Posterior) -> None:
     known = linear()
@@ -223,6 +227,7 @@ def test_simulations_of_other_runs_are_learnt_from(undisturbed: Posterior) -> No
         store.reuse(first, seeds, known(first, seeds)[:5])
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("unchecked")
 def test_posteriors_save_what_the_emulator_said(tmp_path: Path) -> None:
     known = linear()

@@ -67,6 +67,7 @@ def found() -> Sensitivity:
     return sensitivity(Parameters(aspect_ratio=0.7), times=[3.5, 4.5], numerics=SMALL, runs=128, paths=8)
 
 
+@pytest.mark.thorough
 def test_a_result_is_whole(found: Sensitivity, tmp_path: Path) -> None:
     for one in (found.jacobian, found.error):
         assert found.on_grid(one).shape == (5, 2, 7)
@@ -93,6 +94,7 @@ def test_a_result_is_whole(found: Sensitivity, tmp_path: Path) -> None:
     assert again.warnings == found.warnings
 
 
+@pytest.mark.thorough
 def test_every_estimator_beside_central_differences(found: Sensitivity) -> None:
     """The audit, reduced: the hard model at 16 and 31 nodes, 32 colonies on each side of the differences."""
     truth, _ = differences(Parameters(**found.at), found.times, SMALL, 32)

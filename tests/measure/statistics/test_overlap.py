@@ -174,6 +174,7 @@ def test_equation_12_as_printed_is_not_the_hessian(cells: int) -> None:
             assert np.abs(factor * printed - slopes).max() > 0.3 * np.abs(slopes).max()
 
 
+@pytest.mark.thorough
 def test_the_pairwise_statistic_has_the_formulas_derivatives(double: None) -> None:
     """Of two cells it is C on a grid of its own; both grids resolve these widths. Empty slots change nothing."""
     k, width = WIDTHS[0]
@@ -305,6 +306,7 @@ def test_a_crowd_against_all_pairs_on_one_fine_grid(k: float | None, width: floa
     assert float(area_of(q.ravel(), weights, k, width)) == pytest.approx(total, rel=0.01 if width is None else 1e-4)
 
 
+@pytest.mark.thorough
 def test_no_pair_of_a_wide_colony_is_missed() -> None:
     """Many cells apart, in many bins, in single precision."""
     rng = np.random.default_rng(8)

@@ -126,6 +126,7 @@ def test_without_variation_a_colony_doubles_every_ln_2() -> None:
     np.testing.assert_array_equal(counts, 2 ** (1 + np.floor(times / np.log(2) + 1e-9)).astype(int))
 
 
+@pytest.mark.thorough
 def test_with_variation_it_grows_at_the_rate_of_euler_and_lotka() -> None:
     """Slope of log mean count over 64 colonies, once the founders' phases are forgotten."""
     numerics = Numerics(domain=4.0, spacing=1.0, dt=0.02, capacity=700)
