@@ -23,11 +23,12 @@ from yeastfit.commands.strict_numbers import strictly
 
 HELP = """Estimate how yeast colonies grow from micrographs: simulate, measure, fit, infer.
 
-Every command leaves a manifest.json that says how its results were made. Bad input ends with one line and exit code 2.
+Results come with a manifest.json that says how they were made. Bad input ends with one line and exit code 2.
 """
 COMMANDS = {
     "demo": "Fit 110 photographs of ten synthetic colonies and show the fitted parameters beside the true ones.",
     "simulate": "Simulate growing colonies.",
+    "manifest": "Write manifest.csv for a folder of images, from the names of its files.",
     "measure": "Outline the colony in each micrograph and measure its shape; lengths are in µm.",
     "synthesize": "Make synthetic micrographs of simulated colonies.",
     "fit": "Fit the model's parameters to the colonies of a data set, with standard errors.",

@@ -108,8 +108,21 @@ def dataset_images(
     return _with_names(images)
 
 
+def images_in(folder: Path) -> tuple[list[Path], list[Path]]:
+    """Images of a folder, by their suffix, and its other files. Numbers in names count; hidden files do not.
+
+    Raises:
+        InputError: There is no such folder, or no image in it.
+    """
+    if not folder.is_dir():
+        raise InputError(f"{folder}: is no folder, need one with images")
+    images, other = _images(folder)
+    if not images:
+        raise InputError(f"{folder}: no image there, need {', '.join(SUFFIXES)} files")
+    return images, other
+
+
 def _images(folder: Path) -> tuple[list[Path], list[Path]]:
-    """Images of a folder, by their suffix, and its other files. Numbers in names count; hidden files do not."""
     inside = sorted((path for path in folder.iterdir() if path.name[0] != "."), key=_natural_order)
     images = [path for path in inside if path.suffix.lower() in SUFFIXES]
     return images, [path for path in inside if path not in images]

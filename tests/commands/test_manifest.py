@@ -1,0 +1,105 @@
+"""`yeastfit manifest`: names that say what images show, and names that do not."""
+
+from pathlib import Path
+
+import pytest
+
+from yeastfit import InputError, read_dataset
+from yeastfit.commands import app as cli
+from yeastfit.measure.reading.file_names import NamePattern
+
+PATTERN = "{condition} s{replicate} {hours}h {objective}"
+SIZES = ["--pixel-size", "4X=1.55008", "--pixel-size", "10X=0.62"]
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """Two media, colonies 2 and 10, early at ten times, later at four."""
+    for medium in ("50um", "500um"):
+        for replicate in (2, 10):
+            for hours, objective in (("25.5", "10X"), ("121", "4X")):
+                (tmp_path / f"AWRI 796 {medium} s{replicate} {hours}h {objective} binary.tif").touch()
+    (tmp_path / "notes.txt").touch()
+    return tmp_path
+
+
+def test_a_folder_becomes_a_data_set(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.run(["manifest", str(folder), "--pattern", PATTERN, *SIZES]) == 0
+    frames = read_dataset(folder).frames
+    assert len(frames) == 8
+    for frame in frames:
+        assert f"{frame.condition} s{frame.replicate} {frame.hours:g}h" in frame.path.name
+        assert frame.pixel_size == (0.62 if "10X" in frame.path.name else 1.55008)
+    assert [frame.replicate for frame in frames[:4]] == ["2", "2", "10", "10"]  # as numbers count
+    shown = capsys.readouterr()
+    assert "AWRI 796 500um" in shown.out
+    assert "Not read, at the end of names: binary" in shown.out
+    assert "notes.txt" in shown.err
+
+
+def test_a_manifest_that_is_there_stays(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (folder / "manifest.csv").write_text("mine")
+    assert cli.run(["manifest", str(folder), "--pattern", PATTERN, *SIZES]) == 2
+    assert "is there already" in capsys.readouterr().err
+    assert (folder / "manifest.csv").read_text() == "mine"
+
+
+def test_beside_the_images(folder: Path, tmp_path: Path) -> None:
+    elsewhere = tmp_path / "sets" / "one"
+    assert cli.run(["manifest", str(folder), "--pattern", PATTERN, *SIZES, "--out", str(elsewhere)]) == 0
+    assert all(frame.path.is_file() for frame in read_dataset(elsewhere).frames)
+    assert not (folder / "manifest.csv").exists()
+
+
+def test_one_time_and_one_size(tmp_path: Path) -> None:
+    for replicate in "ab":
+        (tmp_path / f"white_{replicate}.png").touch()
+    arguments = ["manifest", str(tmp_path), "--pattern", "{condition}_{replicate}", "--hours", "233"]
+    assert cli.run([*arguments, "--pixel-size", "1.55"]) == 0
+    frames = read_dataset(tmp_path).frames
+    assert {(f.condition, f.replicate, f.hours, f.pixel_size) for f in frames} == {
+        ("white", "a", 233.0, 1.55),
+        ("white", "b", 233.0, 1.55),
+    }
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--pattern", "{condition} r{replicate} {hours}h"], "does not match"),
+        (["--pattern", "{condition}{replicate} {hours}h"], "two ways"),
+        (["--pattern", "{condition} s{replicate} {}", "--hours", "25"], "one image at one time"),
+        (["--pattern", "{condition} s{replicate} {}"], "give hours for all images"),
+        (["--pattern", PATTERN, "--hours", "25"], "leave out hours"),
+        (["--pattern", "{condition} {hours}h"], "no {replicate}"),
+        (["--pattern", "{strain} s{replicate} {hours}h"], "{strain} is unknown"),
+        (["--pattern", "{hours} s{replicate} {hours}h"], "{hours} stands twice"),
+        (["--pattern", "{condition s{replicate} {hours}h"], "a brace is open"),
+        (["--pattern", PATTERN, "--pixel-size", "4X=1.55"], "objective '10X'"),
+        (["--pattern", PATTERN, *SIZES, "--pixel-size", "20X=0.3"], "no image has the objective '20X'"),
+        (["--pattern", PATTERN, *SIZES, "--pixel-size", "4X=1.6"], "is the second"),
+        (["--pattern", PATTERN, *SIZES, "--pixel-size", "1.6"], "one size for all images"),
+        (["--pattern", PATTERN, "--pixel-size", "4X=1e9"], "0.001 to 1000"),
+        (["--pattern", PATTERN, "--pixel-size", "4X"], "--pixel-size '4X'"),
+        (["--pattern", "{condition} s{replicate} {}", "--hours", "0"], "--hours"),
+    ],
+)
+def test_what_is_ambiguous_is_refused(
+    folder: Path, arguments: list[str], message: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert cli.run(["manifest", str(folder), *arguments]) == 2
+    error = capsys.readouterr().err
+    assert message in " ".join(error.split())
+    assert not (folder / "manifest.csv").exists()
+
+
+def test_a_name_is_read_in_one_way_or_refused() -> None:
+    assert NamePattern.of("{replicate}-{hours}").readings("a-5-later") == [
+        {"replicate": "a", "hours": "5", "rest": "-later"}
+    ]
+    assert NamePattern.of("{condition}_{replicate}").readings("a_b_c") == [
+        {"condition": "a", "replicate": "b", "rest": "_c"},
+        {"condition": "a_b", "replicate": "c", "rest": ""},
+    ]
+    with pytest.raises(InputError, match="unknown"):
+        NamePattern.of("{}{replicate}{colony}")

@@ -1,0 +1,125 @@
+"""`yeastfit manifest`: make a data set of a folder of images from the names of its files."""
+
+import csv
+import os
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.table import Table
+
+from yeastfit.commands.terminal import out, warn
+from yeastfit.errors import InputError
+from yeastfit.measure.reading.batch_inputs import images_in
+from yeastfit.measure.reading.dataset import MANIFESTS, find_manifest, read_dataset
+from yeastfit.measure.reading.file_names import NamedImage, NamePattern, named_images, pixel_sizes_of
+from yeastfit.numbers import HOURS, PIXEL_SIZES
+from yeastfit.text import quoted, shown
+
+COLUMNS = ("file", "replicate", "hours", "um_per_pixel", "condition")
+
+
+def manifest(
+    folder: Annotated[Path, typer.Argument(help="Folder of images.", show_default=False)],
+    pattern: Annotated[
+        str,
+        typer.Option(
+            help="How the images are named, without .tif and the like: {condition} is any text, {replicate} letters "
+            "and digits, {hours} a number, {objective} a word, {} any text that means nothing. Example: "
+            '"{condition} s{replicate} {hours}h {objective}" for "AWRI 796 500um s10 121h 4X binary.tif".',
+            show_default=False,
+        ),
+    ],
+    pixel_size: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="Size of a pixel in µm: of all images, 1.55, or of an objective, 4X=1.55; repeat it for further "
+            "objectives. Without it, the files have to state it.",
+            show_default=False,
+        ),
+    ] = None,
+    hours: Annotated[
+        float | None,
+        typer.Option(help="Hours since the colonies were one cell, where names do not say it.", show_default=False),
+    ] = None,
+    to: Annotated[
+        Path | None,
+        typer.Option("--out", help="Folder for manifest.csv; by default that of the images.", show_default=False),
+    ] = None,
+) -> None:
+    """Write manifest.csv for a folder of images, from the names of its files.
+
+    Shows what was understood. A name that does not match, or that can be read in two ways, ends the command, and
+    nothing is written; nor is a manifest that is there replaced.
+    """
+    place = to or folder
+    if found := find_manifest(place):
+        raise InputError(
+            f"{found}: is there already and is not replaced: move it away, or give another folder by --out"
+        )
+    files, skipped = images_in(folder)
+    if hours is not None:
+        HOURS.read(hours, "--hours")
+    images = named_images(files, NamePattern.of(pattern), hours)
+    sizes = pixel_sizes_of(images, _sizes(pixel_size or []))
+    _write(place / MANIFESTS[0], images, sizes)
+    out.print(_understood(images, sizes))
+    if rest := sorted({image.rest.strip(" _-") for image in images if image.rest}):
+        out.print(f"Not read, at the end of names: {', '.join(map(shown, rest[:5]))}{' …' if len(rest) > 5 else ''}")
+    if skipped:
+        warn([f"passed over, no images by their names: {', '.join(path.name for path in skipped)}"])
+    out.print(f"{len(images)} images in {place / MANIFESTS[0]}. Next: yeastfit measure {place}")
+
+
+def _sizes(given: list[str]) -> dict[str, float]:
+    """Sizes of pixels by objective, "" for all."""
+    sizes: dict[str, float] = {}
+    for text in given:
+        objective, _, number = text.rpartition("=")
+        if objective in sizes:
+            raise InputError(f"--pixel-size: {quoted(text)} is the second for {quoted(objective) or 'all images'}")
+        sizes[objective] = PIXEL_SIZES.read(number, f"--pixel-size {quoted(text)}:")
+    if "" in sizes and len(sizes) > 1:
+        raise InputError("--pixel-size: give one size for all images, or one for each objective")
+    return sizes
+
+
+def _write(path: Path, images: list[NamedImage], sizes: list[float | None]) -> None:
+    """Write the manifest, and take it away again unless it can be read."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with path.open("x", newline="", encoding="utf-8") as file:
+        table = csv.writer(file, lineterminator="\n")
+        table.writerow(COLUMNS)
+        for image, size in zip(images, sizes, strict=True):
+            name = Path(os.path.relpath(image.path, path.parent)).as_posix()
+            written = "" if size is None else f"{size:.15g}"
+            table.writerow([name, image.replicate, f"{image.hours:.15g}", written, image.condition])
+    try:
+        read_dataset(path.parent)
+    except InputError:
+        path.unlink()
+        raise
+
+
+def _understood(images: list[NamedImage], sizes: list[float | None]) -> Table:
+    """A row for each condition and size of pixels."""
+    table = Table("condition", "objective", "µm per pixel", "replicates", "hours", "images")
+    groups: dict[tuple[str, str, float | None], list[NamedImage]] = {}
+    for image, size in zip(images, sizes, strict=True):
+        groups.setdefault((image.condition, image.objective, size), []).append(image)
+    for (condition, objective, size), members in groups.items():
+        replicates = list(dict.fromkeys(image.replicate for image in members))
+        times = sorted({image.hours for image in members})
+        table.add_row(
+            condition or "—",
+            objective or "—",
+            "in the files" if size is None else f"{size:g}",
+            _listed(replicates),
+            _listed([f"{time:g}" for time in times]),
+            str(len(members)),
+        )
+    return table
+
+
+def _listed(texts: list[str]) -> str:
+    return ", ".join(texts) if len(texts) <= 12 else f"{', '.join(texts[:10])}, … {texts[-1]} ({len(texts)})"

@@ -1,0 +1,171 @@
+"""What names of image files say of them: condition, replicate, hours, objective.
+
+A pattern such as "{condition} s{replicate} {hours}h {objective}" is matched with the name of a file without its suffix.
+{condition} is any text, {replicate} letters and digits, {hours} a number, {objective} anything without spaces and
+underscores, and {} any text that is not read; all else stands for itself. After a space, underscore or hyphen, a name
+may go on behind the pattern: "AWRI 796 500um s10 121h 4X binary" matches.
+"""
+
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from yeastfit.errors import InputError
+from yeastfit.numbers import HOURS
+from yeastfit.text import quoted
+
+FIELDS = {
+    "condition": r".+",
+    "replicate": r"[A-Za-z0-9]+",
+    "hours": r"[0-9]+(?:\.[0-9]+)?",
+    "objective": r"[^ _]+",
+    "": r".*",
+}
+"""What each field of a pattern may be, as a regular expression."""
+
+REST = r"(?P<rest>[ _-].*)?"
+
+
+@dataclass(frozen=True)
+class NamedImage:
+    """What the name of one image says.
+
+    Attributes:
+        path: The file.
+        condition: Empty where the pattern has none.
+        replicate: Name of the colony.
+        hours: Since the colony was one cell.
+        objective: Empty where the pattern has none.
+        rest: What stands behind the pattern.
+    """
+
+    path: Path
+    condition: str
+    replicate: str
+    hours: float
+    objective: str = ""
+    rest: str = ""
+
+
+@dataclass(frozen=True)
+class NamePattern:
+    """A pattern of file names.
+
+    Attributes:
+        text: As it was given.
+        fields: Its fields, in order, without {}.
+    """
+
+    text: str
+    fields: tuple[str, ...]
+
+    @staticmethod
+    def of(text: str) -> "NamePattern":
+        """Read a pattern.
+
+        Raises:
+            InputError: A field is unknown or stands twice, a brace is open, or {replicate} is missing.
+        """
+        literal = re.sub(r"\{[^{}]*\}", "", text)
+        if "{" in literal or "}" in literal:
+            raise InputError(f"pattern {quoted(text)}: a brace is open, fields are written {{hours}}")
+        fields = tuple(name for name in re.findall(r"\{([^{}]*)\}", text) if name)
+        for name in fields:
+            if name not in FIELDS:
+                known = ", ".join(f"{{{one}}}" for one in FIELDS)
+                raise InputError(f"pattern {quoted(text)}: {{{name}}} is unknown, known are {known}")
+            if fields.count(name) > 1:
+                raise InputError(f"pattern {quoted(text)}: {{{name}}} stands twice")
+        if "replicate" not in fields:
+            raise InputError(f"pattern {quoted(text)}: has no {{replicate}}, which tells colonies of a condition apart")
+        return NamePattern(text, fields)
+
+    def readings(self, name: str) -> list[dict[str, str]]:
+        """What a name can mean: nothing, one thing, or two things that differ, fields being as short or as long."""
+        found: dict[tuple[str, ...], dict[str, str]] = {}
+        for expression in self._expressions():
+            if match := expression.fullmatch(name):
+                texts = match.groupdict("")
+                found.setdefault(tuple(texts[field] for field in self.fields), texts)
+        return list(found.values())
+
+    def _expressions(self) -> Iterator[re.Pattern[str]]:
+        for lazy in ("?", ""):
+            parts = re.split(r"\{([^{}]*)\}", self.text)
+            for k in range(1, len(parts), 2):
+                inside = FIELDS[parts[k]]
+                inside = inside + lazy if parts[k] in ("condition", "") else inside
+                parts[k] = f"(?P<{parts[k]}>{inside})" if parts[k] else inside
+            yield re.compile("".join(part if k % 2 else re.escape(part) for k, part in enumerate(parts)) + REST)
+
+
+def named_images(files: Sequence[Path], pattern: NamePattern, hours: float | None = None) -> list[NamedImage]:
+    """Read the names of images.
+
+    Arguments:
+        files: The images.
+        pattern: Of their names.
+        hours: Of all images, where the pattern has no {hours}.
+
+    Returns:
+        One entry a file, in their order.
+
+    Raises:
+        InputError: A name does not match the pattern or can be read in two ways, hours are missing or given twice, or
+            two images are of the same colony at the same time.
+    """
+    if ("hours" in pattern.fields) == (hours is not None):
+        wrong = "has {hours}, leave out hours" if hours is not None else "has no {hours}, give hours for all images"
+        raise InputError(f"pattern {quoted(pattern.text)}: {wrong}")
+    images = [_read(path, pattern, hours) for path in files]
+    seen: dict[tuple[str, str, float], NamedImage] = {}
+    for image in images:
+        first = seen.setdefault((image.condition, image.replicate, image.hours), image)
+        if first is not image:
+            raise InputError(
+                f"{quoted(first.path.name)} and {quoted(image.path.name)} are both of replicate {image.replicate}"
+                + (f" of {quoted(image.condition)}" if image.condition else "")
+                + f" at {image.hours:g} hours: a colony has one image at one time"
+            )
+    return images
+
+
+def _read(path: Path, pattern: NamePattern, hours: float | None) -> NamedImage:
+    readings = pattern.readings(path.stem)
+    if not readings:
+        raise InputError(f"{quoted(path.name)} does not match the pattern {quoted(pattern.text)}")
+    if len(readings) > 1:
+        two = " or ".join(", ".join(f"{name} {quoted(one[name])}" for name in pattern.fields) for one in readings)
+        raise InputError(f"{quoted(path.name)} can be read in two ways: {two}; make the pattern longer")
+    found = readings[0]
+    when = hours if hours is not None else HOURS.read(found["hours"], f"{quoted(path.name)}: hours")
+    return NamedImage(
+        path, found.get("condition", ""), found["replicate"], when, found.get("objective", ""), found["rest"]
+    )
+
+
+def pixel_sizes_of(images: Sequence[NamedImage], sizes: Mapping[str, float]) -> list[float | None]:
+    """Size of a pixel in µm of each image, by its objective; None where the file itself has to say it.
+
+    Arguments:
+        images: With their objectives.
+        sizes: By objective; "" stands for all.
+
+    Raises:
+        InputError: An objective has no size, or a size belongs to no image.
+    """
+    if not sizes:
+        return [None] * len(images)
+    if "" in sizes:
+        return [sizes[""]] * len(images)
+    met = dict.fromkeys(image.objective for image in images)
+    if missing := [objective for objective in met if objective not in sizes]:
+        first = next(image for image in images if image.objective == missing[0])
+        what = f"objective {quoted(missing[0])}" if missing[0] else "no objective in its name"
+        raise InputError(
+            f"{quoted(first.path.name)}: {what}, pixel sizes are given for {', '.join(map(quoted, sizes))}"
+        )
+    if unused := [objective for objective in sizes if objective not in met]:
+        raise InputError(f"no image has the objective {quoted(unused[0])}, met are {', '.join(map(quoted, met))}")
+    return [sizes[image.objective] for image in images]
