@@ -44,9 +44,12 @@ CASES: dict[str, tuple[Rules, dict[str, float]]] = {
     "langevin": ({"motion": {"rule": "langevin"}}, {"node_noise": 0.01}),
     "lognormal": ({"fluctuations": {"rule": "lognormal"}}, {"nutrient_noise": 0.05}),
     "random detachment": ({"detachment": {"rule": "random"}}, {"detachment_rate": 0.01}),
+    "superellipse": ({"shape": {"rule": "superellipse"}}, {"shape_exponent": 4.0}),
+    "contact of cells": ({"contact": {"rule": "cells"}}, {}),
+    "constrained contact": ({"contact": {"rule": "constraint"}}, {}),
 }
 """Rules by question, and the parameters with which they are at work."""
-BETWEEN_CELLS: tuple[str, ...] = ()
+BETWEEN_CELLS = ("contact of cells", "constrained contact")
 """Those that may take 10 times as long."""
 SIZES = (125, 250, 500, 1000)
 

@@ -24,6 +24,8 @@ PATHS: dict[str, tuple[dict[str, Any], dict[str, float]]] = {
         },
         {"budding_bias": 2.0, "death_rate": 0.3, "starvation": 0.9, "node_noise": 0.005, "nutrient_noise": 0.03},
     ),
+    "cells in contact": ({"contact": {"rule": "cells"}}, {"overlap_stiffness": 20.0}),
+    "blocky cells": ({"shape": {"rule": "superellipse"}}, {"shape_exponent": 4.0}),
     "the dead vanish": (
         {"death": {"rule": "starvation", "dead": "vanish"}},
         {"death_rate": 0.3, "starvation": 0.9},

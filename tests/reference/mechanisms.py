@@ -103,3 +103,22 @@ def superellipse_level(x: Floats, y: Floats, ends: Floats, ratio: float, exponen
 def superellipse_area(p: float, q: float, exponent: float) -> float:
     """4 p q Gamma(1 + 1/n)^2 / Gamma(1 + 2/n)."""
     return float(4 * p * q * special.gamma(1 + 1 / exponent) ** 2 / special.gamma(1 + 2 / exponent))
+
+
+# --- contact between cells -----------------------------------------------------------------------------------------
+
+
+def cell_overlap(ends: Floats, ratio: float, union: float, boundary: float, points: int = 400) -> float:
+    """The integral of 1/2 + 1/2 tanh(-f / K), f the smooth maximum of two ellipses between ends 0, 1 and 2, 3."""
+    low, high = ends.min(axis=0) - 1, ends.max(axis=0) + 1
+    x, y = np.linspace(low, high, points).T
+    grid = np.meshgrid(x, y, indexing="ij")
+    first, second = (superellipse_level(*grid, two, ratio, 2.0) for two in (ends[:2], ends[2:]))
+    f = union * np.logaddexp(first / union, second / union)
+    return float(np.sum(0.5 + 0.5 * np.tanh(-f / boundary)) * (x[1] - x[0]) * (y[1] - y[0]))
+
+
+def lens_area(radius: float, distance: float) -> float:
+    """Where two circles of one radius overlap."""
+    half = distance / 2
+    return 2 * (radius**2 * math.acos(half / radius) - half * math.sqrt(radius**2 - half**2))

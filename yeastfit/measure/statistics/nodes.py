@@ -11,6 +11,7 @@ from jaxtyping import Array, Float
 
 from yeastfit.measure.statistics.indicator import norm
 from yeastfit.measure.statistics.statistic import Statistic
+from yeastfit.model.cell_overlap import overlap_area
 from yeastfit.model.cells import weights_of_cells
 from yeastfit.model.simulate import Snapshot
 
@@ -59,4 +60,11 @@ ENTRIES = (
     Statistic("cell_count", 0, "number of cells", "cells", nodes=cell_count),
     Statistic("dead_share", 0, "share of nodes that are dead and in the way", nodes=dead_share, may_vanish=True),
     Statistic("networks", 0, "number of networks of cells that hang together", nodes=networks),
+    Statistic(
+        "overlap_area",
+        2,
+        "area in which cells overlap, summed over pairs of cells",
+        nodes=lambda s: overlap_area(s.cells, s.relaxation.union, s.relaxation.boundary),
+        comparable=False,
+    ),
 )

@@ -18,10 +18,10 @@ from skimage.transform import rescale
 
 from yeastfit.errors import InputError
 from yeastfit.measure.statistics.indicator import Indicator, gaussian_blur
-from yeastfit.measure.statistics.overlap import smooth_step
 from yeastfit.measure.statistics.polar import Polar, polar_statistics
 from yeastfit.measure.statistics.registry import STATISTICS, check_names, names_with, recorded
 from yeastfit.model.active_window import extent_of_cells, on_window
+from yeastfit.model.cell_overlap import smooth_step
 from yeastfit.model.cells import level_set
 from yeastfit.model.simulate import Snapshot
 

@@ -12,9 +12,9 @@ from jaxtyping import Array
 from numpy.typing import ArrayLike
 from scipy.integrate import quad
 
-from yeastfit.measure.statistics.overlap import MOST, intersection, overlap_area, smooth_area, smooth_step
 from yeastfit.measure.statistics.registry import recorded
 from yeastfit.measure.statistics.smooth_statistics import SmoothStatistics
+from yeastfit.model.cell_overlap import MOST, intersection, overlap_area, smooth_area, smooth_step
 from yeastfit.model.cells import Cells, cells_of
 from yeastfit.model.numerics import Numerics
 from yeastfit.model.parameters import Parameters

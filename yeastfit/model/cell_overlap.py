@@ -25,8 +25,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-from yeastfit.measure.statistics.statistic import Statistic
-from yeastfit.model.cells import Cells
+from yeastfit.model.cells import Cells, squared_norm
 from yeastfit.model.differentiable_sum import sum_of_terms
 from yeastfit.model.numerics import largest_in_ensemble
 
@@ -58,7 +57,7 @@ def overlap_area(
     k, K = (None if width is None else jnp.asarray(width, cells.centres.dtype) for width in (union, boundary))
     room = -(-MOST * cells.weights.shape[0] // CHUNK) * CHUNK
     reach = jnp.ones_like(cells.weights[0]) if K is None else 1.0 + SATURATED * K
-    pairs, found = _pairs(*jax.lax.stop_gradient((cells, reach)), room)
+    pairs, found = meeting_pairs(*jax.lax.stop_gradient((cells, reach)), room)
     trips = largest_in_ensemble((jnp.minimum(found, room) + CHUNK - 1) // CHUNK)
     total = sum_of_terms(_add_chunk, trips, jnp.zeros_like(cells.weights[0]), (cells, pairs, found, reach, k, K))
     return total * jnp.where(found > room, jnp.nan, 1.0)
@@ -69,13 +68,13 @@ def intersection(
 ) -> Float[Array, "*grid"]:
     """f at points (x, y), of all the cells, whatever their weights; max_j f_j without k."""
 
-    def level(centre: Array, direction: Array, half_length: Array, half_width: Array) -> Array:
-        dx, dy = x - centre[0], y - centre[1]
-        u = (direction[0] * dx + direction[1] * dy) / half_length
-        v = (direction[0] * dy - direction[1] * dx) / half_width
-        return u**2 + v**2 - 1.0
+    def level(cell: Cells) -> Array:
+        (dx, dy), (cosine, sine) = (x - cell.centres[0], y - cell.centres[1]), cell.directions
+        u = (cosine * dx + sine * dy) / cell.half_lengths
+        v = (cosine * dy - sine * dx) / cell.half_widths
+        return (u**2 + v**2 if cell.exponents is None else squared_norm(u, v, cell.exponents)) - 1.0
 
-    f = jax.vmap(level)(cells.centres, cells.directions, cells.half_lengths, cells.half_widths)
+    f = jax.vmap(level)(cells)
     return functools.reduce(jnp.maximum, f) if union is None else union * jax.nn.logsumexp(f / union, axis=0)
 
 
@@ -94,7 +93,7 @@ def smooth_area(
 def _add_chunk(total: Float[Array, ""], i: Int[Array, ""], args: tuple) -> Float[Array, ""]:
     """Adds w_i w_j C_ij of the next CHUNK pairs."""
     cells, pairs, found, *rules = args
-    both = _at(cells, jax.lax.dynamic_slice_in_dim(pairs, i * CHUNK, CHUNK))
+    both = cells_at(cells, jax.lax.dynamic_slice_in_dim(pairs, i * CHUNK, CHUNK))
     areas = jax.vmap(lambda pair: _area_of_pair(pair, *rules))(both)
     real = i * CHUNK + jnp.arange(CHUNK) < found
     return total + jnp.sum(jnp.where(real, both.weights[:, 0] * both.weights[:, 1] * areas, 0.0))
@@ -103,13 +102,13 @@ def _add_chunk(total: Float[Array, ""], i: Int[Array, ""], args: tuple) -> Float
 def _area_of_pair(
     pair: Cells, reach: Float[Array, ""], union: Float[Array, ""] | None, boundary: Float[Array, ""] | None
 ) -> Float[Array, ""]:
-    """C of two cells by the midpoint rule, on POINTS² rectangles of `_box` along the axes of the first cell.
+    """C of two cells by the midpoint rule, on POINTS² rectangles of `box_of_pair` along the axes of the first cell.
 
     The integrand vanishes at the box's edge, so that the error falls faster than any power of the spacing once k and K
     are resolved. Coordinates are relative to the first cell, so that single precision is enough for a newborn one.
     """
     fixed, reach = jax.lax.stop_gradient((pair, reach))
-    low, high = _box(_at(fixed, 0), _at(fixed, 1), reach)
+    low, high = box_of_pair(cells_at(fixed, 0), cells_at(fixed, 1), reach)
     middles = (jnp.arange(POINTS) + 0.5) / POINTS
     u, v = low[:, None] + (high - low)[:, None] * middles
     u, v = u[:, None], v[None, :]
@@ -119,7 +118,7 @@ def _area_of_pair(
     return smooth_area(f, boundary, jnp.prod(high - low) / POINTS**2)
 
 
-def _box(
+def box_of_pair(
     first: Cells, second: Cells, reach: Float[Array, ""]
 ) -> tuple[Float[Array, "*pair 2"], Float[Array, "*pair 2"]]:
     """Lower and upper corner, from the first cell's centre along its axes, of the box that holds r² ≤ reach of both.
@@ -129,9 +128,11 @@ def _box(
     own = jnp.stack([first.half_lengths, first.half_widths], axis=-1)
     apart = _turned(second.centres - first.centres, first.directions)
     axis = _turned(second.directions, first.directions)
-    other = jnp.sqrt(
-        (second.half_lengths[..., None] * axis) ** 2 + (second.half_widths[..., None] * axis[..., ::-1]) ** 2
-    )
+    along, across = second.half_lengths[..., None] * axis, second.half_widths[..., None] * axis[..., ::-1]
+    if second.exponents is None:
+        other = jnp.sqrt(along**2 + across**2)
+    else:  # as in `cells.level_set`
+        other = jnp.sqrt(squared_norm(along, across, (second.exponents / (second.exponents - 1.0))[..., None]))
     own, other = jnp.sqrt(reach) * own, jnp.sqrt(reach) * other
     return jnp.maximum(-own, apart - other), jnp.minimum(own, apart + other)
 
@@ -142,12 +143,12 @@ def _turned(vectors: Float[Array, "*pair 2"], directions: Float[Array, "*pair 2"
     return jnp.stack([cosine * x + sine * y, cosine * y - sine * x], axis=-1)
 
 
-def _at(cells: Cells, index: Int[Array, "..."] | int) -> Cells:
+def cells_at(cells: Cells, index: Int[Array, "..."] | int) -> Cells:
     """The cells of these slots."""
     return jax.tree.map(lambda leaf: leaf[index], cells)
 
 
-def _pairs(cells: Cells, reach: Float[Array, ""], room: int) -> tuple[Int[Array, "pair 2"], Int[Array, ""]]:
+def meeting_pairs(cells: Cells, reach: Float[Array, ""], room: int) -> tuple[Int[Array, "pair 2"], Int[Array, ""]]:
     """Slots of the pairs of cells whose boxes meet, the shorter cell first, and how many there are; not differentiable.
 
     Cells are sorted into square bins as wide as the longest cell reaches, so that those a cell can meet are near by in
@@ -171,7 +172,7 @@ def _pairs(cells: Cells, reach: Float[Array, ""], room: int) -> tuple[Int[Array,
         own = jnp.broadcast_to(order[:, None, None], other.shape)
         shorter = cells.half_lengths[own] <= cells.half_lengths[other]
         pair = jnp.where(shorter, own, other), jnp.where(shorter, other, own)
-        low, high = _box(_at(cells, pair[0]), _at(cells, pair[1]), reach)
+        low, high = box_of_pair(cells_at(cells, pair[0]), cells_at(cells, pair[1]), reach)
         meet = ((lane < runs[:, :, None]) & jnp.all(low < high, axis=-1)).ravel()
         slot = jnp.where(meet, found + jnp.cumsum(meet) - 1, room)
         pairs = pairs.at[slot].set(jnp.stack(pair, axis=-1).reshape(-1, 2), mode="drop")
@@ -180,14 +181,3 @@ def _pairs(cells: Cells, reach: Float[Array, ""], room: int) -> tuple[Int[Array,
     trips = largest_in_ensemble((jnp.max(runs) + LANES - 1) // LANES)
     nothing = jnp.zeros((room, 2), order.dtype), jnp.zeros((), order.dtype)
     return jax.lax.fori_loop(0, trips, add_lane, nothing)
-
-
-ENTRIES = (
-    Statistic(
-        "overlap_area",
-        2,
-        "area in which cells overlap, summed over pairs of cells",
-        nodes=lambda s: overlap_area(s.cells, s.relaxation.union, s.relaxation.boundary),
-        comparable=False,
-    ),
-)

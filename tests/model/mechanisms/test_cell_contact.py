@@ -1,0 +1,112 @@
+"""Contact between cells: overlap areas, forces, and pairs that part."""
+
+import dataclasses
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from helpers import colony_of, context_of
+from jaxtyping import Array
+
+from reference import mechanisms as plain
+from yeastfit.errors import InputError
+from yeastfit.model.colony import Colony
+from yeastfit.model.forces import velocity
+from yeastfit.model.mechanisms.cell_contact import CellContact, overlap, overlap_and_slope
+from yeastfit.model.mechanisms.constrained_contact import ConstrainedContact, nonnegative
+from yeastfit.model.model import Model
+from yeastfit.model.numerics import Numerics
+from yeastfit.model.parameters import Parameters
+
+NUMERICS = Numerics(domain=6.0, spacing=1.0, dt=0.02, capacity=8)
+BOTH = {"cells": Model(contact=CellContact()), "constraint": Model(contact=ConstrainedContact())}
+WIDTHS = jnp.array([0.1, 0.2])
+CROSSED = np.array([[0.5, 0.1], [-0.5, 0.05], [0.35, 0.45], [-0.3, -0.4]])
+TREE = [-1, 0, -1, 2]  # two cells
+
+
+@pytest.mark.parametrize("ends", [CROSSED, CROSSED + np.array([[0, 0], [0, 0], [0.3, 0.5], [0.3, 0.4]])])
+def test_overlaps_and_forces_are_those_of_the_plain_reading(ends: np.ndarray, double: None) -> None:
+    area, slope = jax.jit(overlap_and_slope)(jnp.asarray(ends)[None], jnp.asarray(0.6), WIDTHS)
+    assert float(area[0]) == pytest.approx(plain.cell_overlap(ends, 0.6, 0.1, 0.2), rel=2e-3)
+    h = 1e-4
+    for node, axis in ((0, 0), (1, 1), (3, 0)):
+        step = np.zeros((4, 2))
+        step[node, axis] = h
+        above, below = (plain.cell_overlap(ends + sign * step, 0.6, 0.1, 0.2) for sign in (1, -1))
+        assert float(slope[0, node, axis]) == pytest.approx((above - below) / (2 * h), rel=2e-2, abs=2e-3)
+
+
+def test_two_circles_overlap_in_a_lens() -> None:
+    """With little smoothing; ellipses of aspect ratio 1."""
+    for distance in (0.3, 0.6):
+        ends = jnp.array([[0.5, 0.0], [-0.5, 0.0], [0.5, distance], [-0.5, distance]])
+        area = float(jax.jit(overlap)(ends, jnp.asarray(1.0), jnp.array([0.02, 0.08])))
+        assert area == pytest.approx(plain.lens_area(0.5, distance), rel=0.02)
+
+
+@eqx.filter_jit
+def pushed(contact: CellContact | ConstrainedContact, colony: Colony) -> Array:
+    parameters = BOTH[contact.name].complete(Parameters(aspect_ratio=0.6))
+    return contact.velocity(context_of(colony, NUMERICS, parameters=parameters), jnp.zeros((8, 2)))
+
+
+@pytest.mark.parametrize("name", BOTH)
+def test_forces_sum_to_zero(name: str) -> None:
+    """And so do torques; without contact there is no force."""
+    contact = BOTH[name].contact
+    colony = colony_of(CROSSED, TREE, numerics=NUMERICS)
+    force = np.asarray(pushed(contact, colony))
+    assert np.abs(force).max() > 0.05
+    np.testing.assert_allclose(force.sum(axis=0), 0, atol=1e-5)
+    torque = CROSSED[:, 0] * force[:4, 1] - CROSSED[:, 1] * force[:4, 0]
+    assert abs(torque.sum()) < 1e-5
+    apart = dataclasses.replace(colony, positions=colony.positions.at[2:4].add(jnp.array([0.0, 2.0])))
+    assert not np.asarray(pushed(contact, apart)).any()
+
+
+@pytest.mark.parametrize("name", BOTH)
+def test_overlapping_cells_part_symmetrically(name: str) -> None:
+    """Two parallel cells: their common centre stays, one is the other's image, and the overlap ends."""
+    model = BOTH[name]
+    parameters = model.complete(Parameters(aspect_ratio=0.6, mobility=0.0))
+    ends = np.array([[0.5, 0.2], [-0.5, 0.2], [0.5, -0.2], [-0.5, -0.2]])
+
+    @eqx.filter_jit
+    def run(colony: Colony) -> tuple[Array, Array]:
+        def one(colony: Colony, _: None) -> tuple[Colony, Array]:
+            moved = velocity(context_of(colony, NUMERICS, parameters=parameters), model.contact)
+            colony = dataclasses.replace(colony, positions=colony.positions + NUMERICS.dt * moved)
+            return colony, overlap(colony.positions[:4], jnp.asarray(0.6), WIDTHS)
+
+        colony, areas = jax.lax.scan(one, colony, None, length=150)
+        return colony.positions[:4], areas
+
+    positions, areas = (np.asarray(found) for found in run(colony_of(ends, TREE, numerics=NUMERICS)))
+    first = plain.cell_overlap(ends, 0.6, 0.1, 0.2)
+    np.testing.assert_allclose(positions[:2], positions[2:] * [1, -1], atol=1e-4)
+    np.testing.assert_allclose(positions.mean(axis=0), 0, atol=1e-5)
+    assert (np.diff(areas) < 1e-6).all()
+    assert areas[-1] < 0.06 * first
+    if name == "constraint":  # to the tolerated overlap, as e^(−αt)
+        exact = 0.005 + (first - 0.005) * (1 - 5 * NUMERICS.dt) ** np.arange(1, 151)
+        np.testing.assert_allclose(areas, exact, atol=0.02)
+
+
+def test_multipliers_are_those_of_the_problem_of_complementarity() -> None:
+    """0 ≤ μ ⊥ A μ − b ≥ 0, of a random matrix."""
+    rng = np.random.default_rng(0)
+    slopes = rng.normal(size=(5, 7))
+    matrix, wanted = jnp.asarray(slopes @ slopes.T), jnp.asarray(rng.normal(size=5))
+    size = jnp.asarray((np.abs(slopes) @ np.abs(slopes).T).sum(axis=1))
+    found = np.asarray(nonnegative(lambda m: matrix @ m, wanted, size, sweeps=400))
+    rest = np.asarray(matrix) @ found - np.asarray(wanted)
+    assert (found >= 0).all()
+    np.testing.assert_allclose(np.minimum(found, rest), 0, atol=1e-4)
+
+
+def test_rules_that_exclude_each_other_are_named() -> None:
+    with pytest.raises(InputError, match="contact: rule 'cells' pushes ellipses apart, and shape is 'superellipse'"):
+        Model.of({"contact": {"rule": "cells"}, "shape": {"rule": "superellipse"}})
