@@ -112,8 +112,8 @@ def cell_overlap(ends: Floats, ratio: float, union: float, boundary: float, poin
     """The integral of 1/2 + 1/2 tanh(-f / K), f the smooth maximum of two ellipses between ends 0, 1 and 2, 3."""
     low, high = ends.min(axis=0) - 1, ends.max(axis=0) + 1
     x, y = np.linspace(low, high, points).T
-    grid = np.meshgrid(x, y, indexing="ij")
-    first, second = (superellipse_level(*grid, two, ratio, 2.0) for two in (ends[:2], ends[2:]))
+    across, up = np.meshgrid(x, y, indexing="ij")
+    first, second = (superellipse_level(across, up, two, ratio, 2.0) for two in (ends[:2], ends[2:]))
     f = union * np.logaddexp(first / union, second / union)
     return float(np.sum(0.5 + 0.5 * np.tanh(-f / boundary)) * (x[1] - x[0]) * (y[1] - y[0]))
 

@@ -19,6 +19,7 @@ from yeastfit.model.mechanisms.constrained_contact import ConstrainedContact, no
 from yeastfit.model.model import Model
 from yeastfit.model.numerics import Numerics
 from yeastfit.model.parameters import Parameters
+from yeastfit.model.rules import ContactRule
 
 NUMERICS = Numerics(domain=6.0, spacing=1.0, dt=0.02, capacity=8)
 BOTH = {"cells": Model(contact=CellContact()), "constraint": Model(contact=ConstrainedContact())}
@@ -48,7 +49,7 @@ def test_two_circles_overlap_in_a_lens() -> None:
 
 
 @eqx.filter_jit
-def pushed(contact: CellContact | ConstrainedContact, colony: Colony) -> Array:
+def pushed(contact: ContactRule, colony: Colony) -> Array:
     parameters = BOTH[contact.name].complete(Parameters(aspect_ratio=0.6))
     return contact.velocity(context_of(colony, NUMERICS, parameters=parameters), jnp.zeros((8, 2)))
 
