@@ -1,5 +1,7 @@
 """Posteriors: weighted moments and quantiles, what draws are worth, how they ended, and their files."""
 
+import subprocess
+import sys
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 
@@ -115,6 +117,21 @@ def test_diagnostics_that_no_imported_file_defines_are_refused() -> None:
     with pytest.raises(InputError, match="diagnostics are of kind 'Elsewhere', which no imported file defines"):
         Diagnostics.restored({"kind": "Elsewhere"})
     assert Diagnostics.restored(Diagnostics().asdict()) == Diagnostics()
+
+
+def test_a_new_process_reads_the_files_of_all_methods(tmp_path: Path) -> None:
+    """Where nothing but the posterior is imported."""
+    kinds = ("McmcDiagnostics", "SmcDiagnostics", "EmulatorDiagnostics")
+    program = f"""
+from yeastfit.inference.posterior.diagnostics import Diagnostics
+for kind in {kinds}:
+    try:
+        Diagnostics.restored({{"kind": kind}})
+    except KeyError as missing:  # its fields are asked for
+        print(kind, missing)
+"""
+    found = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert [line.split()[0] for line in found.stdout.splitlines()] == list(kinds)
 
 
 def test_files_of_something_else_are_refused(tmp_path: Path) -> None:

@@ -8,11 +8,16 @@ import types
 import typing
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, is_dataclass
+from importlib import import_module
 from typing import Any, ClassVar, Union, get_args, get_origin
 
 import numpy as np
 
 from yeastfit.errors import InputError
+
+
+METHODS = "yeastfit.inference.samplers"
+"""Imports all methods of the package, which stand above this file, and with them their diagnostics."""
 
 
 @dataclass(frozen=True)
@@ -53,6 +58,8 @@ class Diagnostics:
             InputError: The kind is unknown: the file that defines it must be imported first.
         """
         kind = data.get("kind")
+        if kind not in {"Diagnostics", *Diagnostics.kinds}:
+            import_module(METHODS)
         if kind not in {"Diagnostics", *Diagnostics.kinds}:
             raise InputError(f"diagnostics are of kind {kind!r}, which no imported file defines")
         return _read(Diagnostics if kind == "Diagnostics" else Diagnostics.kinds[kind], data)
