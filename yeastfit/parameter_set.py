@@ -27,6 +27,8 @@ class Parameter:
         smallest: Admissible minimum.
         largest: Admissible maximum.
         positive: Whether `smallest` itself is inadmissible.
+        powers: Of a cell's length L0 and of the growth rate μ*, by whose product it is multiplied to give it units:
+            (2, 1) for µm²/h. (0, 0) for a number that has none.
     """
 
     name: str
@@ -38,6 +40,7 @@ class Parameter:
     smallest: float = 0.0
     largest: float = math.inf
     positive: bool = False
+    powers: tuple[int, int] = (0, 0)
 
     def __post_init__(self) -> None:
         low, high = self.plausible

@@ -28,7 +28,7 @@ from yeastfit.storage import write_json, write_table
 
 FILES = (
     *("fit.json", "parameters.csv", "targets.csv", "fit.png", "convergence.png", "spectrum.png", "ellipses.png"),
-    *("bootstrap.csv", "bootstrap.png", "profiles.csv", "profiles.png", "manifest.json"),
+    *("bootstrap.csv", "bootstrap.png", "profiles.csv", "profiles.png", "index.html", "manifest.json"),
 )
 TRUTH = Parameters(mobility=2.0, metabolic_rate=0.7, aspect_ratio=0.6)
 SCALES = Scales()

@@ -1,6 +1,7 @@
 """Pictures of posteriors: what they show, of draws that are known, weighted, at an end of the prior, or all alike."""
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -13,7 +14,7 @@ from yeastfit.inference.neural_likelihood.cross_validation import CrossValidatio
 from yeastfit.inference.neural_likelihood.rounds import EmulatorDiagnostics, RoundDiagnostics
 from yeastfit.inference.posterior.prior import Prior
 from yeastfit.inference.posterior.result import Posterior
-from yeastfit.plot.style import TRUTH
+from yeastfit.plot.style import TRUTH, label_log_axis
 
 PRIOR = Prior.of(
     {
@@ -95,3 +96,31 @@ def test_held_out_residuals() -> None:
     upper, lower = drawn(plot.cross_validation(diagnostics)).axes
     np.testing.assert_allclose(upper.lines[-1].get_ydata(), [0.1, -0.2])  # type: ignore[arg-type]
     np.testing.assert_allclose(lower.lines[-1].get_ydata(), [1.1, 0.8])  # type: ignore[arg-type]
+
+
+def test_axes_show_the_posterior_and_tell_of_what_lies_beyond() -> None:
+    """Nine tenths within a factor of 1.2, one tenth on a trail that reaches ten times as far."""
+    rng = np.random.default_rng(4)
+    near, far = np.exp(0.04 * rng.standard_normal(1800)), np.geomspace(1.5, 9.9, 200)
+    values = np.stack([np.concatenate([near, far]), np.full(2000, 0.5) + 0.01 * rng.standard_normal(2000)], axis=1)
+    figure = drawn(plot.corner(made_posterior(values[None], prior=PRIOR)))
+    first, _, pair, _ = figure.axes
+    low, high = first.get_xlim()
+    assert 0.75 < low < 0.95
+    assert 1.05 < high < 1.6
+    assert [text.get_text() for text in first.texts] == ["10.0% →"]
+    assert pair.get_xlim() == first.get_xlim()
+
+
+@pytest.mark.parametrize(("low", "high"), [(0.62, 0.68), (1.0, 7.0), (0.03, 2.5), (0.1, 900.0)])
+def test_labels_of_a_logarithmic_axis_do_not_overlap(low: float, high: float) -> None:
+    figure = Figure(figsize=(2.1, 2.1))
+    panel = figure.subplots()
+    panel.set(xscale="log", xlim=(low, high))
+    panel.tick_params(labelsize=7, which="both")
+    label_log_axis(panel.xaxis, low, high)
+    drawn(figure)
+    shown = [each for each in panel.get_xticklabels(which="both") if each.get_text()]
+    boxes = [each.get_window_extent() for each in shown if low <= each.get_position()[0] <= high]
+    assert len(boxes) >= 2
+    assert all(left.x1 < right.x0 for left, right in pairwise(boxes))

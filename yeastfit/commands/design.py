@@ -77,7 +77,8 @@ def design(
 ) -> None:
     """Find the measurement that would reduce the errors of the parameters most.
 
-    Simulates colonies with the parameters given here and with slightly different ones. Writes design.csv and
+    Simulates colonies with the parameters given here and with slightly different ones. Writes one page of everything
+    (index.html), design.csv and
     design.png, every possible next measurement with what it would achieve, and spectrum.png and information.json, what
     the existing data can and cannot tell about the parameters.
     """
@@ -110,8 +111,8 @@ def design(
         else:
             found = earlier
         result = make_design(found, free=names_in(free) or chosen.forward.fitted, **known)
-        write_design(results.partial, result)
         configuration = {**how, "parameters": found.at, "free": result.free, **known}
+        write_design(results.partial, result, chosen.forward, found, {**how, "free": result.free, **known})
         results.finish(seed=found.seed, inputs=inputs, configuration=configuration)
     warn(list(found.warnings))
     warn(result.before.sentences())
@@ -121,7 +122,7 @@ def design(
     out.print(f"errors of log λ from what is measured: {errors}", highlight=False)
     for number, sentence in enumerate(result.sentences(), start=1):
         out.print(f"{number}. {sentence}", highlight=False)
-    out.print(f"Results in {folder}")
+    out.print(f"Results in {folder}, on one page: index.html")
 
 
 def _read(path: Path) -> Sensitivity:

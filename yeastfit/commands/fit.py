@@ -1,6 +1,6 @@
 """`yeastfit fit`: fit the model's parameters to measured curves."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
@@ -11,7 +11,7 @@ from rich.table import Table
 
 from yeastfit.commands.generated.model import ChosenModel, Free, ModelOptions, Statistics
 from yeastfit.commands.generated.options import generated
-from yeastfit.commands.measured_source import check_source, measure_source, truth_of
+from yeastfit.commands.measured_source import Measurements, check_source, measure_source, truth_of
 from yeastfit.commands.options import (
     Jobs,
     MeasurementError,
@@ -29,10 +29,15 @@ from yeastfit.inference.fit.least_squares import check_search
 from yeastfit.inference.fit.least_squares import fit as run_fit
 from yeastfit.inference.fit.result import Fit
 from yeastfit.inference.fit.settings import FitSettings
+from yeastfit.inference.models.forward_model import ForwardModel
 from yeastfit.inference.simulator import Simulator
 from yeastfit.processors import available_processors
 from yeastfit.report.fit_files import write_bootstrap, write_fit, write_profiles, write_targets
+from yeastfit.report.fit_page import fit_page
+from yeastfit.report.measurement_page import measurement_sections
+from yeastfit.report.pictures import as_words
 from yeastfit.results_folder import results_folder
+from yeastfit.storage import versions, written_whole
 
 MANY_AT_EDGE = 0.02  # of bootstrap draws: from where intervals are visibly too narrow
 
@@ -102,8 +107,8 @@ def fit(
     """Fit the model's parameters to the colonies of a data set, with standard errors.
 
     Micrographs are measured first, as `yeastfit measure` does; give its measurements.csv instead to skip that. One
-    photograph of each colony is enough. Writes parameters.csv, fit.json, which yeastfit.Fit.load reads in Python, and
-    pictures of the fit. Ends with exit code 1 where the fit did not converge.
+    photograph of each colony is enough. Writes one page of everything (index.html), parameters.csv, fit.json, which
+    yeastfit.Fit.load reads in Python, and pictures of the fit. Ends with exit code 1 where the fit did not converge.
     """
     model = chosen.forward
     names, fitted = model.statistics_named(names_in(statistics) or model.statistics), names_in(free) or model.fitted
@@ -134,6 +139,7 @@ def fit(
         write_fit(results.partial, result, known)
         lines = _explored(results.partial, result, bootstrap, profile, coarse, fine)
         configuration = {**chosen.configuration("fit"), "parameters": held, "free": fitted, **options}
+        _write_page(results.partial, result, next(iter(seen.values())).model, data, configuration, known, lines)
         more: dict[str, Any] = {"configuration": configuration, "status": result.message}
         results.finish(seed=seed, inputs=data.inputs, seconds=result.seconds, **more)
     warn(list(result.warnings))
@@ -142,10 +148,30 @@ def fit(
         out.print(line, highlight=False)
     out.print(
         f"{result.message}; chi-square {result.chi_square:.1f} on {result.degrees_of_freedom} degrees of freedom; "
-        f"{result.simulations} simulated colonies in {result.seconds:.0f} s. Results in {folder}"
+        f"{result.simulations} simulated colonies in {result.seconds:.0f} s. Results in {folder}, on one page: "
+        "index.html"
     )
     if not result.converged:
         raise typer.Exit(1)
+
+
+def _write_page(
+    folder: Path,
+    result: Fit,
+    model: ForwardModel,
+    data: Measurements,
+    configuration: Mapping[str, Any],
+    known: Mapping[str, float] | None,
+    lines: Sequence[str],
+) -> None:
+    """Write index.html, in the place of that of the measurements, which stand below."""
+    curves = folder / "curves.png"
+    measured = measurement_sections(data.outcomes, curves.read_bytes() if curves.is_file() else b"")
+    made = {**as_words(configuration), "seed": str(result.seed), "seconds": f"{result.seconds:.0f}"}
+    made["versions"] = ", ".join(f"{name} {one}" for name, one in versions().items())
+    page = fit_page(result, model, folder, made, known, lines, measured if data.outcomes else ())
+    with written_whole(folder / "index.html") as temporary:
+        temporary.write_text(page, encoding="utf-8")
 
 
 def _explored(

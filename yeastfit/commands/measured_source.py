@@ -20,6 +20,7 @@ from yeastfit.measure.reading.batch_inputs import dataset_images
 from yeastfit.measure.reading.dataset import MANIFESTS, dataset_folder, read_dataset
 from yeastfit.progress import Progress
 from yeastfit.report.measurement_files import write_results
+from yeastfit.report.outcome import Outcome
 from yeastfit.simulation.recipe import read_truth
 from yeastfit.text_files import read_csv
 
@@ -33,12 +34,14 @@ class Measurements:
         folder: Where the table and its masks are.
         inputs: Files the table was made from.
         warnings: What went wrong while measuring.
+        outcomes: Of micrographs that were measured; none where the table was read.
     """
 
     rows: list[dict[str, Any]]
     folder: Path
     inputs: list[Path]
     warnings: list[str]
+    outcomes: tuple[Outcome, ...] = ()
 
     def seen(self, model: ForwardModel, chosen: Sequence[str], statistics: Sequence[str]) -> dict[str, Seen]:
         """Make the curves that a model is compared with.
@@ -107,7 +110,7 @@ def measure_source(source: Path, folder: Path, jobs: int, progress: Progress) ->
         raise InputError("; ".join(failed))
     doubts = [f"{outcome.image.label}: {doubt}" for outcome in outcomes for doubt in outcome.doubts]
     inputs = [dataset.manifest, *(outcome.image.path for outcome in outcomes if outcome.row)]
-    return Measurements(rows, folder, inputs, failed + doubts)
+    return Measurements(rows, folder, inputs, failed + doubts, tuple(outcomes))
 
 
 def recorded_warnings(rows: Sequence[Mapping[str, Any]], folder: Path) -> list[str]:

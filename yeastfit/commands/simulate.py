@@ -9,6 +9,7 @@ from yeastfit.commands.generated.model import ChosenModel, ModelOptions
 from yeastfit.commands.generated.options import generated
 from yeastfit.commands.options import Out, Overwrite, Seed
 from yeastfit.commands.terminal import out, shown_progress, warn
+from yeastfit.report.simulation_page import write_simulation_page
 from yeastfit.results_folder import results_folder
 from yeastfit.simulation.synthetic_data import write_mask
 from yeastfit.storage import write_table
@@ -25,7 +26,8 @@ def simulate(
 ) -> None:
     """Simulate growing colonies.
 
-    Writes curves.csv, with a row for each colony and time (or number of cells, for a model without time), pictures of
+    Writes one page of everything (index.html), curves.csv, with a row for each colony and time (or number of cells,
+    for a model without time), pictures of
     the curves and of every colony, and simulation.npz. Colonies of the off-lattice model are also written as masks,
     which yeastfit measure reads. Lengths are in µm in columns that end in _um and for the off-lattice model, otherwise
     in cell lengths L0.
@@ -47,6 +49,7 @@ def simulate(
             (results.partial / "masks").mkdir()
             for member, mask in enumerate(drawn[0]):
                 write_mask(results.partial / "masks" / f"colony_{member}.png", mask, drawn[1])
+        write_simulation_page(results.partial, result, chosen.forward, parameters, members, configuration)
         results.finish(seed=seed, inputs=[], configuration=configuration, seconds=result.seconds)
     warn(result.warnings())
-    out.print(f"{result.sentence()}. Results in {folder}")
+    out.print(f"{result.sentence()}. Results in {folder}, on one page: index.html")

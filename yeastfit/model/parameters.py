@@ -23,12 +23,23 @@ Time = TypeVar("Time", float, np.ndarray)
 
 PARAMETERS = ParameterSet(
     (
-        Parameter("diffusivity", "λ1", "nutrient diffusion, D / (μ* L0²)", (0.01, 10.0), 0.1),
-        Parameter("elasticity", "λ2", "spring stiffness of a cell, K / (η μ*)", (0.5, 50.0), 5.0),
-        Parameter("repulsivity", "λ3", "contact force, F / (η μ* L0)", (0.02, 50.0), 5.0),
-        Parameter("repulsion_radius", "λ4", "contact radius, R / L0", (0.1, 0.5), 0.5, largest=0.5, positive=True),
-        Parameter("mobility", "λ5", "drift along the nutrient gradient, γ c0 / (η μ* L0²)", (0.02, 20.0), 1.0),
-        Parameter("metabolic_rate", "λ6", "nutrient uptake, r / μ*", (0.05, 20.0), 1.0),
+        Parameter("diffusivity", "λ1", "nutrient diffusion, D / (μ* L0²)", (0.01, 10.0), 0.1, powers=(2, 1)),
+        Parameter("elasticity", "λ2", "spring stiffness of a cell, K / (η μ*)", (0.5, 50.0), 5.0, powers=(0, 1)),
+        Parameter("repulsivity", "λ3", "contact force, F / (η μ* L0)", (0.02, 50.0), 5.0, powers=(1, 1)),
+        Parameter(
+            "repulsion_radius",
+            "λ4",
+            "contact radius, R / L0",
+            (0.1, 0.5),
+            0.5,
+            largest=0.5,
+            positive=True,
+            powers=(1, 0),
+        ),
+        Parameter(
+            "mobility", "λ5", "drift along the nutrient gradient, γ c0 / (η μ* L0²)", (0.02, 20.0), 1.0, powers=(2, 1)
+        ),
+        Parameter("metabolic_rate", "λ6", "nutrient uptake, r / μ*", (0.05, 20.0), 1.0, powers=(0, 1)),
         Parameter(
             "aspect_ratio", "λ7", "minor over major axis of a cell", (0.2, 1.0), 0.73, largest=1.0, positive=True
         ),
@@ -161,6 +172,13 @@ class Scales:
             value = getattr(self, name)
             if not (isinstance(value, int | float) and math.isfinite(value) and value > 0):
                 raise InputError(f"scale {name} is {value!r}, it must be a number above 0")
+
+    def unit(self, powers: tuple[int, int]) -> tuple[float, str]:
+        """L0 and μ* to these powers, the factor that gives a parameter units, and the unit; 1 and "" for none."""
+        length, rate = powers
+        parts = [{0: "", 1: "µm", 2: "µm²"}[length]] if length else []
+        unit = ("".join(parts) or "1") + ("/h" if rate else "") if length or rate else ""
+        return self.length**length * self.rate**rate, unit
 
     def hours(self, time: Time) -> Time:
         """Model time, or times, to hours."""

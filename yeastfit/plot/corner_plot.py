@@ -7,20 +7,26 @@ from typing import Any, Literal
 import numpy as np
 from jaxtyping import Float
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 from scipy import stats
 
 from yeastfit.inference.posterior.distributions import Distribution
 from yeastfit.inference.posterior.draws import weighted_quantile
 from yeastfit.inference.posterior.result import Posterior
-from yeastfit.plot.style import COLONY, TRUTH, words
+from yeastfit.plot.style import COLONY, TRUTH, label_log_axis, words
 
 SHOWN = 2000  # dots, at most
 BINS = 30
+REACH = 6.0  # quartiles from the median that an axis reaches: four standard deviations of a normal distribution
+TOLD = 0.002  # share of draws beyond an axis, from where it is told
 WIDE = 5.0  # largest over smallest λ, from where an axis is logarithmic
 
 
 def corner(posterior: Posterior, truth: Mapping[str, float] | None = None) -> Figure:
-    """Every parameter and every pair of parameters, each axis over the range of the posterior.
+    """Every parameter and every pair of parameters, each axis over the bulk of the posterior.
+
+    An axis reaches `REACH` times as far from the median as the quartiles do, and not beyond the draws; how many lie
+    further out, as on the thin trail of a posterior, stands in the panel.
 
     Diagonal: the posterior's histogram, the prior's density as a grey line and its ends as dashes, and the 90 %
     interval. Below: draws, with contours around 50 and 90 % of them. An axis is logarithmic where the prior is one of
@@ -51,6 +57,9 @@ def corner(posterior: Posterior, truth: Mapping[str, float] | None = None) -> Fi
             panel.set(yscale=axes[row].scale, ylim=axes[row].ends)
         panel.set(xscale=axes[column].scale, xlim=axes[column].ends)
         panel.tick_params(labelsize=7, which="both")
+        axes[column].label(panel.xaxis)
+        if row != column:
+            axes[row].label(panel.yaxis)
         if truth and free[column] in truth:
             panel.axvline(truth[free[column]], color=TRUTH, lw=1.2)
         if truth and free[row] in truth and row != column:
@@ -73,13 +82,27 @@ class _Axis:
 
     @staticmethod
     def of(values: Float[np.ndarray, " draw"], weights: Float[np.ndarray, " draw"], prior: Distribution) -> "_Axis":
-        low, high = (weighted_quantile(values, weights, share) for share in (0.0005, 0.9995))
+        first, low, middle, high, last = (
+            weighted_quantile(values, weights, share) for share in (0.0005, 0.25, 0.5, 0.75, 0.9995)
+        )
+        if prior.logarithmic and middle * (high / low) ** (REACH / 2) > WIDE * middle:
+            low, high = middle * (low / middle) ** REACH, middle * (high / middle) ** REACH
+        else:
+            low, high = middle + REACH * (low - middle), middle + REACH * (high - middle)
+        low, high = (max(low, first), min(high, last)) if high > low else (first, last)
         wide = prior.logarithmic and high > WIDE * low
         axis = _Axis((low, high), "log" if wide else "linear")
         low, high, *support = axis.plain(np.array([low, high, *prior.support])).tolist()
-        margin = 0.25 * (high - low) or 0.1 * abs(high)
+        margin = 0.05 * (high - low) or 0.1 * abs(high)
         ends = max(low - margin, support[0] - 0.2 * margin), min(high + margin, support[1] + 0.2 * margin)
         return _Axis((float(axis.back(np.array(ends[0]))), float(axis.back(np.array(ends[1])))), axis.scale)
+
+    def label(self, axis: Any) -> None:
+        """A few numbers that do not run into each other."""
+        if self.scale == "log":
+            label_log_axis(axis, *self.ends)
+        else:
+            axis.set_major_locator(MaxNLocator(3))
 
     def plain(self, values: Float[np.ndarray, "*any"]) -> Float[np.ndarray, "*any"]:
         """λ, or log λ."""
@@ -108,15 +131,31 @@ def _margin(panel: Any, posterior: Posterior, k: int, axis: _Axis) -> None:
     for end in prior.support:
         if axis.ends[0] < end < axis.ends[1]:
             panel.axvline(end, color="0.5", lw=1, ls="--")
-    panel.plot(posterior.interval(0.9)[k], [0, 0], color="black", lw=4, solid_capstyle="butt", clip_on=False)
+    panel.plot(posterior.interval(0.9)[k], [0, 0], color="black", lw=4, solid_capstyle="butt")
     panel.set(yticks=[], ylim=(0, None))
+    for place, beyond, text in (
+        (0.02, posterior.flat[:, k] < axis.ends[0], "← {}"),
+        (0.98, posterior.flat[:, k] > axis.ends[1], "{} →"),
+    ):
+        share = float(posterior.weights.ravel()[beyond].sum())
+        if share >= TOLD:
+            side: Literal["left", "right"] = "left" if place < 0.5 else "right"
+            panel.text(
+                place, 0.94, text.format(f"{share:.1%}"), transform=panel.transAxes, fontsize=7, ha=side, va="top"
+            )
 
 
 def _contours(panel: Any, pair: Float[np.ndarray, "draw 2"], across: _Axis, along: _Axis) -> None:
     """Contours around 50 and 90 % of the smoothed density of draws, where these span the plane."""
+    inside = [
+        (one.ends[0] <= values) & (values <= one.ends[1]) for one, values in zip((across, along), pair.T, strict=True)
+    ]
+    pair = pair[inside[0] & inside[1]]
+    if len(pair) < 10:
+        return
     plain = np.stack([across.plain(pair[:, 0]), along.plain(pair[:, 1])])
     scatter = plain.std(axis=1)
-    if len(pair) < 10 or not (scatter > 0).all() or abs(np.corrcoef(plain)[0, 1]) > 1 - 1e-9:
+    if not (scatter > 0).all() or abs(np.corrcoef(plain)[0, 1]) > 1 - 1e-9:
         return
     x, y = across.grid(60), along.grid(60)
     places = np.stack(np.meshgrid(across.plain(x), along.plain(y))).reshape(2, -1)

@@ -11,7 +11,7 @@ from yeastfit.inference.fit.bootstrap_profile import Bootstrap, Profile
 from yeastfit.inference.fit.result import Condition, Fit
 from yeastfit.measure.statistics.registry import title_of
 from yeastfit.plot.information import draw_ellipse
-from yeastfit.plot.style import COLONY, CONDITIONS, literal, words
+from yeastfit.plot.style import COLONY, CONDITIONS, label_log_axis, literal, words
 from yeastfit.text import short
 
 NAME_WIDTH = 40  # letters of a condition's name in one line of a legend
@@ -76,6 +76,7 @@ def convergence(result: Fit) -> Figure:
         if np.isfinite(error):
             panel.axhspan(max(value - error, 1e-3 * value), value + error, color=COLONY, alpha=0.18, lw=0)
         panel.axhline(value, color=COLONY, lw=1)
+        label_log_axis(panel.yaxis, *panel.get_ylim())
     lowest.set(yscale="log", xlabel="simulations", ylabel="weighted squares")
     lowest.legend(fontsize=8, ncols=3)
     stages = [step.stage for step in result.history]

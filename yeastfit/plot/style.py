@@ -4,9 +4,12 @@ import textwrap
 from functools import cache
 from pathlib import Path
 
+import numpy as np
+from matplotlib.axis import Axis
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.font_manager import FontProperties, findfont, get_font
+from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, NullFormatter
 
 from yeastfit.storage import written_whole
 from yeastfit.text import shown
@@ -35,6 +38,25 @@ def literal(text: str, width: int | None = None) -> str:
 def words(name: str, width: int | None = None) -> str:
     """Write the name of a parameter or a statistic with spaces, to be drawn as it is; see `literal`."""
     return literal(name.replace("_", " "), width)
+
+
+def label_log_axis(axis: Axis, low: float, high: float) -> None:
+    """Give a logarithmic axis a few plain numbers as labels, also where it is shorter than a decade.
+
+    Arguments:
+        axis: `panel.xaxis` or `panel.yaxis`.
+        low: Its lower end.
+        high: Its upper end.
+    """
+    decades = np.log10(high / low)
+    if decades > 2:
+        axis.set_major_locator(LogLocator(numticks=4))
+    else:  # evenly on the axis, rounded to numbers that are easy to read
+        places = np.geomspace(low, high, 5)[1:-1] if decades > 0.2 else np.linspace(low, high, 5)[1:-1:2]
+        step = 10.0 ** np.floor(np.log10(np.diff(places, prepend=low)))
+        axis.set_major_locator(FixedLocator(np.unique(np.round(places / step) * step).tolist()))
+    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:.3g}"))
+    axis.set_minor_formatter(NullFormatter())
 
 
 @cache

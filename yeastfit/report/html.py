@@ -167,14 +167,14 @@ def picture(data: bytes, alt: str, width: int | None = None) -> str:
     """Write an image into the page.
 
     Arguments:
-        data: A JPEG or PNG file.
+        data: A JPEG, PNG or GIF file.
         alt: What it shows, in words.
         width: In pixels; by default the image's own.
 
     Returns:
         HTML.
     """
-    kind = "jpeg" if data.startswith(b"\xff\xd8") else "png"
+    kind = "jpeg" if data.startswith(b"\xff\xd8") else "gif" if data.startswith(b"GIF8") else "png"
     size = f' width="{width}"' if width else ""
     return f'<img src="data:image/{kind};base64,{base64.b64encode(data).decode()}" alt="{text(alt)}"{size}>'
 
@@ -199,6 +199,18 @@ def card(name: str, data: bytes, alt: str, caption: str) -> str:
 def facts(pairs: Iterable[tuple[object, str]]) -> str:
     """Write large numbers, each above what it counts."""
     return f'<ul class="facts">{"".join(f"<li><b>{text(n)}</b><span>{text(w)}</span></li>" for n, w in pairs)}</ul>'
+
+
+def doubts(sentences: Iterable[str]) -> str:
+    """Write what is to be doubted, each sentence once, or that there is nothing."""
+    items = "".join(f"<li>{text(one)}</li>" for one in dict.fromkeys(sentences))
+    return f'<div class="note doubt"><ul>{items}</ul></div>' if items else "<p>None.</p>"
+
+
+def in_units(value: float, factor: float, unit: str, error: float = math.nan) -> str:
+    """Write a value in a unit, with its error where there is one: "1.30 ± 0.05 µm²/h"; nothing without a unit."""
+    spread = f" ± {factor * error:.2g}" if math.isfinite(error) else ""
+    return f"{number(factor * value)}{spread} {unit}" if unit else ""
 
 
 def pairs(values: Iterable[tuple[str, object]]) -> str:

@@ -37,6 +37,19 @@ def measurement_page(
             (len(outcomes) - len(measured), "not measured"),
         ]
     )
+    sections = [*measurement_sections(outcomes, curves, skipped), ("How this was made", _made(outcomes, made))]
+    foot = '<p class="soft">Outlines are drawn in orange. Larger ones, with axes, are in the folder overlays.</p>'
+    return page.document(title, lead, sections, foot)
+
+
+def measurement_sections(
+    outcomes: Sequence[Outcome], curves: bytes, skipped: Sequence[Path] = ()
+) -> list[tuple[str, str]]:
+    """Write the parts of the page that show outcomes; for arguments see `measurement_page`.
+
+    Returns:
+        Headings with their HTML.
+    """
     sections = [("Doubts and failures", _troubles(outcomes, skipped))]
     if curves:
         alt = "Statistics of every condition, with colonies and one standard deviation about their mean"
@@ -46,11 +59,9 @@ def measurement_page(
         )
         sections.append(("Curves", f'{words}<figure class="whole">{page.picture(curves, alt)}</figure>'))
     sections.append(("Micrographs", _micrographs(outcomes)))
-    if measured:
+    if any(outcome.row for outcome in outcomes):
         sections.append(("Measurements", _measurements(outcomes)))
-    sections.append(("How this was made", _made(outcomes, made)))
-    foot = '<p class="soft">Outlines are drawn in orange. Larger ones, with axes, are in the folder overlays.</p>'
-    return page.document(title, lead, sections, foot)
+    return sections
 
 
 def _troubles(outcomes: Sequence[Outcome], skipped: Sequence[Path]) -> str:

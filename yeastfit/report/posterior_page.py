@@ -4,8 +4,10 @@ from collections.abc import Mapping
 from typing import Any
 
 from yeastfit.report import html as page
+from yeastfit.report.learnt import learnt_by_posterior
 from yeastfit.report.posterior_summary import Summary
 
+IN_UNITS = "90 % interval in units"
 ALT = {
     "corner": "Posterior of every parameter and pair of parameters, with the prior",
     "traces": "Every parameter along the chains, or the weights of the draws",
@@ -74,14 +76,26 @@ def _doubts(summary: Summary) -> str:
 
 
 def _parameters(summary: Summary) -> str:
-    rows = summary.rows()
-    columns = [page.Column(name, words=name in ("parameter", "inside_90")) for name in rows[0]]
+    rows = [{**row, **_units(summary, row)} for row in summary.rows()]
+    columns = [page.Column(name, words=name in ("parameter", "inside_90", IN_UNITS)) for name in rows[0]]
     truth = " The truth is beside them." if summary.truth else ""
     words = (
         "<p>Mean, standard deviation and quantiles of each parameter; q05 to q95 is the central 90 % "
         f"interval.{truth}</p>"
     )
+    words = f"<p>{page.text(learnt_by_posterior(summary.posterior, summary.model))}</p>{words}"
     return words + page.table("Posterior of every parameter", columns, _cells(rows), ["corner"] * len(rows))
+
+
+def _units(summary: Summary, row: Mapping[str, Any]) -> dict[str, str]:
+    """The 90 % interval in µm and hours, where any parameter has such a unit."""
+    model, free = summary.model, summary.posterior.free
+    units = {name: model.unit_of(name) if name in model.parameters else (1.0, "") for name in free}
+    if not any(unit for _, unit in units.values()):
+        return {}
+    factor, unit = units[row["parameter"]]
+    ends = f"{page.number(factor * row['q05'])} to {page.number(factor * row['q95'])} {unit}"
+    return {IN_UNITS: ends if unit else ""}
 
 
 def _predicted(summary: Summary) -> str:

@@ -102,6 +102,11 @@ class Algebraic(ForwardModel):
         """Units of the model."""
         return Scales(self.length, self.rate)
 
+    def unit_of(self, name: str) -> tuple[float, str]:
+        """µm and hours, by a cell's length and the growth rate."""
+        one = self.parameters[name]
+        return self.scales.unit(one.powers) if one.powers != (0, 0) else (1.0, one.unit)
+
     def simulator(self, targets: Targets, free: Sequence[str], fixed: Mapping[str, float]) -> Simulator:
         """Colonies that are seen as the data are."""
         return ColonySimulator.of(targets, free, fixed, Resolution(self.dt, self.spacing), self.rules)

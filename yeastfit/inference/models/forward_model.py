@@ -171,6 +171,10 @@ class ForwardModel(ABC):
     def check(self, prior: Prior, fixed: Mapping[str, float]) -> None:  # noqa: B027 - most models compute anything
         """Raise `InputError` where a prior and held parameters ask for more than the settings can compute."""
 
+    def unit_of(self, name: str) -> tuple[float, str]:
+        """What a parameter is multiplied by to have units, and the unit; 1 and "" where it has none."""
+        return 1.0, self.parameters[name].unit
+
     def outlines(
         self, simulator: Any, values: Float[np.ndarray, "row free"], targets: Targets, seed: int
     ) -> Outlines | None:
