@@ -44,6 +44,8 @@ CASES: dict[str, tuple[Rules, dict[str, float]]] = {
     "langevin": ({"motion": {"rule": "langevin"}}, {"node_noise": 0.01}),
     "lognormal": ({"fluctuations": {"rule": "lognormal"}}, {"nutrient_noise": 0.05}),
     "random detachment": ({"detachment": {"rule": "random"}}, {"detachment_rate": 0.01}),
+    "nitrogen": ({"medium": {"rule": "nitrogen"}}, {}),
+    "morphogen": ({"medium": {"rule": "morphogen"}}, {"morphogen_secretion": 1.0, "morphogen_repulsion": 1.0}),
     "superellipse": ({"shape": {"rule": "superellipse"}}, {"shape_exponent": 4.0}),
     "contact of cells": ({"contact": {"rule": "cells"}}, {}),
     "constrained contact": ({"contact": {"rule": "constraint"}}, {}),

@@ -53,8 +53,10 @@ from .model.rules import (
     DeathRule,
     DetachmentRule,
     FluctuationRule,
+    MediumRule,
     MotionRule,
     ShapeRule,
+    SpringRule,
     UptakeRule,
 )
 from .numbers import Range
@@ -98,6 +100,7 @@ __all__ = [
     "Imaging",
     "Information",
     "InputError",
+    "MediumRule",
     "Model",
     "MotionRule",
     "Numerics",
@@ -121,6 +124,7 @@ __all__ = [
     "Simulation",
     "SimulationError",
     "Simulator",
+    "SpringRule",
     "Statistic",
     "Status",
     "Store",

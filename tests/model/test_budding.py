@@ -12,9 +12,9 @@ from scipy import stats
 from yeastfit.model.budding import UniformBudding, bud, uniform_angles
 from yeastfit.model.colony import Colony
 from yeastfit.model.growth import GlobalBirths, number_of_births
+from yeastfit.model.interpolation import growth_rate
 from yeastfit.model.numerics import Numerics
 from yeastfit.model.relaxation import HARD, Relaxation
-from yeastfit.model.rules import growth_rate
 
 NODES = 30
 NUMERICS = Numerics(domain=8.0, spacing=0.2, dt=0.02, capacity=64)

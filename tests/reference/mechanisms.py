@@ -122,3 +122,42 @@ def lens_area(radius: float, distance: float) -> float:
     """Where two circles of one radius overlap."""
     half = distance / 2
     return 2 * (radius**2 * math.acos(half / radius) - half * math.sqrt(radius**2 - half**2))
+
+
+# --- media ---------------------------------------------------------------------------------------------------------
+
+
+def closed_step(field: Floats, rate: Floats, source: Floats, diffusivity: float, spacing: float, dt: float) -> Floats:
+    """Crank-Nicolson of dc/dt = D lap c - b c + s, no flux: squares that exchange with those beside them."""
+    points = len(field)
+    line = sparse.diags_array([np.ones(points - 1), np.ones(points - 1)], offsets=[-1, 1])
+    line = line - sparse.diags_array(np.asarray(line.sum(axis=0)).ravel())
+    eye = sparse.eye_array(points)
+    flow = diffusivity / spacing**2 * (sparse.kron(line, eye) + sparse.kron(eye, line)) - sparse.diags_array(
+        rate.ravel()
+    )
+    left, right = (sparse.eye_array(points**2) + sign * dt / 2 * flow for sign in (-1, 1))
+    new = sparse.linalg.spsolve(left.tocsc(), right @ field.ravel() + dt * source.ravel())
+    return np.asarray(new.reshape(field.shape))
+
+
+# --- collocated nodes ----------------------------------------------------------------------------------------------
+
+
+def divided(spring: Ints, together: Ints, first: int, size: int) -> None:
+    """A and C after the group [first, first + size) was halved, in place: appendix A.1."""
+    half = size // 2
+    lower, upper = slice(first, first + half), slice(first + half, first + size)
+    together[lower, upper] = together[upper, lower] = 0
+    for n in range(first, first + half):
+        spring[n, n + half] = spring[n + half, n] = 1
+
+
+def collocated_pull(x: Floats, spring: Ints, together: Ints) -> Floats:
+    """The mean force on every node's group: springs of rest length 1 where A and not C."""
+    force = np.zeros_like(x)
+    for n, m in np.argwhere((spring == 1) & (together == 0)):
+        apart = x[n] - x[m]
+        length = math.hypot(*apart)
+        force[n] += (1 - length) * apart / length
+    return np.asarray(together @ force / together.sum(axis=1, keepdims=True))

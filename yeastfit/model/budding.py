@@ -81,6 +81,9 @@ def bud(context: Context, births: Births, budding: BuddingRule, newborn: Mapping
     state = {**colony.node_state, **births.node_state}
     begin: dict[str, Array | float] = {**newborn, **births.newborn}
     full = colony.problems.capacity_reached | (wanted_count > room)
+    problems = eqx.tree_at(lambda p: p.capacity_reached, colony.problems, full)
+    if births.refused is not None:
+        problems = eqx.tree_at(lambda p: p.store_empty, problems, problems.store_empty | births.refused)
     return dataclasses.replace(
         colony,
         positions=placed(colony.positions, colony.positions[births.parents] + offsets),
@@ -88,7 +91,7 @@ def bud(context: Context, births: Births, budding: BuddingRule, newborn: Mapping
         weights=placed(colony.weights, births.weights),
         lineages=placed(colony.lineages, lineages),
         count=colony.count + jnp.minimum(wanted_count, room).astype(colony.count.dtype),
-        problems=eqx.tree_at(lambda problems: problems.capacity_reached, colony.problems, full),
+        problems=problems,
         node_state={name: placed(values, begin[name]) for name, values in state.items()},
     )
 

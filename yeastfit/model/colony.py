@@ -26,6 +26,7 @@ class Colony(eqx.Module):
         step: Time steps done.
         problems: What went wrong so far.
         node_state: What rules keep for each node, by name; see `Rule.node_state`.
+        medium: What the medium holds besides the nutrient, by name; see `MediumRule`.
     """
 
     positions: Float[Array, "*member node 2"]
@@ -37,6 +38,7 @@ class Colony(eqx.Module):
     step: Int[Array, "*member"]
     problems: "Problems"
     node_state: dict[str, Float[Array, "*member node"]] = eqx.field(default_factory=dict)
+    medium: dict[str, Array] = eqx.field(default_factory=dict)
 
     @property
     def alive(self) -> Bool[Array, "*member node"]:
@@ -52,20 +54,27 @@ class Problems(eqx.Module):
     unstable: Bool[Array, "*member"]
     not_finite: Bool[Array, "*member"]
     died_out: Bool[Array, "*member"]
+    store_empty: Bool[Array, "*member"]
 
     @staticmethod
     def none() -> "Problems":
         """Nothing yet."""
-        return Problems(*(jnp.zeros((), bool),) * 5)
+        return Problems(*(jnp.zeros((), bool),) * 6)
 
 
-def start(key: Array, numerics: Numerics, node_state: Mapping[str, float] | None = None) -> Colony:
+def start(
+    key: Array,
+    numerics: Numerics,
+    node_state: Mapping[str, float] | None = None,
+    medium: Mapping[str, Array] | None = None,
+) -> Colony:
     """Place two nodes at ±½(cos Θ, sin Θ), Θ uniform on [0, 2π), in nutrient c = 1 (source 2.9, 2.11).
 
     Arguments:
         key: Of the colony; all its random numbers derive from it.
         numerics: Grid and capacity.
         node_state: Initial values of the state of nodes, by name.
+        medium: What the medium holds besides the nutrient, by name.
     """
     capacity, points = int(numerics.capacity), numerics.points
     angle_key, *roots = jax.random.split(key, 3)
@@ -82,6 +91,7 @@ def start(key: Array, numerics: Numerics, node_state: Mapping[str, float] | None
         step=jnp.asarray(0),
         problems=Problems.none(),
         node_state={name: jnp.full(capacity, value, angle.dtype) for name, value in (node_state or {}).items()},
+        medium=dict(medium or {}),
     )
 
 
@@ -91,5 +101,6 @@ PROBLEMS = {
     "unstable": "Δt · elasticity · (degree + 1) reached 2, where forward Euler oscillates: lower dt",
     "not_finite": "positions or nutrient are not finite: lower dt",
     "died_out": "no node was left alive: lower death_rate or starvation, or end earlier",
+    "store_empty": "a store ran empty, of walkers or of nodes in one place: give more of them, or end earlier",
 }
 """What each field of `Problems` means, and what to do about it."""

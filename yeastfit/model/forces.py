@@ -6,18 +6,40 @@ r_ij = |x_i − x_j|, e_ij = (x_i − x_j) / r_ij, w_j the weight of node j (1 i
 direction and no force between them. Forward Euler is stable while Δt λ2 (degree + 1) < 2.
 """
 
+from typing import ClassVar
+
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from yeastfit.model.colony import Colony
-from yeastfit.model.rules import ContactRule, Context
+from yeastfit.model.medium import OneNutrient
+from yeastfit.model.rules import ContactRule, Context, MediumRule, SpringRule
 
 
-def velocity(context: Context, contact: ContactRule) -> Float[Array, "node 2"]:
-    """dx/dt of every node; 0 in empty slots. Differentiable where the rule of contact is."""
+class TreeSprings(SpringRule):
+    """Each cell is a spring between a node and its parent: the source's rule."""
+
+    name: ClassVar[str] = "tree"
+
+    def pull(self, colony: Colony) -> Float[Array, "node 2"]:
+        """Along the edges of the tree."""
+        return springs(colony)
+
+    def stiffness(self, colony: Colony) -> Float[Array, ""]:
+        """The largest degree, and 1."""
+        return stiffness(colony)
+
+
+ONE_NUTRIENT, TREE = OneNutrient(), TreeSprings()
+
+
+def velocity(
+    context: Context, contact: ContactRule, medium: MediumRule = ONE_NUTRIENT, springs: SpringRule = TREE
+) -> Float[Array, "node 2"]:
+    """dx/dt of every node; 0 in empty slots. Differentiable where the rules are."""
     colony, parameters = context.colony, context.parameters
-    pull = parameters.elasticity * springs(colony)
-    drift = parameters.mobility * context.local_gradient()
+    pull = parameters.elasticity * springs.pull(colony)
+    drift = medium.drift(context)
     motion = pull + contact.velocity(context, pull + drift) + drift
     return jnp.where(colony.alive[:, None], motion, 0.0)
 

@@ -28,6 +28,12 @@ def gradient_at(colony: Colony, numerics: Numerics) -> Float[Array, "node 2"]:
     return jnp.sum(weights[..., None] * gradient, axis=1)
 
 
+def growth_rate(fed: Float[Array, " node"], weights: Float[Array, " node"]) -> Float[Array, ""]:
+    """μ = Σ w_i c(x_i) / Σ w_i, the mean nutrient of nodes (source 2.13); 0 where there is none."""
+    total = jnp.sum(weights)
+    return jnp.sum(weights * fed) / jnp.where(total > 0, total, 1.0)
+
+
 # corners of a grid square; 32 bits, or jax would keep NumPy's 64 in single precision
 _DI, _DJ = np.array([0, 0, 1, 1], np.int32), np.array([0, 1, 0, 1], np.int32)
 

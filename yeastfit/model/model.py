@@ -21,8 +21,10 @@ from yeastfit.model.contact import NodeContact
 from yeastfit.model.death import NoDeath
 from yeastfit.model.detachment import NoDetachment
 from yeastfit.model.fluctuations import NoFluctuation
+from yeastfit.model.forces import TreeSprings
 from yeastfit.model.growth import GlobalBirths
 from yeastfit.model.mechanisms import every_rule
+from yeastfit.model.medium import OneNutrient
 from yeastfit.model.motion import DrivenMotion
 from yeastfit.model.numerics import Numerics
 from yeastfit.model.parameters import PARAMETERS, Parameters
@@ -34,9 +36,11 @@ from yeastfit.model.rules import (
     DeathRule,
     DetachmentRule,
     FluctuationRule,
+    MediumRule,
     MotionRule,
     Rule,
     ShapeRule,
+    SpringRule,
     UptakeRule,
 )
 from yeastfit.model.shape import EllipticalCells
@@ -55,6 +59,8 @@ BASES: dict[str, type[Rule]] = {
         FluctuationRule,
         DetachmentRule,
         ShapeRule,
+        MediumRule,
+        SpringRule,
     )
 }
 """The base class of the rules of each question."""
@@ -62,7 +68,7 @@ BASES: dict[str, type[Rule]] = {
 RULES: dict[str, dict[str, type[Rule]]] = {question: {} for question in BASES}
 """Rules by question and name, for recipes, files and the command line. A rule of one's own may be added."""
 _SOURCE: list[type[Rule]] = [GlobalBirths, UniformBudding, TurnedBudding, NodeContact, BiomassUptake, NoDeath]
-_SOURCE += [DrivenMotion, NoFluctuation, NoDetachment, EllipticalCells]
+_SOURCE += [DrivenMotion, NoFluctuation, NoDetachment, EllipticalCells, OneNutrient, TreeSprings]
 for _rule in _SOURCE + every_rule():
     RULES[_rule.question][_rule.name] = _rule
 
@@ -80,6 +86,8 @@ class Model(eqx.Module):
         fluctuations: What disturbs the nutrient.
         detachment: Which cells let go of their mothers.
         shape: What outline a cell has.
+        medium: What cells live on.
+        springs: Which nodes cells hold together.
 
     Raises:
         InputError: What is given for a question is no rule for it, or two rules exclude each other, or bring different
@@ -95,6 +103,8 @@ class Model(eqx.Module):
     fluctuations: FluctuationRule = NoFluctuation()
     detachment: DetachmentRule = NoDetachment()
     shape: ShapeRule = EllipticalCells()
+    medium: MediumRule = OneNutrient()
+    springs: SpringRule = TreeSprings()
 
     def __check_init__(self) -> None:
         for question, rule in self.rules.items():
@@ -150,13 +160,29 @@ class Model(eqx.Module):
 
     def start(self, key: Array, numerics: Numerics) -> Colony:
         """A new colony of two nodes."""
-        return start(key, numerics, self.node_state())
+        grid = (numerics.points,) * 2
+        fields = {name: jnp.full(grid, value, jnp.result_type(float)) for name, value in self.medium.fields().items()}
+        return start(key, numerics, self.node_state(), {**fields, **self.medium.store(key, numerics)})
 
     def resumed(self, colony: Colony) -> Colony:
-        """A colony, or an ensemble, with the state that these rules keep; where it has none, that of newborns."""
+        """A colony, or an ensemble, with the state that these rules keep; where it has none, that of newborns.
+
+        Raises:
+            InputError: The medium keeps what a colony of another model does not have.
+        """
+        medium = {name: jnp.full_like(colony.nutrient, value) for name, value in self.medium.fields().items()}
+        kept = {name: colony.medium.get(name, value) for name, value in medium.items()}
+        for name in self.medium.keeps:
+            if name not in colony.medium:
+                raise InputError(
+                    f"medium: rule {self.medium.name!r} cannot go on from a colony of another medium, without {name}"
+                )
+            kept[name] = colony.medium[name]
         full = {name: jnp.full_like(colony.weights, value) for name, value in self.node_state().items()}
         return dataclasses.replace(
-            colony, node_state={name: colony.node_state.get(name, value) for name, value in full.items()}
+            colony,
+            node_state={name: colony.node_state.get(name, value) for name, value in full.items()},
+            medium=kept,
         )
 
     def asdict(self) -> dict[str, dict[str, Any]]:

@@ -10,6 +10,8 @@
     fluctuations   what disturbs the nutrient        `fluctuations.NoFluctuation`
     detachment     which cells let go                `detachment.NoDetachment`
     shape          what outline a cell has           `shape.EllipticalCells`
+    medium         what cells live on                `medium.OneNutrient`
+    springs        which nodes cells hold together   `forces.TreeSprings`
 
 A new mechanism is a subclass of one of the bases below, with the method of its question and the parameters it brings;
 `Model(budding=MyRule())` is then simulated, fitted, inferred and synthesised like any other. Methods are traced by JAX:
@@ -23,12 +25,11 @@ from dataclasses import fields
 from typing import ClassVar
 
 import equinox as eqx
-import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, UInt32
 
 from yeastfit.model.cells import Cells
 from yeastfit.model.colony import Colony
-from yeastfit.model.interpolation import gradient_at, nutrient_at
+from yeastfit.model.interpolation import gradient_at, growth_rate, nutrient_at
 from yeastfit.model.numerics import Numerics
 from yeastfit.model.parameters import Parameters
 from yeastfit.model.relaxation import Relaxation
@@ -44,7 +45,7 @@ class Context(eqx.Module):
         relaxation: Smoothing widths; None stands for a hard rule.
         numerics: Grid, Δt and δ.
         living: Weights of nodes as they eat and bud; those of `colony` where nobody dies.
-        local_nutrient: c at the nodes.
+        local_nutrient: What nodes grow by: c at the nodes, or what `MediumRule.supply` makes of several nutrients.
         growth_rate: μ, the mean of c over the living nodes.
     """
 
@@ -58,21 +59,21 @@ class Context(eqx.Module):
 
     @staticmethod
     def of(
-        colony: Colony, parameters: Parameters, relaxation: Relaxation, numerics: Numerics, death: "DeathRule"
+        colony: Colony,
+        parameters: Parameters,
+        relaxation: Relaxation,
+        numerics: Numerics,
+        death: "DeathRule",
+        medium: "MediumRule | None" = None,
     ) -> "Context":
-        """What there is to see of a colony."""
-        living, fed = death.living(colony), nutrient_at(colony, numerics)
+        """What there is to see of a colony; without a medium, of one nutrient."""
+        living = death.living(colony)
+        fed = medium.supply(colony, parameters, relaxation, numerics) if medium else nutrient_at(colony, numerics)
         return Context(colony, parameters, relaxation, numerics, living, fed, growth_rate(fed, living))
 
     def local_gradient(self) -> Float[Array, "node 2"]:
         """∇c at the nodes."""
         return gradient_at(self.colony, self.numerics)
-
-
-def growth_rate(fed: Float[Array, " node"], weights: Float[Array, " node"]) -> Float[Array, ""]:
-    """μ = Σ w_i c(x_i) / Σ w_i, the mean nutrient of nodes (source 2.13); 0 where there is none."""
-    total = jnp.sum(weights)
-    return jnp.sum(weights * fed) / jnp.where(total > 0, total, 1.0)
 
 
 class Births(eqx.Module):
@@ -84,6 +85,7 @@ class Births(eqx.Module):
         event: Number of the event, by which the lineages of two children of one parent differ.
         node_state: What budding changes in the state of nodes, by name.
         newborn: State with which the child of each of `parents` starts, by name; else that of `Rule.node_state`.
+        refused: Whether somebody was to bud and has nothing left to do it with.
     """
 
     parents: Int[Array, " node"]
@@ -91,6 +93,7 @@ class Births(eqx.Module):
     event: Int[Array, ""]
     node_state: dict[str, Float[Array, " node"]] = eqx.field(default_factory=dict)
     newborn: dict[str, Float[Array, " node"]] = eqx.field(default_factory=dict)
+    refused: Bool[Array, ""] | None = None
 
 
 class Rule(eqx.Module):
@@ -148,15 +151,12 @@ class BuddingRule(Rule):
     def angles(
         self, context: Context, parents: Int[Array, " node"], lineages: UInt32[Array, "node 2"]
     ) -> Float[Array, " node"]:
-        """Direction φ of each child from its parent.
+        """Direction φ of each child from its parent, in radians.
 
         Arguments:
             context: The colony before the births.
             parents: Slots of the parents.
             lineages: Data of the children's random keys (`jax.random.wrap_key_data`), whose draws are their own.
-
-        Returns:
-            Angles in radians.
         """
 
 
@@ -255,3 +255,46 @@ class ShapeRule(Rule):
     @abstractmethod
     def cells(self, colony: Colony, parameters: Parameters) -> Cells:
         """The cells of a colony, one for each node but the first."""
+
+
+class MediumRule(Rule):
+    """What cells live on: a nutrient, and what else diffuses."""
+
+    question: ClassVar[str] = "medium"
+    keeps: ClassVar[tuple[str, ...]] = ()  # names of what `store` returns
+
+    def fields(self) -> dict[str, float]:
+        """Further fields on the nutrient's grid, by name, and their uniform value at the start; none by default."""
+        return {}
+
+    def store(self, key: Array, numerics: Numerics) -> dict[str, Array]:
+        """What else it keeps in `Colony.medium`, as it is at the start; nothing by default."""
+        return {}
+
+    @abstractmethod
+    def stepped(self, context: Context, cells: Cells, uptake: UptakeRule) -> Colony:
+        """The colony whose medium has diffused and was eaten for one time step. Asked first of all."""
+
+    def supply(
+        self, colony: Colony, parameters: Parameters, relaxation: Relaxation, numerics: Numerics
+    ) -> Float[Array, " node"]:
+        """What nodes grow by; by default the nutrient where they are."""
+        return nutrient_at(colony, numerics)
+
+    def drift(self, context: Context) -> Float[Array, "node 2"]:
+        """Velocity of nodes along gradients; by default λ5 ∇c."""
+        return context.parameters.mobility * context.local_gradient()
+
+
+class SpringRule(Rule):
+    """Which nodes cells hold together."""
+
+    question: ClassVar[str] = "springs"
+
+    @abstractmethod
+    def pull(self, colony: Colony) -> Float[Array, "node 2"]:
+        """Σ_j A_ij w_j (1 − r_ij) e_ij of each node; times λ2 a velocity."""
+
+    @abstractmethod
+    def stiffness(self, colony: Colony) -> Float[Array, ""]:
+        """Euler's method needs Δt λ2 times this below 2."""

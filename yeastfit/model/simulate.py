@@ -14,17 +14,15 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int, PyTree
 
-from yeastfit.model.active_window import extent_of_cells, extent_of_change, on_window
 from yeastfit.model.budding import bud
-from yeastfit.model.cells import Cells, level_set, weights_of_cells
+from yeastfit.model.cells import Cells
 from yeastfit.model.colony import Colony, Problems
-from yeastfit.model.forces import stiffness, velocity
+from yeastfit.model.forces import velocity
 from yeastfit.model.model import Model
 from yeastfit.model.numerics import Numerics
-from yeastfit.model.nutrient import nutrient_step
 from yeastfit.model.parameters import Parameters
 from yeastfit.model.relaxation import Relaxation
-from yeastfit.model.rules import Context, UptakeRule
+from yeastfit.model.rules import Context
 
 SOURCE = Model()
 
@@ -67,11 +65,13 @@ def step(
     """
 
     def seen(colony: Colony, **changed: PyTree) -> Context:
-        return Context.of(dataclasses.replace(colony, **changed), parameters, relaxation, numerics, model.death)
+        return Context.of(
+            dataclasses.replace(colony, **changed), parameters, relaxation, numerics, model.death, model.medium
+        )
 
     cells = model.shape.cells(colony, parameters)
     context = seen(colony)
-    context = seen(colony, nutrient=eaten(context, cells, model.uptake), step=colony.step + 1)
+    context = seen(model.medium.stepped(context, cells, model.uptake), step=colony.step + 1)
     context = seen(context.colony, nutrient=model.fluctuations.shaken(context))
     context = seen(context.colony, node_state=model.advance(context))
     context = seen(model.death.deaths(context))
@@ -81,29 +81,9 @@ def step(
         lambda: context.colony,
     )
     parted = seen(model.detachment.detached(seen(colony), model.node_state()))
-    positions = model.motion.moved(parted, velocity(parted, model.contact))
+    positions = model.motion.moved(parted, velocity(parted, model.contact, model.medium, model.springs))
     colony = dataclasses.replace(parted.colony, positions=positions)
     return colony, Snapshot(cells, context.growth_rate, colony, parameters, relaxation)
-
-
-def eaten(context: Context, cells: Cells, uptake: UptakeRule) -> Float[Array, "x y"]:
-    """The nutrient one step later: union of the living cells, uptake and diffusion, where there is anything to do."""
-    nutrient, relaxation, numerics = context.colony.nutrient, context.relaxation, context.numerics
-    reach = relaxation.union_reach
-
-    def on(points: int, nutrient: Float[Array, "x y"], cells: Cells) -> Float[Array, "x y"]:
-        first = (numerics.points - points) // 2
-        window = slice(first, first + points)
-        origin = -0.5 * numerics.domain + first * numerics.spacing
-        g = level_set(cells, relaxation.union, reach, origin, numerics.spacing, points)
-        rate = uptake.rate(context, g, nutrient[window, window])
-        return nutrient.at[window, window].set(
-            nutrient_step(nutrient[window, window], rate, context.parameters.diffusivity, numerics)
-        )
-
-    cells = dataclasses.replace(cells, weights=weights_of_cells(context.living, context.colony.parents))
-    extent = jnp.maximum(extent_of_cells(cells, reach), extent_of_change(nutrient, numerics.spacing))
-    return on_window(on, extent, numerics.spacing, numerics.points, nutrient, cells)
 
 
 class Schedule(eqx.Module):
@@ -187,7 +167,8 @@ def problems_of(colony: Colony, parameters: Parameters, numerics: Numerics, mode
     return Problems(
         capacity_reached=before.capacity_reached,
         left_domain=before.left_domain | jnp.any(jnp.abs(colony.positions) > limit),
-        unstable=before.unstable | (numerics.dt * parameters.elasticity * stiffness(colony) >= 2.0),
+        unstable=before.unstable | (numerics.dt * parameters.elasticity * model.springs.stiffness(colony) >= 2.0),
         not_finite=before.not_finite | ~finite,
         died_out=before.died_out | (jnp.sum(model.death.living(colony)) < 0.5),
+        store_empty=before.store_empty,
     )

@@ -138,6 +138,7 @@ class Simulation:
         arrays |= {f"colony/{name}": getattr(self.colony, name) for name in _COLONY_ARRAYS}
         arrays |= {f"problems/{name}": getattr(self.colony.problems, name) for name in PROBLEMS}
         arrays |= {f"node_state/{name}": values for name, values in self.colony.node_state.items()}
+        arrays |= {f"medium/{name}": values for name, values in self.colony.medium.items()}
         arrays |= {f"parameters/{name}": value for name, value in self.parameters.values.items()}
         names = ("union", "contact", "boundary", "turning", "overhang")
         widths = {name: _number(getattr(self.relaxation, name)) for name in names}
@@ -172,13 +173,15 @@ class Simulation:
             model = Model.of(configuration["model"])
         elif from_json(as_json(model.asdict())) != configuration["model"]:
             raise InputError(f"{path}: model has the rules {model.asdict()}, the file's are {configuration['model']}")
-        problems = Problems(**{name: jnp.asarray(values) for name, values in groups["problems"].items()})
+        nothing = np.zeros_like(groups["problems"]["not_finite"])  # of what older files do not know
+        problems = Problems(**{name: jnp.asarray(groups["problems"].get(name, nothing)) for name in PROBLEMS})
         states = {name: jnp.asarray(values) for name, values in groups["colony"].items()}
+        medium = {name: jnp.asarray(values) for name, values in groups.get("medium", {}).items()}
         node_state = {name: jnp.asarray(values) for name, values in groups.get("node_state", {}).items()}
         return Simulation(
             times=groups["times"][""],
             statistics=groups["statistics"],
-            colony=Colony(**states, problems=problems, node_state=node_state),
+            colony=Colony(**states, problems=problems, node_state=node_state, medium=medium),
             parameters=model.complete(Parameters(**groups["parameters"])),
             relaxation=Relaxation(**configuration["relaxation"]),
             numerics=Numerics(**configuration["numerics"]),

@@ -16,7 +16,6 @@ from yeastfit.measure.statistics.model_as_mask import HardStatistics
 from yeastfit.measure.statistics.smooth_statistics import SmoothStatistics
 from yeastfit.memory import ITEM, check_count, check_memory
 from yeastfit.model.colony import Colony
-from yeastfit.model.forces import stiffness
 from yeastfit.model.model import Model
 from yeastfit.model.numerics import Numerics, map_members, on_one_device
 from yeastfit.model.nutrient import check_alpha
@@ -123,7 +122,7 @@ def simulate(
     batched = _per_member(parameters, members)
     colony, observed = on_one_device(_run(batched, began, schedule, relaxation, numerics, observe, model))
     if throw and not traced:
-        _check_steps(colony, batched, numerics)
+        _check_steps(colony, batched, numerics, model)
     if not batch:
         colony, observed = jax.tree.map(lambda leaf: leaf[0], (colony, observed))
     return Simulation(
@@ -228,10 +227,10 @@ def _per_member(parameters: Parameters, members: int) -> Parameters:
     return jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (members,)), parameters)
 
 
-def _check_steps(colony: Colony, parameters: Parameters, numerics: Numerics) -> None:
+def _check_steps(colony: Colony, parameters: Parameters, numerics: Numerics, model: Model) -> None:
     """Raises where what was computed follows from the time step and not from the model."""
     if np.any(colony.problems.unstable):
-        needed = 2.0 / np.max(parameters.elasticity * jax.vmap(stiffness)(colony))
+        needed = 2.0 / np.max(parameters.elasticity * jax.vmap(model.springs.stiffness)(colony))
         raise InputError(
             f"dt is {numerics.dt:g}, too large for the springs: forward Euler needs dt · elasticity · (degree + 1) "
             f"below 2 and the colonies grown here dt below {needed:.3g}"

@@ -68,6 +68,7 @@ def test_forces_sum_to_zero(name: str) -> None:
     assert not np.asarray(pushed(contact, apart)).any()
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", BOTH)
 def test_overlapping_cells_part_symmetrically(name: str) -> None:
     """Two parallel cells: their common centre stays, one is the other's image, and the overlap ends."""

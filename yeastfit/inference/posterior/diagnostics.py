@@ -15,7 +15,6 @@ import numpy as np
 
 from yeastfit.errors import InputError
 
-
 METHODS = "yeastfit.inference.samplers"
 """Imports all methods of the package, which stand above this file, and with them their diagnostics."""
 

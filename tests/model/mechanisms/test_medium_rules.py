@@ -1,0 +1,172 @@
+"""Media: nitrogen in a dish, a morphogen, walkers; conservation, closed forms, limits."""
+
+import dataclasses
+from collections.abc import Mapping
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from helpers import colony_of, context_of, grid, random_tree
+from jaxtyping import Array
+
+from reference import mechanisms as plain
+from yeastfit.errors import InputError
+from yeastfit.model.colony import Colony
+from yeastfit.model.forces import velocity
+from yeastfit.model.mechanisms.morphogen_medium import MorphogenMedium
+from yeastfit.model.mechanisms.nitrogen_medium import NitrogenMedium
+from yeastfit.model.mechanisms.walker_medium import WalkerBirths, WalkerMedium, density, nearest_node
+from yeastfit.model.model import Model
+from yeastfit.model.numerics import Numerics
+from yeastfit.model.nutrient import closed_step
+from yeastfit.model.parameters import Parameters
+from yeastfit.model.relaxation import HARD, Relaxation
+from yeastfit.model.simulate import step
+
+NUMERICS = Numerics(domain=6.0, spacing=0.5, dt=0.02, capacity=24)
+RNG = np.random.default_rng(0)
+WALKERS = Model(medium=WalkerMedium(walkers=600, width=0.6), births=WalkerBirths(per_bud=3))
+
+
+@jax.jit
+def closed(field: Array, rate: Array, source: Array) -> Array:
+    return closed_step(field, rate, jnp.asarray(0.4), NUMERICS, source)
+
+
+def test_what_a_dish_holds_and_what_was_eaten_is_constant() -> None:
+    """To the solver's tolerance; and a step is the plain reading's."""
+    field, rate = (jnp.asarray(RNG.uniform(0, 1, (13, 13)), jnp.float32) for _ in range(2))
+    held, gone = float(field.sum()), 0.0
+    for _ in range(20):
+        before, field = field, closed(field, 5 * rate, jnp.zeros_like(field))
+        gone += float(jnp.sum(5 * rate * 0.5 * (before + field)) * NUMERICS.dt)
+    assert float(field.sum()) + gone == pytest.approx(held, rel=1e-5)
+    assert gone > 0.5 * held
+    source = jnp.asarray(RNG.uniform(0, 1, (13, 13)), jnp.float32)
+    expected = plain.closed_step(np.asarray(field), np.asarray(rate), np.asarray(source), 0.4, 0.5, 0.02)
+    np.testing.assert_allclose(closed(field, rate, source), expected, atol=2e-6)
+
+
+def test_a_morphogen_rises_to_secretion_over_decay() -> None:
+    """m = s/k (1 − e^(−kt)) where all is colony, with Crank and Nicolson's factor (1 − kΔt/2) / (1 + kΔt/2)."""
+    field, rate, source = jnp.zeros((13, 13)), jnp.full((13, 13), 2.0), jnp.full((13, 13), 3.0)
+    for _ in range(25):
+        field = closed(field, rate, source)
+    np.testing.assert_allclose(field, 1.5 * (1 - (0.98 / 1.02) ** 25), rtol=1e-5)
+
+
+def tree(numerics: Numerics, medium: Mapping[str, Array]) -> Colony:
+    rng = np.random.default_rng(1)
+    colony = colony_of(rng.uniform(-1, 1, (9, 2)), random_tree(rng, 9), numerics=numerics)
+    return dataclasses.replace(colony, medium=dict(medium))
+
+
+@pytest.mark.thorough
+def test_two_equal_nutrients_are_one() -> None:
+    """A reservoir of nitrogen that diffuses and is eaten as carbon is: the source's colony, to rounding."""
+    both = Model(medium=NitrogenMedium("reservoir"))
+    parameters = both.complete(Parameters(metabolic_rate=3.0, nitrogen_uptake=3.0))
+    colony = both.resumed(tree(NUMERICS, {}))
+
+    @eqx.filter_jit
+    def grown(model: Model, colony: Colony, parameters: Parameters) -> Colony:
+        return jax.lax.fori_loop(0, 5, lambda _, c: step(c, parameters, HARD, NUMERICS, model)[0], colony)
+
+    # the step before an event of budding
+    begun = dataclasses.replace(colony, step=jnp.asarray(47))
+    found = grown(both, begun, parameters)
+    source = grown(Model(), Model().resumed(begun), Parameters(metabolic_rate=3.0))
+    np.testing.assert_array_equal(found.medium["nitrogen"], found.nutrient)
+    np.testing.assert_allclose(found.positions, source.positions, atol=1e-6)
+    assert int(found.count) == int(source.count) > 9
+
+
+def test_growth_is_by_the_scarcer_nutrient_and_drift_along_both() -> None:
+    model = Model(medium=NitrogenMedium())
+    x, y = grid(NUMERICS)
+    colony = tree(NUMERICS, {"nitrogen": jnp.asarray(0.5 + 0.05 * x)})
+    colony = dataclasses.replace(colony, nutrient=jnp.asarray(0.5 + 0.05 * y))
+    parameters = model.complete(Parameters(nitrogen=1.5, mobility=2.0, nitrogen_mobility=0.5))
+    px, py = np.asarray(colony.positions)[:9].T
+    carbon, nitrogen = 0.5 + 0.05 * py, 1.5 * (0.5 + 0.05 * px)
+    fed = model.medium.supply(colony, parameters, HARD, NUMERICS)[:9]
+    np.testing.assert_allclose(fed, np.minimum(carbon, nitrogen), atol=1e-6)
+    soft = model.medium.supply(colony, parameters, Relaxation(), NUMERICS)[:9]
+    np.testing.assert_allclose(soft, np.minimum(carbon, nitrogen), atol=0.01)
+    drift = model.medium.drift(context_of(colony, NUMERICS, parameters=parameters))[:9]
+    np.testing.assert_allclose(drift, np.tile([0.5 * 1.5 * 0.05, 2.0 * 0.05], (9, 1)), atol=1e-6)
+
+
+def test_cells_flee_from_a_morphogen() -> None:
+    model = Model(medium=MorphogenMedium())
+    x, _ = grid(NUMERICS)
+    colony = tree(NUMERICS, {"morphogen": jnp.asarray(0.1 * x)})
+    parameters = model.complete(Parameters(morphogen_repulsion=3.0))
+    context = context_of(colony, NUMERICS, parameters=parameters)
+    moved = velocity(context, model.contact, model.medium) - velocity(context, model.contact)
+    np.testing.assert_allclose(moved[:9], np.tile([-0.3, 0.0], (9, 1)), atol=1e-5)
+
+
+@eqx.filter_jit
+def walked(colony: Colony) -> tuple[Colony, tuple[Array, Array, Array]]:
+    """Sixty steps; at each the free walkers, those in stores, and the nodes."""
+    parameters = WALKERS.complete(Parameters(diffusivity=0.3, uptake_radius=0.4))
+
+    def one(colony: Colony, _: None) -> tuple[Colony, tuple[Array, Array, Array]]:
+        colony = step(colony, parameters, HARD, NUMERICS, WALKERS)[0]
+        return colony, (colony.medium["free"].sum(), colony.node_state["taken"].sum(), colony.count)
+
+    return jax.lax.scan(one, colony, None, length=60)
+
+
+def test_walkers_are_conserved_at_every_step_and_walk() -> None:
+    began = WALKERS.start(jax.random.key(3), NUMERICS)
+    colony, (free, taken, nodes) = walked(began)
+    np.testing.assert_array_equal(free + taken + 3 * (nodes - 2), 600)
+    assert int(nodes[-1]) > 8
+    assert (np.asarray(taken) >= 0).all()
+    assert not bool(colony.problems.store_empty)
+    # far from the walls the mean square displacement is 4 λ1 t
+    middle = np.abs(began.medium["walkers"]).max(axis=1) < 0.6
+    squared = np.sum((colony.medium["walkers"] - began.medium["walkers"]) ** 2, axis=1)[middle]
+    expected = 4 * 0.3 * 60 * NUMERICS.dt
+    assert abs(squared.mean() - expected) < 4 * expected / np.sqrt(middle.sum())
+    # the density of the nutrient is that of the free walkers
+    weight = np.full(13, 0.5)
+    weight[[0, -1]] /= 2
+    assert float(weight @ np.asarray(colony.nutrient) @ weight) / 36 == pytest.approx(float(free[-1]) / 600, rel=1e-4)
+    few = dataclasses.replace(began, medium={**began.medium, "free": jnp.zeros(600, bool)})
+    assert bool(walked(few)[0].problems.store_empty)
+
+
+def test_walkers_are_taken_up_by_the_nearest_node_and_seen_as_a_density() -> None:
+    colony = tree(NUMERICS, {})
+    places = np.random.default_rng(2).uniform(-3, 3, (200, 2)).astype(np.float32)
+    slot, near = jax.jit(nearest_node)(colony, jnp.asarray(places), jnp.asarray(0.5))
+    apart = np.linalg.norm(places[:, None] - np.asarray(colony.positions)[:9], axis=-1)
+    np.testing.assert_array_equal(near, apart.min(axis=1) < 0.5)
+    np.testing.assert_array_equal(np.asarray(slot)[near], apart.argmin(axis=1)[near])
+    # one walker in the middle: a Gaussian
+    c = density(jnp.zeros((1, 2)), jnp.ones(1, bool), 0.6, NUMERICS)
+    x, y = grid(NUMERICS)
+    np.testing.assert_allclose(c, 36 * np.exp(-(x**2 + y**2) / 0.72) / (2 * np.pi * 0.36), atol=0.01)
+
+
+@pytest.mark.parametrize(
+    ("rules", "words"),
+    [
+        ({"medium": {"rule": "walkers"}}, "medium: rule 'walkers' excludes births 'global'.*it needs 'walkers'"),
+        ({"births": {"rule": "walkers"}}, "births: rule 'walkers' needs walkers: choose medium 'walkers', too"),
+        ({"medium": {"rule": "nitrogen", "boundary": "sea"}}, "boundary is 'sea', it must be 'dish' or 'reservoir'"),
+    ],
+)
+def test_what_does_not_go_together_is_said(rules: dict, words: str, unchecked: None) -> None:
+    with pytest.raises(InputError, match=words):
+        Model.of(rules)
+
+
+def test_walkers_do_not_take_over_another_colony() -> None:
+    with pytest.raises(InputError, match="cannot go on from a colony of another medium, without walkers"):
+        WALKERS.resumed(tree(NUMERICS, {}))

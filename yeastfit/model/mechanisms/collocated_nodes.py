@@ -1,0 +1,142 @@
+"""Collocated nodes: a store of V = 2^k nodes in one place, released group by group (source A.1).
+
+Nodes n = 0 … V − 1 begin as two groups of V/2, each in one place. A division halves the group [a, a + s): the nodes
+from a + s/2 on move away by δ and each of them is joined to the one s/2 before it by a spring. Nodes in one place are
+held together and exert no force on each other. The source's matrices are
+
+    C_nm = 1 where n and m are in one group,    A_nm = 1 where n XOR m is a power of two and C_nm = 0,    B = 1 − A:
+
+two nodes that differ in one bit were partners in the division that parted them. A group moves as the mean of its nodes,
+
+    dx_a/dt = λ2 (1/s) Σ_{n in group} Σ_m A_nm (1 − r_nm) e_nm + …
+
+Groups are kept as labels, the first node of each and its size; the forces take V k operations and no matrix. A group of
+one node has nothing left to release: it does not bud, and the run says so. Cells are drawn between a group and the one
+that it was halved from, and nodes in one place count once in contact.
+"""
+
+from collections.abc import Mapping
+from typing import ClassVar
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+from yeastfit.errors import InputError
+from yeastfit.model.colony import Colony
+from yeastfit.model.growth import number_of_births
+from yeastfit.model.rules import BirthRule, Births, Context, Rule, SpringRule
+
+
+class CollocatedBirths(BirthRule):
+    """As many nodes as by the source's rule, the best fed first, each of which halves its group.
+
+    Continuous in λ but for the order of parents, and for groups that can no longer be halved.
+
+    Attributes:
+        nodes: V, a power of two, at least 2.
+
+    Raises:
+        InputError: `nodes` is no power of two.
+    """
+
+    name: ClassVar[str] = "collocated"
+    nodes: int = eqx.field(static=True, default=512)
+
+    def __check_init__(self) -> None:
+        if self.nodes < 2 or self.nodes & (self.nodes - 1):
+            raise InputError(f"births: nodes is {self.nodes!r}, it must be a power of two, such as 512")
+
+    def objection(self, rules: Mapping[str, Rule]) -> str | None:
+        """Groups are halved and never lost, and springs are those of A."""
+        for question, only in (("springs", "collocated"), ("death", "none"), ("detachment", "none")):
+            if rules[question].name != only:
+                return f"goes with {question} {only!r} only, not with {rules[question].name!r}"
+        return None
+
+    def node_state(self) -> dict[str, float]:
+        """The size of a node's group and its first node; −1 until the first step knows the two founders apart."""
+        return {"group_size": self.nodes / 2, "group_first": -1.0}
+
+    def due(self, context: Context) -> Bool[Array, ""]:
+        """Every Δn steps."""
+        return context.colony.step % context.numerics.steps_per_event == 0
+
+    def births(self, context: Context) -> Births:
+        """The best fed groups; those of one node are refused."""
+        colony = context.colony
+        size, first = colony.node_state["group_size"], first_nodes(colony, self.nodes)
+        fed = jax.lax.stop_gradient(context.local_nutrient)
+        rank = jnp.argsort(jnp.where(colony.alive, -fed, jnp.inf))
+        ranked = context.living[rank]
+        wanted = number_of_births(context.growth_rate, jnp.sum(context.living), context.relaxation)
+        weights = jnp.clip(wanted - (jnp.cumsum(ranked) - ranked), 0.0, ranked)
+        able = size[rank] >= 2
+        weights, refused = jnp.where(able, weights, 0.0), jnp.any(~able & (weights > 0))
+        room = colony.parents.shape[0] - colony.count
+        weights = jnp.where(jnp.cumsum(weights > 0) <= room, weights, 0.0)  # a group without a slot stays whole
+        parted = jnp.zeros_like(size, bool).at[rank].set(weights > 0)
+        half = jnp.where(parted, 0.5 * size, size)
+        return Births(
+            parents=rank,
+            weights=weights,
+            event=colony.step // context.numerics.steps_per_event,
+            node_state={"group_size": half, "group_first": first},
+            newborn={"group_size": half[rank], "group_first": (first + half)[rank]},
+            refused=refused,
+        )
+
+
+class CollocatedSprings(SpringRule):
+    """Springs between partners of divisions, the matrix A. Differentiable.
+
+    Attributes:
+        nodes: V, as of the births.
+    """
+
+    name: ClassVar[str] = "collocated"
+    nodes: int = eqx.field(static=True, default=512)
+
+    def objection(self, rules: Mapping[str, Rule]) -> str | None:
+        """There must be groups, of as many nodes."""
+        births = rules["births"]
+        if not isinstance(births, CollocatedBirths):
+            return f"goes with births 'collocated' only, not with {births.name!r}"
+        differs = f"has nodes {self.nodes!r} and births has {births.nodes!r}: give both the same"
+        return None if births.nodes == self.nodes else differs
+
+    def pull(self, colony: Colony) -> Float[Array, "node 2"]:
+        """The mean over a group's nodes of the forces of all springs."""
+        size, nodes = colony.node_state["group_size"], self.nodes
+        slot = slots_of_nodes(colony, nodes)
+        x, weights = colony.positions[slot], colony.weights[slot]
+        force = jnp.zeros_like(x)
+        for bit in range(nodes.bit_length() - 1):
+            partner = jnp.arange(nodes) ^ (1 << bit)
+            apart = x - x[partner]
+            squared = jnp.sum(apart**2, axis=-1)
+            joined = (slot != slot[partner]) & (squared > 0)
+            length = jnp.sqrt(jnp.where(joined, squared, 1.0))
+            push = jnp.where(joined, weights[partner] * (1.0 - length) / length, 0.0)
+            force = force + push[:, None] * apart
+        return jnp.zeros_like(colony.positions).at[slot].add(force) / size[:, None]
+
+    def stiffness(self, colony: Colony) -> Float[Array, ""]:
+        """Twice the most springs of any node, which bounds the largest eigenvalue (Gershgorin)."""
+        springs = jnp.log2(float(self.nodes)) - jnp.log2(colony.node_state["group_size"])
+        return 2.0 * jnp.max(jnp.where(colony.alive, springs, 0.0))
+
+
+def first_nodes(colony: Colony, nodes: int) -> Float[Array, " node"]:
+    """The first node of each slot's group; before the first division 0 and V/2."""
+    first = colony.node_state["group_first"]
+    founders = jnp.where(jnp.arange(first.shape[0]) == 1, nodes / 2, 0.0)
+    return jnp.where(first < 0, founders, first)
+
+
+def slots_of_nodes(colony: Colony, nodes: int) -> Int[Array, " vertex"]:
+    """The slot that holds each of the V nodes."""
+    first = jnp.where(colony.alive, first_nodes(colony, nodes), float(nodes))
+    order = jnp.argsort(first)
+    return order[jnp.searchsorted(first[order], jnp.arange(nodes), side="right") - 1]

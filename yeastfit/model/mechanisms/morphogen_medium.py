@@ -1,0 +1,65 @@
+"""A morphogen beside the nutrient, which cells secrete and flee from (source 5.1.2).
+
+    ∂m/∂t = D_m ∇²m − k_m m + s 1_colony,    no flux through the dish's wall, m = 0 at the start,
+
+and nodes drift along λ5 ∇c − χ ∇m: χ = `morphogen_repulsion` above 0 spreads a colony, below 0 gathers it. 1_colony is
+the indicator of the colony, hard or smooth. With s = 0 or χ = 0 the colony is the source's.
+"""
+
+import dataclasses
+from typing import ClassVar
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from yeastfit.model.active_window import extent_of_change
+from yeastfit.model.cell_overlap import smooth_step
+from yeastfit.model.cells import Cells
+from yeastfit.model.colony import Colony
+from yeastfit.model.interpolation import gradient_at
+from yeastfit.model.medium import nutrient_of_step, where_cells_are
+from yeastfit.model.nutrient import closed_step
+from yeastfit.model.rules import Context, MediumRule, UptakeRule
+from yeastfit.parameter_set import Parameter
+
+DIFFUSIVITY = Parameter("morphogen_diffusivity", "D_m", "diffusion of the morphogen, over μ* L0²", (0.01, 10.0), 0.5)
+DECAY = Parameter("morphogen_decay", "k_m", "decay of the morphogen, over μ*", (0.05, 10.0), 0.5)
+SECRETION = Parameter("morphogen_secretion", "s", "secretion of the morphogen, over μ* c0", (0.05, 10.0), 0.0)
+REPULSION = Parameter("morphogen_repulsion", "χ", "drift away from the morphogen", (0.05, 20.0), 0.0, smallest=-100.0)
+
+
+class MorphogenMedium(MediumRule):
+    """The source's nutrient and one morphogen. Differentiable in all parameters."""
+
+    name: ClassVar[str] = "morphogen"
+    parameters: ClassVar[tuple[Parameter, ...]] = (DIFFUSIVITY, DECAY, SECRETION, REPULSION)
+
+    def fields(self) -> dict[str, float]:
+        """The morphogen."""
+        return {"morphogen": 0.0}
+
+    def stepped(self, context: Context, cells: Cells, uptake: UptakeRule) -> Colony:
+        """Both fields one step later."""
+        colony, parameters, numerics = context.colony, context.parameters, context.numerics
+
+        def law(window: slice, g: Array, nutrient: Array, morphogen: Array) -> tuple[Array, Array]:
+            here, source = morphogen[window, window], smooth_step(g, context.relaxation.boundary)
+            decay = jnp.broadcast_to(parameters["morphogen_decay"], here.shape)
+            made = parameters["morphogen_secretion"] * source
+            left = closed_step(here, decay, parameters["morphogen_diffusivity"], numerics, made)
+            fed = nutrient_of_step(context, uptake, g, nutrient[window, window])
+            return nutrient.at[window, window].set(fed), morphogen.at[window, window].set(left)
+
+        fields = colony.nutrient, colony.medium["morphogen"]
+        rest = (1.0, 0.0)
+        extent = jnp.maximum(
+            *(extent_of_change(field, numerics.spacing, still) for field, still in zip(fields, rest, strict=True))
+        )
+        nutrient, morphogen = where_cells_are(context, cells, extent, law, *fields)
+        return dataclasses.replace(colony, nutrient=nutrient, medium={**colony.medium, "morphogen": morphogen})
+
+    def drift(self, context: Context) -> Float[Array, "node 2"]:
+        """λ5 ∇c − χ ∇m."""
+        parameters, colony = context.parameters, context.colony
+        uphill = gradient_at(dataclasses.replace(colony, nutrient=colony.medium["morphogen"]), context.numerics)
+        return parameters.mobility * context.local_gradient() - parameters["morphogen_repulsion"] * uphill

@@ -1,0 +1,100 @@
+"""Two nutrients: carbon, along which nodes drift, and nitrogen, which a dish may run out of (source 5.1.2).
+
+    ∂c/∂t = λ1 ∇²c − b c,    c = 1 on the boundary
+    ∂n/∂t = D_N ∇²n − r_N max(−g, 0) n,    n = ν at the start
+
+Growth is by the scarcer of the two (Liebig), min(c, n) at a node; relaxed, the mean of both with weights e^(−c/w) and
+e^(−n/w). Drift is λ5 ∇c + γ_N ∇n. The boundary of nitrogen is a `dish`, through which nothing passes, so that what is
+eaten is gone, or a `reservoir` at n = ν. Fields hold n / ν, which the amount ν = `nitrogen` does not change. With
+ν = 1, D_N = λ1, r_N = λ6 and a reservoir, the two nutrients are one: the source.
+"""
+
+import dataclasses
+from typing import ClassVar, Literal
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from yeastfit.errors import InputError
+from yeastfit.model.active_window import extent_of_change
+from yeastfit.model.cells import Cells
+from yeastfit.model.colony import Colony
+from yeastfit.model.interpolation import gradient_at, nutrient_at
+from yeastfit.model.medium import nutrient_of_step, where_cells_are
+from yeastfit.model.numerics import Numerics
+from yeastfit.model.nutrient import closed_step, nutrient_step
+from yeastfit.model.parameters import Parameters
+from yeastfit.model.relaxation import Relaxation
+from yeastfit.model.rules import Context, MediumRule, UptakeRule
+from yeastfit.model.uptake import biomass
+from yeastfit.parameter_set import Parameter
+
+WIDTH = 0.02  # w, of the relaxed minimum
+NITROGEN = Parameter("nitrogen", "ν", "nitrogen at the start, in units of c0", (0.01, 10.0), 1.0, positive=True)
+NITROGEN_DIFFUSIVITY = Parameter("nitrogen_diffusivity", "D_N", "diffusion of nitrogen, over μ* L0²", (0.01, 10.0), 0.1)
+NITROGEN_UPTAKE = Parameter("nitrogen_uptake", "r_N", "uptake of nitrogen, over μ*", (0.05, 20.0), 1.0)
+NITROGEN_MOBILITY = Parameter("nitrogen_mobility", "γ_N", "drift along nitrogen's gradient", (0.02, 20.0), 0.0)
+
+
+class NitrogenMedium(MediumRule):
+    """Carbon and nitrogen. Differentiable in all parameters.
+
+    Attributes:
+        boundary: Of nitrogen, "dish" or "reservoir".
+
+    Raises:
+        InputError: `boundary` is neither of the two.
+    """
+
+    name: ClassVar[str] = "nitrogen"
+    parameters: ClassVar[tuple[Parameter, ...]] = (NITROGEN, NITROGEN_DIFFUSIVITY, NITROGEN_UPTAKE, NITROGEN_MOBILITY)
+    boundary: Literal["dish", "reservoir"] = eqx.field(static=True, default="dish")
+
+    def __check_init__(self) -> None:
+        if self.boundary not in ("dish", "reservoir"):
+            raise InputError(f"medium: boundary is {self.boundary!r}, it must be 'dish' or 'reservoir'")
+
+    def fields(self) -> dict[str, float]:
+        """Nitrogen, as a share of that at the start."""
+        return {"nitrogen": 1.0}
+
+    def stepped(self, context: Context, cells: Cells, uptake: UptakeRule) -> Colony:
+        """Both nutrients one step later."""
+        colony, parameters, numerics = context.colony, context.parameters, context.numerics
+
+        def law(window: slice, g: Array, carbon: Array, nitrogen: Array) -> tuple[Array, Array]:
+            here, rate = nitrogen[window, window], biomass(g, parameters["nitrogen_uptake"])
+            step = closed_step if self.boundary == "dish" else nutrient_step
+            left = step(here, rate, parameters["nitrogen_diffusivity"], numerics)
+            fed = nutrient_of_step(context, uptake, g, carbon[window, window])
+            return carbon.at[window, window].set(fed), nitrogen.at[window, window].set(left)
+
+        fields = colony.nutrient, colony.medium["nitrogen"]
+        extent = jnp.maximum(*(extent_of_change(field, numerics.spacing) for field in fields))
+        carbon, nitrogen = where_cells_are(context, cells, extent, law, *fields)
+        return dataclasses.replace(colony, nutrient=carbon, medium={**colony.medium, "nitrogen": nitrogen})
+
+    def supply(
+        self, colony: Colony, parameters: Parameters, relaxation: Relaxation, numerics: Numerics
+    ) -> Float[Array, " node"]:
+        """The scarcer one."""
+        carbon = nutrient_at(colony, numerics)
+        nitrogen = parameters["nitrogen"] * nutrient_at(_of_nitrogen(colony), numerics)
+        if relaxation.births == "whole":
+            return jnp.minimum(carbon, nitrogen)
+        share = jax.nn.sigmoid((nitrogen - carbon) / WIDTH)
+        return share * carbon + (1.0 - share) * nitrogen
+
+    def drift(self, context: Context) -> Float[Array, "node 2"]:
+        """λ5 ∇c + γ_N ∇n."""
+        parameters = context.parameters
+        along = gradient_at(_of_nitrogen(context.colony), context.numerics)
+        strength = parameters["nitrogen_mobility"] * parameters["nitrogen"]
+        return parameters.mobility * context.local_gradient() + strength * along
+
+
+def _of_nitrogen(colony: Colony) -> Colony:
+    """The colony as if nitrogen were its nutrient."""
+    return dataclasses.replace(colony, nutrient=colony.medium["nitrogen"])

@@ -1,0 +1,195 @@
+"""Nutrient as random walkers instead of a field (source 5.1.1).
+
+    dx_w = √(2 λ1) dW_w,    reflected at the dish's wall
+
+A walker that comes within `uptake_radius` of a node is taken up by the nearest, and every `per_bud` walkers that a node
+has taken up become its child. Walkers in the dish and those taken up are as many as at the start, at every step. The
+nutrient that nodes drift along, and that pictures show, is a kernel density estimate of the walkers, over the density
+at the start:
+
+    c(x) = (L² / n) Σ_w N(x − x_w; width² 1)
+
+Walkers come and go by whole numbers: colonies have no derivative along a path, and the regression of `sensitivity`
+serves. The two rules of this file need each other.
+"""
+
+import dataclasses
+import zlib
+from collections.abc import Mapping
+from typing import ClassVar
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int
+
+from yeastfit.errors import InputError
+from yeastfit.model.cells import Cells
+from yeastfit.model.colony import Colony
+from yeastfit.model.numerics import Numerics, largest_in_ensemble
+from yeastfit.model.rules import BirthRule, Births, Context, MediumRule, Rule, UptakeRule
+from yeastfit.parameter_set import Parameter
+
+UPTAKE_RADIUS = Parameter(
+    "uptake_radius", "R_u", "distance within which a node takes up a walker", (0.05, 1.0), 0.25, "L0", positive=True
+)
+
+
+class WalkerBirths(BirthRule):
+    """A node that has taken up enough walkers buds.
+
+    Attributes:
+        per_bud: Walkers that become a child.
+    """
+
+    name: ClassVar[str] = "walkers"
+    per_bud: int = eqx.field(static=True, default=10)
+
+    def __check_init__(self) -> None:
+        if self.per_bud < 1:
+            raise InputError(f"births: per_bud is {self.per_bud!r}, it must be at least 1")
+
+    def objection(self, rules: Mapping[str, Rule]) -> str | None:
+        """There must be walkers."""
+        return None if rules["medium"].name == "walkers" else "needs walkers: choose medium 'walkers', too"
+
+    def due(self, context: Context) -> Bool[Array, ""]:
+        """Whether any node has enough."""
+        return jnp.any(self._ripe(context))
+
+    def births(self, context: Context) -> Births:
+        """All nodes that have enough, in order of age."""
+        ripe, store = self._ripe(context), context.colony.node_state["taken"]
+        return Births(
+            parents=jnp.arange(ripe.shape[0]),
+            weights=jnp.where(ripe, context.colony.weights, 0.0),
+            event=context.colony.step,
+            node_state={"taken": store - jnp.where(ripe, float(self.per_bud), 0.0)},
+        )
+
+    def _ripe(self, context: Context) -> Bool[Array, " node"]:
+        colony = context.colony
+        room = colony.count < colony.parents.shape[0]  # without a slot nobody pays for a child
+        return colony.alive & (colony.node_state["taken"] >= self.per_bud) & room
+
+
+class WalkerMedium(MediumRule):
+    """Walkers that nodes take up. Not differentiable along a path.
+
+    Attributes:
+        walkers: How many there are at the start.
+        width: Of the kernel of the density, in L0.
+    """
+
+    name: ClassVar[str] = "walkers"
+    parameters: ClassVar[tuple[Parameter, ...]] = (UPTAKE_RADIUS,)
+    keeps: ClassVar[tuple[str, ...]] = ("walkers", "free", "walker_key")
+    walkers: int = eqx.field(static=True, default=5000)
+    width: float = eqx.field(static=True, default=0.5)
+
+    def __check_init__(self) -> None:
+        for name in ("walkers", "width"):
+            if not getattr(self, name) > 0:
+                raise InputError(f"medium: {name} is {getattr(self, name)!r}, it must be above 0")
+
+    def objection(self, rules: Mapping[str, Rule]) -> str | None:
+        """Walkers are no field that could be shaken, and births are by them."""
+        for question, only in (("births", "walkers"), ("fluctuations", "none"), ("uptake", "biomass")):
+            if rules[question].name != only:
+                return f"excludes {question} {rules[question].name!r}, there is no field of nutrient: it needs {only!r}"
+        return None
+
+    def node_state(self) -> dict[str, float]:
+        """How many walkers a node has taken up and not yet made a child of."""
+        return {"taken": 0.0}
+
+    def advance(self, context: Context) -> dict[str, Float[Array, " node"]]:
+        """As it is: `stepped` counts."""
+        return {"taken": context.colony.node_state["taken"]}
+
+    def store(self, key: Array, numerics: Numerics) -> dict[str, Array]:
+        """Walkers, uniform in the dish."""
+        own = jax.random.fold_in(key, zlib.crc32(b"walkers"))
+        half = 0.5 * numerics.domain
+        places = jax.random.uniform(own, (self.walkers, 2), minval=-half, maxval=half)
+        return {"walkers": places, "free": jnp.ones(self.walkers, bool), "walker_key": jax.random.key_data(own)}
+
+    def stepped(self, context: Context, cells: Cells, uptake: UptakeRule) -> Colony:
+        """Walkers walk, nodes take up, and the density is estimated anew."""
+        colony, parameters, numerics = context.colony, context.parameters, context.numerics
+        medium, free = colony.medium, colony.medium["free"]
+        key = jax.random.fold_in(jax.random.wrap_key_data(medium["walker_key"]), colony.step)
+        drawn = jax.random.normal(key, medium["walkers"].shape, medium["walkers"].dtype)
+        half = 0.5 * numerics.domain
+        ahead = medium["walkers"] + jnp.sqrt(2.0 * parameters.diffusivity * numerics.dt) * drawn
+        places = jnp.clip(jnp.where(jnp.abs(ahead) > half, jnp.sign(ahead) * 2 * half - ahead, ahead), -half, half)
+        places = jax.lax.stop_gradient(places)
+        node, near = nearest_node(colony, places, parameters["uptake_radius"])
+        eaten = free & near
+        store = colony.node_state["taken"].at[node].add(jnp.where(eaten, 1.0, 0.0))
+        left = free & ~eaten
+        problems = eqx.tree_at(lambda p: p.store_empty, colony.problems, colony.problems.store_empty | ~jnp.any(left))
+        return dataclasses.replace(
+            colony,
+            nutrient=density(places, left, self.width, numerics),
+            medium={**medium, "walkers": places, "free": left},
+            node_state={**colony.node_state, "taken": store},
+            problems=problems,
+        )
+
+
+def density(
+    places: Float[Array, "walker 2"], free: Bool[Array, " walker"], width: float, numerics: Numerics
+) -> Float[Array, "x y"]:
+    """Density of free walkers on the grid, over that of all of them, spread evenly: a Gaussian kernel.
+
+    Each walker is shared between the four grid points around it; of its kernel nothing lies beyond the wall.
+    """
+    scaled = (places + 0.5 * numerics.domain) / numerics.spacing
+    corner = jnp.clip(jnp.floor(scaled).astype(int), 0, numerics.points - 2)
+    s, t = jnp.unstack(scaled - corner, axis=-1)
+    one = jnp.where(free, (numerics.domain / numerics.spacing) ** 2 / free.shape[0], 0.0)
+    grid = jnp.zeros((numerics.points,) * 2, places.dtype)
+    for di, dj, share in ((0, 0, (1 - s) * (1 - t)), (0, 1, (1 - s) * t), (1, 0, s * (1 - t)), (1, 1, s * t)):
+        grid = grid.at[corner[:, 0] + di, corner[:, 1] + dj].add(one * share)
+    axis = numerics.spacing * np.arange(numerics.points)
+    gauss = np.exp(-0.5 * ((axis[:, None] - axis) / width) ** 2)
+    cell = np.where((axis == axis[0]) | (axis == axis[-1]), 0.5, 1.0)  # of the wall's points half lies in the dish
+    kernel = jnp.asarray(gauss / (cell @ gauss), places.dtype)
+    return kernel @ grid @ kernel.T
+
+
+def nearest_node(
+    colony: Colony, places: Float[Array, "walker 2"], radius: Float[Array, ""]
+) -> tuple[Int[Array, " walker"], Bool[Array, " walker"]]:
+    """The slot of the node nearest to each place, and whether it is within a radius; else slot 0.
+
+    Nodes are sorted into square bins of the radius' side, as for contact: a place meets three runs of the sorted order.
+    """
+    positions = jax.lax.stop_gradient(colony.positions)
+    bins = jnp.floor(positions / radius).astype(int)
+    low = jnp.min(jnp.where(colony.alive[:, None], bins, jnp.iinfo(bins.dtype).max), axis=0)
+    bins = bins - low + 1
+    rows = jnp.max(jnp.where(colony.alive, bins[:, 1], 0)) + 2
+    key = jnp.where(colony.alive, bins[:, 0] * rows + bins[:, 1], jnp.iinfo(bins.dtype).max)
+    order = jnp.argsort(key)
+    own = jnp.floor(places / radius).astype(int) - low + 1
+    inside = (own[:, 1] >= 0) & (own[:, 1] < rows)
+    middle = (own[:, 0, None] + jnp.arange(-1, 2)) * rows + own[:, 1, None]
+    first = jnp.searchsorted(key[order], middle - 1, side="left")
+    runs = jnp.where(inside[:, None], jnp.searchsorted(key[order], middle + 1, side="right") - first, 0)
+    sorted_places = positions[order]
+
+    def lane(i: Int[Array, ""], best: tuple[Array, Array]) -> tuple[Array, Array]:
+        closest, slot = best
+        rank = jnp.minimum(first + i, order.shape[0] - 1)
+        apart = jnp.sum((places[:, None] - sorted_places[rank]) ** 2, axis=-1)
+        apart = jnp.where(i < runs, apart, jnp.inf)
+        of = jnp.argmin(apart, axis=1)[:, None]
+        least, whose = jnp.take_along_axis(apart, of, 1)[:, 0], jnp.take_along_axis(order[rank], of, 1)[:, 0]
+        return jnp.minimum(closest, least), jnp.where(least < closest, whose, slot)
+
+    start = jnp.full(places.shape[0], jnp.inf, places.dtype), jnp.zeros(places.shape[0], order.dtype)
+    closest, slot = jax.lax.fori_loop(0, largest_in_ensemble(jnp.max(runs)), lane, start)
+    return slot, closest < radius**2

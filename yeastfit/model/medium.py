@@ -1,0 +1,73 @@
+"""What cells live on: one nutrient that diffuses and is eaten (source 2.7, 2.8; docs/model.md, section 3.4)."""
+
+import dataclasses
+from collections.abc import Callable
+from typing import ClassVar
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float, PyTree
+
+from yeastfit.model.active_window import extent_of_cells, extent_of_change, on_window
+from yeastfit.model.cells import Cells, level_set, weights_of_cells
+from yeastfit.model.colony import Colony
+from yeastfit.model.nutrient import nutrient_step
+from yeastfit.model.rules import Context, MediumRule, UptakeRule
+
+
+class OneNutrient(MediumRule):
+    """∂c/∂t = λ1 ∇²c − b c, c = 1 on the boundary; nodes drift along λ5 ∇c and grow by c: the source's rule."""
+
+    name: ClassVar[str] = "nutrient"
+
+    def stepped(self, context: Context, cells: Cells, uptake: UptakeRule) -> Colony:
+        """With the nutrient one step later. Differentiable."""
+        return dataclasses.replace(context.colony, nutrient=eaten(context, cells, uptake))
+
+
+def eaten(context: Context, cells: Cells, uptake: UptakeRule) -> Float[Array, "x y"]:
+    """The nutrient one step later: union of the living cells, uptake and diffusion, where there is anything to do."""
+
+    def law(window: slice, g: Float[Array, "x y"], nutrient: Float[Array, "x y"]) -> Float[Array, "x y"]:
+        return nutrient.at[window, window].set(nutrient_of_step(context, uptake, g, nutrient[window, window]))
+
+    nutrient = context.colony.nutrient
+    return where_cells_are(context, cells, extent_of_change(nutrient, context.numerics.spacing), law, nutrient)
+
+
+def nutrient_of_step(
+    context: Context, uptake: UptakeRule, g: Float[Array, "x y"], nutrient: Float[Array, "x y"]
+) -> Float[Array, "x y"]:
+    """c on a window one step later, given the level set there."""
+    rate = uptake.rate(context, g, nutrient)
+    return nutrient_step(nutrient, rate, context.parameters.diffusivity, context.numerics)
+
+
+def where_cells_are(
+    context: Context, cells: Cells, extent: Float[Array, ""], law: Callable[..., PyTree], *fields: Float[Array, "x y"]
+) -> PyTree:
+    """Apply a law on the smallest window that holds all living cells and `extent`.
+
+    Arguments:
+        context: The colony before the step.
+        cells: Of its living and its dead.
+        extent: Half the side that the fields need.
+        law: Called as `law(window, g, *fields)`: where the window lies along either axis, the level set of the living
+            cells on it, and the fields on the whole grid.
+        *fields: On the grid.
+
+    Returns:
+        What the law returns.
+    """
+    relaxation, numerics = context.relaxation, context.numerics
+    reach = relaxation.union_reach
+
+    def on(points: int, cells: Cells, *fields: Float[Array, "x y"]) -> PyTree:
+        first = (numerics.points - points) // 2
+        window = slice(first, first + points)
+        origin = -0.5 * numerics.domain + first * numerics.spacing
+        g = level_set(cells, relaxation.union, reach, origin, numerics.spacing, points)
+        return law(window, g, *fields)
+
+    cells = dataclasses.replace(cells, weights=weights_of_cells(context.living, context.colony.parents))
+    extent = jnp.maximum(extent_of_cells(cells, reach), extent)
+    return on_window(on, extent, numerics.spacing, numerics.points, cells, *fields)
