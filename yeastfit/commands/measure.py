@@ -39,6 +39,13 @@ def measure(
             metavar="X0,Y0,X1,Y1", help="Region in which to look for the colony: left, top, right, bottom, in pixels."
         ),
     ] = None,
+    colonies: Annotated[
+        str | None,
+        typer.Option(
+            metavar="one|all",
+            help="Measure one object of an image, or all together. Default: one of a photograph, all of a mask.",
+        ),
+    ] = None,
     overwrite: Overwrite = False,
     jobs: Jobs = None,
 ) -> None:
@@ -51,7 +58,7 @@ def measure(
     that shows everything; for a data set also the curves of each condition. A file that cannot be measured is reported
     and the others are still measured; the exit code is then 2.
     """
-    options: dict[str, Any] = {"seed_point": seed_point, "threshold": threshold, "roi": roi}
+    options: dict[str, Any] = {"seed_point": seed_point, "threshold": threshold, "roi": roi, "colonies": colonies}
     images, dataset, skipped = find_images(paths, pixel_size, read_options(options, "options"))
     options["pixel_size"] = pixel_size
     settings = {name: value for name, value in options.items() if value is not None}

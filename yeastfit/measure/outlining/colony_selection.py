@@ -11,11 +11,13 @@ from skimage import measure, segmentation
 from yeastfit.errors import InputError
 from yeastfit.measure.outlining.mask_operations import NEIGHBOURS, Mask, areas_of
 
+DUST = 0.01  # of the largest object's pixels: smaller ones are dust where all colonies are wanted
+
 
 def select_colony(
-    dark: Mask, frame: Mask, min_area: int, name: str, seed: tuple[float, float] | None = None
+    dark: Mask, frame: Mask, min_area: int, name: str, seed: tuple[float, float] | None = None, every: bool = False
 ) -> tuple[Mask, list[str]]:
-    """Select the largest object that the border does not hold, or the one at a seed point.
+    """Select the largest object that the border does not hold, the one at a seed point, or all that are no dust.
 
     Arguments:
         dark: Pixels of all objects.
@@ -23,9 +25,10 @@ def select_colony(
         min_area: The fewest pixels of a colony.
         name: What messages begin with.
         seed: x and y.
+        every: Whether all of them are wanted.
 
     Returns:
-        The object, widened by 3 px but not into others, and doubts by name.
+        The object or objects, widened by 3 px but not into others, and doubts by name.
 
     Raises:
         InputError: There is no object of `min_area` pixels.
@@ -41,7 +44,9 @@ def select_colony(
         )
     edge = frame.copy()
     edge[[0, -1], :] = edge[:, [0, -1]] = True
-    if seed is None:
+    if every:
+        chosen, doubts = _all_objects(labels, areas, edge, min_area)
+    elif seed is None:
         chosen, doubts = _largest(labels, areas, edge, min_area)
     else:
         chosen, doubts = _object_at_seed(labels, areas >= min_area, edge, seed, name)
@@ -89,6 +94,18 @@ def _largest(
     if free.max() > max(0.1 * chosen.sum(), 2 * min_area):  # of blurred dust, `dark` holds twice its pixels
         doubts.append("several objects")
     return chosen, doubts
+
+
+def _all_objects(
+    labels: npt.NDArray[Any], areas: npt.NDArray[np.int64], edge: Mask, min_area: int
+) -> tuple[Mask, list[str]]:
+    """All objects that the border does not hold and that are no dust; where it holds all of them, the largest."""
+    large = areas >= max(2 * min_area, DUST * areas.max())
+    free = large.copy()
+    free[labels[edge]] = False
+    if not free.any():
+        return _largest(labels, areas, edge, min_area)
+    return free[labels], ["an object at the border is left out"] if (large & ~free).any() else []
 
 
 def _object_at_seed(

@@ -108,6 +108,7 @@ def segment(
     seed_point: Sequence[float] | None = None,
     threshold: float | None = None,
     roi: Sequence[float] | None = None,
+    colonies: str | None = None,
 ) -> Segmentation:
     """Outline the colony in a bright-field photograph, or take a ready-made mask as it is.
 
@@ -127,6 +128,9 @@ def segment(
         threshold: In grey levels: colony is where the contrast D, smoothed by 0.8 px, exceeds it.
         roi: x0, y0, x1, y1 in pixels. Everything but x0 ≤ x < x1 and y0 ≤ y < y1 is as if it were not in the image, its
             background included; mask and background have the whole image's size nevertheless.
+        colonies: "all": every object that the border does not hold and that is no dust, of at least twice `min_area`
+            pixels and a hundredth of the largest; of a ready-made mask, which holds all by default, "one" keeps the
+            largest.
 
     Returns:
         The mask, and doubts about it.
@@ -138,7 +142,7 @@ def segment(
     image = _checked(pixels, name)
     if isinstance(min_area, bool) or not isinstance(min_area, int | np.integer) or min_area < 1:
         raise InputError(f"{name}: min_area is {min_area!r}, need a whole number of pixels, at least 1")
-    options = SegmentationOptions(seed_point, threshold, roi)
+    options = SegmentationOptions(seed_point, threshold, roi, colonies)
     options.check(image.shape, name)
     window = options.window(image.shape)
     binary = recognise_binary(image)
@@ -190,9 +194,11 @@ def _segment_binary(
     labels = measure.label(part, connectivity=2)
     if (seed := options.seed_within()) is not None:
         part = labels == object_at(labels, areas_of(labels) > 0, seed, name)
+    elif options.colonies == "one":
+        part = labels == areas_of(labels).argmax()
     sizes = np.sort(areas_of(labels))
     doubts = list(binary.doubts)
-    if options.seed_point is None and len(sizes) > 2 and sizes[-2] > 0.1 * sizes[-1]:
+    if options.seed_point is None and options.colonies is None and len(sizes) > 2 and sizes[-2] > 0.1 * sizes[-1]:
         doubts.append("several objects")
     doubts += _doubts_of_mask(part, np.ones_like(part))
     mask = np.zeros_like(binary.mask)
@@ -209,9 +215,10 @@ def _segment_photograph(image: Field, min_area: int, options: SegmentationOption
     contrast = np.where(visible, background - image, np.float32(0))
     limit = detection_limit(contrast, noise)
     coarse = coarse_outline(contrast, limit)
+    selection = options.seed_within(), options.colonies == "all"
     if options.threshold is None:
         _refuse_bright(contrast, limit, min_area, name)
-        region, doubts = select_colony(coarse.joined, ~visible, min_area, name, options.seed_within())
+        region, doubts = select_colony(coarse.joined, ~visible, min_area, name, *selection)
         mask, edge_contrast, blur = fine_mask(contrast, coarse, region, limit, noise)
         if mask.sum() < min_area:
             raise InputError(
@@ -221,7 +228,7 @@ def _segment_photograph(image: Field, min_area: int, options: SegmentationOption
     else:
         level = float(options.threshold)
         dark = blurred(contrast, SMOOTHING) > level
-        region, doubts = select_colony(dark, ~visible, min_area, name, options.seed_within())
+        region, doubts = select_colony(dark, ~visible, min_area, name, *selection)
         mask, blur = region & dark, edge_blur(contrast, coarse.edge_contrast, region & dark)
     doubts += _doubts_of_mask(mask, visible) + _doubts_of_photograph(image, visible, background, level, noise, blur)
     area, available = int(mask.sum()), int(visible.sum())

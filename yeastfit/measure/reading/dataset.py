@@ -31,7 +31,7 @@ from yeastfit.text_files import read_csv, read_toml
 
 MANIFESTS = ("manifest.csv", "manifest.toml")
 NEEDED = ("file", "replicate", "hours")
-SHARED = ("um_per_pixel", "condition", "seed_point", "threshold", "roi")
+SHARED = ("um_per_pixel", "condition", "seed_point", "threshold", "roi", "colonies")
 KNOWN = (*NEEDED, *SHARED, "note")
 LONGEST_NAME = 200  # characters of a condition or a replicate
 COLUMNS = (*NEEDED, "um_per_pixel")  # which manifest.csv must have

@@ -20,11 +20,13 @@ class SegmentationOptions:
         seed_point: x and y in pixels of a point of the colony.
         threshold: The contrast with the background, in grey levels, from which a pixel is colony.
         roi: x0, y0, x1, y1 in pixels: the part of the image to look at.
+        colonies: "one" object of an image is measured, or "all" that are no dust.
     """
 
     seed_point: Sequence[float] | None = None
     threshold: float | None = None
     roi: Sequence[float] | None = None
+    colonies: str | None = None
 
     def as_arguments(self) -> dict[str, Any]:
         """The options that are given, by the names of `segment`'s arguments."""
@@ -35,6 +37,12 @@ class SegmentationOptions:
         size = f"image of {shape[1]} x {shape[0]}"
         if self.threshold is not None and not (_is_number(self.threshold) and self.threshold > 0):
             raise InputError(f"{name}: threshold is {self.threshold!r}, need a contrast above 0 in grey levels")
+        if self.colonies not in (None, *COLONIES):
+            raise InputError(f"{name}: colonies is {self.colonies!r}, it must be {' or '.join(COLONIES)}")
+        if self.colonies == "all" and self.seed_point is not None:
+            raise InputError(
+                f"{name}: colonies is 'all' and seed_point {self.seed_point!r} means one: leave out either"
+            )
         x0, y0, x1, y1 = 0.0, 0.0, float(shape[1]), float(shape[0])
         if self.roi is not None:
             if len(self.roi) != 4 or not all(_is_number(each) and int(each) == each for each in self.roi):
@@ -65,6 +73,7 @@ class SegmentationOptions:
         return self.seed_point[0] - x0, self.seed_point[1] - y0
 
 
+COLONIES = ("one", "all")
 AUTOMATIC = SegmentationOptions()
 """Everything is left to `segment`."""
 
@@ -80,17 +89,21 @@ def read_options(values: Mapping[str, Any], where: str) -> SegmentationOptions:
         The options.
 
     Raises:
-        InputError: The threshold is not above 0, the seed point not two numbers or the roi not four.
+        InputError: The threshold is not above 0, the seed point not two numbers, the roi not four, or `colonies` is none
+            of `COLONIES`.
     """
     point, roi = (
         _numbers(values[name], name, size, where) if values.get(name) is not None else None
         for name, size in (("seed_point", 2), ("roi", 4))
     )
-    threshold = values.get("threshold")
+    threshold, colonies = values.get("threshold"), values.get("colonies")
+    if colonies is not None and colonies not in COLONIES:
+        raise InputError(f"{where}: colonies is {quoted(colonies)}, it must be {' or '.join(COLONIES)}")
     return SegmentationOptions(
         None if point is None else (point[0], point[1]),
         None if threshold is None else POSITIVE.read(threshold, f"{where}: threshold"),
         None if roi is None else (round(roi[0]), round(roi[1]), round(roi[2]), round(roi[3])),
+        colonies,
     )
 
 

@@ -9,7 +9,7 @@ from collections.abc import Iterable
 from typing import Literal
 
 from yeastfit.errors import InputError
-from yeastfit.measure.statistics import filaments, fractal, nodes, shape, spatial_indices
+from yeastfit.measure.statistics import colonies, filaments, fractal, nodes, shape, spatial_indices
 from yeastfit.measure.statistics.statistic import Form, Statistic
 
 Estimator = Literal["smooth", "mask"]
@@ -52,7 +52,7 @@ def register_statistic(statistic: Statistic) -> None:
     STATISTICS[name] = statistic
 
 
-for _topic in (shape, fractal, filaments, spatial_indices, nodes):
+for _topic in (shape, colonies, fractal, filaments, spatial_indices, nodes):
     for _entry in _topic.ENTRIES:
         register_statistic(_entry)
 _OWN = frozenset(STATISTICS)

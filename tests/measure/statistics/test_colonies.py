@@ -1,0 +1,59 @@
+"""Statistics of images that show several colonies."""
+
+import numpy as np
+import pytest
+from shapes import disc
+
+from yeastfit.errors import InputError
+from yeastfit.measure import measure_mask
+from yeastfit.measure.outlining.segmentation import segment
+
+NAMES = ("object_count", "largest_share", "largest_area", "largest_compactness", "largest_radius")
+
+
+def test_the_largest_of_several_objects_is_measured_by_itself() -> None:
+    """A disc beside a square, a bar and a pixel: as the disc alone; and all of them together differ."""
+    alone = np.asarray(disc(20), dtype=bool)
+    beside = np.pad(alone, ((5, 40), (30, 60)))
+    beside[-30:-10, -30:-10] = True
+    beside[-5:-2, 3:30] = True
+    beside[2, 2] = True
+    both = measure_mask(beside, 0.5)
+    own = measure_mask(alone, 0.5)
+    assert both.object_count == 4
+    assert both.largest_share == pytest.approx(alone.sum() / beside.sum())
+    assert (both.largest_area, both.largest_radius) == pytest.approx((own.area, own.radius))
+    assert both.largest_compactness == pytest.approx(own.compactness)
+    assert both.compactness > 1.5 * own.compactness
+    # of one object the largest is all
+    assert [own[name] for name in NAMES] == [1, 1.0, own.area, own.compactness, own.radius]
+
+
+def photograph() -> np.ndarray:
+    """Two dark discs, a speck, and one disc cut by the border, on a bright background with noise."""
+    y, x = np.mgrid[:160, :200]
+    image = np.random.default_rng(0).normal(180, 1.5, (160, 200))
+    for row, column, radius in ((60, 60, 25), (110, 130, 16), (20, 150, 2.5), (159, 20, 12)):
+        image[np.hypot(y - row, x - column) <= radius] -= 60
+    return np.asarray(np.clip(image, 0, 255), dtype=np.uint8)
+
+
+def test_all_colonies_of_a_photograph_are_outlined_if_asked_for() -> None:
+    """One by default; all but dust and what the border cuts; a seed point means one."""
+    image = photograph()
+    one, both = segment(image), segment(image, colonies="all")
+    areas = [np.pi * radius**2 for radius in (25, 16)]
+    assert measure_mask(one.mask).object_count == 1
+    found = measure_mask(both.mask)
+    assert found.object_count == 2
+    assert found.area == pytest.approx(sum(areas), rel=0.05)
+    assert found.largest_area == pytest.approx(areas[0], rel=0.05)
+    assert "an object at the border is left out" in both.warnings
+    np.testing.assert_array_equal(segment(image, colonies="one").mask, one.mask)
+    mask = np.where(both.mask, 255, 0).astype(np.uint8)
+    assert measure_mask(segment(mask).mask).object_count == 2
+    assert measure_mask(segment(mask, colonies="one").mask).object_count == 1
+    with pytest.raises(InputError, match=r"colonies is 'all' and seed_point .* means one: leave out either"):
+        segment(image, colonies="all", seed_point=(60, 60))
+    with pytest.raises(InputError, match="colonies is 'some', it must be one or all"):
+        segment(image, colonies="some")
