@@ -26,6 +26,7 @@ class ColonyCurves(eqx.Module):
     """Curves of chosen statistics at chosen steps, of every member of an ensemble with given keys.
 
     A member's values are its curves, statistic by statistic, and then which of `PROBLEMS` it ran into, 0 or 1 each.
+    `block` members run together; no value depends on it.
     """
 
     names: tuple[str, ...] = eqx.field(static=True)
@@ -34,6 +35,7 @@ class ColonyCurves(eqx.Module):
     relaxation: Relaxation
     schedule: Schedule
     model: Model = Model()
+    block: int = eqx.field(static=True, default=BLOCK)
 
     def grown(self, z: Float[Array, " parameter"], key: Array) -> tuple[Colony, dict[str, Array]]:
         """One colony at the end, and what was observed. z: log λ of all the model's parameters, in order."""
@@ -51,7 +53,7 @@ class ColonyCurves(eqx.Module):
     def members(self, z: Float[Array, "*member parameter"], keys: Array) -> Float[Array, "member value"]:
         """All members, with one z for all or one for each. Statistics of masks are taken on the host."""
         run = _masked if isinstance(self.observe, HardStatistics) else _members
-        return jnp.concatenate([run(self, *block)[:size] for *block, size in _blocks(z, keys, BLOCK)])
+        return jnp.concatenate([run(self, *block)[:size] for *block, size in _blocks(z, keys, self.block)])
 
     def members_with_tangents(
         self, z: Float[Array, " parameter"], keys: Array

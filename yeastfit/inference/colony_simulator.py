@@ -6,8 +6,9 @@ that could be born by the last time.
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, fields, replace
 from operator import itemgetter
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -19,18 +20,22 @@ from yeastfit.inference.colony_curves import ColonyCurves
 from yeastfit.inference.simulator import Rows, Seeds, Values, once
 from yeastfit.inference.targets import Targets
 from yeastfit.measure.statistics.model_as_mask import HardStatistics, mask_of
+from yeastfit.measure.statistics.polar import Polar
+from yeastfit.measure.statistics.registry import STATISTICS
 from yeastfit.measure.statistics.smooth_statistics import SmoothStatistics
 from yeastfit.memory import check_memory
 from yeastfit.model.colony import PROBLEMS
-from yeastfit.model.model import Model
+from yeastfit.model.model import RULES, Model
 from yeastfit.model.numerics import POINT, STEPS, Numerics, most_nodes
 from yeastfit.model.parameters import PARAMETERS, Parameters
-from yeastfit.model.relaxation import HARD
+from yeastfit.model.relaxation import HARD, Relaxation
+from yeastfit.model.simulate import Schedule
 from yeastfit.numbers import POSITIVE
 from yeastfit.observable import Observable
 from yeastfit.parameter_set import ParameterSet
 from yeastfit.seeds import keys_of
 from yeastfit.simulation.simulate import member_keys, schedule_of, simulate
+from yeastfit.specification import Specification, found_at, module_outside, path_of
 
 DEFAULT_FREE = ("mobility", "metabolic_rate", "aspect_ratio")
 MOST_NODES = 4096  # capacity, where colonies could in theory grow to more
@@ -136,6 +141,37 @@ class ColonySimulator:
         rows = found[:, : -len(PROBLEMS)][:, self.measured]
         return np.where(np.isfinite(rows).all(axis=1, keepdims=True), rows, np.nan)
 
+    def in_blocks_of(self, rows: int) -> "ColonySimulator":
+        """The same, for calls with so many rows: fewer than `BLOCK` are not filled up. No value depends on it."""
+        return replace(self, curves=replace(self.curves, block=rows))
+
+    @property
+    def specification(self) -> Specification:
+        """How other processes make the same simulator.
+
+        Raises:
+            InputError: A rule or a statistic is defined where others cannot import it.
+        """
+        curves, observe = self.curves, self.curves.observe
+        rules = [type(part) for part in curves.model.parts if module_outside(type(part))]
+        entries = [STATISTICS[one] for one in curves.names]
+        forms = (form for one in entries for form in (one.smooth, one.mask, one.nodes) if form)
+        arguments = {
+            "free": self.parameters.names,
+            "fixed": self.fixed,
+            "observables": [(one.statistic, one.time) for one in self.observables],
+            "measured": self.measured,
+            "names": curves.names,
+            "numerics": asdict(curves.numerics),
+            "observe": {"hard": isinstance(observe, HardStatistics)} | _plain_fields(observe),
+            "relaxation": _plain_fields(curves.relaxation),
+            "schedule": _plain_fields(curves.schedule),
+            "model": curves.model.asdict(),
+            "rules": [path_of(rule) for rule in rules],
+        }
+        imports = dict.fromkeys(module for thing in (*rules, *forms) for module in module_outside(thing))
+        return Specification(path_of(colony_simulator_of), arguments, tuple(imports))
+
     def logarithms(self, values: Values) -> np.ndarray:
         """Log λ of all the model's parameters [row, parameter], the free ones from the rows."""
         names = self.curves.model.parameters.names
@@ -164,6 +200,47 @@ class ColonySimulator:
     def _count(self, values: np.ndarray) -> None:
         met = values[:, -len(PROBLEMS) :].sum(axis=0).astype(int).tolist()
         self.problems.update({PROBLEMS[name]: count for name, count in zip(PROBLEMS, met, strict=True) if count})
+
+
+def colony_simulator_of(
+    *,
+    free: Sequence[str],
+    fixed: Mapping[str, float],
+    observables: Sequence[tuple[str, float]],
+    measured: Sequence[bool],
+    names: Sequence[str],
+    numerics: Mapping[str, Any],
+    observe: Mapping[str, Any],
+    relaxation: Mapping[str, Any],
+    schedule: Mapping[str, Any],
+    model: Mapping[str, Any],
+    rules: Sequence[str],
+) -> ColonySimulator:
+    """The simulator of a `ColonySimulator.specification`, whose arguments are plain data."""
+    for rule in map(found_at, rules):
+        RULES[rule.question].setdefault(rule.name, rule)
+    seen: dict[str, Any] = {**observe, "statistics": tuple(observe["statistics"])}
+    hard = seen.pop("hard")
+    if seen.get("polar"):
+        seen["polar"] = Polar(**seen["polar"])
+    curves = ColonyCurves(
+        tuple(names),
+        Numerics(**numerics),
+        HardStatistics(**seen) if hard else SmoothStatistics(**seen),
+        Relaxation(**relaxation),
+        Schedule(jnp.asarray(schedule["steps"]), schedule["longest"]),
+        Model.of(model),
+    )
+    columns = tuple(Observable(*one) for one in observables)
+    chosen = curves.model.parameters.subset(free)
+    return ColonySimulator(chosen, dict(fixed), columns, curves, np.array(measured, dtype=bool))
+
+
+def _plain_fields(module: Any) -> dict[str, Any]:
+    """Fields of an equinox module as plain data; arrays of one number become that number, bit by bit."""
+    found = {each.name: getattr(module, each.name) for each in fields(module)}
+    found = {name: asdict(one) if isinstance(one, Polar) else one for name, one in found.items()}
+    return {name: np.asarray(one).tolist() if isinstance(one, jax.Array) else one for name, one in found.items()}
 
 
 def parameter_values(given: Mapping[str, float] | None, known: ParameterSet = PARAMETERS) -> dict[str, float]:

@@ -6,8 +6,8 @@ area: colonies are compared at one size.
 
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import Protocol
+from dataclasses import dataclass, field, replace
+from typing import Any, Protocol
 
 import numpy as np
 from jaxtyping import Bool, Float, Shaped
@@ -24,6 +24,7 @@ from yeastfit.offlattice.li2024_statistics import ENTRIES
 from yeastfit.offlattice.parameters import PARAMETERS, rates_of
 from yeastfit.offlattice.status import Status
 from yeastfit.parameter_set import ParameterSet
+from yeastfit.specification import Specification, described, module_outside, path_of, undescribed
 
 
 class Picture(Protocol):
@@ -122,6 +123,28 @@ class OfflatticeSimulator:
         self.problems.update(problem for _, problem in found.values() if problem)
         return np.array([found[job][0] for job in jobs]).reshape(len(jobs), len(self.observables))
 
+    @property
+    def specification(self) -> Specification:
+        """How other processes make the same simulator, on one thread.
+
+        Raises:
+            InputError: Masks are drawn or matched by a function that others cannot import.
+        """
+        arguments = {
+            "observables": [(one.statistic, one.time) for one in self.observables],
+            "cells": self.cells,
+            "area": self.area,
+            "free": self.parameters.names,
+            "fixed": dict(self.fixed),
+            "draw": described(self.draw),
+            "match": described(self.match),
+            "delay": self.delay,
+            "most_attempts": self.most_attempts,
+        }
+        registered = [STATISTICS[one.statistic] for one in self.observables if one.statistic in STATISTICS]
+        imports = dict.fromkeys(module for one in registered if one.mask for module in module_outside(one.mask))
+        return Specification(path_of(offlattice_simulator_of), arguments, tuple(imports))
+
     def colony(self, values: Sequence[float], seed: int) -> OfflatticeColony:
         """The colony of one row."""
         rates = rates_of({**self.fixed, **dict(zip(self.parameters.names, values, strict=True))})
@@ -145,6 +168,20 @@ class OfflatticeSimulator:
         pixels, entries = Pixels.of(mask), known_statistics()
         chosen = [entries[one.statistic] for one in self.observables]
         return [one.mask(pixels) * pixel_size**one.unit_power for one in chosen if one.mask], problem
+
+
+def offlattice_simulator_of(
+    *,
+    observables: Sequence[tuple[str, float]],
+    draw: Mapping[str, Any],
+    match: Mapping[str, Any],
+    **settings: Any,
+) -> OfflatticeSimulator:
+    """The simulator of an `OfflatticeSimulator.specification`, whose arguments are plain data."""
+    columns = tuple(Observable(*one) for one in observables)
+    functions = {"draw": undescribed(draw), "match": undescribed(match)}
+    names = tuple(one.statistic for one in columns)
+    return replace(OfflatticeSimulator.of(names, threads=1, **functions, **settings), observables=columns)
 
 
 def known_statistics() -> dict[str, Statistic]:

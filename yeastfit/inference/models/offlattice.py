@@ -6,6 +6,7 @@ cover the mean area of the data.
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
@@ -25,7 +26,6 @@ from yeastfit.inference.targets_from_table import checked_rows, read_mask
 from yeastfit.numbers import PIXEL_SIZES, POSITIVE, Range
 from yeastfit.offlattice.parameters import PARAMETERS, PRIOR
 from yeastfit.parameter_set import ParameterSet
-from yeastfit.progress import Progress
 
 if TYPE_CHECKING:
     from yeastfit.offlattice.simulation import OfflatticeSimulation
@@ -157,15 +157,13 @@ class Offlattice(ForwardModel):
         seen = [simulator.seen(colony) for colony in colonies]
         return [mask for mask, _, _ in seen], seen[0][1]
 
-    def sensitivity(
-        self, statistics: Sequence[str], values: Mapping[str, float], *, runs: int, seed: int, progress: Progress
-    ) -> Sensitivity:
+    def sensitivity(self, statistics: Sequence[str], values: Mapping[str, float], **how: Any) -> Sensitivity:
         """By regression along all parameters above 0."""
         at = {**PARAMETERS.defaults, **values}
         free = [name for name, value in at.items() if value > 0]
         held = {name: value for name, value in at.items() if value == 0}
         simulator, moved = self._simulator(statistics, free, held), {name: at[name] for name in free}
-        return estimate_sensitivity(simulator=simulator, at=moved, runs=runs, seed=seed, progress=progress)
+        return estimate_sensitivity(simulator=simulator, at=moved, **how)
 
     def grow(self, values: Mapping[str, float], members: int, seed: int) -> "OfflatticeSimulation":
         """Colonies, seen after every so many cells."""
@@ -197,7 +195,7 @@ class Offlattice(ForwardModel):
         if (self.masks or (THEIRS if theirs else "ellipses")) == THEIRS:
             return BinnedOutlines.of, 1 / PIXELS_PER_UM
         pixel = self.pixel_size or PIXEL
-        return lambda colony: Ellipses.of(colony, pixel), pixel
+        return partial(Ellipses.of, pixel_size=pixel), pixel
 
 
 def _expanded(name: str, published: tuple[str, ...]) -> tuple[str, ...]:
