@@ -36,6 +36,7 @@ from .inference.sensitivity.pathwise import robust_mean
 from .inference.sensitivity.result import Sensitivity
 from .inference.simulator import Simulator
 from .inference.targets import Targets
+from .inference.workers.spread import Spread, Workers
 from .measure.measure_images import measure_dataset, measure_file
 from .measure.reading.dataset import Dataset, read_dataset
 from .measure.statistics.registry import STATISTICS, register_statistic
@@ -67,6 +68,7 @@ from .processors import available_processors
 from .simulation.recipe import read_truth
 from .simulation.result import Simulation
 from .simulation.simulate import member_keys, simulate
+from .specification import Specification
 
 __version__: str
 __all__ = [
@@ -124,12 +126,15 @@ __all__ = [
     "Simulation",
     "SimulationError",
     "Simulator",
+    "Specification",
+    "Spread",
     "SpringRule",
     "Statistic",
     "Status",
     "Store",
     "Targets",
     "UptakeRule",
+    "Workers",
     "available_processors",
     "calibrate",
     "check_derivatives",

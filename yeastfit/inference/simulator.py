@@ -6,12 +6,14 @@ attributes are read where they exist:
     fixed      values of parameters that are held, by name: for tables
     names      all parameters, free and held, in the order of tables
     problems   how often simulations ran into what, in words: for warnings (a `collections.Counter`)
+    specification   how other processes make the same simulator (a `Specification`): for workers
+    blocks     rows in blocks, each as soon as it is there, with the arguments of `rows_in_blocks`: for stores
 
 Wrappers count what is simulated, average replicates and add errors of measurement.
 """
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 from typing import Any, Protocol, runtime_checkable
@@ -91,6 +93,11 @@ class Wrapper:
         return self.simulator(values, seeds)
 
 
+def inside(simulator: Simulator) -> Simulator:
+    """What is inside all wrappers."""
+    return inside(simulator.simulator) if isinstance(simulator, Wrapper) else simulator
+
+
 @dataclass
 class Tally:
     """How many different simulations were asked for. A batch may be filled up with copies, which do not count."""
@@ -142,6 +149,32 @@ class Mismeasured(Wrapper):
         streams = [np.random.default_rng(stream_of(int(seed), Stream.ERRORS, 0)) for seed in seeds]
         normal = np.array([stream.standard_normal(len(self.root)) for stream in streams])
         return self.simulator(values, seeds) + normal.reshape(len(seeds), -1) @ self.root.T
+
+
+def rows_in_blocks(simulator: Simulator, values: Values, seeds: Seeds, size: int) -> Iterator[Rows]:
+    """Rows block by block, in their order, each as soon as it is there.
+
+    Arguments:
+        simulator: One that has its own `blocks` decides over their size.
+        values: Of all rows.
+        seeds: Likewise.
+        size: Of every call of any other simulator: the last block is filled up with copies of its first row.
+
+    Raises:
+        InputError: The simulator gives arrays of another shape.
+    """
+    own: Any = getattr(simulator, "blocks", None)
+    if own is not None:
+        yield from own(values, seeds, size)
+        return
+    width = len(simulator.observables)
+    for start in range(0, len(seeds), size):
+        rows = np.arange(start, min(start + size, len(seeds)))
+        padded = np.concatenate([rows, np.full(size - len(rows), start)])
+        found = np.asarray(simulator(values[padded], seeds[padded]), dtype=float)
+        if found.shape != (size, width):
+            raise InputError(f"simulator gave shape {found.shape}, expected {(size, width)}")
+        yield found[: len(rows)]
 
 
 def labels_of(simulator: Simulator) -> tuple[str, ...]:

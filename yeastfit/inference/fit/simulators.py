@@ -5,7 +5,7 @@ from typing import Any
 
 from yeastfit.errors import InputError
 from yeastfit.inference.colony_simulator import ColonySimulator, Resolution
-from yeastfit.inference.simulator import Simulator
+from yeastfit.inference.simulator import Simulator, inside
 from yeastfit.inference.targets import Targets
 from yeastfit.model.model import Model
 from yeastfit.parameter_set import ParameterSet
@@ -53,6 +53,7 @@ def colonies_in(coarse: Simulators, fine: Simulators) -> tuple[tuple[Resolution,
 
     Resolutions are None where the simulators are of something else, or not alike in all conditions.
     """
+    coarse, fine = ({name: inside(one) for name, one in each.items()} for each in (coarse, fine))
     colonies = [one for one in (*coarse.values(), *fine.values()) if isinstance(one, ColonySimulator)]
     resolutions = [{getattr(one, "resolution", None) for one in each.values()} for each in (coarse, fine)]
     rules = [one.curves.model.asdict() for one in colonies]

@@ -4,13 +4,14 @@ import numpy as np
 
 from yeastfit.errors import InputError
 from yeastfit.inference.posterior.simulations import Simulations
-from yeastfit.inference.simulator import Rows, Seeds, Simulator, Values, labels_of
+from yeastfit.inference.simulator import Rows, Seeds, Simulator, Values, labels_of, rows_in_blocks
 
 
 class CachedSimulator:
     """A simulator whose results are kept, called with batches of one size only.
 
-    Batches of one size compile once. A smaller one is filled up with copies of its first row.
+    Batches of one size compile once. A smaller one is filled up with copies of its first row. A simulator that gives
+    its rows in blocks (`rows_in_blocks`) is asked for all that are missing at once; each block is kept when it comes.
 
     Attributes:
         batch: Rows of every call.
@@ -38,15 +39,11 @@ class CachedSimulator:
     def __call__(self, values: Values, seeds: Seeds) -> Rows:
         """As the simulator's own, for any number of rows."""
         stored, statistics = self.store.find(values, seeds)
-        missing = np.flatnonzero(~stored)
-        for start in range(0, len(missing), self.batch):
-            rows = missing[start : start + self.batch]
-            padded = np.concatenate([rows, np.full(self.batch - len(rows), rows[0])])
-            simulated = np.asarray(self.simulator(values[padded], seeds[padded]), dtype=float)
-            if simulated.shape != (self.batch, len(self.labels)):
-                raise InputError(f"simulator gave shape {simulated.shape}, expected {(self.batch, len(self.labels))}")
-            statistics[rows] = simulated[: len(rows)]
-            self.store.append(values[rows], seeds[rows], statistics[rows])
+        missing, start = np.flatnonzero(~stored), 0
+        for found in rows_in_blocks(self.simulator, values[missing], seeds[missing], self.batch):
+            rows = missing[start : start + len(found)]
+            statistics[rows], start = found, start + len(found)
+            self.store.append(values[rows], seeds[rows], found)
         self.asked += len(seeds)
         self.fresh += len(missing)
         return statistics

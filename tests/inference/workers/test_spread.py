@@ -1,0 +1,223 @@
+"""Rows by workers that finish in random order, fail, die and hang are the serial rows, bit by bit and in order."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from scattered_crew import MINE, Scattered, other_jaxlib
+from wobble import Wobble, proposed
+
+from yeastfit import CachedSimulator, InputError, Prior, SimulationError, Store, infer
+from yeastfit.inference.simulator import Replicates, Simulator, labels_of
+from yeastfit.inference.workers import dispatch, spread
+from yeastfit.inference.workers.dispatch import Patience
+from yeastfit.inference.workers.spread import Spread, Workers
+
+NEVER = Patience(tries=10**6, retry=0.0)
+ROWS = 203
+
+
+@pytest.fixture(autouse=True)
+def same_arithmetic(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(spread.Arithmetic, "of_this_process", staticmethod(lambda: MINE))
+
+
+def by(crew: Scattered, simulator: Simulator | None = None, **more: Any) -> tuple[Spread, list[str]]:
+    said = list[str]()
+    return Spread(simulator or Wobble(), crew, **{"say": said.append, "patience": NEVER, **more}), said
+
+
+def bits(rows: np.ndarray) -> bytes:
+    return np.ascontiguousarray(rows).tobytes()
+
+
+@pytest.mark.parametrize("workers", [1, 2, 3, 40])
+def test_rows_are_the_serial_ones_whatever_happens(workers: int) -> None:
+    """Until there have been ten deaths of workers and three of the scheduler."""
+    deaths = losses = wave = unordered = 0
+    while deaths < 10 or losses < 3:
+        values, seeds = proposed(ROWS, wave)
+        serial = Wobble()
+        expected = serial(values, seeds)
+        crew = Scattered(workers, wave, failing=0.1, dying=0.1, losing=0.02)
+        found, said = by(crew)
+        assert bits(found(values, seeds)) == bits(expected)
+        assert found.problems == serial.problems
+        assert bool(crew.deaths + crew.losses) == any("gone" in line for line in said)
+        unordered += crew.order != sorted(crew.order)
+        deaths, losses, wave = deaths + crew.deaths, losses + crew.losses, wave + 1
+    assert unordered or workers == 1
+
+
+def test_admitted_workers_stay_so_from_wave_to_wave() -> None:
+    crew = Scattered(3, 0)
+    found, said = by(crew)
+    for wave in range(3):
+        values, seeds = proposed(ROWS, wave)
+        assert bits(found(values, seeds)) == bits(Wobble()(values, seeds))
+    assert crew.tickets == len(crew.requests) + 3
+    assert len(said) == 1
+
+
+def test_blocks_do_not_depend_on_the_number_of_workers() -> None:
+    values, seeds = proposed(ROWS)
+    asked = []
+    for workers in (1, 5):
+        crew = Scattered(workers, 4)
+        by(crew)[0](values, seeds)
+        asked.append(sorted(crew.requests))
+    assert asked[0] == asked[1]
+    assert {len(one) for one in asked[0][:-1]} <= {8, ROWS % 8}
+    assert sum(map(len, asked[0])) == ROWS - 2 * 8  # the first two are simulated here
+
+
+def stored(path: Path, simulator: Any, waves: int, batch: int = 32) -> CachedSimulator:
+    with Store(path, ("a", "b"), labels_of(Wobble())) as store:
+        cached = CachedSimulator(simulator, batch, store)
+        for wave in range(waves):
+            cached(*proposed(ROWS, wave))
+    return cached
+
+
+def test_a_store_has_the_same_bytes(tmp_path: Path) -> None:
+    stored(tmp_path / "serial.h5", Wobble(), 3)
+    stored(tmp_path / "spread.h5", by(Scattered(3, 1, failing=0.1, dying=0.1, losing=0.01))[0], 3)
+    assert (tmp_path / "serial.h5").read_bytes() == (tmp_path / "spread.h5").read_bytes()
+
+
+def test_what_is_in_the_store_is_not_asked_for_again(tmp_path: Path) -> None:
+    """A run of two workers ends in its middle, for want of workers; one of ten goes on."""
+    stored(tmp_path / "serial.h5", Wobble(), 2)
+    crew = Scattered(2, 5)
+    one, _ = by(crew, patience=Patience(alone=0.0, retry=0.0))
+    values, seeds = proposed(ROWS)
+    with Store(tmp_path / "run.h5", ("a", "b"), labels_of(Wobble())) as store:
+        cached, held = CachedSimulator(one, 32, store), one.blocks
+
+        def ending(values: np.ndarray, seeds: np.ndarray, size: int) -> Any:
+            for number, rows in enumerate(held(values, seeds, size)):
+                if number == 9:
+                    crew.count, crew.away = 0, 10**6
+                    crew.losing = 1.0
+                yield rows
+
+        object.__setattr__(one, "blocks", ending)
+        with pytest.raises(SimulationError, match="repeat the run to go on"):
+            cached(values, seeds)
+        kept = {int(seed) for seed in store.all()[1]}
+    assert 9 * 8 <= len(kept) < ROWS
+    later = Scattered(10, 6)
+    stored(tmp_path / "run.h5", by(later)[0], 2)
+    assert not kept & {seed for request in later.requests for seed in request}
+    assert (tmp_path / "serial.h5").read_bytes() == (tmp_path / "run.h5").read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("method", "settings"),
+    [
+        ("abc-mcmc", {"steps": 20, "walkers": 16, "pilot": 64, "replicates": 2}),
+        ("abc-smc", {"population": 32, "simulations": 600, "pilot": 64, "populations": 3}),
+    ],
+)
+def test_posteriors_are_the_same_to_the_last_draw(method: str, settings: dict[str, Any]) -> None:
+    prior = Prior.of({name: {"distribution": "log-uniform", "low": 0.2, "high": 5.0} for name in ("a", "b")})
+
+    def posterior(simulator: Any) -> Any:
+        return infer(simulator, prior, [2.0, 3.0, 4.0], method=method, seed=2, **settings)
+
+    serial, found = posterior(Wobble()), posterior(by(Scattered(3, 2, failing=0.05, dying=0.05))[0])
+    assert bits(found.values) == bits(serial.values)
+    assert bits(found.weights) == bits(serial.weights)
+    assert found.simulations == serial.simulations
+
+
+def test_a_block_that_fails_three_times_ends_the_run() -> None:
+    values, seeds = proposed(ROWS)
+    simulator = Wobble(fails=int(seeds[50]))
+    found, said = by(Scattered(2, 0), simulator, patience=Patience())
+    rows = list[np.ndarray]()
+    with pytest.raises(SimulationError, match=r"3 times 8 simulations .* out of order") as raised:
+        rows.extend(found.blocks(values, seeds))
+    assert len([line for line in said if "given to another" in line]) == 2
+    assert f"seed {int(seeds[48])}" in str(raised.value)
+    assert bits(np.concatenate(rows)) == bits(Wobble()(values[:48], seeds[:48]))  # what came before was handed on
+
+
+def test_workers_that_hang_are_asked_no_more(monkeypatch: pytest.MonkeyPatch) -> None:
+    clock = iter(np.arange(0.0, 1e6, 0.5))
+    monkeypatch.setattr(dispatch.time, "monotonic", lambda: next(clock))
+    values, seeds = proposed(ROWS)
+    crew = Scattered(4, 1, hanging=("w1:1", "w3:1"))
+    found, said = by(crew)
+    assert bits(found(values, seeds)) == bits(Wobble()(values, seeds))
+    assert sum("has not answered" in line for line in said) == 2
+
+
+def test_other_arithmetic_is_refused_by_name() -> None:
+    values, seeds = proposed(ROWS)
+    expected = Wobble()(values, seeds)
+    crew = Scattered(3, 0, others={"w1:1": other_jaxlib()}, shift={"w2:1": 1e-15})
+    found, said = by(crew)
+    assert bits(found(values, seeds)) == bits(expected)
+    assert any("w1:1 is refused: jaxlib 0.0.1 instead of 1.0" in line for line in said)
+    assert any("w2:1 is refused: its processor" in line and "instead of" in line for line in said)
+    assert found.status.startswith("1 worker,")
+
+
+def test_other_arithmetic_is_accepted_where_it_is_asked_for() -> None:
+    values, seeds = proposed(ROWS)
+    found, _ = by(Scattered(1, 0, shift={"w0:1": 1e-12}), mixed=True)
+    rows, expected = found(values, seeds), Wobble()(values, seeds)
+    np.testing.assert_allclose(rows, expected, rtol=1e-6)
+    assert bits(rows) != bits(expected)
+    assert len(found.unlike) == 1
+
+
+def test_no_worker_is_left() -> None:
+    values, seeds = proposed(ROWS)
+    refused, _ = by(Scattered(2, 0, others={"w0:1": other_jaxlib(), "w1:1": other_jaxlib()}))
+    with pytest.raises(SimulationError, match=r"all 2 workers at nowhere were refused .*--mixed-arithmetic"):
+        refused(values, seeds)
+    nobody, _ = by(Scattered(0), patience=Patience(alone=0.0))
+    with pytest.raises(SimulationError, match="there has been no worker at nowhere"):
+        nobody(values, seeds)
+    gone, said = by(Scattered(2, 0, losing=1.0, away=9), patience=Patience(alone=0.0, retry=0.0))
+    with pytest.raises(SimulationError, match="the scheduler at nowhere has been gone"):
+        gone(values, seeds)
+    assert any("trying to reach it" in line for line in said)
+
+
+def test_what_is_to_be_gained_is_said_before_the_first_block() -> None:
+    crew = Scattered(4, 0)
+    found, said = by(crew)
+    list(found.blocks(*proposed(3 * 8)))
+    assert said[0].startswith("4 workers, blocks of 8: one takes 0.01 s on a worker")
+    assert said[0].endswith("times as fast is expected")
+
+
+@pytest.mark.parametrize("rows", [0, 1, 8, 9, 16])
+def test_small_waves(rows: int) -> None:
+    found, _ = by(Scattered(2, 0))
+    for wave in range(2):
+        values, seeds = proposed(rows, wave)
+        simulator = Wobble()
+        assert bits(found(values, seeds)) == bits(simulator(values, seeds).reshape(rows, 3))
+
+
+@pytest.mark.parametrize(
+    ("wrong", "words"),
+    [
+        (lambda: Workers(), "need one of the two"),
+        (lambda: Workers(2, "tcp://here:1"), "need one of the two"),
+        (lambda: Workers(0), "processes is 0"),
+        (lambda: Workers(2, block=0), "block is 0"),
+        (lambda: Workers(10**9), "memory"),
+        (lambda: Workers(2).spread(Wobble()), "not open"),
+        (lambda: by(Scattered(1), Replicates(Wobble(), 2)), "no `specification`"),
+    ],
+)
+def test_bad_input(wrong: Callable[[], Any], words: str) -> None:
+    with pytest.raises(InputError, match=words):
+        wrong()
