@@ -1,5 +1,6 @@
 """`yeastfit design`: which measurement would reduce the errors of the parameters most."""
 
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -7,6 +8,7 @@ import typer
 
 from yeastfit.commands.generated.model import ChosenModel, Free, ModelOptions, Statistics
 from yeastfit.commands.generated.options import flag_of, generated
+from yeastfit.commands.generated.workers import WorkerOptions, paced
 from yeastfit.commands.options import Out, Overwrite, Seed, names_in, numbers_in
 from yeastfit.commands.terminal import out, shown_progress, warn
 from yeastfit.errors import InputError
@@ -14,6 +16,7 @@ from yeastfit.inference.information.design import check_arguments
 from yeastfit.inference.information.design import design as make_design
 from yeastfit.inference.information.identifiability import percent
 from yeastfit.inference.sensitivity.result import Sensitivity
+from yeastfit.inference.workers.spread import Workers
 from yeastfit.report.design_files import write_design
 from yeastfit.results_contents import check_finished
 from yeastfit.results_folder import results_folder
@@ -21,7 +24,7 @@ from yeastfit.results_folder import results_folder
 RUNS = 256
 
 
-@generated(chosen=ModelOptions("design"))
+@generated(chosen=ModelOptions("design"), workers=WorkerOptions())
 def design(
     folder: Out,
     free: Free = None,
@@ -74,6 +77,7 @@ def design(
     seed: Seed = 0,
     *,
     chosen: ChosenModel,
+    workers: Workers | None,
 ) -> None:
     """Find the measurement that would reduce the errors of the parameters most.
 
@@ -84,6 +88,7 @@ def design(
     """
     if sensitivity:
         others = {"statistics": statistics is not None, "runs": runs != RUNS, "seed": seed != 0}
+        others |= {"workers": workers is not None}
         given = (*chosen.given, *(name for name, one in others.items() if one))
         if given:
             said = f"{flag_of(given[0])} is given beside --sensitivity, but {sensitivity} says it"
@@ -105,15 +110,19 @@ def design(
     names = chosen.forward.statistics_named(names_in(statistics) or chosen.forward.designed)
     with results_folder(folder, "design", reads=inputs, overwrite=overwrite) as results:
         if earlier is None:
-            with shown_progress("growing colonies") as progress:
-                found = chosen.forward.sensitivity(names, chosen.values, runs=runs, seed=seed, progress=progress)
+            with shown_progress("growing colonies") as progress, workers or nullcontext():
+                how_far: dict[str, Any] = {} if workers is None else {"elsewhere": workers.spread}
+                how_far["progress"] = paced(progress, workers, chosen.forward.nouns[1])
+                found = chosen.forward.sensitivity(names, chosen.values, runs=runs, seed=seed, **how_far)
             found.save(results.partial / "sensitivity.json")
         else:
             found = earlier
         result = make_design(found, free=names_in(free) or chosen.forward.fitted, **known)
-        configuration = {**how, "parameters": found.at, "free": result.free, **known}
         write_design(results.partial, result, chosen.forward, found, {**how, "free": result.free, **known})
-        results.finish(seed=found.seed, inputs=inputs, configuration=configuration)
+        more: dict[str, Any] = {"configuration": {**how, "parameters": found.at, "free": result.free, **known}}
+        if workers is not None:
+            more["workers"] = workers.asdict()
+        results.finish(seed=found.seed, inputs=inputs, **more)
     warn(list(found.warnings))
     warn(result.before.sentences())
     values_used = ", ".join(f"{name} {value:g}" for name, value in found.at.items())

@@ -1,6 +1,7 @@
 """`yeastfit fit`: fit the model's parameters to measured curves."""
 
 from collections.abc import Mapping, Sequence
+from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
@@ -11,6 +12,7 @@ from rich.table import Table
 
 from yeastfit.commands.generated.model import ChosenModel, Free, ModelOptions, Statistics
 from yeastfit.commands.generated.options import generated
+from yeastfit.commands.generated.workers import WorkerOptions, paced
 from yeastfit.commands.measured_source import Measurements, check_source, measure_source, truth_of
 from yeastfit.commands.options import (
     Jobs,
@@ -31,6 +33,7 @@ from yeastfit.inference.fit.result import Fit
 from yeastfit.inference.fit.settings import FitSettings
 from yeastfit.inference.models.forward_model import ForwardModel
 from yeastfit.inference.simulator import Simulator
+from yeastfit.inference.workers.spread import Workers
 from yeastfit.processors import available_processors
 from yeastfit.report.fit_files import write_bootstrap, write_fit, write_profiles, write_targets
 from yeastfit.report.fit_page import fit_page
@@ -42,7 +45,7 @@ from yeastfit.storage import versions, written_whole
 MANY_AT_EDGE = 0.02  # of bootstrap draws: from where intervals are visibly too narrow
 
 
-@generated(chosen=ModelOptions("fit"))
+@generated(chosen=ModelOptions("fit"), workers=WorkerOptions())
 def fit(
     source: Annotated[
         Path, typer.Argument(help="A data set, or measurements.csv of `yeastfit measure`.", show_default=False)
@@ -103,6 +106,7 @@ def fit(
     seed: Seed = 0,
     *,
     chosen: ChosenModel,
+    workers: Workers | None,
 ) -> None:
     """Fit the model's parameters to the colonies of a data set, with standard errors.
 
@@ -134,13 +138,19 @@ def fit(
         coarse, fine = (dict(zip(targets, each, strict=True)) for each in zip(*both, strict=True))
         if measurement_error is None:
             settings = replace(settings, measurement_error=model.measurement_errors(next(iter(targets.values())), None))
-        with shown_progress("fitting") as progress:
-            result = run_fit(targets, coarse, fine=fine, seed=seed, settings=settings, progress=progress, **options)
-        write_fit(results.partial, result, known)
-        lines = _explored(results.partial, result, bootstrap, profile, coarse, fine)
+        with workers or nullcontext():
+            if workers is not None:
+                coarse, fine = ({name: workers.spread(one) for name, one in each.items()} for each in (coarse, fine))
+            with shown_progress("fitting") as shown:
+                progress = paced(shown, workers, model.nouns[1])
+                result = run_fit(targets, coarse, fine=fine, seed=seed, settings=settings, progress=progress, **options)
+            write_fit(results.partial, result, known)
+            lines = _explored(results.partial, result, bootstrap, profile, coarse, fine)
         configuration = {**chosen.configuration("fit"), "parameters": held, "free": fitted, **options}
         _write_page(results.partial, result, next(iter(seen.values())).model, data, configuration, known, lines)
         more: dict[str, Any] = {"configuration": configuration, "status": result.message}
+        if workers is not None:
+            more["workers"] = workers.asdict()
         results.finish(seed=seed, inputs=data.inputs, seconds=result.seconds, **more)
     warn(list(result.warnings))
     out.print(_table(result, known))

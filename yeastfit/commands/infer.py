@@ -2,6 +2,7 @@
 
 import sys
 from collections.abc import Mapping
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -11,6 +12,7 @@ from yeastfit.commands.failures import reason
 from yeastfit.commands.generated.model import ChosenModel, Free, ModelOptions, Statistics
 from yeastfit.commands.generated.options import generated
 from yeastfit.commands.generated.samplers import SamplerOptions
+from yeastfit.commands.generated.workers import WorkerOptions
 from yeastfit.commands.infer_config import Request
 from yeastfit.commands.infer_run import SIMULATIONS, STORED, InferRun
 from yeastfit.commands.measured_source import check_source, truth_of
@@ -20,13 +22,14 @@ from yeastfit.commands.signals import remaining
 from yeastfit.commands.terminal import Pace, out, shown_progress, warn
 from yeastfit.errors import InputError
 from yeastfit.inference.posterior.prior import template
+from yeastfit.inference.workers.spread import Workers
 from yeastfit.processors import available_processors
 from yeastfit.results_folder import ResultsFolder, results_folder
 
 DATA, MODEL, RUN = "Data", "Model and prior", "The run"
 
 
-@generated(chosen=ModelOptions("infer"), settings=SamplerOptions())
+@generated(chosen=ModelOptions("infer"), settings=SamplerOptions(), workers=WorkerOptions())
 def infer(
     source: Annotated[
         Path | None, typer.Argument(help="A data set, or measurements.csv of `yeastfit measure`.", show_default=False)
@@ -104,6 +107,7 @@ def infer(
     *,
     chosen: ChosenModel,
     settings: dict[str, Any],
+    workers: Workers | None,
 ) -> None:
     """Infer which model parameters the data leave possible (posterior.csv, posterior.npz, index.html).
 
@@ -139,7 +143,7 @@ def infer(
     with results_folder(folder, "infer", reads=reads, overwrite=overwrite, resume=resume) as results:
         run = _begun(request, source, results, resume, jobs or available_processors())
         warn([*run.folder.notes, *run.data.warnings])
-        settled = _finished(run, truth) if results.finished else _run(run, true_values)
+        settled = _finished(run, truth) if results.finished else _run(run, true_values, workers)
     if not settled:
         raise typer.Exit(1)
 
@@ -165,17 +169,21 @@ def _finished(run: InferRun, truth: bool) -> bool:
     return posterior.settled
 
 
-def _run(run: InferRun, truth: Mapping[str, float] | None) -> bool:
+def _run(run: InferRun, truth: Mapping[str, float] | None, workers: Workers | None) -> bool:
     """Sample and write everything; whether the posterior has settled."""
     folder = run.folder.path
     try:
-        with remaining(run.folder.resume_hint()), shown_progress("sampling") as progress:
+        with remaining(run.folder.resume_hint()), shown_progress("sampling") as progress, workers or nullcontext():
+            run = run.on(workers)
             pace = Pace(run.simulations_at_most, run.tally.simulated, run.model.nouns[1], progress)
+            pace.aside = str if workers is None else lambda: workers.status
             posterior = run.sample(pace.count, pace)
             pace("posterior predictive check", 1.0)
             summary, remarks = run.results(posterior, truth, pace.count)
         more = {"configuration": run.folder.configuration, "seconds": posterior.seconds, "warnings": summary.warnings}
         more |= {"status": posterior.status.name}
+        if workers is not None or run.mixed():
+            more["workers"] = {**({} if workers is None else workers.asdict()), "mixed_arithmetic": run.mixed()}
         run.folder.results.finish(seed=run.request.seed, inputs=inputs_of(run.source), kept=STORED, **more)
     except OSError as error:
         raise InputError(f"{folder}: {reason(error)}; {run.folder.resume_hint()}") from error

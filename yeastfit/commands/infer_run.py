@@ -7,7 +7,7 @@ manifest.json.
 """
 
 import shutil
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -29,9 +29,10 @@ from yeastfit.inference.posterior.result import Posterior
 from yeastfit.inference.posterior.sampler import Sampler
 from yeastfit.inference.posterior.simulation_store import Store
 from yeastfit.inference.samplers import name_of, sample
-from yeastfit.inference.simulator import Simulator, Tally, Wrapper, labels_of, once, problems_of
+from yeastfit.inference.simulator import Simulator, Tally, Wrapper, labels_of, once, problems_of, rows_in_blocks
 from yeastfit.inference.targets import Targets
 from yeastfit.inference.targets_from_table import TABLE, read_measurements
+from yeastfit.inference.workers.spread import Workers
 from yeastfit.progress import Progress
 from yeastfit.report.fit_files import write_targets
 from yeastfit.report.posterior_files import photographs, with_arviz, write_results
@@ -55,19 +56,35 @@ class Watched(Wrapper):
         tally: Simulations since the run began.
         kept: File of these and of what they ran into, written before their statistics are.
         tell: Called with the simulations of each batch.
+        unlike: Workers of other arithmetic so far, in words.
     """
 
     tally: Tally
     kept: Path
     tell: Callable[[int], None]
+    unlike: Callable[[], list[str]] = list
 
     def __call__(self, values: Any, seeds: Any) -> Any:
         """Rows of the simulator inside."""
-        rows, simulated = self.simulator(values, seeds), len(once(values, seeds))
-        self.tally.simulated += simulated
-        write_json(self.kept, {"simulated": self.tally.simulated, "problems": dict(self.problems)})
-        self.tell(simulated)
+        rows = self.simulator(values, seeds)
+        self._seen(values, seeds)
         return rows
+
+    def blocks(self, values: Any, seeds: Any, size: int) -> Iterator[Any]:
+        """Those of the simulator inside."""
+        start = 0
+        for rows in rows_in_blocks(self.simulator, values, seeds, size):
+            end = start + len(rows)
+            self._seen(values[start:end], seeds[start:end])
+            start = end
+            yield rows
+
+    def _seen(self, values: Any, seeds: Any) -> None:
+        simulated = len(once(values, seeds))
+        self.tally.simulated += simulated
+        met = {"problems": dict(sorted(self.problems.items())), "unlike": self.unlike()}
+        write_json(self.kept, {"simulated": self.tally.simulated, **met})
+        self.tell(simulated)
 
 
 @dataclass(frozen=True)
@@ -84,6 +101,9 @@ class InferRun:
         problem: What is sampled.
         sampler: With all its settings, those of an earlier call included.
         tally: Simulations since the run began.
+        workers: That simulate; None where this process does.
+        spread: The problem's simulator on these workers.
+        unlike: Workers of other arithmetic of earlier calls, in words.
     """
 
     request: Request
@@ -95,6 +115,9 @@ class InferRun:
     problem: Problem
     sampler: Sampler
     tally: Tally = field(default_factory=Tally)
+    workers: Workers | None = None
+    spread: Simulator | None = None
+    unlike: list[str] = field(default_factory=list)
 
     @staticmethod
     def begin(
@@ -138,8 +161,14 @@ class InferRun:
             met = read_json(path / PROBLEMS_MET)
             run.tally.simulated = met["simulated"]
             problems_of(simulator).update(met["problems"])
+            run.unlike.extend(met.get("unlike", []))
         run._copy_reused()
         return run
+
+    def on(self, workers: Workers | None) -> "InferRun":
+        """The same with workers that simulate, where there are some."""
+        spread = None if workers is None else workers.spread(self.problem.simulator)
+        return replace(self, workers=workers, spread=spread)
 
     @property
     def simulations_at_most(self) -> int | None:
@@ -220,9 +249,14 @@ class InferRun:
     def problems_met(self) -> list[str]:
         """What micrographs and simulations ran into, since the run began."""
         several = self.model.nouns[1]
-        problems = problems_of(self.problem.simulator).items()
+        problems = sorted(problems_of(self.problem.simulator).items())
         met = [f"{count} of {self.tally.simulated} {several}: {what}" for what, count in problems]
-        return [*self.data.warnings, *met]
+        other = [f"a worker whose {several} are others of the same parameters and seeds: {one}" for one in self.mixed()]
+        return [*self.data.warnings, *met, *other]
+
+    def mixed(self) -> list[str]:
+        """Workers of other arithmetic, in words, since the run began."""
+        return list(dict.fromkeys([*self.unlike, *([] if self.workers is None else self.workers.unlike)]))
 
     def _copy_reused(self) -> None:
         """Copy the simulations that are to be reused, once."""
@@ -254,7 +288,8 @@ class InferRun:
         ]
 
     def _watched(self, tell: Callable[[int], None]) -> Simulator:
-        return Watched(self.problem.simulator, self.tally, self.folder.path / PROBLEMS_MET, tell)
+        simulator = self.problem.simulator if self.spread is None else self.spread
+        return Watched(simulator, self.tally, self.folder.path / PROBLEMS_MET, tell, self.mixed)
 
     def _store(self, path: Path) -> Store:
         """Of simulations of this run's kind."""

@@ -17,6 +17,7 @@ import jax
 
 from yeastfit.errors import InputError
 from yeastfit.inference.targets_from_table import files_of, read_measurements, table_in
+from yeastfit.inference.workers.arithmetic import xla_threads
 from yeastfit.measure.reading.dataset import dataset_folder, read_dataset
 from yeastfit.results_contents import RUN
 from yeastfit.results_folder import ResultsFolder
@@ -84,7 +85,7 @@ class RunFolder:
         if results.finished and not file.is_file():
             raise InputError(f"--resume: {path} has lost its {RUN}, give another folder")
         if not file.is_file():
-            made = {"arguments": sys.argv[1:], "versions": run_versions(), "device": jax.devices()[0].device_kind}
+            made = {"arguments": sys.argv[1:], "versions": run_versions(), **_machine()}
             write_json(file, {"command": "infer", "seed": seed, "configuration": plain, "inputs": hashes, **made})
             notes = ["there is nothing to resume, a new run begins"] if resume else []
             return RunFolder(results, plain, hashes, seed, notes)
@@ -164,8 +165,17 @@ def _differences(
     return differences
 
 
+def _machine() -> dict[str, Any]:
+    """The device, and threads of XLA's pool, whose number decides over the rounding of sums."""
+    return {"device": jax.devices()[0].device_kind, "threads": xla_threads()}
+
+
 def _other_versions(earlier: Mapping[str, Any]) -> list[str]:
-    now = {**run_versions(), "device": jax.devices()[0].device_kind}
-    before = {**earlier["versions"], "device": earlier["device"]}
+    now = {**run_versions(), **_machine()}
+    before = {
+        **earlier["versions"],
+        "threads": now["threads"],
+        **{name: earlier[name] for name in _machine() if name in earlier},
+    }
     other = [f"{name} was {before.get(name)}, is {one}" for name, one in now.items() if before.get(name) != one]
     return [f"not to the last bit what it would have been, as {'; '.join(other)}"] if other else []

@@ -4,7 +4,7 @@ Whatever is printed is data: markup and names of emoji mean nothing in it, and n
 """
 
 import time as clock
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from datetime import timedelta
@@ -59,6 +59,8 @@ class Pace:
         doing: What the sampler is doing.
         began: Seconds count from here, whatever else they are spent on.
         grown: Simulations since then.
+        aside: What else is shown beside the pace, such as how many workers there are.
+        given: The share that the sampler tells, which counts where nobody knows how many simulations there will be.
     """
 
     most: int | None
@@ -68,10 +70,12 @@ class Pace:
     doing: str = "sampling"
     began: float = field(default_factory=lambda: clock.perf_counter())
     grown: int = 0
+    aside: Callable[[], str] = str
+    given: float = 0.0
 
     def __call__(self, what: str, share: float) -> None:
         """Show what the sampler is doing; the share that counts is that of the simulations."""
-        self.doing = what
+        self.doing, self.given = what, share
         self._show()
 
     def count(self, simulations: int) -> None:
@@ -85,7 +89,7 @@ class Pace:
     @property
     def share(self) -> float:
         """Of the whole."""
-        return min((self.done + self.grown) / self.most, 1.0) if self.most else 0.0
+        return min((self.done + self.grown) / self.most, 1.0) if self.most else self.given
 
     def __str__(self) -> str:
         """For a terminal; nothing before there is anything to say."""
@@ -93,6 +97,7 @@ class Pace:
             return ""
         each = self.grown / (clock.perf_counter() - self.began)
         pace = f"{self.grown} {self.noun}, {each:.1f} a second"
+        pace += f", {self.aside()}" if self.aside() else ""
         if self.most is None:
             return pace
         left = timedelta(seconds=round(max(self.most - self.done - self.grown, 0) / each))

@@ -25,7 +25,6 @@ from yeastfit.model.nutrient import check_alpha
 from yeastfit.model.parameters import Parameters, Scales
 from yeastfit.model.relaxation import HARD, Relaxation
 from yeastfit.parameter_set import ParameterSet
-from yeastfit.progress import Progress
 from yeastfit.simulation.simulate import member_keys, sample_times
 from yeastfit.simulation.simulate import simulate as run_simulation
 
@@ -137,9 +136,7 @@ class Algebraic(ForwardModel):
         scales = targets.imaging.scales if targets.imaging is not None else Scales()
         return simulator.outlines(values, float(targets.times[-1]), seed), OUTLINE_PIXEL * scales.length
 
-    def sensitivity(
-        self, statistics: Sequence[str], values: Mapping[str, float], *, runs: int, seed: int, progress: Progress
-    ) -> Sensitivity:
+    def sensitivity(self, statistics: Sequence[str], values: Mapping[str, float], **how: Any) -> Sensitivity:
         """By regression along all parameters, which costs as much as along one."""
         times = self.times
         if not times or not np.isfinite(times).all() or min(times) <= 0:
@@ -151,10 +148,8 @@ class Algebraic(ForwardModel):
             statistics=statistics,
             method="regression",
             model=self.rules,
-            runs=runs,
-            seed=seed,
             numerics=numerics,
-            progress=progress,
+            **how,
         )
 
     def grow(self, values: Mapping[str, float], members: int, seed: int) -> Grown:

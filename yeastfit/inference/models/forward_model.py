@@ -25,7 +25,6 @@ from yeastfit.measure.statistics.registry import STATISTICS, known_statistics
 from yeastfit.model.model import Model
 from yeastfit.panel import Panel
 from yeastfit.parameter_set import ParameterSet
-from yeastfit.progress import Progress
 
 Outlines = tuple[list[Bool[np.ndarray, "x y"]], float]
 """Masks of simulated colonies, and µm per pixel."""
@@ -181,10 +180,13 @@ class ForwardModel(ABC):
         """Masks of what is simulated at the data's last time, by `simulator`; None where there is nothing to draw."""
         return None
 
-    def sensitivity(
-        self, statistics: Sequence[str], values: Mapping[str, float], *, runs: int, seed: int, progress: Progress
-    ) -> Sensitivity:
+    def sensitivity(self, statistics: Sequence[str], values: Mapping[str, float], **how: Any) -> Sensitivity:
         """Derivatives of the means of statistics at given values, for `design`.
+
+        Arguments:
+            statistics: Names.
+            values: Of parameters, as far as they are given.
+            **how: `runs`, `seed`, `progress` and, where workers simulate, `elsewhere`: see `yeastfit.sensitivity`.
 
         Raises:
             InputError: The model has no such thing.

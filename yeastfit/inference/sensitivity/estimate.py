@@ -1,6 +1,6 @@
 """How the mean of an ensemble of colonies, or of any other simulator, answers to its parameters."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -46,6 +46,7 @@ def sensitivity(
     path_relaxation: Relaxation | None = None,
     observe: SmoothStatistics | None = None,
     progress: Progress | None = None,
+    elsewhere: Callable[[Simulator], Simulator] | None = None,
 ) -> Sensitivity:
     """Mean of an ensemble and its derivative in log λ, with standard errors. Same seed, same result.
 
@@ -74,6 +75,7 @@ def sensitivity(
         path_relaxation: Likewise, by default `tame`.
         observe: Grid and blur of the statistics.
         progress: Is told of every part.
+        elsewhere: Has workers simulate (`Workers.spread`); colonies that are differentiated stay in this process.
 
     Raises:
         InputError: Arguments that make no sense, and parameters that are not above 0.
@@ -89,6 +91,7 @@ def sensitivity(
             if value is not None:
                 raise InputError(f"{name} is of colonies, the simulator that is given has its own: leave it out")
         values = _values_at(simulator, at or {})
+        simulator = simulator if elsewhere is None else elsewhere(simulator)
         return Estimator(simulator, values, simulator.observables, method or "regression", **settings).run()
     if at is not None or times is None:
         missing = "times are missing" if at is None else "at is given without simulator"
@@ -115,7 +118,8 @@ def sensitivity(
     asked = tuple(one for one in colonies.observables if one.statistic in names)
     parameters = colonies.curves.model.complete(parameters)
     values = np.array([float(parameters[name]) for name in colonies.parameters])
-    return Estimator(colonies, values, asked, method or "combined", **settings, pathwise=derivatives).run()
+    chosen: Simulator = colonies if elsewhere is None else elsewhere(colonies)
+    return Estimator(chosen, values, asked, method or "combined", **settings, pathwise=derivatives).run()
 
 
 def _values_at(simulator: Simulator, at: Mapping[str, float]) -> np.ndarray:
