@@ -12,12 +12,24 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from yeastfit import FORWARD_MODELS, PARAMETERS, Observable, ParameterSet, Prior, Scales, Simulator, Targets
+from yeastfit import (
+    FORWARD_MODELS,
+    PARAMETERS,
+    Observable,
+    ParameterSet,
+    Prior,
+    Scales,
+    Simulator,
+    Specification,
+    Targets,
+)
 from yeastfit.commands import app as cli
 from yeastfit.inference.models.algebraic import Algebraic
+from yeastfit.specification import path_of
 
 TRUTH = {"mobility": 1.5, "aspect_ratio": 0.5}
 HOURS = (4.0, 6.0, 8.0)
@@ -49,6 +61,12 @@ class KnownColonies:
     observables: tuple[Observable, ...]
     problems: Counter[str] = field(default_factory=Counter)
 
+    @property
+    def specification(self) -> Specification:
+        columns = [(one.statistic, one.time) for one in self.observables]
+        free: dict[str, Any] = {"free": self.parameters.names, "fixed": dict(self.fixed), "observables": columns}
+        return Specification(path_of(known_colonies), free)
+
     def __call__(self, values: np.ndarray, seeds: np.ndarray) -> np.ndarray:
         before(self, values, seeds)
         each = {name: np.full(len(values), value) for name, value in self.fixed.items()}
@@ -57,6 +75,13 @@ class KnownColonies:
         mean = curves(each["mobility"], each["aspect_ratio"], times)
         noise = np.array([np.random.default_rng(int(seed)).normal(size=mean.shape[1]) for seed in seeds])
         return mean * (1 + SCATTER * noise)
+
+
+def known_colonies(
+    free: Sequence[str], fixed: Mapping[str, float], observables: Sequence[tuple[str, float]]
+) -> KnownColonies:
+    """The simulator of a specification."""
+    return KnownColonies(PARAMETERS.subset(free), fixed, tuple(Observable(*one) for one in observables))
 
 
 def before(simulator: KnownColonies, values: np.ndarray, seeds: np.ndarray) -> None:

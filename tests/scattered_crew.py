@@ -48,6 +48,8 @@ class Scattered:
         return {one: f"host{int(one[1:-2]) % 2}" for one in self.queues}
 
     def send(self, worker: str, function: Callable[..., Any], *arguments: Any) -> int:
+        if self.rng.random() < 0.1 * self.losing:
+            self._lose()
         self.tickets += 1
         if worker in self.queues:  # else it died a moment ago, which nobody knows yet
             self.queues[worker].append((self.tickets, function, arguments))
@@ -55,9 +57,7 @@ class Scattered:
 
     def wait(self, seconds: float) -> list[Answer]:
         if self.rng.random() < self.losing:
-            self.losses += 1
-            self.queues.clear()
-            raise SchedulerLost("killed")
+            self._lose()
         busy = [one for one, queue in self.queues.items() if queue and not (one in self.hanging and one in self.made)]
         if not busy:
             return []
@@ -85,6 +85,11 @@ class Scattered:
 
     def close(self) -> None:
         pass
+
+    def _lose(self) -> None:
+        self.losses += 1
+        self.queues.clear()
+        raise SchedulerLost("killed")
 
     def _done(self, worker: str, function: Callable[..., Any], arguments: tuple) -> Any:
         made = self.made.setdefault(worker, {})

@@ -12,10 +12,10 @@ from wobble import Wobble, proposed
 from yeastfit import CachedSimulator, InputError, Prior, SimulationError, Store, infer
 from yeastfit.inference.simulator import Replicates, Simulator, labels_of
 from yeastfit.inference.workers import dispatch, spread
-from yeastfit.inference.workers.dispatch import Patience
+from yeastfit.inference.workers.admission import Patience
 from yeastfit.inference.workers.spread import Spread, Workers
 
-NEVER = Patience(tries=10**6, retry=0.0)
+NEVER = Patience(tries=10**6, retry=0.0, look=0.0)
 ROWS = 203
 
 

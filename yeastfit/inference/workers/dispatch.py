@@ -14,84 +14,22 @@ given to another one. When that has happened `Patience.tries` times to one block
 """
 
 import heapq
+import math
 import time
-from collections import Counter, deque
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-import numpy as np
-
 from yeastfit.errors import SimulationError
-from yeastfit.inference.workers.arithmetic import Arithmetic, first_difference
+from yeastfit.inference.workers.admission import Member, Patience, Reference, reasons_against
 from yeastfit.inference.workers.crew import Answer, Crew, SchedulerLost
 from yeastfit.inference.workers.worker import Block, NotMade, admit, simulate
 
 AHEAD = 4  # blocks a worker that may wait for an earlier one
-WAIT = 0.5  # seconds between two looks at who is there, while nothing comes
+WAIT = 0.5  # seconds, while nothing comes
 NAMED = 3  # workers that a sentence names
 RESUME = "what has been simulated so far is kept where there is a store: repeat the run to go on"
-
-
-@dataclass(frozen=True)
-class Patience:
-    """When something counts as lost.
-
-    Attributes:
-        tries: Failures of one block.
-        alone: Seconds without any worker, or without the scheduler.
-        least: Seconds that a block may take at least.
-        slack: Times the longest block so far that one may take.
-        admission: Seconds for making the simulator and the first blocks, compiling included.
-        retry: Seconds between two attempts to reach a scheduler.
-    """
-
-    tries: int = 3
-    alone: float = 600.0
-    least: float = 60.0
-    slack: float = 20.0
-    admission: float = 900.0
-    retry: float = 2.0
-
-
-@dataclass(frozen=True)
-class Reference:
-    """What workers are compared with: blocks, their rows and the arithmetic of the process that asks.
-
-    Attributes:
-        blocks: Values and seeds.
-        rows: Of each block.
-        arithmetic: That they were computed with.
-        seconds: Of the last.
-    """
-
-    blocks: list[Block]
-    rows: list[np.ndarray]
-    arithmetic: Arithmetic
-    seconds: float
-
-
-@dataclass
-class Member:
-    """A worker.
-
-    Attributes:
-        host: Its machine.
-        name: For people; its address until it has said more.
-        state: "asked", "admitted", "refused" or "silent".
-        tickets: Of what it was asked for, in order.
-        since: When it began with the first of these.
-        seconds: Of the block that was timed.
-        failures: Of being admitted.
-    """
-
-    host: str
-    name: str
-    state: str = "asked"
-    tickets: deque[int] = field(default_factory=deque)
-    since: float = field(default_factory=time.monotonic)
-    seconds: float = 0.0
-    failures: int = 0
 
 
 @dataclass
@@ -122,7 +60,11 @@ class Dispatch:
     patience: Patience = field(default_factory=Patience)
     unlike: list[str] = field(default_factory=list)
     members: dict[str, Member] = field(default_factory=dict)
+    _owners: dict[int, str] = field(default_factory=dict)
+    _free: tuple[dict[str, None], dict[str, None]] = field(default_factory=lambda: ({}, {}))
+    _admitted: dict[str, None] = field(default_factory=dict)
     _begun: bool = False
+    _looked: float = -math.inf
     _longest: float = 0.0
 
     @property
@@ -161,17 +103,20 @@ class Dispatch:
 
     def _muster(self) -> None:
         """Notice who has come, who is gone and who is late."""
-        there, now = self.crew.workers(), time.monotonic()
+        now = time.monotonic()
+        if now - self._looked < self.patience.look and self._admitted:
+            return
+        there, self._looked = self.crew.workers(), now
         self._lose([address for address in self.members if address not in there])
         for address, host in there.items():
             if address not in self.members and self._may_begin(host):
                 self._ask(address, host)
         limit = max(self.patience.least, self.patience.slack * self._longest)
-        for member in self.members.values():
+        for address, member in self.members.items():
             if member.tickets and now - member.since > (self.patience.admission if member.state == "asked" else limit):
-                self._overdue(member, now - member.since)
+                self._overdue(address, member, now - member.since)
         if any(one.state in ("asked", "admitted") for one in self.members.values()):
-            self._alone = now
+            self._alone = now if self._begun else self._alone
         elif now - self._alone > self.patience.alone or (self.members and set(there) <= set(self.members)):
             self._give_up(now - self._alone)
 
@@ -184,34 +129,54 @@ class Dispatch:
         mine = self.reference.arithmetic
         self.members.setdefault(address, Member(host, address))
         about = self.text, self.size, mine.threads, mine.double, self.reference.blocks
-        self.members[address].tickets.append(self.crew.send(address, admit, *about))
+        self._send(address, admit, *about)
 
     def _give(self) -> None:
         """Ask admitted workers for blocks, once it is known what is to be gained."""
-        admitted = {address: one for address, one in self.members.items() if one.state == "admitted"}
+        workers = len(self._admitted)
         if not self._begun:
-            if not admitted or any(one.state == "asked" for one in self.members.values()):
+            waiting = any(one.state == "asked" for one in self.members.values())
+            if not workers or (waiting and time.monotonic() - self._alone < self.patience.start):
                 return
             self._begun = True
-            self.begin([one.seconds for one in admitted.values()])
-        depth = 2 if len(self._waiting) > 2 * len(admitted) else 1
-        for queue in range(depth):
-            for address, member in admitted.items():
-                end = self._accepted + AHEAD * len(admitted)
-                if len(member.tickets) <= queue and self._waiting and self._waiting[0] < end:
-                    number = heapq.heappop(self._waiting)
-                    ticket = self.crew.send(address, simulate, self.digest, *self._blocks[number])
-                    if not member.tickets:
-                        member.since = time.monotonic()
-                    member.tickets.append(ticket)
-                    self._numbers[ticket] = number
+            self.begin([self.members[address].seconds for address in self._admitted])
+        while self._waiting and self._waiting[0] < self._accepted + AHEAD * workers:
+            idle, busy = self._free
+            if not idle and (not busy or len(self._waiting) <= 2 * workers):
+                break
+            number = self._waiting[0]
+            ticket = self._send(next(iter(idle or busy)), simulate, self.digest, *self._blocks[number])
+            self._numbers[ticket] = heapq.heappop(self._waiting)
+
+    def _send(self, address: str, function: Callable[..., Any], *arguments: Any) -> int:
+        """Ask a worker; the ticket."""
+        member = self.members[address]
+        if not member.tickets:
+            member.since = time.monotonic()
+        ticket = self.crew.send(address, function, *arguments)
+        member.tickets.append(ticket)
+        self._owners[ticket] = address
+        self._note(address)
+        return ticket
+
+    def _note(self, address: str) -> None:
+        """Keep in mind which workers have nothing to do, and which have one block only."""
+        for each in self._free:
+            each.pop(address, None)
+        member = self.members.get(address)
+        if member is None or member.state != "admitted":
+            self._admitted.pop(address, None)
+            return
+        self._admitted[address] = None
+        if len(member.tickets) < len(self._free):
+            self._free[len(member.tickets)][address] = None
 
     def _take(self, answer: Answer) -> None:
         """One answer, unless nobody waits for it."""
-        found = next(((a, one) for a, one in self.members.items() if answer.ticket in one.tickets), None)
-        if found is None:
+        address = self._owners.pop(answer.ticket, None)
+        if address is None:
             return
-        address, member = found
+        member = self.members[address]
         member.tickets.remove(answer.ticket)
         member.since = time.monotonic()
         number = self._numbers.pop(answer.ticket, None)
@@ -226,6 +191,7 @@ class Dispatch:
                 self._forget(address)  # a process that took the place of another: it is admitted first
             else:
                 self._failed(number, f"on worker {member.name}: {_in_words(answer.error)}")
+        self._note(address)
 
     def _judge(self, address: str, member: Member, answer: Answer) -> None:
         """Admit a worker, or not."""
@@ -237,18 +203,8 @@ class Dispatch:
             member.state = "refused"
             self.say(f"worker {member.name} is refused, it cannot simulate: {_in_words(answer.error)}")
             return
-        value, mine = answer.value, self.reference
-        other = Arithmetic(**value["arithmetic"])
-        member.name, member.seconds = value["name"], value["seconds"]
-        unfit = [f"jax has {other.devices} devices there, not one a process"] if other.devices > 1 else []
-        if value["tasks"] > 1:
-            unfit.append(f"it does {value['tasks']} tasks at once: start it with --nthreads 1")
-        reasons = mine.arithmetic.differences(other)
-        bits = next(filter(None, map(first_difference, mine.rows, value["rows"])), "")
-        if bits and not reasons:
-            reasons = [
-                f"its processor, {other.processor}, computes other bits than {mine.arithmetic.processor}: {bits}"
-            ]
+        member.name, member.seconds = answer.value["name"], answer.value["seconds"]
+        unfit, reasons = reasons_against(answer.value, self.reference)
         if unfit or (reasons and not self.mixed):
             member.state = "refused"
             self.say(f"worker {member.name} is refused: {'; '.join(unfit + reasons)}")
@@ -261,21 +217,25 @@ class Dispatch:
 
     def _lose(self, addresses: Sequence[str]) -> None:
         """Give others what workers had that are gone. The block at hand of each counts as failed, it may be why."""
+        if not addresses:
+            return
         gone = [self.members.pop(address) for address in addresses]
+        for address in addresses:
+            self._note(address)
         blocks = [ticket for one in gone for ticket in one.tickets if ticket in self._numbers]
-        if gone:
-            names = ", ".join(one.name for one in gone[:NAMED]) + (" and others" if len(gone) > NAMED else "")
-            self.say(f"{len(gone)} of the workers gone: {names}; their blocks, {len(blocks)}, are given to others")
+        names = ", ".join(one.name for one in gone[:NAMED]) + (" and others" if len(gone) > NAMED else "")
+        self.say(f"{len(gone)} of the workers gone: {names}; their blocks, {len(blocks)}, are given to others")
         for member in gone:
             first = next(iter(member.tickets), None)
             numbers = self._taken_back(member)
             if first is not None and numbers:
                 self._failed(numbers[0], f"its worker {member.name} went away", said=True)
 
-    def _overdue(self, member: Member, seconds: float) -> None:
+    def _overdue(self, address: str, member: Member, seconds: float) -> None:
         """Ask a worker no more that does not answer."""
         self.say(f"worker {member.name} has not answered for {seconds:.0f} s: it is asked no more")
         member.state = "silent"
+        self._note(address)
         for number in self._taken_back(member)[:1]:
             self._failed(number, f"worker {member.name} did not answer for {seconds:.0f} s", said=True)
 
@@ -283,6 +243,7 @@ class Dispatch:
         """Numbers of the blocks that a worker had, which are waiting again."""
         numbers = [self._numbers.pop(ticket) for ticket in member.tickets if ticket in self._numbers]
         for ticket in member.tickets:
+            self._owners.pop(ticket, None)
             self.crew.drop(ticket)
         member.tickets.clear()
         for number in numbers:
@@ -291,6 +252,7 @@ class Dispatch:
 
     def _forget(self, address: str) -> None:
         self._taken_back(self.members.pop(address))
+        self._note(address)
 
     def _failed(self, number: int, how: str, said: bool = False) -> None:
         """Count a failure of a block."""
@@ -334,6 +296,7 @@ class Dispatch:
                 self._taken_back(member)
                 if member.state != "admitted":
                     del self.members[address]
+                self._note(address)
 
 
 def _in_words(error: Exception) -> str:

@@ -20,10 +20,11 @@ import numpy as np
 
 from yeastfit.errors import InputError
 from yeastfit.inference.simulator import Rows, Seeds, Simulator, Values, Wrapper, problems_of
+from yeastfit.inference.workers.admission import Patience, Reference
 from yeastfit.inference.workers.arithmetic import Arithmetic, xla_threads
 from yeastfit.inference.workers.crew import Crew
 from yeastfit.inference.workers.dask_crew import local_crew, remote_crew
-from yeastfit.inference.workers.dispatch import Dispatch, Patience, Reference
+from yeastfit.inference.workers.dispatch import Dispatch
 from yeastfit.inference.workers.worker import Block, in_full
 from yeastfit.memory import check_count
 from yeastfit.specification import Specification
