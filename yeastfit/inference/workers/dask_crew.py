@@ -5,13 +5,13 @@ lost workers and which worker is trusted is decided in `dispatch`. Dask carries 
 processes (spawned, never forked) and starts them again where they die.
 """
 
+import itertools
 import logging
 import queue
 import time
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
-from itertools import count
 from typing import Any
 from uuid import uuid4
 
@@ -20,6 +20,7 @@ from yeastfit.inference.workers.crew import Answer, SchedulerLost
 
 POLL = 1.0  # seconds between two looks at who is there
 FETCH = 15.0  # seconds for a result of some kilobytes, after which its worker counts as lost
+LOST = "5 s"  # after which a worker that died while it started is given up
 CONNECT = 10.0  # seconds for reaching a scheduler
 MISSING = "the extra `cluster` is not installed: pip install 'yeastfit[cluster]'"
 
@@ -31,15 +32,17 @@ class DaskCrew:
     Attributes:
         where: In words.
         connect: Makes a client.
-        owned: What ends with the crew, such as a cluster of this process.
+        owned: A cluster of this process, which ends with the crew.
+        wanted: How many workers it has to have: one that dies while it starts is not started again by itself.
     """
 
     where: str
     connect: Callable[[], Any]
     owned: Any = None
+    wanted: int = 0
     _client: Any = None
     _futures: dict[int, Any] = field(default_factory=dict)
-    _tickets: Any = field(default_factory=count)
+    _tickets: Any = field(default_factory=itertools.count)
     _done: "queue.SimpleQueue[int]" = field(default_factory=queue.SimpleQueue)
     _seen: tuple[float, dict[str, str]] = (-POLL, {})
     _run: str = field(default_factory=lambda: uuid4().hex[:12])
@@ -55,6 +58,8 @@ class DaskCrew:
                 addresses = self._client.nthreads()
             except (OSError, RuntimeError, ValueError) as error:
                 raise SchedulerLost(str(error)) from error
+            if len(addresses) < self.wanted:
+                self.owned.scale(self.wanted)
             self._seen = time.monotonic(), {one: one.rpartition(":")[0] for one in addresses}
         return self._seen[1]
 
@@ -135,7 +140,10 @@ def local_crew(count: int, threads: int = 1) -> DaskCrew:
         InputError: Dask is not installed.
     """
     distributed = imported()
+    import dask
+
     quiet()
+    dask.config.set({"distributed.deploy.lost-worker-timeout": LOST})
     environment = {"NPROC": str(threads), "JAX_NUM_CPU_DEVICES": "1"}
     security = distributed.Security.temporary()
     cluster = distributed.LocalCluster(
@@ -151,7 +159,7 @@ def local_crew(count: int, threads: int = 1) -> DaskCrew:
         env=environment,
     )
     how: dict[str, Any] = {"set_as_default": False, "timeout": CONNECT, "security": security}
-    return DaskCrew("this machine", lambda: distributed.Client(cluster, **how), cluster)
+    return DaskCrew("this machine", lambda: distributed.Client(cluster, **how), cluster, count)
 
 
 def remote_crew(address: str) -> DaskCrew:
