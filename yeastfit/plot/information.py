@@ -135,7 +135,7 @@ def design(result: Design) -> Figure:
         )
     who = f"{result.added:g} further replicates" if result.new_replicates else "the same replicates"
     axes.set_title(
-        f"Measured next, in {who}: fall of the typical error ({percent(result.typical_error)} now) in percent",
+        f"Measured next, in {who}:\nfall of the typical error ({percent(result.typical_error)} now)",
         fontsize=9,
     )
     figure.colorbar(image, ax=axes, label="%", shrink=0.9, pad=0.02)

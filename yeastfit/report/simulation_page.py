@@ -76,8 +76,7 @@ def _parameters(model: ForwardModel, values: Mapping[str, float]) -> str:
         one = model.parameters[name]
         shown = page.in_units(value, *model.unit_of(name))
         cells.append([name.replace("_", " "), value, shown, f"{one.symbol}: {one.meaning}"])
-    units = f'<p class="soft">{page.text(model.units)}</p>' if model.units else ""
-    return page.table("Parameters", columns, cells, ["curves"] * len(cells)) + units
+    return page.table("Parameters", columns, cells, ["curves"] * len(cells))
 
 
 def _ends(grown: Grown) -> str:
