@@ -7,9 +7,10 @@
     hours           time since the colony was one cell, in hours
     um_per_pixel    size of a pixel in µm; may be empty where the file itself says it
     condition       what the colony was grown in or of; optional
-    seed_point      x and y of a pixel of the colony; optional, as are the next two: see `segment`
+    seed_point      x and y of a pixel of the colony; optional, as are the next three: see `segment`
     threshold       contrast with the background, in grey levels, from which a pixel is colony
     roi             x0, y0, x1, y1: the part of the image to look at, in pixels
+    colonies        "one" object of the image, or "all" that are no dust
     note            a remark for people, not read; optional
 
 Condition and replicate together identify a colony. At the top of `manifest.toml`, everything but the first three and

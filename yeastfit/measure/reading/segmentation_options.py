@@ -89,8 +89,8 @@ def read_options(values: Mapping[str, Any], where: str) -> SegmentationOptions:
         The options.
 
     Raises:
-        InputError: The threshold is not above 0, the seed point not two numbers, the roi not four, or `colonies` is none
-            of `COLONIES`.
+        InputError: The threshold is not above 0, the seed point not two numbers, the roi not four, or `colonies` not
+            one of `COLONIES`.
     """
     point, roi = (
         _numbers(values[name], name, size, where) if values.get(name) is not None else None
