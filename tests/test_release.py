@@ -74,6 +74,19 @@ def test_the_command_line_completes_in_shells(
     assert "complete" in capsys.readouterr().out
 
 
+@pytest.mark.parametrize(
+    ("typed", "offered"), [("yeastfit sim", "simulate"), ("yeastfit simulate --mob", "--mobility")]
+)
+def test_words_are_completed(
+    typed: str, offered: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("_YEASTFIT_COMPLETE", "complete_bash")
+    monkeypatch.setenv("COMP_WORDS", typed)
+    monkeypatch.setenv("COMP_CWORD", str(typed.count(" ")))
+    assert cli.run([]) == 0
+    assert capsys.readouterr().out == f"{offered}\n"
+
+
 def test_type_checkers_see_the_types() -> None:
     assert importlib.resources.files("yeastfit").joinpath("py.typed").is_file()
 
