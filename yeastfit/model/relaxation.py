@@ -107,3 +107,4 @@ class Relaxation(eqx.Module):
 
 
 HARD = Relaxation(union=None, contact=None, boundary=None, births="whole")
+"""No smoothing widths, the hard model."""
