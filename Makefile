@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV ?= .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo test test-thorough test-arviz lint types data notebooks clean
+.PHONY: demo test test-thorough test-arviz lint types docs data notebooks clean
 
 demo: $(VENV)/.installed
 	$(BIN)/yeastfit demo
@@ -29,6 +29,12 @@ lint: $(VENV)/.installed-test
 types: $(VENV)/.installed-test
 	$(BIN)/mypy yeastfit tests benchmarks
 
+# the documentation site in build/docs, about a minute; then every page is looked at in a browser, where there is one
+docs: $(VENV)/.installed-docs
+	rm -rf build/docs docs/reference
+	$(BIN)/sphinx-build --quiet --fail-on-warning --keep-going -c docs --doctree-dir build/doctrees . build/docs
+	$(BIN)/python -m pytest -m slow tests/test_site.py
+
 # the data sets, from their stated seeds and parameters
 data: $(VENV)/.installed
 	$(BIN)/yeastfit synthesize --recipe data/synthetic/recipes.toml --out data/synthetic
@@ -49,5 +55,9 @@ $(VENV)/.installed-test: $(VENV)/.made pyproject.toml
 	$(BIN)/pip install --quiet --disable-pip-version-check --editable '.[test]'
 	touch $@ $(VENV)/.installed
 
+$(VENV)/.installed-docs: $(VENV)/.made pyproject.toml
+	$(BIN)/pip install --quiet --disable-pip-version-check --editable '.[test,docs]'
+	touch $@ $(VENV)/.installed $(VENV)/.installed-test
+
 clean:
-	rm -rf out build *.egg-info .mypy_cache .ruff_cache .pytest_cache
+	rm -rf out build docs/reference *.egg-info .mypy_cache .ruff_cache .pytest_cache

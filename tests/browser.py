@@ -65,18 +65,25 @@ class Reader(HTMLParser):
         return [attributes for name, attributes in self.tags if name == tag]
 
 
-def open_in_browser(text: str, late: str, folder: Path, width: int = 1280) -> tuple[dict, list[str]]:
-    """What the script `late` reports of a page once it is loaded, and what the browser's console says."""
+def open_in_browser(
+    text: str, late: str, folder: Path, width: int = 1280, beside: Path | None = None
+) -> tuple[dict, list[str]]:
+    """What the script `late` reports of a page once it is loaded, and what the browser's console says.
+
+    A page that needs other files is opened `beside` the one that it is, and leaves no trace there.
+    """
     browser = next(filter(None, map(shutil.which, BROWSERS)), None)
     if browser is None:
         pytest.skip(f"no browser to open the page with: none of {', '.join(BROWSERS)} is installed")
-    path = folder / f"opened_{width}.html"
-    policy = re.compile(r"<head>\n")
-    path.write_text(
-        policy.sub(f"<head>\n{EARLY}", text, count=1).replace("</body>", f"{late}</body>"), encoding="utf-8"
-    )
+    path = beside.with_name(f"opened_{width}_{beside.name}") if beside else folder / f"opened_{width}.html"
+    opened = text.replace("<head>", f"<head>\n{EARLY}", 1).replace("</body>", f"{late}</body>")
     command = [browser, *FLAGS, f"--user-data-dir={folder / 'profile'}", f"--window-size={width},900", path.as_uri()]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=180, check=True)
+    try:
+        path.write_text(opened, encoding="utf-8")
+        done = subprocess.run(command, capture_output=True, text=True, timeout=180, check=True)
+    finally:
+        if beside:
+            path.unlink(missing_ok=True)
     report = re.search(r'<pre id="report">(.*?)</pre>', done.stdout, re.S)
     assert report, f"the page did not report: {done.stderr[-2000:]}"
     return json.loads(report[1].replace("&amp;", "&").replace("&lt;", "<").replace("&gt;", ">")), [
