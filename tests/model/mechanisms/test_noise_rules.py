@@ -115,3 +115,28 @@ def test_the_nutrient_fluctuates_about_1_alike_on_all_grids(spacing: float) -> N
     assert (fields > 0).all()
     for edge in (fields[:, 0], fields[:, -1], fields[:, :, 0], fields[:, :, -1]):
         assert (edge == 1).all()
+
+
+@pytest.mark.parametrize("dt", [0.05, 0.1])
+def test_motion_is_of_weak_order_1(dt: float) -> None:
+    """Of little noise the variance of a cell's length is D_n/λ2 / (1 − λ2 Δt): an error λ2 Δt + O(Δt²) relative."""
+    x = noisy(dt, 40, 1e-3, 5.0)
+    lengths = np.hypot(*(x[::2] - x[1::2]).T)
+    expected = 1e-3 / 5.0 / (1 - 5.0 * dt)
+    assert lengths.var() == pytest.approx(expected, rel=4 * np.sqrt(2 / PAIRS))
+
+
+def test_the_nutrient_s_derivative_in_its_noise_is_its_draws(double: None) -> None:
+    """c = exp(σ z − σ² s²/2) of z with variance s² = Δt/h²: ∂c/∂σ = c (z − σ s²), and at σ = 0 it is z."""
+    numerics = Numerics(domain=4.0, spacing=0.5, dt=0.02, capacity=2)
+    context = context_of(colony_of(np.eye(2), numerics=numerics), numerics, parameters=MODEL.complete(Parameters()))
+
+    def shaken(strength: Array) -> Array:
+        parameters = context.parameters.replace(nutrient_noise=strength)
+        return NutrientFluctuation().shaken(dataclasses.replace(context, parameters=parameters))
+
+    share, at = 0.02 / 0.5**2, jnp.asarray(0.2)
+    c, slope, first = shaken(at), jax.jacfwd(shaken)(at), jax.jacfwd(shaken)(jnp.asarray(0.0))
+    z = (jnp.log(c[1:-1, 1:-1]) + 0.5 * 0.2**2 * share) / 0.2
+    np.testing.assert_allclose(slope[1:-1, 1:-1], c[1:-1, 1:-1] * (z - 0.2 * share), rtol=1e-9)
+    np.testing.assert_allclose(first[1:-1, 1:-1], z, rtol=1e-9)
