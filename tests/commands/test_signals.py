@@ -47,6 +47,18 @@ def deaf():
         except BaseException:
             pass
 """ + ANSWERING.format("print('here', flush=True); deaf()")
+# an exception in a callback of the garbage collector is reported and ignored
+IGNORED = """
+import gc
+def collected(phase, info):
+    gc.callbacks.clear()
+    print("here", flush=True)
+    time.sleep(60)
+def collect():
+    gc.callbacks.append(collected)
+    gc.collect()
+    time.sleep(60)
+""" + ANSWERING.format("collect()")
 STUCK_AT_ITS_END = "import atexit, time; atexit.register(time.sleep, 60)\n" + INTERPRETED
 
 
@@ -65,7 +77,9 @@ def ended(program: str, *numbers: int) -> tuple[int, str, float]:
         return process.returncode, errors, time.monotonic() - began
 
 
-@pytest.mark.parametrize("program", ["IMPORTING", "INTERPRETED", "COMPILED", "SWALLOWED", "STUCK_AT_ITS_END"])
+@pytest.mark.parametrize(
+    "program", ["IMPORTING", "INTERPRETED", "COMPILED", "SWALLOWED", "IGNORED", "STUCK_AT_ITS_END"]
+)
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_ends_the_process_with_one_line(program: str, number: int) -> None:
     code, errors, seconds = ended(globals()[program], number)
@@ -79,6 +93,11 @@ def test_a_second_signal_ends_the_process_at_once() -> None:
     assert code == 130
     assert errors.count("\n") == 1
     assert seconds < 1.5
+
+
+def test_a_process_that_is_done_may_take_its_time_to_end() -> None:
+    program = "import atexit, sys, time; atexit.register(time.sleep, 1.5); print('here', flush=True)" + ANSWERING
+    assert ended(program.format("pass"))[:2] == (0, "")
 
 
 def test_ignored_signals_stay_ignored() -> None:

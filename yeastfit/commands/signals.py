@@ -21,6 +21,7 @@ from types import FrameType
 from typing import NoReturn
 
 GRACE = 1.0  # seconds that the main thread has for an orderly end; a busy machine may add one
+AGAIN = 0.05  # seconds
 ANSWERED = (signal.SIGINT, signal.SIGTERM)
 SHOW_CURSOR = "\x1b[?25h\n"  # a progress bar hides it
 
@@ -97,9 +98,11 @@ def answered_signals() -> Iterator[None]:
     threading.Thread(target=_watch, args=(reader,), daemon=True).start()
     for each in ours:
         signal.signal(each, _interrupt)
+    ignoring, sys.unraisablehook = sys.unraisablehook, _interrupt_again
     try:
         yield
     finally:
+        sys.unraisablehook = ignoring
         for each in ours:
             signal.signal(each, signal.SIG_DFL)
 
@@ -112,11 +115,22 @@ def _interrupt(number: int, frame: FrameType | None) -> None:
     raise KeyboardInterrupt
 
 
+def _interrupt_again(ignored: "sys.UnraisableHookArgs") -> None:
+    """Send a signal once more whose exception Python ignores, as in callbacks of its garbage collector; JAX has one."""
+    if current.received and isinstance(ignored.exc_value, KeyboardInterrupt):
+        current.received = False
+        threading.Timer(AGAIN, os.kill, (os.getpid(), current.number)).start()  # when the callback is over
+    else:
+        sys.__unraisablehook__(ignored)
+
+
 def _watch(reader: socket.socket) -> None:
     """The thread: waits for a signal, then for the main thread's end."""
     number = 0
     while number not in ANSWERED:
-        (number,) = reader.recv(1) or (signal.SIGINT,)
+        if not (received := reader.recv(1)):
+            return  # signals are answered no longer, the process is done
+        (number,) = received
     time.sleep(GRACE)
     current.number = number
     current.end()
