@@ -351,10 +351,36 @@ def test_links_in_a_folder_are_not_followed(tmp_path: Path) -> None:
     write(tmp_path / "elsewhere", {"a.png": "2", "deep/b.png": "3"})
     shutil.rmtree(out / "masks")
     (out / "masks").symlink_to(tmp_path / "elsewhere")
-    assert "masks/a.png, masks/deep/b.png, changed since" in refused(out)
+    for how in ({}, {"overwrite": True}):
+        assert "masks/a.png, masks/deep/b.png in place of a file that yeastfit wrote: move it" in refused(out, **how)
     with pytest.raises(InputError, match="masks"):
-        made(out, NEW, overwrite=True)
+        made(out, {"other.csv": "1"}, overwrite=True)
     assert files_in(tmp_path / "elsewhere") == {"a.png": "2", "deep/b.png": "3"}
+    (out / "masks").unlink()
+    (out / WORK).symlink_to(tmp_path / "elsewhere")
+    assert "is a link, which yeastfit does not make" in refused(out)
+
+
+def test_what_is_in_the_place_of_a_listed_file_or_of_its_folder_stays(tmp_path: Path) -> None:
+    made(out := tmp_path / "out", OLD)
+    (out / "masks" / "deep" / "b.png").unlink()
+    write(out, {"masks/deep/b.png/mine.txt": "mine"})
+    for how in ({}, {"overwrite": True}):
+        assert "masks/deep/b.png in place of a file that yeastfit wrote" in refused(out, **how)
+    shutil.rmtree(out / "masks" / "deep")
+    write(out, {"masks/deep": "mine"})
+    made(out, NEW)
+    assert files_in(out) == NEW | {"masks/deep": "mine"}
+
+
+def test_a_pipe_is_no_manifest_and_users_files_beside_those_of_a_run_stay(tmp_path: Path) -> None:
+    (tmp_path / "pipe").mkdir()
+    os.mkfifo(tmp_path / "pipe" / "manifest.json")
+    assert "holds manifest.json, which yeastfit did not write" in refused(tmp_path / "pipe")
+    write_json(tmp_path / "out" / WORK / "owner.json", {"command": "measure", "files": {}})
+    write(tmp_path / "out" / WORK, {"mine.txt": "mine", "mine/deep.txt": "mine"})
+    made(tmp_path / "out", NEW)
+    assert files_in(tmp_path / "out") == NEW | {f"{WORK}/mine.txt": "mine", f"{WORK}/mine/deep.txt": "mine"}
 
 
 @pytest.mark.parametrize(
@@ -370,6 +396,7 @@ def test_links_in_a_folder_are_not_followed(tmp_path: Path) -> None:
             b'{"command": "fit", "files": []}',
         ),
         *(b'{"command": "fit", "files": {"a": 1}}', b"[" * 3000, b"\xff"),
+        b'{"command": "fit", "files": {"\\ud800": "0"}}',
     ],
 )
 def test_a_manifest_that_yeastfit_cannot_have_written_is_a_file_like_any_other(tmp_path: Path, text: bytes) -> None:

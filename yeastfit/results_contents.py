@@ -79,8 +79,26 @@ def check_finished(folder: Path) -> None:
         )
 
 
+def misplaced_files(folder: Path, listed: Listed) -> list[str]:
+    """Find listed files in whose places there are folders, or which lie behind links that lead elsewhere.
+
+    Arguments:
+        folder: Of the files.
+        listed: By name.
+
+    Returns:
+        Their names.
+    """
+    where = folder.resolve()
+
+    def misplaced(file: Path) -> bool:
+        return (file.is_dir() and not file.is_symlink()) or not file.parent.resolve().is_relative_to(where)
+
+    return [name for name in listed if os.path.lexists(folder / name) and misplaced(folder / name)]
+
+
 def changed_files(folder: Path, listed: Listed) -> list[str]:
-    """Find listed files that are there with other bytes, as links, or behind links that lead elsewhere.
+    """Find listed files that are there with other bytes, as links, or not in their places.
 
     Arguments:
         folder: Of the files.
@@ -89,19 +107,19 @@ def changed_files(folder: Path, listed: Listed) -> list[str]:
     Returns:
         Their names.
     """
-    where = folder.resolve()
+    misplaced = misplaced_files(folder, listed)
 
     def changed(file: Path, known: Sequence[str]) -> bool:
-        linked = file.is_symlink() or not file.parent.resolve().is_relative_to(where)
-        return linked or not file.is_file() or sha256_of(file) not in known
+        return file.is_symlink() or not file.is_file() or sha256_of(file) not in known
 
-    return [name for name, known in listed.items() if os.path.lexists(folder / name) and changed(folder / name, known)]
+    there = {name: known for name, known in listed.items() if os.path.lexists(folder / name)}
+    return [name for name, known in there.items() if name in misplaced or changed(folder / name, known)]
 
 
 def _record(file: Path) -> dict[str, Any]:
-    """A manifest, owner.json or run.json; empty where the file is something else."""
+    """A manifest, owner.json or run.json; empty where the file is something else, a pipe for instance."""
     try:
-        found = read_json(file)
+        found = read_json(file) if file.is_file() else {}
     except (OSError, ValueError, RecursionError):
         return {}
     if not isinstance(found, dict) or not isinstance(found.get("command"), str) or not found["command"]:
@@ -113,6 +131,10 @@ def _record(file: Path) -> dict[str, Any]:
 def _is_listing(name: str, known: Any) -> bool:
     """Whether this is the name of a file below the folder, with one SHA-256 or some."""
     path = PurePath(name)
+    try:
+        os.fsencode(path)
+    except UnicodeError:
+        return False
     below = path.parts and not path.anchor and "\0" not in name and not {"..", WORK} & set(path.parts)
     return bool(below) and all(isinstance(one, str) for one in (known if isinstance(known, list) else [known]))
 

@@ -24,7 +24,7 @@ import jax
 from filelock import FileLock, Timeout
 
 from yeastfit.errors import InputError
-from yeastfit.results_contents import LOCK, MANIFEST, OWNER, Contents, Listed, changed_files
+from yeastfit.results_contents import LOCK, MANIFEST, OWNER, Contents, Listed, changed_files, misplaced_files
 from yeastfit.storage import WORK, check_room, sha256_of, versions, write_json
 
 RESULTS = "results"
@@ -156,13 +156,14 @@ class ResultsFolder:
             and place not in replaced
             and (place in new or (self.path / place).is_symlink() or not (self.path / place).is_dir())
         }
-        return sorted(taken.union([] if self.overwrite else changed_files(self.path, replaced)))
+        return sorted(taken.union((misplaced_files if self.overwrite else changed_files)(self.path, replaced)))
 
     def _remove(self, names: Iterable[str]) -> None:
         """Remove files, and the folders that are empty then."""
         gone = [PurePath(name) for name in names]
         for name in gone:
-            (self.path / name).unlink(missing_ok=True)
+            if os.path.lexists(self.path / name):
+                (self.path / name).unlink()
         for parent in sorted({one for name in gone for one in name.parents[:-1]}, key=lambda one: -len(one.parts)):
             with suppress(OSError):
                 (self.path / parent).rmdir()
@@ -226,11 +227,19 @@ def check_folder(
         where = os.path.realpath(path)  # unlike `Path.resolve` not raising for an input that links to itself
         inside = [one for one in reads if Path(os.path.realpath(one)).is_relative_to(where)]
         found = Contents.of(path)
+        misplaced = misplaced_files(path, found.listed)
         changed = [] if overwrite or resume else changed_files(path, found.listed)
     except (OSError, RuntimeError, ValueError) as error:
         raise _unwritable(path, error) from error
     if inside:
         raise InputError(f"--out: {path} holds the data, need another folder for the results")
+    if (path / WORK).is_symlink():
+        raise InputError(f"--out: {path / WORK} is a link, which yeastfit does not make: remove it")
+    if misplaced:
+        raise InputError(
+            f"--out: {path} holds {_listing(misplaced)} in place of a file that yeastfit wrote: move it away, or give "
+            "another folder"
+        )
     own = found.command == command
     if (own and resume) or not (found.command or found.others):
         return found
@@ -270,11 +279,11 @@ def _listing(names: Sequence[str]) -> str:
 
 
 def _clear_work(work: Path) -> None:
-    """Remove what a run has made so far."""
+    """Remove what a run has made so far: results, a manifest, and temporary files, whose names begin with a dot."""
     for one in work.iterdir():
-        if one.is_dir() and not one.is_symlink():
+        if one.name == RESULTS and one.is_dir() and not one.is_symlink():
             shutil.rmtree(one, ignore_errors=True)  # where a process that ends still writes, the next run clears it
-        elif one.name not in (LOCK, OWNER):
+        elif one.name in (RESULTS, MANIFEST) or (one.name.startswith(".") and one.is_file()):
             one.unlink()
 
 
