@@ -351,8 +351,10 @@ def test_links_in_a_folder_are_not_followed(tmp_path: Path) -> None:
     write(tmp_path / "elsewhere", {"a.png": "2", "deep/b.png": "3"})
     shutil.rmtree(out / "masks")
     (out / "masks").symlink_to(tmp_path / "elsewhere")
-    for how in ({}, {"overwrite": True}):
-        assert "masks/a.png, masks/deep/b.png in place of a file that yeastfit wrote: move it" in refused(out, **how)
+    for overwrite in (False, True):
+        assert "masks/a.png, masks/deep/b.png in place of a file that yeastfit wrote: move it" in refused(
+            out, overwrite=overwrite
+        )
     with pytest.raises(InputError, match="masks"):
         made(out, {"other.csv": "1"}, overwrite=True)
     assert files_in(tmp_path / "elsewhere") == {"a.png": "2", "deep/b.png": "3"}
@@ -365,8 +367,8 @@ def test_what_is_in_the_place_of_a_listed_file_or_of_its_folder_stays(tmp_path: 
     made(out := tmp_path / "out", OLD)
     (out / "masks" / "deep" / "b.png").unlink()
     write(out, {"masks/deep/b.png/mine.txt": "mine"})
-    for how in ({}, {"overwrite": True}):
-        assert "masks/deep/b.png in place of a file that yeastfit wrote" in refused(out, **how)
+    for overwrite in (False, True):
+        assert "masks/deep/b.png in place of a file that yeastfit wrote" in refused(out, overwrite=overwrite)
     shutil.rmtree(out / "masks" / "deep")
     write(out, {"masks/deep": "mine"})
     made(out, NEW)

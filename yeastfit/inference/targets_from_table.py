@@ -16,7 +16,7 @@ import numpy as np
 from yeastfit.errors import InputError
 from yeastfit.inference.imaging import SMOOTHING, SPACING, Imaging
 from yeastfit.inference.targets import Targets
-from yeastfit.measure.reading.images import read_image
+from yeastfit.measure.reading.images import MAX_PIXELS, read_image
 from yeastfit.measure.statistics.pixels import Mask
 from yeastfit.measure.statistics.registry import STATISTICS, Estimator, most_telling_first, names_with
 from yeastfit.measure.statistics.smooth_statistics import measure_mask_smoothly
@@ -99,14 +99,26 @@ def _text(row: Mapping[str, str], name: str, where: str) -> str:
 
 
 def _check_row(row: Mapping[str, Any], where: str) -> None:
-    """Raise `InputError` where sizes do not fit each other: r ≤ r_max and A ≤ π (r_max + h / √2)², pixels of side h."""
+    """Raise `InputError` where sizes do not fit each other, pixels of side h.
+
+    r ≤ r_max ≤ 10⁸ h,   A ≤ π (r_max + h / √2)²,   r ≥ ⅔ √(A / π) - h / 2 (that of a disc is the least)
+    """
     longest, pixel = row["max_radius"], row["um_per_pixel"]
+    if longest > MAX_PIXELS * pixel:
+        raise InputError(
+            f"{where}: max_radius is {longest:g} µm, it must be at most {MAX_PIXELS:g} pixels of {pixel:g} µm"
+        )
     if row.get("radius", 0.0) > longest * (1 + ROUNDING):
         raise InputError(f"{where}: radius is {row['radius']:g} µm, it must be at most max_radius, {longest:g} µm")
     largest = math.pi * (longest + pixel / math.sqrt(2)) ** 2
     if row.get("area", 0.0) > largest * (1 + ROUNDING):
         raise InputError(
             f"{where}: area is {row['area']:g} µm², it must be at most {largest:g} µm², as max_radius is {longest:g} µm"
+        )
+    least = 2 / 3 * math.sqrt(row.get("area", 0.0) / math.pi) - pixel / 2
+    if row.get("radius", math.inf) < least:
+        raise InputError(
+            f"{where}: radius is {row['radius']:g} µm, it must be at least {least:g} µm, as area is {row['area']:g} µm²"
         )
 
 

@@ -48,8 +48,9 @@ from yeastfit.numbers import Range
 if TYPE_CHECKING:
     from scipy.spatial import ConvexHull
 
-COMPACTNESS = Range(0.9)
-"""Discs have 1, and down to 0.92 where they are smaller than 50 pixels; only a few pixels can have less than 0.9."""
+COMPACTNESS = Range(0.9, 1e9)
+"""Discs have 1, and down to 0.92 where they are smaller than 50 pixels; only a few pixels can have less than 0.9.
+10⁸ pixels that lie apart from each other have 1.3e8."""
 
 
 def convex_hull(pixels: Pixels) -> "ConvexHull":
