@@ -26,13 +26,14 @@ Targets: over all parameters, 50 % intervals contain 45 % to 55 % of the truths 
 smallest p, multiplied by the number of quantities tested (Bonferroni), is at least 0.01. No posterior fails.
 
     python -m benchmarks.calibration [--quick] [--json FILE] [--docs DIR] [--work DIR] [--jobs N] [--method NAME]
-                                     [--model NAME]
+                                     [--model NAME] [--workers N | --scheduler tcp://HOST:PORT]
 
 Simulations of each group and a line of JSON for each finished data set are kept in the folder given by --work,
 out/calibration by default; an interrupted run continues there with the same version of the code. N groups run at a
-time, each in its own process; by default N is the number of cores, since a chain uses one core. --quick: a few data
-sets with tiny settings, no targets. --method restricts the run to `emulator` or `abc-smc`. --docs writes
-DIR/calibration.md and DIR/calibration.png, or DIR/calibration-NAME for one method or the off-lattice model.
+time, each in its own process; by default N is the number of cores, since a chain uses one core. With --workers or
+--scheduler groups follow each other, and worker processes simulate (docs/cluster.md); no result depends on them.
+--quick: a few data sets with tiny settings, no targets. --method restricts the run to `emulator` or `abc-smc`. --docs
+writes DIR/calibration.md and DIR/calibration.png, or DIR/calibration-NAME for one method or the off-lattice model.
 """
 
 import argparse
@@ -42,6 +43,7 @@ import sys
 import time
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor, as_completed
+from contextlib import nullcontext
 from dataclasses import asdict, dataclass
 from multiprocessing import get_context
 from pathlib import Path
@@ -56,6 +58,7 @@ from benchmarks.lines import append_line, read_lines
 from benchmarks.ranks import JOINT, LIKELIHOOD, Record, picture, verdicts
 from benchmarks.recovery import SEED
 from benchmarks.report import Report, code, command
+from benchmarks.workers import add_workers, workers_of
 from yeastfit.errors import InputError
 from yeastfit.inference.abc.smc import SmcDiagnostics
 from yeastfit.inference.neural_likelihood.emulator import Emulator
@@ -63,6 +66,7 @@ from yeastfit.inference.posterior.calibration_ranks import joint_rank
 from yeastfit.inference.posterior.result import Posterior
 from yeastfit.inference.posterior.simulation_store import Store
 from yeastfit.inference.simulator import Replicates, Simulator, Stream, labels_of, stream_of
+from yeastfit.inference.workers.spread import Workers
 from yeastfit.processors import available_processors
 
 
@@ -116,13 +120,14 @@ class Study:
         append_line(self.file(k, group, "jsonl"), record)
 
 
-def grow(study: Study, k: int, group: int) -> None:
+def grow(study: Study, k: int, group: int, workers: Workers | None = None) -> None:
     """Compute the missing data sets of a group."""
     part, done = study.parts[k], {record["number"] for record in study.done(k, group)}
     numbers = [n for n in range(1, part.count + 1) if part.group(n) == group and n not in done]
     if not numbers:
         return
-    simulator, seed = part.simulator(), 100 * part.seed + group
+    simulator = part.simulator() if workers is None else part.simulator(workers.spread)
+    seed = 100 * part.seed + group
     file, about = study.file(k, group, "h5"), json.dumps(study.asked(k))
     with Store(file, simulator.parameters.names, labels_of(simulator), about) as store:
         judge = part.judging(simulator, seed, store)
@@ -219,9 +224,9 @@ def _settings(part: Part) -> str:
     )
 
 
-def afresh(study: Study, k: int, group: int) -> None:
+def afresh(study: Study, k: int, group: int, workers: Workers | None = None) -> None:
     """Compute a group, then free its memory."""
-    grow(study, k, group)
+    grow(study, k, group, workers)
     jax.clear_caches()  # chains differ in length, and each length compiles its own programs
     gc.collect()
 
@@ -240,13 +245,14 @@ def apart(report: Report, study: Study, jobs: int) -> None:
         pool.shutdown(cancel_futures=True)
 
 
-def calibrate(report: Report, study: Study, jobs: int) -> None:
+def calibrate(report: Report, study: Study, jobs: int, workers: Workers | None = None) -> None:
     """Compute the missing data sets, and report on all."""
     for k, group in study.groups:
         study.done(k, group)  # fails now rather than later
-    if jobs == 1:
-        for k, group in study.groups:
-            afresh(study, k, group)
+    if workers is not None or jobs == 1:
+        with workers or nullcontext():
+            for k, group in study.groups:
+                afresh(study, k, group, workers)
     else:
         apart(report, study, jobs)
     records = [
@@ -269,6 +275,7 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("--jobs", type=int, default=available_processors())
     parser.add_argument("--method", choices=[part.method.lower() for part in FULL])
     parser.add_argument("--model", choices=list(STUDIES), default="algebraic")
+    add_workers(parser)
     own, others = parser.parse_known_args(arguments)
 
     def run(report: Report, quick: bool) -> None:
@@ -277,7 +284,12 @@ def main(arguments: list[str] | None = None) -> None:
         if not asked:
             parser.error(f"--method: {own.method} is not calibrated on the {own.model} model")
         model = () if own.model == "algebraic" else (own.model,)
-        calibrate(report, Study(asked, own.work.joinpath(folder, *model), own.method, own.model), max(1, own.jobs))
+        calibrate(
+            report,
+            Study(asked, own.work.joinpath(folder, *model), own.method, own.model),
+            max(1, own.jobs),
+            workers_of(own),
+        )
 
     command("calibration", run, others)
 

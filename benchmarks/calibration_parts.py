@@ -1,5 +1,6 @@
 """What is calibrated: data sets of each method on each model, in full and for a quick look."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -71,9 +72,14 @@ class Part:
         """Of the truths."""
         return self.model.prior
 
-    def simulator(self) -> Simulator:
-        """Of single colonies for the emulator, which knows of replicates; of means over them for ABC."""
+    def simulator(self, spread: Callable[[Simulator], Simulator] | None = None) -> Simulator:
+        """Of single colonies for the emulator, which knows of replicates; of means over them for ABC.
+
+        Arguments:
+            spread: Has workers simulate the colonies.
+        """
         colonies = self.model.simulator()
+        colonies = colonies if spread is None else spread(colonies)
         return colonies if self.emulator else Replicates(colonies, self.replicates)
 
     def posterior(self, simulator: Simulator, observed: np.ndarray, seed: int, store: Store) -> Posterior:

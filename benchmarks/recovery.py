@@ -12,6 +12,7 @@ that a fit reports as not determined are counted separately: where cells eat slo
 metabolic rate affects a colony's shape.
 
     python -m benchmarks.recovery [--quick] [--json FILE] [--docs DIR] [--work DIR] [--again]
+                                  [--workers N | --scheduler tcp://HOST:PORT]
 
 The data sets, and a line in fits.jsonl for each finished fit, are kept in the folder given by --work, out/recovery by
 default; an interrupted run continues there. --again repeats the fits with the same photographs and replaces photographs
@@ -24,6 +25,7 @@ import gc
 import json
 import time
 from collections.abc import Mapping, Sequence
+from contextlib import nullcontext
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -36,13 +38,15 @@ from scipy.stats import binomtest
 
 from benchmarks.lines import append_line, read_lines
 from benchmarks.report import Report, command
+from benchmarks.workers import add_workers, workers_of
 from yeastfit.commands.measured_source import measure_source
 from yeastfit.errors import InputError, SimulationError
-from yeastfit.inference.colony_simulator import DEFAULT_FREE
+from yeastfit.inference.colony_simulator import COARSE, DEFAULT_FREE, ColonySimulator, Resolution
 from yeastfit.inference.fit.least_squares import fit
 from yeastfit.inference.fit.settings import FitSettings
 from yeastfit.inference.parameter_space import ParameterSpace
 from yeastfit.inference.targets_from_table import targets_of
+from yeastfit.inference.workers.spread import Workers
 from yeastfit.model.numerics import Numerics
 from yeastfit.model.parameters import PARAMETERS
 from yeastfit.processors import available_processors
@@ -115,7 +119,7 @@ class Study:
         append_line(self.lines, record)
 
 
-def recovered(study: Study, number: int, report: Report) -> Record:
+def recovered(study: Study, number: int, report: Report, workers: Workers | None = None) -> Record:
     """One true λ: photograph it, unless that was done, measure and fit."""
     recipe, folder = study.recipes[number - 1], study.work / f"truth{number:02d}"
     what = f"truth {number} of {len(study.recipes)}: {_words(recipe.parameters)}"
@@ -129,7 +133,12 @@ def recovered(study: Study, number: int, report: Report) -> Record:
     record: Record = {"truth": number, "asked": study.asked(number), "left out": len(data.warnings)}
     try:
         targets = targets_of(data.rows, data.folder, statistics=STATISTICS, scales=recipe.scales)
-        found = fit(targets, seed=number, settings=study.settings)
+        if workers is None:
+            found = fit(targets, seed=number, settings=study.settings)
+        else:  # the simulators that the fit would make itself
+            each = (ColonySimulator.of(targets, resolution=one) for one in (COARSE, Resolution()))
+            coarse, fine = map(workers.spread, each)
+            found = fit(targets, coarse, fine=fine, seed=number, settings=study.settings)
     except (InputError, SimulationError) as error:
         nothing = dict.fromkeys(DEFAULT_FREE)
         failed = {"status": f"failed: {error}", "converged": False, "simulations": None, "warnings": []}
@@ -284,12 +293,12 @@ settings, from three starts, to compactness and radius. A pull is (log λ̂ − 
     return "\n".join([*parts, *report.sections()])
 
 
-def recover(report: Report, study: Study) -> None:
+def recover(report: Report, study: Study, workers: Workers | None = None) -> None:
     """Fit the truths that are missing, one at a time, and report on all."""
     records = study.done()
     for number in range(1, len(study.recipes) + 1):
         if number not in records:
-            records[number] = recovered(study, number, report)
+            records[number] = recovered(study, number, report, workers)
             study.keep(records[number])
             jax.clear_caches()  # each truth compiles its own programs, as domains differ in size
             gc.collect()
@@ -306,13 +315,16 @@ def main(arguments: list[str] | None = None) -> None:
     parser = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
     parser.add_argument("--work", type=Path, default=Path("out/recovery"))
     parser.add_argument("--again", action="store_true")
+    add_workers(parser)
     own, others = parser.parse_known_args(arguments)
 
     def run(report: Report, quick: bool) -> None:
         study = Study.of(quick, own.work)
         if own.again:
             study.lines.unlink(missing_ok=True)
-        recover(report, study)
+        workers = workers_of(own)
+        with workers or nullcontext():
+            recover(report, study, workers)
 
     command("recovery", run, others)
 
