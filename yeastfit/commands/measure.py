@@ -1,6 +1,7 @@
 """`yeastfit measure`: outline the colony in each micrograph and measure it."""
 
 import os
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -19,7 +20,9 @@ from yeastfit.results_folder import results_folder
 def measure(
     paths: Annotated[
         list[Path],
-        typer.Argument(help="A data set, or micrographs (TIFF, PNG, JPEG) and folders of them.", show_default=False),
+        typer.Argument(
+            help="A data set, or micrographs (TIFF, PNG, JPEG; CZI, ND2, LIF) and folders of them.", show_default=False
+        ),
     ],
     folder: Out,
     pixel_size: Annotated[
@@ -46,6 +49,12 @@ def measure(
             help="Measure one object of an image, or all together. Default: one of a photograph, all of a mask.",
         ),
     ] = None,
+    frame: Annotated[
+        int | None,
+        typer.Option(
+            min=1, help="Which image of a time lapse or z-stack to measure, counted from 1, where a file holds several."
+        ),
+    ] = None,
     overwrite: Overwrite = False,
     jobs: Jobs = None,
 ) -> None:
@@ -60,7 +69,8 @@ def measure(
     """
     options: dict[str, Any] = {"seed_point": seed_point, "threshold": threshold, "roi": roi, "colonies": colonies}
     images, dataset, skipped = find_images(paths, pixel_size, read_options(options, "options"))
-    options["pixel_size"] = pixel_size
+    images = [replace(image, frame=frame) for image in images]
+    options |= {"pixel_size": pixel_size, "frame": frame}
     settings = {name: value for name, value in options.items() if value is not None}
     place = dataset.folder if dataset else paths[0] if len(paths) == 1 else folder
     title = f"Micrographs of {os.path.basename(os.path.realpath(place))}"

@@ -157,7 +157,7 @@ def measure_image(image: InputImage, folder: Path) -> Outcome:
 def _measured(outcome: Outcome, folder: Path) -> Outcome:
     """The outcome with its row and thumbnail."""
     image = outcome.image
-    measured = measure_file(image.path, image.pixel_size, image.options)
+    measured = measure_file(image.path, image.pixel_size, image.options, image.outline, image.frame)
     doubts = measured.segmentation.warnings
     shape, micrograph = measured.shape, measured.micrograph
     title = f"{image.label}: area {shape.area:.4g} µm², compactness {shape.compactness:.3g}"
@@ -173,7 +173,7 @@ def _outlined(outcome: Outcome, folder: Path) -> Outcome:
     """The outcome of an image without pixel size, with its thumbnail where it can be outlined."""
     image = outcome.image
     try:
-        pixels = read_image(image.path)
+        pixels = read_image(image.path, image.frame)
         found = segment(pixels, name=str(image.path), **image.options.as_arguments())
     except InputError as error:
         return replace(outcome, error=f"{outcome.error}; {error}")
@@ -193,7 +193,7 @@ def _pictures(
 ) -> bytes:
     """Write mask and overlay, whole or not at all, and return the thumbnail."""
     with written_whole(folder / "masks" / f"{image.name}.png") as temporary:
-        write_mask(temporary, mask)
+        write_mask(temporary, mask, pixel_size)
     figure = plot.overlay(pixels, mask, title, pixel_size, [f"{doubt}: {DOUBTS[doubt]}" for doubt in doubts])
     plot.save(figure, folder / "overlays" / f"{image.name}.png")
     return plot.thumbnail(pixels, mask, image.side)

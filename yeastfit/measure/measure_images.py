@@ -4,9 +4,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from yeastfit.measure.outlining.segmentation import Segmentation, segment
+from yeastfit.measure.outlining.segmentation import Segmentation, given_outline, segment
 from yeastfit.measure.reading.dataset import Dataset
 from yeastfit.measure.reading.images import Micrograph, read_micrograph
+from yeastfit.measure.reading.outline_files import read_outline
 from yeastfit.measure.reading.segmentation_options import AUTOMATIC, SegmentationOptions
 from yeastfit.measure.statistics.measure_mask import Shape, measure_mask
 from yeastfit.progress import Progress, silent
@@ -39,7 +40,11 @@ class MeasuredImage:
 
 
 def measure_file(
-    path: str | Path, pixel_size: float | None = None, options: SegmentationOptions = AUTOMATIC
+    path: str | Path,
+    pixel_size: float | None = None,
+    options: SegmentationOptions = AUTOMATIC,
+    outline: str | Path | None = None,
+    frame: int | None = None,
 ) -> MeasuredImage:
     """Measure one micrograph.
 
@@ -47,6 +52,9 @@ def measure_file(
         path: A TIFF, PNG or JPEG file.
         pixel_size: In µm per pixel; without it, the one that the file states.
         options: How to outline the colony.
+        outline: A file with its outline, made elsewhere, which is then taken as it is: a mask or label image, ImageJ's
+            .roi or .zip, cellpose's _seg.npy.
+        frame: Of a time lapse or a z-stack, from 1 on; may be left out where there is one.
 
     Returns:
         The photograph, its mask and the mask's statistics.
@@ -54,8 +62,13 @@ def measure_file(
     Raises:
         InputError: The file is no image, states no pixel size, or shows no colony.
     """
-    micrograph = read_micrograph(path, pixel_size)
-    segmentation = segment(micrograph.pixels, name=str(path), **options.as_arguments())
+    micrograph = read_micrograph(path, pixel_size, frame)
+    if outline is None:
+        segmentation = segment(micrograph.pixels, name=str(path), **options.as_arguments())
+    else:
+        shape = micrograph.pixels.shape
+        options.check(shape, str(path))
+        segmentation = given_outline(micrograph.pixels, read_outline(Path(outline), shape, options.seed_point))
     return MeasuredImage(micrograph, segmentation, measure_mask(segmentation.mask, micrograph.pixel_size))
 
 
@@ -74,7 +87,7 @@ def measure_dataset(dataset: Dataset, progress: Progress = silent) -> list[Measu
     """
     results = []
     for frame in dataset.frames:
-        results.append(measure_file(frame.path, frame.pixel_size, frame.options))
+        results.append(measure_file(frame.path, frame.pixel_size, frame.options, frame.outline))
         count = len(dataset.frames)
         progress(f"measured {len(results)} of {count}", len(results) / count)
     return results

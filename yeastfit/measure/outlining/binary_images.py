@@ -11,6 +11,7 @@ from yeastfit.measure.outlining.mask_operations import Mask
 UNSURE = (0.25, 0.75)  # share of the border's bright pixels between which polarity is unsure
 LEVELS = 3  # grey levels around black and white that lossy compression may leave, of 255
 NEARLY = 0.9  # share of pixels within them
+FLAT, MOST_LABELS = 0.3, 5000  # of a label's pixels, inside it; labels of an image
 BETWEEN = 0.01  # largest share of pixels in the middle half of the range
 
 
@@ -68,3 +69,23 @@ def _border_near_corners(bright: Mask) -> Bool[np.ndarray, " pixel"]:
     outer[0, near_columns] = outer[-1, near_columns] = True
     outer[near_rows, 0] = outer[near_rows, -1] = True
     return bright[outer]
+
+
+def recognise_labels(image: npt.NDArray[Any]) -> npt.NDArray[np.int64] | None:
+    """Recognise a label image of three values or more, as cellpose, napari and ilastik write them; None for others.
+
+    Values are whole numbers from 0 or 1 on, and nearly every one of them fills areas: `FLAT` of its pixels have four
+    neighbours of the same value, which neither noise nor the blurred edge of a photograph has.
+    """
+    if not 0 <= image.min() <= 1 or not (image == np.rint(image)).all():
+        return None
+    labels = image.astype(np.int64)
+    values, inverse, counts = np.unique(labels, return_inverse=True, return_counts=True)
+    if not 3 <= len(values) <= MOST_LABELS:
+        return None
+    inner = np.zeros(labels.shape, dtype=bool)
+    middle = labels[1:-1, 1:-1]
+    around = (labels[:-2, 1:-1], labels[2:, 1:-1], labels[1:-1, :-2], labels[1:-1, 2:])
+    inner[1:-1, 1:-1] = np.logical_and.reduce([middle == one for one in around])
+    flat = np.bincount(inverse.ravel(), weights=inner.ravel(), minlength=len(values)) / counts
+    return labels if np.mean(flat >= FLAT) >= NEARLY else None

@@ -26,6 +26,7 @@ the information here.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -35,7 +36,7 @@ from skimage import measure
 
 from yeastfit.errors import InputError
 from yeastfit.measure.outlining.background import estimate_background, frame_mask
-from yeastfit.measure.outlining.binary_images import BinaryImage, recognise_binary
+from yeastfit.measure.outlining.binary_images import BinaryImage, recognise_binary, recognise_labels
 from yeastfit.measure.outlining.boundary import boundary_pixels, coarse_outline, detection_limit, edge_blur, fine_mask
 from yeastfit.measure.outlining.colony_selection import object_at, select_colony
 from yeastfit.measure.outlining.mask_operations import (
@@ -48,6 +49,7 @@ from yeastfit.measure.outlining.mask_operations import (
     without_specks,
 )
 from yeastfit.measure.reading.images import MIN_SIDE
+from yeastfit.measure.reading.outline_files import chosen, objects_of
 from yeastfit.measure.reading.segmentation_options import SegmentationOptions
 
 DOUBTS: dict[str, str] = {
@@ -67,6 +69,7 @@ DOUBTS: dict[str, str] = {
     "tiny": "The colony has fewer than 100 pixels: its outline is coarse.",
     "nearly empty": "The colony fills less than a thousandth of the image: it may be a speck.",
     "fills the image": "The colony fills over four fifths of the image: little background is left to compare with.",
+    "corrected by hand": "The outline was given beside the photograph, not found in it.",
     "polarity unsure": "Both values of the mask lie along its border: dark and bright may be mistaken for each other.",
     "not quite black and white": "Nearly a mask, as lossy compression leaves it: cut at half of its range.",
 }
@@ -148,12 +151,32 @@ def segment(
     binary = recognise_binary(image)
     if binary is not None:
         return _segment_binary(binary, window, options, name)
+    labels = recognise_labels(image)
+    if labels is not None:
+        shown = np.zeros_like(labels)
+        shown[window] = labels[window]
+        objects = objects_of(shown)
+        if not objects:
+            raise InputError(f"{name}: no object within roi {roi!r}, need one around it")
+        found = given_outline(image, chosen(objects, seed_point, Path(name)))
+        several = ("several objects",) if seed_point is None and len(objects) > 1 else ()
+        doubts = (*several, *(one for one in found.warnings if one != "corrected by hand"))
+        return Segmentation(found.mask, found.background, 0.5, 0.0, 0.0, doubts)
     part = _segment_photograph(_checked(image[window], name), min_area, options, name)
     mask = np.zeros(image.shape, dtype=bool)
     mask[window] = part.mask
     around = [(at.start, size - at.stop) for at, size in zip(window, image.shape, strict=True)]
     background = np.pad(part.background, around, mode="edge")
     return Segmentation(mask, background, part.threshold, part.blur, part.noise, part.warnings)
+
+
+def given_outline(pixels: npt.NDArray[Any], mask: Mask) -> Segmentation:
+    """The colony of a photograph whose outline was made elsewhere; the background is the median of the rest."""
+    level = float(np.median(pixels[~mask])) if not mask.all() else float(np.max(pixels))
+    doubts = ["corrected by hand", *_doubts_of_mask(mask, np.ones_like(mask))]
+    background = np.full(mask.shape, level, dtype=np.float32)
+    contrast = max(level - float(np.median(pixels[mask])), 0.0)
+    return Segmentation(mask, background, contrast / 2, 0.0, 0.0, tuple(doubts))
 
 
 def outline(mask: Mask) -> list[npt.NDArray[np.float64]]:

@@ -12,7 +12,7 @@ from yeastfit.measure.reading.segmentation_options import AUTOMATIC, Segmentatio
 from yeastfit.numbers import PIXEL_SIZES
 from yeastfit.text import file_name, shown
 
-SUFFIXES = (".tif", ".tiff", ".png", ".jpg", ".jpeg")
+SUFFIXES = (".tif", ".tiff", ".png", ".jpg", ".jpeg", ".czi", ".nd2", ".lif")
 FORMULA = ("=", "+", "-", "@")  # what a spreadsheet takes for a formula begins so
 
 
@@ -30,6 +30,8 @@ class InputImage:
         condition: Empty outside a data set.
         replicate: Likewise.
         hours: None outside a data set.
+        outline: A file with its outline, made elsewhere.
+        frame: Of a time lapse or a z-stack, from 1 on; None where there is one.
         side: Longer side of its thumbnail in pixels.
     """
 
@@ -41,6 +43,8 @@ class InputImage:
     condition: str = ""
     replicate: str = ""
     hours: float | None = None
+    outline: Path | None = None
+    frame: int | None = None
     side: int = 480
 
 
@@ -102,6 +106,7 @@ def dataset_images(
             frame.condition,
             frame.replicate,
             frame.hours,
+            frame.outline,
         )
         for frame in dataset.frames
     ]

@@ -11,6 +11,8 @@
     threshold       contrast with the background, in grey levels, from which a pixel is colony
     roi             x0, y0, x1, y1: the part of the image to look at, in pixels
     colonies        "one" object of the image, or "all" that are no dust
+    mask            an outline made elsewhere, relative to the manifest: a mask or label image, ImageJ's .roi or .zip,
+                    cellpose's _seg.npy; optional
     note            a remark for people, not read; optional
 
 Condition and replicate together identify a colony. At the top of `manifest.toml`, everything but the first three and
@@ -33,7 +35,7 @@ from yeastfit.text_files import read_csv, read_toml
 MANIFESTS = ("manifest.csv", "manifest.toml")
 NEEDED = ("file", "replicate", "hours")
 SHARED = ("um_per_pixel", "condition", "seed_point", "threshold", "roi", "colonies")
-KNOWN = (*NEEDED, *SHARED, "note")
+KNOWN = (*NEEDED, *SHARED, "mask", "note")
 LONGEST_NAME = 200  # characters of a condition or a replicate
 COLUMNS = (*NEEDED, "um_per_pixel")  # which manifest.csv must have
 
@@ -49,6 +51,7 @@ class Frame:
         pixel_size: In µm; None where only the file may state it.
         condition: What the colony was grown in or of.
         options: How to outline it.
+        outline: A file with its outline, made elsewhere; None where it is to be found.
     """
 
     path: Path
@@ -57,6 +60,7 @@ class Frame:
     pixel_size: float | None
     condition: str = ""
     options: SegmentationOptions = AUTOMATIC
+    outline: Path | None = None
 
 
 @dataclass(frozen=True)
@@ -181,16 +185,20 @@ def _frame(row: Mapping[str, Any], folder: Path, where: str) -> Frame:
     file, replicate = (_text(row, name, where) for name in ("file", "replicate"))
     if not file or not replicate:
         raise InputError(f"{where}: {'file' if not file else 'replicate'} is empty")
-    path = folder / file
-    try:
-        exists = path.is_file()
-    except OSError:  # a name longer than the file system takes
-        exists = False
-    if not exists:
-        raise InputError(f"{where}: there is no file {short(file)}")
+    path, mask = folder / file, _text(row, "mask", where)
+    for name in filter(None, (file, mask)):
+        if not _is_file(folder / name):
+            raise InputError(f"{where}: there is no file {short(name)}")
     hours = HOURS.read(row.get("hours", ""), f"{where}: hours")
     pixel_size, condition, options = _optional(row, where)
-    return Frame(path, replicate, hours, pixel_size, condition, options)
+    return Frame(path, replicate, hours, pixel_size, condition, options, folder / mask if mask else None)
+
+
+def _is_file(path: Path) -> bool:
+    try:
+        return path.is_file()
+    except OSError:  # a name longer than the file system takes
+        return False
 
 
 def _optional(row: Mapping[str, Any], where: str) -> tuple[float | None, str, SegmentationOptions]:
@@ -204,7 +212,7 @@ def _text(row: Mapping[str, Any], name: str, where: str) -> str:
     if isinstance(value, bool) or not isinstance(value, str | int | float):
         raise InputError(f"{where}: {name} is {quoted(value)}, it must be a text or a number")
     text = str(value).strip()
-    if name != "file" and (shown(text) != text or len(text) > LONGEST_NAME):
+    if name not in ("file", "mask") and (shown(text) != text or len(text) > LONGEST_NAME):
         raise InputError(
             f"{where}: {name} is {quoted(text)}, it must be one line of at most {LONGEST_NAME} visible characters"
         )

@@ -18,6 +18,7 @@ from jaxtyping import Float32, UInt8, UInt16
 
 from yeastfit.errors import InputError, PixelSizeError
 from yeastfit.measure.reading.pixel_size import PixelSize, pillow_sizes, tiff_sizes
+from yeastfit.measure.reading.vendor_files import check_frame, read_vendor, vendor_of
 from yeastfit.numbers import PIXEL_SIZES
 
 Grey = UInt8[np.ndarray, "row column"] | UInt16[np.ndarray, "row column"] | Float32[np.ndarray, "row column"]
@@ -63,7 +64,7 @@ class Contents(NamedTuple):
     remark: str
 
 
-def read_image(path: str | Path) -> Grey:
+def read_image(path: str | Path, frame: int | None = None) -> Grey:
     """Read the grey values of a TIFF, PNG or JPEG file.
 
     8- and 16-bit values stay as they are, bilevel ones become 0 and 255, everything else float32. Equal colour channels
@@ -71,6 +72,7 @@ def read_image(path: str | Path) -> Grey:
 
     Arguments:
         path: The file.
+        frame: Of a time lapse or a z-stack, from 1 on.
 
     Returns:
         Grey values [rows, columns]; 0 is black, whatever the file's own convention.
@@ -78,10 +80,10 @@ def read_image(path: str | Path) -> Grey:
     Raises:
         InputError: The file is anything but one flat, finite image of at most `MAX_PIXELS`.
     """
-    return _read(Path(path)).pixels
+    return _read(Path(path), frame).pixels
 
 
-def read_micrograph(path: str | Path, pixel_size: float | None = None) -> Micrograph:
+def read_micrograph(path: str | Path, pixel_size: float | None = None, frame: int | None = None) -> Micrograph:
     """Read an image with the size of its pixels.
 
     A file states that size, the most trustworthy first, as OME-XML PhysicalSizeX; as an ImageJ unit with its
@@ -91,6 +93,7 @@ def read_micrograph(path: str | Path, pixel_size: float | None = None) -> Microg
     Arguments:
         path: The file.
         pixel_size: In µm per pixel; by default what the file states.
+        frame: Of a time lapse or a z-stack, from 1 on.
 
     Returns:
         The photograph.
@@ -102,7 +105,7 @@ def read_micrograph(path: str | Path, pixel_size: float | None = None) -> Microg
     """
     path = Path(path)
     given = None if pixel_size is None else PIXEL_SIZES.read(pixel_size, "pixel_size")
-    contents = _read(path)
+    contents = _read(path, frame)
     if given is not None:
         return Micrograph(contents.pixels, given, "given by the user", path)
     if not contents.sizes:
@@ -121,16 +124,20 @@ def read_micrograph(path: str | Path, pixel_size: float | None = None) -> Microg
     return Micrograph(contents.pixels, sqrt(x * y), source, path)
 
 
-def _read(path: Path) -> Contents:
+def _read(path: Path, frame: int | None = None) -> Contents:
     if path.is_dir():
         raise InputError(f"{path}: is a directory, need a TIFF, PNG or JPEG file")
     if path.exists() and not path.is_file():  # a pipe would be waited for
         raise InputError(f"{path}: is no regular file, need a TIFF, PNG or JPEG file")
     try:
         with path.open("rb") as file:
-            reader = _reader(path, file.read(8))
+            start = file.read(8)
             file.seek(0)
-            pixels, sizes, remark = reader(path, file)
+            if (vendor := vendor_of(start)) is not None:
+                values, sizes = read_vendor(path, vendor, frame)
+                pixels, remark = _to_grey(values, path), ""
+            else:
+                pixels, sizes, remark = _reader(path, start)(path, file, frame)
     except InputError:
         raise
     except Exception as error:  # a damaged file makes readers raise anything at all
@@ -139,7 +146,7 @@ def _read(path: Path) -> Contents:
     return Contents(_finite(pixels, path), sizes, remark)
 
 
-def _reader(path: Path, start: bytes) -> Callable[[Path, BinaryIO], Contents]:
+def _reader(path: Path, start: bytes) -> Callable[[Path, BinaryIO, int | None], Contents]:
     if not start:
         raise InputError(f"{path}: is empty (0 bytes), need a TIFF, PNG or JPEG file")
     if start[:4] in (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+"):
@@ -151,7 +158,7 @@ def _reader(path: Path, start: bytes) -> Callable[[Path, BinaryIO], Contents]:
 
 def _check_size(path: Path, width: int, height: int, pages: int) -> None:
     if pages != 1:
-        raise InputError(f"{path}: holds {pages} pages or planes, need a file with one image")
+        raise InputError(f"{path}: holds {pages} pages or planes, need a file with one image, or its number: --frame")
     if not width * height:
         raise InputError(f"{path}: {width} x {height} pixels, need an image")
     if width * height > MAX_PIXELS:
@@ -204,7 +211,7 @@ def _to_grey(values: npt.NDArray[Any], path: Path) -> Grey:
         return values.astype(np.float32)
 
 
-def _read_tiff(path: Path, file: BinaryIO) -> Contents:
+def _read_tiff(path: Path, file: BinaryIO, frame: int | None = None) -> Contents:
     import tifffile
 
     with tifffile.TiffFile(file) as tif:
@@ -214,6 +221,8 @@ def _read_tiff(path: Path, file: BinaryIO) -> Contents:
             shape = dict(zip(tif.series[0].axes, tif.series[0].shape, strict=True))
             planes = [count for axis, count in shape.items() if axis not in "YXS"]
             pages = max(pages if tif.is_imagej else len(tif.series), int(np.prod(planes)))
+        if frame is not None:
+            page, pages = tif.pages[check_frame(frame, len(tif.pages), path)], 1
         _check_size(path, page.imagewidth, page.imagelength, pages)
         ends = [start + count for start, count in zip(page.dataoffsets, page.databytecounts, strict=True)]
         if max(ends) > (held := path.stat().st_size):
@@ -243,7 +252,7 @@ def _tiff_pixels(page: Any, path: Path, file: BinaryIO) -> Grey:
     return _to_grey(values, path)
 
 
-def _read_pillow(path: Path, file: BinaryIO) -> Contents:
+def _read_pillow(path: Path, file: BinaryIO, frame: int | None = None) -> Contents:
     from PIL import Image, UnidentifiedImageError
 
     with catch_warnings():
@@ -256,7 +265,11 @@ def _read_pillow(path: Path, file: BinaryIO) -> Contents:
             limit = MAX_PIXELS // 10**6
             raise InputError(f"{path}: far too many pixels, need at most {limit} million: crop or bin it") from None
     with image:
-        _check_size(path, *image.size, getattr(image, "n_frames", 1))
+        frames = getattr(image, "n_frames", 1)
+        if frame is not None:
+            image.seek(check_frame(frame, frames, path))
+            frames = 1
+        _check_size(path, *image.size, frames)
         sizes, remark = pillow_sizes(image)
         if image.mode == "P":
             converted = image.convert("RGBA")

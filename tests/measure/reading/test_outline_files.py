@@ -1,0 +1,119 @@
+"""Outlines made elsewhere: which object counts, what is refused, and a data set that brings them."""
+
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import tifffile
+from PIL import Image
+
+from yeastfit import InputError, measure_dataset, measure_file, read_dataset
+from yeastfit.measure.outlining.binary_images import recognise_labels
+from yeastfit.measure.reading.outline_files import read_outline
+
+SHAPE = (60, 80)
+LARGE, SMALL = np.zeros(SHAPE, bool), np.zeros(SHAPE, bool)
+LARGE[10:40, 10:50], SMALL[45:55, 60:75] = True, True
+LABELS = (7 * LARGE + 2 * SMALL).astype(np.uint16)
+
+
+def photograph(path: Path) -> Path:
+    """Noise, without any colony in it."""
+    Image.fromarray(np.random.default_rng(0).integers(180, 200, SHAPE).astype(np.uint8)).save(path)
+    return path
+
+
+def written(path: Path) -> Path:
+    """The labels in the format of the suffix."""
+    if path.suffix == ".npy":
+        np.save(path, {"masks": LABELS, "filename": "a.tif", "diameter": np.float64(30.0)}, allow_pickle=True)  # type: ignore[arg-type]
+    elif path.suffix in (".roi", ".zip"):
+        roifile = pytest.importorskip("roifile")
+        corners = [[[10, 10], [50, 10], [50, 40], [10, 40]], [[60, 45], [75, 45], [75, 55], [60, 55]]]
+        regions = [roifile.ImagejRoi.frompoints(np.array(one), name=str(k)) for k, one in enumerate(corners)]
+        if path.suffix == ".roi":
+            regions[0].tofile(path)
+        else:
+            roifile.roiwrite(path, regions)
+    else:
+        tifffile.imwrite(path, LABELS)
+    return path
+
+
+@pytest.mark.parametrize("name", ["labels.tif", "cells_seg.npy", "colony.zip"])
+def test_the_object_at_the_seed_point_counts_else_the_largest(name: str, tmp_path: Path) -> None:
+    path = written(tmp_path / name)
+    np.testing.assert_array_equal(read_outline(path, SHAPE), LARGE)
+    np.testing.assert_array_equal(read_outline(path, SHAPE, (65, 50)), SMALL)
+    with pytest.raises(InputError, match="no object at seed_point 2, 3"):
+        read_outline(path, SHAPE, (2, 3))
+
+
+def test_a_single_region_is_filled(tmp_path: Path) -> None:
+    np.testing.assert_array_equal(read_outline(written(tmp_path / "one.roi"), SHAPE), LARGE)
+
+
+class Program:
+    """What a pickle can hold: a call of anything."""
+
+    def __init__(self, what: str) -> None:
+        self.what = what
+
+    def __reduce__(self) -> Any:
+        return os.system, (self.what,)
+
+
+def test_a_pickle_that_runs_a_program_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "evil_seg.npy"
+    np.save(path, {"masks": LABELS, "more": Program(f"touch {tmp_path / 'ran'}")}, allow_pickle=True)  # type: ignore[arg-type]
+    with pytest.raises(InputError, match=r"holds posix\.system, which is not read: save the masks as PNG or TIFF"):
+        read_outline(path, SHAPE)
+    assert not (tmp_path / "ran").exists()
+
+
+@pytest.mark.parametrize(("name", "content"), [("a.npy", b"nonsense"), ("a.roi", b"nonsense"), ("a.zip", b"PK")])
+def test_damaged_files_are_one_line(name: str, content: bytes, tmp_path: Path) -> None:
+    (tmp_path / name).write_bytes(content)
+    with pytest.raises(InputError, match="cannot be read"):
+        read_outline(tmp_path / name, SHAPE)
+
+
+def test_an_outline_of_another_size_or_without_an_object_is_refused(tmp_path: Path) -> None:
+    tifffile.imwrite(tmp_path / "small.tif", LABELS[:30])
+    with pytest.raises(InputError, match="an outline of 80 x 30 pixels, need 80 x 60 as its photograph has"):
+        read_outline(tmp_path / "small.tif", SHAPE)
+    tifffile.imwrite(tmp_path / "empty.tif", np.zeros(SHAPE, np.uint8))
+    with pytest.raises(InputError, match="holds no object"):
+        read_outline(tmp_path / "empty.tif", SHAPE)
+
+
+def test_a_data_set_brings_outlines_beside_its_photographs(tmp_path: Path) -> None:
+    photograph(tmp_path / "a.png")
+    written(tmp_path / "a.tif")
+    (tmp_path / "manifest.csv").write_text(
+        "file,replicate,hours,um_per_pixel,mask,seed_point\na.png,1,3,0.5,a.tif,\na.png,2,3,0.5,a.tif,65 50\n"
+    )
+    first, second = measure_dataset(read_dataset(tmp_path))
+    np.testing.assert_array_equal(first.segmentation.mask, LARGE)
+    np.testing.assert_array_equal(second.segmentation.mask, SMALL)
+    assert first.row()["warnings"] == "corrected by hand"
+    assert first.shape.area == 0.25 * LARGE.sum()
+    (tmp_path / "manifest.csv").write_text("file,replicate,hours,um_per_pixel,mask\na.png,1,3,0.5,b.tif\n")
+    with pytest.raises(InputError, match=r"line 2: there is no file b\.tif"):
+        read_dataset(tmp_path)
+
+
+def test_a_label_image_is_no_photograph(tmp_path: Path) -> None:
+    tifffile.imwrite(tmp_path / "labels.tif", LABELS)
+    found = measure_file(tmp_path / "labels.tif", 0.5)
+    np.testing.assert_array_equal(found.segmentation.mask, LARGE)
+    assert "several objects" in found.segmentation.warnings
+    ilastik = np.where(LARGE, 2, np.where(SMALL, 3, 1)).astype(np.uint8)
+    assert recognise_labels(ilastik) is not None
+    noise = np.random.default_rng(1).integers(0, 4, SHAPE)
+    assert recognise_labels(noise) is None, "noise fills no areas"
+    row, column = np.indices(SHAPE)
+    blurred = np.rint(200 / (1 + np.exp(25 - np.hypot(row - 30, column - 40)))).astype(np.uint8)
+    assert recognise_labels(blurred) is None, "levels of a blurred edge are no labels"

@@ -1,0 +1,131 @@
+"""Outlines made elsewhere: label images, ImageJ's regions of interest, and cellpose's _seg.npy.
+
+Of several objects, that at the seed point counts, else the largest. A _seg.npy is a pickle, which can run any program
+when it is opened; it is read by an unpickler that knows arrays, numbers and texts only, and refuses everything else.
+"""
+
+import io
+import pickle
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from jaxtyping import Bool
+
+from yeastfit.errors import InputError
+from yeastfit.measure.reading.images import MAX_PIXELS, read_image
+
+MAX_BYTES = 8 * MAX_PIXELS
+HARMLESS = {
+    ("numpy", "ndarray"),
+    ("numpy", "dtype"),
+    *((f"numpy.{core}.multiarray", name) for core in ("core", "_core") for name in ("_reconstruct", "scalar")),
+    ("_codecs", "encode"),
+}
+
+Labels = npt.NDArray[Any]
+
+
+def read_outline(
+    path: Path, shape: tuple[int, int], seed_point: Sequence[float] | None = None
+) -> Bool[np.ndarray, "row column"]:
+    """Read the outline of one colony.
+
+    Arguments:
+        path: A mask or a label image (TIFF, PNG), an ImageJ .roi or .zip of them, or a .npy of cellpose.
+        shape: Rows and columns of its photograph.
+        seed_point: x and y in pixels of the colony, where there are several objects.
+
+    Returns:
+        True on the colony.
+
+    Raises:
+        InputError: The file cannot be read, is of another size, or holds no object, or none at the seed point.
+    """
+    suffix = path.suffix.lower()
+    if suffix in (".roi", ".zip"):
+        objects = _regions(path, shape)
+    else:
+        labels = _array(path) if suffix == ".npy" else read_image(path)
+        if labels.shape != shape:
+            raise InputError(
+                f"{path}: an outline of {labels.shape[1]} x {labels.shape[0]} pixels, need {shape[1]} x {shape[0]} as "
+                "its photograph has"
+            )
+        objects = objects_of(labels)
+    if not objects:
+        raise InputError(f"{path}: holds no object, need the outline of a colony")
+    return chosen(objects, seed_point, path)
+
+
+def objects_of(labels: Labels) -> list[Bool[np.ndarray, "row column"]]:
+    """Objects of a label image: each value but that of the background, which holds most of the border's corners."""
+    corners = [labels[row, column] for row in (0, -1) for column in (0, -1)]
+    values, counts = np.unique(corners, return_counts=True)
+    background = values[counts == counts.max()].min()
+    return [labels == value for value in np.unique(labels) if value != background]
+
+
+def chosen(
+    objects: Sequence[Bool[np.ndarray, "row column"]], seed_point: Sequence[float] | None, path: Path
+) -> Bool[np.ndarray, "row column"]:
+    """The object at the seed point, else the largest."""
+    if seed_point is None:
+        return max(objects, key=lambda one: int(one.sum()))
+    column, row = (round(value) for value in seed_point)
+    for one in objects:
+        if one[min(row, one.shape[0] - 1), min(column, one.shape[1] - 1)]:
+            return one
+    raise InputError(f"{path}: no object at seed_point {column}, {row}, need a pixel of one of its {len(objects)}")
+
+
+def _regions(path: Path, shape: tuple[int, int]) -> list[Bool[np.ndarray, "row column"]]:
+    """Regions of interest, filled; those that hold no pixel are left out."""
+    try:
+        import roifile
+    except ImportError as error:
+        raise InputError(f"{path}: roifile is not installed ({error}): pip install 'yeastfit[outlines]'") from error
+    from skimage.draw import polygon2mask
+
+    try:
+        read = roifile.roiread(path)
+        each = [one.coordinates() for one in (read if isinstance(read, list) else [read])]
+    except Exception as error:  # a damaged file makes readers raise anything at all
+        raise InputError(f"{path}: cannot be read as ImageJ's regions ({error}), need a .roi or a .zip") from error
+    filled = [polygon2mask(shape, np.asarray(one)[:, ::-1] - 0.5) for one in each if one is not None and len(one) > 2]
+    return [one for one in filled if one.any()]
+
+
+def _array(path: Path) -> Labels:
+    """Labels of a .npy: an array, or the `masks` of cellpose's dictionary."""
+    try:
+        if path.stat().st_size > MAX_BYTES:
+            raise InputError(f"{path}: more than {MAX_BYTES / 1e6:.0f} MB, need a smaller one")
+        with path.open("rb") as file:
+            version = np.lib.format.read_magic(file)
+            header = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
+            if header(file)[2] != np.dtype(object):
+                found: Any = np.load(path, allow_pickle=False)
+            else:
+                found = _Unpickler(io.BytesIO(file.read())).load()
+    except InputError:
+        raise
+    except Exception as error:
+        raise InputError(f"{path}: cannot be read ({error}), need labels as an array, or a _seg.npy") from error
+    found = found.item() if isinstance(found, np.ndarray) and found.dtype == object and found.size == 1 else found
+    labels = found.get("masks") if isinstance(found, dict) else found
+    if not isinstance(labels, np.ndarray) or labels.ndim != 2 or labels.dtype.kind not in "bui":
+        raise InputError(f"{path}: holds no flat array of labels, need one, or cellpose's dictionary with `masks`")
+    return labels
+
+
+class _Unpickler(pickle.Unpickler):
+    """Of arrays, numbers, texts, lists and dictionaries, and of nothing that could run a program."""
+
+    def find_class(self, module: str, name: str) -> Any:
+        """Refuse everything else."""
+        if (module, name) not in HARMLESS:
+            raise pickle.UnpicklingError(f"it holds {module}.{name}, which is not read: save the masks as PNG or TIFF")
+        return super().find_class(module, name)
