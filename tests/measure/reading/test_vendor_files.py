@@ -1,0 +1,80 @@
+"""Files of microscopes. Nothing writes CZI, ND2 or LIF files: objects as the libraries have them stand in for these."""
+
+import sys
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+import tifffile
+
+from yeastfit import InputError
+from yeastfit.measure.reading.images import read_image, read_micrograph
+
+STACK = np.arange(3 * 2 * 20 * 30, dtype=np.uint16).reshape(3, 2, 20, 30)
+XML = (
+    "<ImageDocument><Metadata><Scaling><Items><Distance Id='X'><Value>6.5e-07</Value></Distance>"
+    "<Distance Id='Y'><Value>6.5e-07</Value></Distance></Items></Scaling></Metadata></ImageDocument>"
+)
+
+
+class Opened(SimpleNamespace):
+    """An open file."""
+
+    def __enter__(self) -> "Opened":
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        pass
+
+
+def czi(_: Path) -> Opened:
+    values = STACK[None, ..., None]
+    return Opened(shape=values.shape, axes="STZYX0", asarray=lambda: values, metadata=lambda: XML)
+
+
+def nd2(_: Path) -> Opened:
+    sizes = {"T": 3, "Z": 2, "Y": 20, "X": 30}
+    return Opened(
+        shape=STACK.shape, sizes=sizes, asarray=lambda: STACK, voxel_size=lambda: SimpleNamespace(x=0.65, y=0.65, z=1)
+    )
+
+
+def lif(_: Path) -> Opened:
+    coords = {"X": 6.5e-7 * np.arange(30), "Y": 6.5e-7 * np.arange(20)}
+    return Opened(images=[Opened(shape=STACK.shape, dims=("T", "Z", "Y", "X"), coords=coords, asarray=lambda: STACK)])
+
+
+FILES: dict[str, tuple[bytes, str, str, Any]] = {
+    "czi": (b"ZISRAWFILE", "czifile", "CziFile", czi),
+    "nd2": (b"\xda\xce\xbe\n\0\0\0\0", "nd2", "ND2File", nd2),
+    "lif": (b"\x70\0\0\0\0\0\0\0", "liffile", "LifFile", lif),
+}
+
+
+@pytest.mark.parametrize("suffix", list(FILES))
+def test_a_frame_and_its_pixel_size(suffix: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    start, module, name, opened = FILES[suffix]
+    path = tmp_path / f"colony.{suffix}"
+    path.write_bytes(start)
+    monkeypatch.setitem(sys.modules, module, SimpleNamespace(**{name: opened}))
+    found = read_micrograph(path, frame=4)
+    np.testing.assert_array_equal(found.pixels, STACK[1, 1])
+    assert found.pixel_size == pytest.approx(0.65)
+    with pytest.raises(InputError, match=r"holds 6 frames \(T 3, Z 2\), choose one by --frame 1 to --frame 6"):
+        read_image(path)
+    with pytest.raises(InputError, match=r"frame is 7, the file holds 6 \(T 3, Z 2\): need 1 to 6"):
+        read_image(path, frame=7)
+    monkeypatch.setitem(sys.modules, module, None)
+    with pytest.raises(InputError, match=r"is not installed: pip install 'yeastfit\[microscopes\]'"):
+        read_image(path)
+
+
+def test_a_frame_of_a_tiff(tmp_path: Path) -> None:
+    tifffile.imwrite(tmp_path / "stack.tif", STACK[:, 0], photometric="minisblack")
+    np.testing.assert_array_equal(read_image(tmp_path / "stack.tif", frame=3), STACK[2, 0])
+    with pytest.raises(InputError, match="holds 3 pages or planes, need a file with one image, or its number: --frame"):
+        read_image(tmp_path / "stack.tif")
+    with pytest.raises(InputError, match="frame is 4, the file holds 3: need 1 to 3"):
+        read_image(tmp_path / "stack.tif", frame=4)
