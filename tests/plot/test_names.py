@@ -26,7 +26,7 @@ def test_the_functions_are_named_after_what_they_draw() -> None:
     names += " overlay predictive profiles ranks spectrum thumbnail_sheet traces"
     for name in names.split():
         assert getattr(yeastfit.plot, name).__annotations__["return"] is Figure
-    assert set(plot.__all__) == {*names.split(), "save", "thumbnail"}
+    assert set(plot.__all__) == {*names.split(), "movie", "save", "thumbnail"}
 
 
 def test_an_unknown_attribute_is_an_error() -> None:

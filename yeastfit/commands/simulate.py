@@ -14,11 +14,21 @@ from yeastfit.results_folder import results_folder
 from yeastfit.simulation.synthetic_data import write_mask
 from yeastfit.storage import write_table
 
+FRAMES = 40  # of a movie
+
 
 @generated(chosen=ModelOptions("simulate"))
 def simulate(
     folder: Out,
     members: Annotated[int, typer.Option(help="Number of colonies to grow.")] = 4,
+    movie: Annotated[
+        bool,
+        typer.Option(
+            "--movie",
+            help="Also show the first colony and its nutrient as they grow: movie.gif, and movie.mp4 where ffmpeg is "
+            "installed.",
+        ),
+    ] = False,
     overwrite: Overwrite = False,
     seed: Seed = 0,
     *,
@@ -45,6 +55,9 @@ def simulate(
         for member in range(members):
             progress(f"drawing colony {member + 1} of {members}", member / members)
             plot.save(plot.colony(result, member), results.partial / f"colony_{member}.png")
+        if movie:
+            progress("drawing the movie", 0.0)
+            plot.movie(list(chosen.forward.movie(chosen.values, seed, FRAMES)), results.partial / "movie")
         if (drawn := result.masks()) is not None:
             (results.partial / "masks").mkdir()
             for member, mask in enumerate(drawn[0]):

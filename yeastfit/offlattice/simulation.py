@@ -78,13 +78,23 @@ class OfflatticeSimulation:
         """All cells of each colony as a camera would see them, and µm per pixel."""
         return [Ellipses.of(colony).mask(colony.x.size) for colony in self.colonies], PIXEL
 
-    def panels(self, member: int = 0) -> list[Panel]:
-        """Cells of one colony by form, and the outline that is measured."""
+    def panels(self, member: int = 0, cells: int | None = None) -> list[Panel]:
+        """Cells of one colony by form, and the outline that is measured.
+
+        Arguments:
+            member: Which colony of the ensemble.
+            cells: How many of its cells, the first ones; by default all.
+
+        Returns:
+            Two panels.
+        """
         colony = self.colonies[member]
+        count = colony.x.size if cells is None else cells
         seen = Ellipses.of(colony, gap=0.0).first
-        forms = np.append(1 + colony.pseudohyphal, 0).astype(int)[seen - 1]
-        mask, share = Ellipses.of(colony).mask(colony.x.size), colony.pseudohyphal.mean()
-        title = f"{colony.x.size} cells, {share:.1%} of them pseudohyphal"
+        forms = np.append(1 + colony.pseudohyphal, 0).astype(int)[np.where(seen <= count, seen, 0) - 1]
+        mask, share = Ellipses.of(colony).mask(count), colony.pseudohyphal[:count].mean()
+        left = "" if cells is None else f", {1 - count / colony.cells:.0%} of the nutrient left"
+        title = f"{count} cells, {share:.1%} of them pseudohyphal{left}"
         return [
             Panel(title, forms[::-1].T, 0.5 * PIXEL * len(forms), kinds=("nothing", "sated", "pseudohyphal")),
             Panel("as a camera sees it", mask[::-1].T, 0.5 * PIXEL * len(mask), kinds=("nothing", "colony")),

@@ -5,6 +5,7 @@ from .fits import bootstrap, convergence, fit, profiles
 from .information import design, ellipses, spectrum
 from .measured_curves import condition_curves
 from .micrographs import overlay, thumbnail, thumbnail_sheet
+from .movies import movie
 from .posterior import colonies, cross_validation, predictive, ranks, traces
 from .simulations import colony, curves
 from .style import save
@@ -21,6 +22,7 @@ __all__ = [
     "design",
     "ellipses",
     "fit",
+    "movie",
     "overlay",
     "predictive",
     "profiles",

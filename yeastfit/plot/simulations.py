@@ -1,5 +1,6 @@
 """Figures of simulated colonies: the last state of one colony, and every statistic as colonies grow."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -28,13 +29,18 @@ def colony(simulation: Grown, member: int = 0, **shown: Any) -> Figure:
     """
     panels = simulation.panels(member, **shown)
     figure = Figure(figsize=(0.3 + 4.6 * len(panels), 4.4), layout="constrained")
+    draw_panels(figure, panels)
+    return figure
+
+
+def draw_panels(figure: Figure, panels: Sequence[Panel]) -> None:
+    """Draw panels side by side, with axes in µm; the first says how wide a part is shown."""
     axes = figure.subplots(1, len(panels), sharex=True, sharey=True, squeeze=False)[0]
     for panel, each in zip(axes, panels, strict=True):
         _draw(figure, panel, each)
         half = panels[0].half_width
         panel.set(xlim=(-half, half), ylim=(-half, half), xlabel="µm", aspect="equal", title=each.title)
     axes[0].set_ylabel("µm")
-    return figure
 
 
 def curves(simulation: Grown) -> Figure:

@@ -1,6 +1,6 @@
 """The algebraic model (docs/model.md), composed of rules, as commands see it."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, ClassVar
@@ -24,9 +24,30 @@ from yeastfit.model.numerics import Numerics, most_nodes
 from yeastfit.model.nutrient import check_alpha
 from yeastfit.model.parameters import Parameters, Scales
 from yeastfit.model.relaxation import HARD, Relaxation
+from yeastfit.model.simulate import Snapshot
+from yeastfit.panel import Panel
 from yeastfit.parameter_set import ParameterSet
 from yeastfit.simulation.simulate import member_keys, sample_times
 from yeastfit.simulation.simulate import simulate as run_simulation
+
+
+class Unmeasured:
+    """Records nothing, for pictures that need the states only."""
+
+    def __call__(self, snapshot: Snapshot) -> dict[str, Any]:
+        """Nothing."""
+        return {}
+
+    def finish(self, observed: dict[str, Any]) -> dict[str, Any]:
+        """Nothing."""
+        return observed
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Unmeasured)
+
+    def __hash__(self) -> int:
+        return 0
+
 
 FAR = 0.999  # cumulative probability of a prior beyond which there are few draws
 SIMULATE, DATA = ("simulate",), ("simulate", "fit", "infer")
@@ -151,6 +172,22 @@ class Algebraic(ForwardModel):
             numerics=numerics,
             **how,
         )
+
+    def movie(self, values: Mapping[str, float], seed: int, frames: int) -> Iterator[list[Panel]]:
+        """Cells and nutrient of one colony; each frame goes on from the one before."""
+        chosen = self.rules.complete(Parameters(**values))
+        numerics = Numerics(domain=self.domain, spacing=self.spacing, dt=self.dt, capacity=self.capacity)
+        shared: dict[str, Any] = {
+            **{"model": self.rules, "numerics": numerics, "scales": self.scales, "observe": Unmeasured()},
+            "relaxation": HARD if self.hard else Relaxation(),
+        }
+        times = sample_times(self.time, max(self.time / frames, self.dt), numerics)
+        seen = [run_simulation(chosen, member_keys(seed, 1), times=times[:1], **shared)]
+        for time in times[1:]:
+            seen.append(run_simulation(chosen, times=[time], start=seen[-1].colony, **shared))
+        width = 2 * seen[-1].panels(0)[0].half_width / self.scales.length
+        for one in seen:
+            yield one.panels(0, width)
 
     def grow(self, values: Mapping[str, float], members: int, seed: int) -> Grown:
         """Colonies in an ensemble, seen at regular times and at the end."""

@@ -6,7 +6,7 @@ options too.
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any, ClassVar, Protocol, get_type_hints, runtime_checkable
@@ -200,6 +200,14 @@ class ForwardModel(ABC):
             InputError: The model has no such thing.
         """
         raise InputError(f"--model: {type(self).__name__} has no `grow`, which simulate needs: use fit or infer")
+
+    def movie(self, values: Mapping[str, float], seed: int, frames: int) -> Iterator[list[Panel]]:
+        """What the first colony of `grow` looks like at so many moments from its beginning to its end.
+
+        Raises:
+            InputError: The model has no such thing.
+        """
+        raise InputError(f"--model: {type(self).__name__} has no `movie`, which simulate --movie needs: leave it out")
 
     def settings(self, command: str) -> dict[str, Any]:
         """The settings that a command has, plain data; rules are named where they are not the default ones."""

@@ -4,7 +4,7 @@ It has no time. Colonies are compared in one image each, at one area: N cells gr
 cover the mean area of the data.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -25,6 +25,7 @@ from yeastfit.inference.targets import Targets
 from yeastfit.inference.targets_from_table import checked_rows, read_mask
 from yeastfit.numbers import PIXEL_SIZES, POSITIVE, Range
 from yeastfit.offlattice.parameters import PARAMETERS, PRIOR
+from yeastfit.panel import Panel
 from yeastfit.parameter_set import ParameterSet
 
 if TYPE_CHECKING:
@@ -171,6 +172,15 @@ class Offlattice(ForwardModel):
 
         seeds = member_seeds(seed, members)
         return simulate_offlattice(values, seeds, cells=self.cells, every=self.every, delay=self.delay)
+
+    def movie(self, values: Mapping[str, float], seed: int, frames: int) -> Iterator[list[Panel]]:
+        """Cells by form, and the outline that is measured, of the first n cells, n up to all of them."""
+        from yeastfit.offlattice.simulation import simulate_offlattice
+
+        grown = simulate_offlattice(values, member_seeds(seed, 1), cells=self.cells, every=self.cells, delay=self.delay)
+        count = grown.colonies[0].x.size
+        for cells in np.unique(np.linspace(1, count, frames).round().astype(int)).tolist():
+            yield grown.panels(0, cells)
 
     def _simulator(
         self, statistics: Sequence[str], free: Sequence[str], fixed: Mapping[str, float]
