@@ -153,13 +153,14 @@ def segment(
         return _segment_binary(binary, window, options, name)
     labels = recognise_labels(image)
     if labels is not None:
-        shown = np.zeros_like(labels)
-        shown[window] = labels[window]
-        objects = objects_of(shown)
+        inside = np.zeros(labels.shape, dtype=bool)
+        inside[window] = True
+        objects = [one & inside for one in objects_of(labels) if one[window].any()]
         if not objects:
             raise InputError(f"{name}: no object within roi {roi!r}, need one around it")
-        found = given_outline(image, chosen(objects, seed_point, Path(name)))
-        several = ("several objects",) if seed_point is None and len(objects) > 1 else ()
+        every = np.logical_or.reduce(objects)
+        found = given_outline(image, every if colonies == "all" else chosen(objects, seed_point, Path(name)))
+        several = ("several objects",) if seed_point is None and colonies is None and len(objects) > 1 else ()
         doubts = (*several, *(one for one in found.warnings if one != "corrected by hand"))
         return Segmentation(found.mask, found.background, 0.5, 0.0, 0.0, doubts)
     part = _segment_photograph(_checked(image[window], name), min_area, options, name)
