@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 from PIL import Image, ImageSequence
 
-from yeastfit import FORWARD_MODELS, plot
+from yeastfit import plot
+from yeastfit.inference.models.algebraic import Algebraic
+from yeastfit.inference.models.offlattice import Offlattice
 from yeastfit.panel import Panel
 
 
@@ -29,7 +31,7 @@ def test_a_movie_has_a_frame_for_each_moment(tmp_path: Path) -> None:
 
 def test_a_colony_of_the_off_lattice_model_grows_and_eats() -> None:
     pytest.importorskip("numba")
-    model = FORWARD_MODELS["offlattice"](cells=300)  # of which not all find room
+    model = Offlattice(cells=300)  # of which not all find room
     frames = list(model.movie(model.parameters.defaults, 0, 4))
     shown = [int((panels[0].values > 0).sum()) for panels in frames]
     assert shown == sorted(shown)
@@ -42,7 +44,7 @@ def test_a_colony_of_the_off_lattice_model_grows_and_eats() -> None:
 
 @pytest.mark.slow
 def test_frames_of_the_algebraic_model_go_on_to_the_colony_of_simulate() -> None:
-    model = FORWARD_MODELS["algebraic"](time=3.0, domain=20.0, spacing=0.2, capacity=64)
+    model = Algebraic(time=3.0, domain=20.0, spacing=0.2, capacity=64)
     frames = list(model.movie({}, 0, 3))
     end = model.grow({}, 1, 0).panels(0)
     assert frames[-1][0].title == end[0].title
