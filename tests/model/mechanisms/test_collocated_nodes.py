@@ -68,9 +68,13 @@ def test_labels_give_the_appendix_s_matrices_after_each_division() -> None:
 
 def test_divisions_without_a_slot_keep_groups_whole() -> None:
     colony = MODEL.start(jax.random.key(0), NUMERICS)
-    for slot in (0, 1, 0, 1, 2):
+    for slot in (0, 1, 0, 1):
         colony = halved(colony, slot)
     assert int(colony.count) == 6
+    assert not bool(colony.problems.capacity_reached)
+    colony = halved(colony, 2)
+    assert int(colony.count) == 6
+    assert bool(colony.problems.capacity_reached)
     assert float(jnp.sum(jnp.where(colony.alive, colony.node_state["group_size"], 0))) == 8
 
 

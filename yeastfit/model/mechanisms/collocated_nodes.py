@@ -75,8 +75,8 @@ class CollocatedBirths(BirthRule):
         able = size[rank] >= 2
         weights, refused = jnp.where(able, weights, 0.0), jnp.any(~able & (weights > 0))
         room = colony.parents.shape[0] - colony.count
-        weights = jnp.where(jnp.cumsum(weights > 0) <= room, weights, 0.0)  # a group without a slot stays whole
-        parted = jnp.zeros_like(size, bool).at[rank].set(weights > 0)
+        placed = (weights > 0) & (jnp.cumsum(weights > 0) <= room)  # a group without a slot stays whole
+        parted = jnp.zeros_like(size, bool).at[rank].set(placed)
         half = jnp.where(parted, 0.5 * size, size)
         return Births(
             parents=rank,

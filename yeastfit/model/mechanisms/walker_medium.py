@@ -60,18 +60,19 @@ class WalkerBirths(BirthRule):
 
     def births(self, context: Context) -> Births:
         """All nodes that have enough, in order of age."""
-        ripe, store = self._ripe(context), context.colony.node_state["taken"]
+        colony, ripe = context.colony, self._ripe(context)
+        room = colony.parents.shape[0] - colony.count
+        paid = jnp.where(ripe & (jnp.cumsum(ripe) <= room), float(self.per_bud), 0.0)  # nothing for a child unborn
         return Births(
             parents=jnp.arange(ripe.shape[0]),
-            weights=jnp.where(ripe, context.colony.weights, 0.0),
-            event=context.colony.step,
-            node_state={"taken": store - jnp.where(ripe, float(self.per_bud), 0.0)},
+            weights=jnp.where(ripe, colony.weights, 0.0),
+            event=colony.step,
+            node_state={"taken": colony.node_state["taken"] - paid},
         )
 
     def _ripe(self, context: Context) -> Bool[Array, " node"]:
         colony = context.colony
-        room = colony.count < colony.parents.shape[0]  # without a slot nobody pays for a child
-        return colony.alive & (colony.node_state["taken"] >= self.per_bud) & room
+        return colony.alive & (colony.node_state["taken"] >= self.per_bud)
 
 
 class WalkerMedium(MediumRule):
