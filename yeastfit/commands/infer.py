@@ -22,6 +22,7 @@ from yeastfit.commands.signals import remaining
 from yeastfit.commands.terminal import Pace, out, shown_progress, warn
 from yeastfit.errors import InputError
 from yeastfit.inference.posterior.prior import template
+from yeastfit.inference.samplers import SAMPLERS
 from yeastfit.inference.workers.spread import Workers
 from yeastfit.processors import available_processors
 from yeastfit.results_folder import ResultsFolder, results_folder
@@ -41,7 +42,7 @@ def infer(
     method: Annotated[
         str | None,
         typer.Option(
-            help="How the posterior is sampled: emulator (by default), abc-mcmc or abc-smc.",
+            help=f"How the posterior is sampled: {', '.join(SAMPLERS)}; by default the first.",
             show_default=False,
             rich_help_panel=MODEL,
         ),

@@ -73,8 +73,9 @@ class Posterior(Draws):
             problem: What was sampled: prior, statistics and data.
             values: λ, one row of draws per chain.
             simulations: Data sets that were simulated.
-            status: How the run ended; by default what the chains say, and that weighted draws have settled.
-            weights: Equal ones by default.
+            status: How the run ended; by default what the chains say. Draws of different weights are not judged, and
+                count as settled.
+            weights: Of the sum 1 over all chains; by default all equal.
             log_probability: nan by default.
             acceptance: nan for each chain by default.
             statistics: nan by default.
