@@ -165,6 +165,7 @@ def test_the_process_that_asks_is_killed_and_goes_on(tmp_path: Path) -> None:
                 process.kill()
                 kills += 1
             process.wait()
+            process.stdout.close()
             _, alive = psutil.wait_procs(children, timeout=20)
             assert not alive
             with Store(path, ("a", "b"), labels_of(Wobble())) as store:
@@ -173,6 +174,7 @@ def test_the_process_that_asks_is_killed_and_goes_on(tmp_path: Path) -> None:
             continue
         fresh = int(process.stdout.readline())
         assert process.wait() == 0
+        process.stdout.close()
         break
     print(f"{kills} kills, {kept} of 2000 rows were kept, {fresh} were simulated then")
     assert fresh == 2000 - kept

@@ -191,7 +191,7 @@ def test_no_worker_is_left() -> None:
 
 def test_what_is_to_be_gained_is_said_before_the_first_block() -> None:
     crew = Scattered(4, 0)
-    found, said = by(crew)
+    found, said = by(crew, patience=Patience())  # two machines, on each of which one worker begins alone
     list(found.blocks(*proposed(3 * 8)))
     assert said[0].startswith("4 workers, blocks of 8: one takes 0.01 s on a worker")
     assert said[0].endswith("times as fast is expected")

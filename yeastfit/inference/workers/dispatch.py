@@ -63,6 +63,7 @@ class Dispatch:
     _owners: dict[int, str] = field(default_factory=dict)
     _free: tuple[dict[str, None], dict[str, None]] = field(default_factory=lambda: ({}, {}))
     _admitted: dict[str, None] = field(default_factory=dict)
+    _numbers: dict[int, int] = field(default_factory=dict)
     _begun: bool = False
     _looked: float = -math.inf
     _longest: float = 0.0
@@ -70,12 +71,8 @@ class Dispatch:
     @property
     def status(self) -> str:
         """As in "8 workers, 16 blocks in flight"."""
-        admitted = [one for one in self.members.values() if one.state == "admitted"]
-        flying = sum(len(one.tickets) for one in admitted)
-        workers, blocks = (
-            f"{n} {what}{'' if n == 1 else 's'}" for n, what in ((len(admitted), "worker"), (flying, "block"))
-        )
-        return f"{workers}, {blocks} in flight"
+        counts = (len(self._admitted), "worker"), (len(self._numbers), "block")
+        return ", ".join(f"{n} {what}{'' if n == 1 else 's'}" for n, what in counts) + " in flight"
 
     def results(self, blocks: Sequence[Block]) -> Iterator[dict[str, Any]]:
         """What `worker.simulate` returns for each block, in their order.
@@ -84,7 +81,7 @@ class Dispatch:
             SimulationError: A block failed too often, or there is nobody to ask.
         """
         self._blocks, self._waiting, self._accepted = blocks, list(range(len(blocks))), 0
-        self._numbers, self._done = dict[int, int](), dict[int, dict[str, Any]]()
+        self._done = dict[int, dict[str, Any]]()
         self._failures, self._alone = Counter[int](), time.monotonic()
         try:
             while self._accepted < len(blocks):
@@ -104,7 +101,7 @@ class Dispatch:
     def _muster(self) -> None:
         """Notice who has come, who is gone and who is late."""
         now = time.monotonic()
-        if now - self._looked < self.patience.look and self._admitted:
+        if now - self._looked < self.patience.look and self._begun:
             return
         there, self._looked = self.crew.workers(), now
         self._lose([address for address in self.members if address not in there])
@@ -226,10 +223,8 @@ class Dispatch:
         names = ", ".join(one.name for one in gone[:NAMED]) + (" and others" if len(gone) > NAMED else "")
         self.say(f"{len(gone)} of the workers gone: {names}; their blocks, {len(blocks)}, are given to others")
         for member in gone:
-            first = next(iter(member.tickets), None)
-            numbers = self._taken_back(member)
-            if first is not None and numbers:
-                self._failed(numbers[0], f"its worker {member.name} went away", said=True)
+            for number in self._taken_back(member)[:1]:
+                self._failed(number, f"its worker {member.name} went away", said=True)
 
     def _overdue(self, address: str, member: Member, seconds: float) -> None:
         """Ask a worker no more that does not answer."""
@@ -297,6 +292,7 @@ class Dispatch:
                 if member.state != "admitted":
                     del self.members[address]
                 self._note(address)
+        self._owners, self._numbers = {}, {}
 
 
 def _in_words(error: Exception) -> str:
