@@ -36,9 +36,9 @@ def test_a_colony_of_the_off_lattice_model_grows_and_eats() -> None:
     shown = [int((panels[0].values > 0).sum()) for panels in frames]
     assert shown == sorted(shown)
     assert shown[0] < shown[-1]
-    assert frames[0][0].title.endswith("100% of the nutrient left")
+    assert frames[0][1].title.endswith("100% of the nutrient left")
     count = int(frames[-1][0].title.split()[0])
-    assert frames[-1][0].title.endswith(f" {1 - count / 300:.0%} of the nutrient left")
+    assert frames[-1][1].title.endswith(f" {1 - count / 300:.0%} of the nutrient left")
     assert np.isin(frames[-1][0].values, (0, 1, 2)).all()
 
 

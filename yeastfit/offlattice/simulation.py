@@ -94,10 +94,10 @@ class OfflatticeSimulation:
         forms = np.append(1 + colony.pseudohyphal, 0).astype(int)[np.where(seen <= count, seen, 0) - 1]
         mask, share = Ellipses.of(colony).mask(count), colony.pseudohyphal[:count].mean()
         left = "" if cells is None else f", {1 - count / colony.cells:.0%} of the nutrient left"
-        title = f"{count} cells, {share:.1%} of them pseudohyphal{left}"
+        title = f"{count} cells, {share:.1%} of them pseudohyphal"
         return [
             Panel(title, forms[::-1].T, 0.5 * PIXEL * len(forms), kinds=("nothing", "sated", "pseudohyphal")),
-            Panel("as a camera sees it", mask[::-1].T, 0.5 * PIXEL * len(mask), kinds=("nothing", "colony")),
+            Panel(f"as a camera sees it{left}", mask[::-1].T, 0.5 * PIXEL * len(mask), kinds=("nothing", "colony")),
         ]
 
     def warnings(self) -> list[str]:
