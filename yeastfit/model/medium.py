@@ -27,7 +27,7 @@ class OneNutrient(MediumRule):
 def eaten(context: Context, cells: Cells, uptake: UptakeRule) -> Float[Array, "x y"]:
     """The nutrient one step later: union of the living cells, uptake and diffusion, where there is anything to do."""
 
-    def law(window: slice, g: Float[Array, "x y"], nutrient: Float[Array, "x y"]) -> Float[Array, "x y"]:
+    def law(window: slice, g: Float[Array, "w w"], nutrient: Float[Array, "x y"]) -> Float[Array, "x y"]:
         return nutrient.at[window, window].set(nutrient_of_step(context, uptake, g, nutrient[window, window]))
 
     nutrient = context.colony.nutrient
