@@ -261,6 +261,13 @@ CASES: list[tuple[str, str]] = [
     ("gradcheck --out OUT --tolerance inf", "--tolerance is 'inf'"),
     ("gradcheck --out OUT --tolerance 0", "tolerance is 0"),
     ("gradcheck --out OUT --mobility 1_0", "--mobility is '1_0'"),
+    # --- manifest
+    ("manifest", "folder"),
+    ("manifest folder", "--pattern"),
+    ("manifest nowhere --pattern {replicate}", "nowhere"),
+    ("manifest folder --pattern {replicate}", "folder"),
+    ("manifest . --pattern {replicate} --hours 1_0", "--hours is '1_0'"),
+    ("manifest . --pattern {replicate} --hours 4 --pixel-size 0", "--pixel-size '0'"),
     # --- demo
     ("demo --out OUT --jobs 0", "--jobs is '0'"),
     ("demo --out OUT --nothing", "--nothing"),
