@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV ?= .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo test test-thorough test-arviz lint types docs data notebooks clean
+.PHONY: demo test test-thorough test-arviz test-napari lint types docs data notebooks clean
 
 demo: $(VENV)/.installed
 	$(BIN)/yeastfit demo
@@ -20,6 +20,11 @@ test-thorough: $(VENV)/.installed-test
 test-arviz: $(VENV)/.made
 	$(BIN)/pip install --quiet --disable-pip-version-check --editable . 'arviz>=1' h5netcdf pytest beartype hypothesis
 	$(BIN)/python -m pytest -p no:cacheprovider tests/inference/posterior/test_arviz.py
+
+# the editor of outlines, without a window; napari and Qt take two minutes to install: make test-napari VENV=.venv-napari
+test-napari: $(VENV)/.made
+	$(BIN)/pip install --quiet --disable-pip-version-check --editable '.[napari]' pytest beartype hypothesis
+	QT_QPA_PLATFORM=offscreen $(BIN)/python -m pytest -p no:cacheprovider tests/corrections
 
 lint: $(VENV)/.installed-test
 	$(BIN)/ruff check .

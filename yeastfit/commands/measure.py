@@ -82,7 +82,13 @@ def measure(
         inputs += [outcome.image.path for outcome in outcomes if outcome.sha256]
         failed = [outcome.error for outcome in outcomes if not outcome.row]
         overruled = {image.label: image.options.as_arguments() for image in images if image.options.as_arguments()}
-        results.finish(inputs=inputs, configuration={**settings, "overruled": overruled}, failed=failed)
+        results.finish(
+            inputs=inputs,
+            configuration={**settings, "overruled": overruled},
+            failed=failed,
+            dataset=_from(folder, dataset.manifest) if dataset else None,
+            photographs={image.label: _from(folder, image.path) for image in images},
+        )
     measured = [outcome for outcome in outcomes if outcome.row]
     warn([f"{outcome.image.label}: {doubt}" for outcome in measured for doubt in outcome.doubts])
     if skipped:
@@ -90,3 +96,11 @@ def measure(
     out.print(f"{len(measured)} of {len(images)} micrographs measured. Results in {folder}, on one page: index.html")
     if failed:
         fail(failed)
+
+
+def _from(folder: Path, file: Path) -> str:
+    """The way from the results to a file, for who opens them from another place; on another drive all of it."""
+    try:
+        return Path(os.path.relpath(os.path.abspath(file), os.path.realpath(folder))).as_posix()
+    except ValueError:
+        return os.path.abspath(file)

@@ -23,15 +23,15 @@ import numpy as np
 from yeastfit import plot
 from yeastfit.commands.worker_processes import begin
 from yeastfit.errors import InputError, PixelSizeError
-from yeastfit.measure.measure_images import measure_file
-from yeastfit.measure.outlining.segmentation import DOUBTS, segment
+from yeastfit.measure.measure_images import measure_file, outlined
+from yeastfit.measure.outlining.segmentation import DOUBTS
 from yeastfit.measure.reading.batch_inputs import InputImage
 from yeastfit.measure.reading.images import read_image
+from yeastfit.measure.reading.outline_files import write_mask
 from yeastfit.measure.statistics.registry import register_missing, registered
 from yeastfit.measure.statistics.statistic import Statistic
 from yeastfit.progress import Progress, silent
 from yeastfit.report.outcome import Outcome
-from yeastfit.simulation.synthetic_data import write_mask
 from yeastfit.storage import sha256_of, written_whole
 
 IMAGES_PER_PROCESS = 4  # fewer are measured sooner than another process has started
@@ -174,7 +174,7 @@ def _outlined(outcome: Outcome, folder: Path) -> Outcome:
     image = outcome.image
     try:
         pixels = read_image(image.path, image.frame)
-        found = segment(pixels, name=str(image.path), **image.options.as_arguments())
+        found = outlined(pixels, str(image.path), image.options, image.outline)
     except InputError as error:
         return replace(outcome, error=f"{outcome.error}; {error}")
     title = f"{image.label}: no pixel size, not measured"

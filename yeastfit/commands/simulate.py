@@ -9,9 +9,9 @@ from yeastfit.commands.generated.model import ChosenModel, ModelOptions
 from yeastfit.commands.generated.options import generated
 from yeastfit.commands.options import Out, Overwrite, Seed
 from yeastfit.commands.terminal import out, shown_progress, warn
+from yeastfit.measure.reading.outline_files import write_mask
 from yeastfit.report.simulation_page import write_simulation_page
 from yeastfit.results_folder import results_folder
-from yeastfit.simulation.synthetic_data import write_mask
 from yeastfit.storage import write_table
 
 FRAMES = 40  # of a movie

@@ -4,6 +4,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy.typing as npt
+
 from yeastfit.measure.outlining.segmentation import Segmentation, given_outline, segment
 from yeastfit.measure.reading.dataset import Dataset
 from yeastfit.measure.reading.images import Micrograph, read_micrograph
@@ -63,13 +65,19 @@ def measure_file(
         InputError: The file is no image, states no pixel size, or shows no colony.
     """
     micrograph = read_micrograph(path, pixel_size, frame)
-    if outline is None:
-        segmentation = segment(micrograph.pixels, name=str(path), **options.as_arguments())
-    else:
-        shape = micrograph.pixels.shape
-        options.check(shape, str(path))
-        segmentation = given_outline(micrograph.pixels, read_outline(Path(outline), shape, options.seed_point))
+    segmentation = outlined(micrograph.pixels, str(path), options, outline)
     return MeasuredImage(micrograph, segmentation, measure_mask(segmentation.mask, micrograph.pixel_size))
+
+
+def outlined(
+    pixels: npt.NDArray[Any], name: str, options: SegmentationOptions, outline: str | Path | None = None
+) -> Segmentation:
+    """Outline a colony, or take the outline that was made elsewhere; for arguments and errors see `measure_file`."""
+    if outline is None:
+        return segment(pixels, name=name, **options.as_arguments())
+    shape = (pixels.shape[0], pixels.shape[1])
+    options.check(shape, name)
+    return given_outline(pixels, read_outline(Path(outline), shape, options.seed_point))
 
 
 def measure_dataset(dataset: Dataset, progress: Progress = silent) -> list[MeasuredImage]:

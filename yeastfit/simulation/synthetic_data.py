@@ -13,13 +13,13 @@ A data set is made from a `Recipe` alone:
 from collections.abc import Sequence
 from dataclasses import fields
 from pathlib import Path
-from typing import Any
 
 import equinox as eqx
 import numpy as np
 from jaxtyping import Array
 
 from yeastfit.errors import InputError
+from yeastfit.measure.reading.outline_files import write_mask
 from yeastfit.measure.statistics.measure_mask import measure_mask
 from yeastfit.measure.statistics.registry import STATISTICS
 from yeastfit.measure.statistics.smooth_statistics import node_statistics
@@ -138,11 +138,3 @@ def _photograph(
     write_micrograph(folder / "images" / f"{name}.tif", pixels, recipe.pixel_size, recipe.kind)
     write_mask(folder / "truth" / "masks" / f"{name}.png", mask)
     return dict(measure_mask(mask, recipe.pixel_size, OF_MASKS))
-
-
-def write_mask(path: Path, mask: np.ndarray, pixel_size: float | None = None) -> None:
-    """A mask as a one-bit PNG, colony white, with its resolution where µm per pixel are given."""
-    from PIL import Image
-
-    density: dict[str, Any] = {} if pixel_size is None else {"dpi": (25_400 / pixel_size, 25_400 / pixel_size)}
-    Image.fromarray(mask).save(path, optimize=True, **density)

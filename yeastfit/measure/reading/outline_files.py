@@ -60,6 +60,14 @@ def read_outline(
     return chosen(objects, seed_point, path)
 
 
+def write_mask(path: Path, mask: np.ndarray, pixel_size: float | None = None) -> None:
+    """A mask as a one-bit PNG, colony white, with its resolution where µm per pixel are given."""
+    from PIL import Image
+
+    density: dict[str, Any] = {} if pixel_size is None else {"dpi": (25_400 / pixel_size, 25_400 / pixel_size)}
+    Image.fromarray(mask).save(path, optimize=True, **density)
+
+
 def objects_of(labels: Labels) -> list[Bool[np.ndarray, "row column"]]:
     """Objects of a label image: each value but that of the background, which holds most of the border's corners."""
     corners = [labels[row, column] for row in (0, -1) for column in (0, -1)]
