@@ -48,6 +48,9 @@ def test_a_folder_is_opened_corrected_and_saved(viewer: Any, folders: tuple[Path
     assert [layer.name for layer in viewer.layers] == ["b.png", "outline of b.png"]
     editor = OutlineEditor(viewer)
     assert "several objects" in editor._remarks.value
+    editor.reset_choices()  # as the window does
+    assert editor._choice.choices == (0, 1, 2)
+    assert editor._choice.value == 1
     labels = viewer.layers[-1]
     assert labels is viewer.layers.selection.active
     assert labels.mode == "paint"

@@ -32,7 +32,7 @@ class OutlineEditor(Container):
         self._layers: list[Layer] = []
         self._shown: Mask | None = None  # as it was opened or saved
         self._place = FileEdit(label="Results", mode="d")
-        self._choice = ComboBox(label="Photograph", choices=[])
+        self._choice = ComboBox(label="Photograph", choices=self._photographs)
         self._remarks, self._status = Label(value=""), Label(value=NOTHING)
         self._next, self._save = PushButton(text="Next doubtful one"), PushButton(text="Save outline")
         self._discard = PushButton(text="Give up changes")
@@ -154,13 +154,19 @@ class OutlineEditor(Container):
         self._viewer.layers.selection.active = labels
         self._tell()
 
+    def _photographs(self, widget: Any = None) -> list[tuple[str, int]]:
+        """What to choose from, doubtful ones marked; napari asks again with every new layer."""
+        each = self._folder.photographs if self._folder else ()
+        return [(one.image.label + ("  (doubtful)" if one.doubtful else ""), k) for k, one in enumerate(each)]
+
     def _offer(self) -> None:
-        """The photographs to choose from, doubtful ones marked."""
+        """Show the photographs of the folder."""
         assert self._folder is not None
-        names = [f"{one.image.label}{'  (doubtful)' if one.doubtful else ''}" for one in self._folder.photographs]
         with self._choice.changed.blocked():
-            self._choice.choices = [(name, number) for number, name in enumerate(names)]
+            self._choice.reset_choices()
             self._choice.value = self._number
+        with self._place.changed.blocked():
+            self._place.value = self._folder.path
 
     def _tell(self) -> None:
         """What is doubtful about the photograph that is shown."""

@@ -15,6 +15,7 @@ from yeastfit.errors import InputError
 from yeastfit.results_contents import Contents
 
 METADATA = "yeastfit"
+COLOURS = {1: "orange", None: "transparent"}  # of labels
 
 LayerTuple = tuple[Any, dict[str, Any], str]
 
@@ -62,7 +63,7 @@ def layers_of(folder: MeasuredFolder, number: int) -> list[LayerTuple]:
     outline = one.outline().astype(np.uint8)
     return [
         (one.pixels, {"name": one.image.label, **place}, "image"),
-        (outline, {"name": f"outline of {one.image.label}", "opacity": 0.35, **place}, "labels"),
+        (outline, {"name": f"outline of {one.image.label}", "opacity": 0.4, "colormap": COLOURS, **place}, "labels"),
     ]
 
 
