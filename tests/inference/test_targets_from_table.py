@@ -127,6 +127,8 @@ def test_missing_masks_are_named_for_they_change_the_estimator(measured: Path, t
     assert warning.startswith(f"1 of 2 masks of condition 'rich' are missing (masks/{gone.name}): its curves are")
     targets = [targets_of(found.rows, found.folder, condition=name) for name in ("rich", "poor")]
     assert [imaging_of(each).estimator for each in targets] == ["mask", "smooth"]
+    unnamed = written([{**row, "mask": ""} for row in rows[:1]], tmp_path / TABLE)
+    assert f"(that of {rows[0]['file']})" in measure_source(unnamed, tmp_path, 1, silent).warnings[0]
 
 
 def test_tables_that_are_none_are_refused_in_words(measured: Path, tmp_path: Path) -> None:

@@ -219,7 +219,9 @@ def missing_masks(rows: Sequence[Mapping[str, Any]], folder: Path) -> list[str]:
     sentences = []
     for condition in conditions_of(rows):
         own = rows_of(rows, condition)
-        gone = [str(row["mask"]) for row in own if not (folder / str(row["mask"])).is_file()]
+        gone = [
+            str(row["mask"] or f"that of {row['file']}") for row in own if not (folder / str(row["mask"])).is_file()
+        ]
         if gone:
             of = f" of condition {condition!r}" if condition else ""
             some = ", ".join(gone[:3]) + (", …" if gone[3:] else "")

@@ -82,7 +82,7 @@ class Predictive:
 
     def sentences(self) -> list[str]:
         """What is wrong; empty where all is well."""
-        sentences = [] if not self.failed else [f"posterior predictive: {self.failed} draws came to nothing"]
+        sentences = [] if not self.failed else [f"posterior predictive: {self.failed} of the draws came to nothing"]
         if (1 + len(self.values)) * LEAST_P < 1:
             sentences.append(
                 f"posterior predictive: {len(self.values)} draws are too few to tell data that the model does not "
