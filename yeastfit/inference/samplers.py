@@ -24,6 +24,7 @@ from yeastfit.inference.posterior.result import Posterior
 from yeastfit.inference.posterior.sampler import Sampler
 from yeastfit.inference.posterior.simulation_store import opened_store
 from yeastfit.inference.posterior.simulations import Simulations
+from yeastfit.inference.posterior.variation import Variation
 from yeastfit.inference.simulator import Simulator
 from yeastfit.inference.targets import Targets
 from yeastfit.progress import Progress, silent
@@ -38,11 +39,16 @@ SAMPLERS: dict[str, type[Sampler]] = {
 def infer(
     simulator: Simulator,
     prior: Prior,
-    observed: Targets | Float[np.ndarray, " statistic"] | Sequence[float],
+    observed: Targets
+    | Float[np.ndarray, " statistic"]
+    | Float[np.ndarray, "replicate statistic"]
+    | Sequence[float],
     *,
     method: str | Sampler = "emulator",
     replicates: int = 1,
     noise: Float[np.ndarray, "statistic statistic"] | None = None,
+    colony_noise: Float[np.ndarray, "statistic statistic"] | None = None,
+    variation: Variation | None = None,
     seed: int = 0,
     store: Simulations | str | Path | None = None,
     progress: Progress | None = None,
@@ -55,11 +61,15 @@ def infer(
     Arguments:
         simulator: Simulates one replicate per row of parameters (`Simulator`).
         prior: Of the simulator's parameters; `Prior.default(simulator.parameters)` covers their plausible ranges.
-        observed: Statistics in the order of the simulator's observables; or `Targets`, which bring their own replicates
-            and errors of measurement.
+        observed: Statistics in the order of the simulator's observables; or one row of them for each replicate, nan
+            where one is missing; or `Targets`, which bring their own replicates and errors of measurement.
         method: Name in `SAMPLERS` ("emulator", "abc-mcmc", "abc-smc"), or a sampler with its settings.
         replicates: How many replicates `observed` is the mean of.
         noise: Covariance of the errors of measurement of `observed`, which replicates do not average out.
+        colony_noise: Covariance of the errors of measurement that every replicate has for itself; the likelihood of
+            single replicates needs it, in means the scatter of replicates holds them.
+        variation: That parameters scatter between replicates, by a τ which is inferred beside them (`Variation`); the
+            likelihood is then that of the single replicates. By default all have the same parameters.
         seed: Same seed, same posterior.
         store: Where simulations are kept: a path, or an open `Store`. A run that was stopped is resumed by repeating it
             with the same store. By default they are kept in memory.
@@ -73,7 +83,9 @@ def infer(
     Raises:
         InputError: An argument is wrong, arguments do not belong together, or no simulation comes to anything.
     """
-    problem = Problem.of(simulator, prior, observed, replicates, noise)
+    problem = Problem.of(
+        simulator, prior, observed, replicates, noise, colony_noise=colony_noise, variation=variation
+    )
     if isinstance(method, str):
         sampler = sampler_of(method, settings)
     elif settings:
@@ -86,6 +98,11 @@ def infer(
 
 def sample(problem: Problem, sampler: Sampler, store: Simulations, seed: int, progress: Progress) -> Posterior:
     """`infer` for a problem and a sampler that are made already."""
+    if problem.variation is not None and not getattr(sampler, "varies", False):
+        able = ", ".join(name for name, kind in SAMPLERS.items() if getattr(kind, "varies", False))
+        raise InputError(
+            f"variation: {name_of(sampler)} takes all colonies for those of one λ: leave it out, or use {able}"
+        )
     began = time.perf_counter()
     posterior = sampler.run(problem, store, seed, progress)
     seconds = time.perf_counter() - began

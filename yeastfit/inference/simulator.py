@@ -242,6 +242,7 @@ class Stream(IntEnum):
     RESAMPLING = 7
     SCREENING = 8
     SURFACE = 9
+    COLONIES = 10
 
 
 def seed_of(seed: int, numbers: Sequence[int] | np.ndarray) -> Shaped[np.ndarray, " number"]:

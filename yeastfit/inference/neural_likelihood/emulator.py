@@ -35,7 +35,13 @@ from jaxtyping import Array, Bool, Float
 from yeastfit.errors import InputError
 from yeastfit.inference.curve_covariance import ROUNDING, correlation_root
 from yeastfit.inference.neural_likelihood.cross_validation import CrossValidation
-from yeastfit.inference.neural_likelihood.ensemble import ROWS, Ensemble, log_likelihood_of_rows, moments_of_rows
+from yeastfit.inference.neural_likelihood.ensemble import (
+    ROWS,
+    Ensemble,
+    log_likelihood_of_rows,
+    moments_of_rows,
+    slopes_of_rows,
+)
 from yeastfit.inference.neural_likelihood.network import (
     Network,
     Shape,
@@ -72,6 +78,10 @@ class Coordinates:
     def of_values(self, values: Float[np.ndarray, "row free"]) -> Float[np.ndarray, "row free"]:
         """x of λ."""
         return (self.prior.coordinates(values) - self.shift) / self.scale
+
+    def slopes(self, values: Float[np.ndarray, "row free"]) -> Float[np.ndarray, "row free"]:
+        """dx/dλ of each λ."""
+        return self.prior.coordinate_slopes(values) / self.scale
 
 
 @dataclass(frozen=True)
@@ -152,18 +162,34 @@ class Emulator:
         back = self.root.T
         return self.center + mean @ back, self.root @ scatter @ back, self.root @ error @ back, np.exp(success)
 
+    def slopes(self, values: Float[np.ndarray, "row free"]) -> Float[np.ndarray, "row statistic free"]:
+        """Derivatives of the mean of one replicate by the coordinates x."""
+        x = self.coordinates.of_values(values)
+        found = [slopes_of_rows(self.ensemble, jnp.asarray(one)) for one in in_pieces(x, ROWS)]
+        return np.einsum("ij,rjf->rif", self.root, np.concatenate(found).astype(float)[: len(x)])
+
     def draw(
         self,
         values: Float[np.ndarray, "row free"],
         rng: np.random.Generator,
         replicates: int = 1,
         noise: Square | None = None,
+        between: Float[np.ndarray, "row statistic statistic"] | None = None,
     ) -> Float[np.ndarray, "row statistic"]:
-        """Statistics drawn at each row of λ: means over R replicates, with all errors."""
+        """Statistics drawn at each row of λ: means over R replicates, with all errors.
+
+        Arguments:
+            values: λ.
+            rng: Where randomness comes from.
+            replicates: R.
+            noise: N.
+            between: What λ that differ between replicates add to the covariance of one.
+        """
         drawn = rng.standard_normal((len(values), len(self.labels)))
         for start in range(0, len(values), ROWS):
             rows = slice(start, start + ROWS)
             mean, scatter, error, _ = self.moments(values[rows])
+            scatter = scatter if between is None else scatter + between[rows]
             roots = np.linalg.cholesky(scatter / replicates + error + (0.0 if noise is None else noise))
             drawn[rows] = mean + np.einsum("rij,rj->ri", roots, drawn[rows])
         return drawn

@@ -45,6 +45,19 @@ class Ensemble(eqx.Module):
         success = jnp.mean(jax.nn.log_sigmoid(logits)) if self.fails else jnp.zeros(())
         return (quadratics + corrections).mean(axis=0), scatter, error, success
 
+    def mean(self, x: Float[Array, " free"]) -> Float[Array, " statistic"]:
+        """m̄ alone."""
+        features = monomials(x)
+
+        def one(network: Network, baseline: Array) -> Array:
+            return features @ baseline + network(x)[0]
+
+        return eqx.filter_vmap(one)(self.networks, self.baselines).mean(axis=0)
+
+    def slopes(self, x: Float[Array, " free"]) -> Float[Array, "statistic free"]:
+        """∂m̄/∂x."""
+        return jax.jacfwd(self.mean)(x)
+
     def log_likelihood(
         self,
         x: Float[Array, " free"],
@@ -69,6 +82,12 @@ def _covariance(rows: Float[Array, "member statistic"]) -> Float[Array, "statist
 def moments_of_rows(ensemble: Ensemble, x: Float[Array, "row free"]) -> tuple[Array, Array, Array, Array]:
     """`Ensemble.moments` of every row; each number of rows is compiled for."""
     return jax.vmap(ensemble.moments)(x)
+
+
+@eqx.filter_jit
+def slopes_of_rows(ensemble: Ensemble, x: Float[Array, "row free"]) -> Float[Array, "row statistic free"]:
+    """`Ensemble.slopes` of every row; each number of rows is compiled for."""
+    return jax.vmap(ensemble.slopes)(x)
 
 
 @eqx.filter_jit

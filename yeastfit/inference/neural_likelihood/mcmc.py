@@ -1,6 +1,7 @@
 """Chains of emcee on a posterior whose likelihood is an emulator's.
 
-They walk in the prior's coordinates, log λ where its distribution is one of log λ. Given `KERNELS` walkers per
+They walk in the prior's coordinates, log λ where its distribution is one of log λ, and in z where colonies scatter by
+τ(z) (`posterior.variation`). Given `KERNELS` walkers per
 parameter, half of the steps propose each half of the walkers from a kernel density of the other half, which moves them
 along thin trails and between modes at once; the other steps are differential evolution (ter Braak 2006,
 doi:10.1007/s11222-006-8769-1), which works in any number of parameters. On the demo's trail 128 chains then decorrelate
@@ -17,9 +18,11 @@ from functools import cached_property
 import emcee
 import numpy as np
 from jaxtyping import Float
+from scipy.stats import norm
 from threadpoolctl import threadpool_limits
 
 from yeastfit.inference.neural_likelihood.emulator import Emulator, in_pieces
+from yeastfit.inference.neural_likelihood.single_colonies import likelihood_of_colonies
 from yeastfit.inference.posterior.chain_diagnostics import LONG, autocorrelation_time
 from yeastfit.inference.posterior.problem import Problem
 
@@ -37,22 +40,40 @@ LogDensity = Callable[[np.ndarray], np.ndarray]  # of rows
 
 @dataclass(frozen=True)
 class LogPosterior:
-    """Log posterior density in the prior's coordinates, up to a constant, as emcee calls it."""
+    """Log posterior density in the prior's coordinates, and in z, up to a constant, as emcee calls it."""
 
     emulator: Emulator
     problem: Problem
 
-    def __call__(self, x: Float[np.ndarray, "walker free"]) -> Float[np.ndarray, " walker"]:
+    def __call__(self, x: Float[np.ndarray, "walker coordinate"]) -> Float[np.ndarray, " walker"]:
         """−inf outside the prior."""
-        prior = self.problem.prior
-        log_prior = prior.log_density_of_coordinates(x)
+        prior, x, z = self.problem.prior, *self.parts(x)
+        log_prior = self.log_prior(x, z)
         inside = np.isfinite(log_prior)
         values = np.where(inside[:, None], prior.values(x), prior.values(self._somewhere))
-        return np.where(inside, log_prior + self._likelihood(values), -np.inf)
+        return np.where(inside, log_prior + self._likelihood(values, z), -np.inf)
+
+    def parts(
+        self, x: Float[np.ndarray, "walker coordinate"]
+    ) -> tuple[Float[np.ndarray, "walker free"], Float[np.ndarray, "walker varied"]]:
+        """The prior's coordinates, and z in a column of its own where colonies scatter."""
+        free = len(self.problem.prior.free)
+        return x[:, :free], x[:, free:]
+
+    def log_prior(
+        self, x: Float[np.ndarray, "walker free"], z: Float[np.ndarray, "walker varied"]
+    ) -> Float[np.ndarray, " walker"]:
+        """Of λ in the prior's coordinates, and of z."""
+        return self.problem.prior.log_density_of_coordinates(x) + norm.logpdf(z).sum(axis=1)
 
     @cached_property
-    def _likelihood(self) -> LogDensity:
-        return self.emulator.likelihood(self.problem.observed, self.problem.replicates, self.problem.noise)
+    def _likelihood(self) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
+        problem = self.problem
+        if problem.variation is None:
+            of_means = self.emulator.likelihood(problem.observed, problem.replicates, problem.noise)
+            return lambda values, z: of_means(values)
+        of_colonies, tau = likelihood_of_colonies(self.emulator, problem), problem.variation.tau
+        return lambda values, z: of_colonies(values, tau(z[:, 0]))
 
     @property
     def _somewhere(self) -> Float[np.ndarray, "1 free"]:

@@ -15,7 +15,8 @@ warning reports their fraction in the last two rounds.
 
 As the likelihood is what is emulated, where the simulations were made does not influence the posterior other than
 through the emulator's error (Papamakarios et al. 2019, arXiv:1805.07226): simulations of other runs, whatever their
-method, are trained on as well (`Simulations.reused`). Every step depends on the seed alone: a run that is repeated with
+method, are trained on as well (`Simulations.reused`). Where colonies may scatter (`posterior.variation`), chains have one coordinate more, and rounds are about λ as before.
+Every step depends on the seed alone: a run that is repeated with
 the store of one that was stopped repeats its training and its chains, simulates only what is missing, and ends with the
 same result.
 """
@@ -32,7 +33,8 @@ from yeastfit.inference.neural_likelihood.emulator import Emulator, fewest, trai
 from yeastfit.inference.neural_likelihood.mcmc import BRIEFLY, ROUGHLY, LogPosterior, Walk
 from yeastfit.inference.neural_likelihood.network import TrainingSettings
 from yeastfit.inference.neural_likelihood.rounds import EmulatorDiagnostics, RoundDiagnostics
-from yeastfit.inference.neural_likelihood.training_rounds import Round, far_draws, proposed
+from yeastfit.inference.neural_likelihood.single_colonies import between_colonies
+from yeastfit.inference.neural_likelihood.training_rounds import Round, far_draws, proposed, unsettled
 from yeastfit.inference.posterior.cached_simulator import CachedSimulator
 from yeastfit.inference.posterior.problem import Problem
 from yeastfit.inference.posterior.result import Posterior
@@ -47,7 +49,6 @@ from yeastfit.progress import Progress
 CHAIN = 32  # bytes of a step of a chain, at least
 FIRST = 512  # simulations of the first round, where many are allowed
 NEAR = 0.99  # of draws w times as wide as the posterior with its trail: simulations there cross-validate the emulator
-LARGEST_ERROR = 0.3  # of the variance of the data, above which the emulator's error is warned of
 
 Values = Float[np.ndarray, "row free"]
 Statistics = Float[np.ndarray, "row statistic"]
@@ -83,6 +84,7 @@ class SequentialEmulator:
     batch: Annotated[int, Setting("Simulations that run together.")] = 32
     training: TrainingSettings = field(default_factory=TrainingSettings)
     learns: ClassVar[bool] = True
+    varies: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         check_at_least(self, simulations=2, first=2, each=1, walkers=4, most_steps=500, batch=1)
@@ -121,7 +123,7 @@ class SequentialEmulator:
         """Sample the posterior of a problem; see `Sampler`.
 
         `statistics` of the result are drawn from the emulator as means of the problem's replicates, `log_probability`
-        is that in the prior's coordinates, and `backend` holds the last round's chains.
+        is that in the prior's coordinates (and z), and `backend` holds the last round's chains.
 
         Raises:
             InputError: The settings do not suit the problem, or too many simulations fail.
@@ -143,8 +145,9 @@ class SequentialEmulator:
                 f"the first round has {simulations} simulations, an emulator of {free} parameters and {statistics} "
                 f"statistics needs at least {least}: allow more of them"
             )
-        if self.walkers < 2 * free:
-            raise InputError(f"walkers is {self.walkers}, {free} parameters need at least {2 * free}")
+        walked = len(problem.inferred_prior.free)
+        if self.walkers < 2 * walked:
+            raise InputError(f"walkers is {self.walkers}, {walked} parameters need at least {2 * walked}")
 
 
 @dataclass(frozen=True)
@@ -194,17 +197,27 @@ class _Rounds:
             room=self.settings.simulations + len(self.reused_values),
         )
         whole = np.isfinite(statistics).all(axis=1)
+        density = LogPosterior(emulator, self.problem)
         walk = Walk.start(
-            LogPosterior(emulator, self.problem),
-            self.problem.prior.coordinates(values[whole]),
+            density,
+            self._with_z(self.problem.prior.coordinates(values[whole])),
             walkers=self.settings.walkers,
             most_steps=self.settings.most_steps,
             seed=self.seed,
         )
         chains = walk.until(ROUGHLY, BRIEFLY if before is None else np.inf)
-        mean, covariance = chains.flat.mean(axis=0), np.atleast_2d(np.cov(chains.flat, rowvar=False))
+        x, z = density.parts(chains.flat)
+        mean, covariance = x.mean(axis=0), np.atleast_2d(np.cov(x, rowvar=False))
         moved = np.inf if before is None else float(apart(chains.flat, before.chains.flat).max())
-        return Round(emulator, walk, chains, mean, covariance, moved, self._error_share(emulator, mean))
+        share = self._error_share(emulator, mean, z.mean(axis=0))
+        return Round(emulator, walk, chains, mean, covariance, moved, share)
+
+    def _with_z(self, x: Float[np.ndarray, "place free"]) -> Float[np.ndarray, "place coordinate"]:
+        """Places where chains may start, with z from its prior where colonies scatter."""
+        if self.problem.variation is None:
+            return x
+        rng = np.random.default_rng(stream_of(self.seed, Stream.COLONIES, 0))
+        return np.column_stack([x, rng.standard_normal(len(x))])
 
     def _with_reused(
         self, values: Values, statistics: Statistics
@@ -230,36 +243,55 @@ class _Rounds:
         """The first of a whole round's proposals, so that a longer run uses each of them."""
         rng = np.random.default_rng(stream_of(self.seed, Stream.PROPOSALS, number))
         whole = max(count, self.each)
-        x = proposed(last.chains.flat, whole, self.settings.widen, self.problem.prior, rng)
+        x = proposed(last.x, whole, self.settings.widen, self.problem.prior, rng)
         return self.problem.prior.values(x[:count])
 
-    def _error_share(self, emulator: Emulator, mean: Float[np.ndarray, " free"]) -> float:
+    def _error_share(
+        self, emulator: Emulator, mean: Float[np.ndarray, " free"], z: Float[np.ndarray, " varied"]
+    ) -> float:
         problem = self.problem
-        _, scatter, error, _ = emulator.moments(problem.prior.values(mean[None]))
+        values = problem.prior.values(mean[None])
+        _, scatter, error, _ = emulator.moments(values)
+        if (between := self._between(emulator, values, z[None])) is not None:
+            scatter = scatter + between
         total = scatter[0] / problem.replicates + error[0] + (0.0 if problem.noise is None else problem.noise)
         return float(np.trace(np.linalg.solve(total, error[0])) / len(total))
+
+    def _between(
+        self, emulator: Emulator, values: Values, z: Float[np.ndarray, "row varied"]
+    ) -> Float[np.ndarray, "row statistic statistic"] | None:
+        """What λ that scatter and errors of single colonies add to the scatter of one; None for a single λ."""
+        problem = self.problem
+        if problem.variation is None:
+            return None
+        own = 0.0 if problem.colony_noise is None else problem.colony_noise
+        return between_colonies(emulator, problem, values, problem.variation.tau(z[:, 0])) + own
 
     def posterior(self, rounds: list[Round]) -> Posterior:
         """The last round's chains."""
         last, problem = rounds[-1], self.problem
-        chains, draws, free = last.chains.x.shape
-        values = problem.prior.values(last.chains.flat)
+        chains, draws, _ = last.chains.x.shape
+        density = LogPosterior(last.emulator, problem)
+        x, z = density.parts(last.chains.flat)
+        values = problem.prior.values(x)
         rng = np.random.default_rng(stream_of(self.seed, Stream.DRAWS, 0))
-        before = rounds[-2].chains.flat if len(rounds) > 1 else None
-        statistics = last.emulator.draw(values, rng, problem.replicates, problem.noise)
+        before = rounds[-2].x if len(rounds) > 1 else None
+        between = self._between(last.emulator, values, z)
+        statistics = last.emulator.draw(values, rng, problem.replicates, problem.noise, between)
+        all_values = values if problem.variation is None else np.column_stack([values, problem.variation.tau(z)])
         return Posterior.of(
             problem,
-            values.reshape(chains, draws, free),
+            all_values.reshape(chains, draws, -1),
             simulations=self.simulator.asked,
             log_probability=last.chains.log_density,
-            log_likelihood=last.chains.log_density - self._log_prior(last.chains.x),
+            log_likelihood=last.chains.log_density - density.log_prior(x, z).reshape(chains, draws),
             acceptance=last.chains.acceptance,
             statistics=statistics.reshape(chains, draws, -1),
             status=None if self._settled(last) else Status.STILL_MOVING,
             warnings=[
                 *self.simulator.store.notes,
-                *self._warnings(last),
-                *far_draws(last.chains.flat, before, problem.prior),
+                *unsettled(last, self.settings.settle, self.simulator.asked, self._settled(last)),
+                *far_draws(x, before, problem.prior),
             ],
             diagnostics=EmulatorDiagnostics(
                 tuple(self._reported(one) for one in rounds), last.chains.steps, len(self.reused_values)
@@ -267,30 +299,8 @@ class _Rounds:
             backend=last.walk.backend,
         )
 
-    def _log_prior(self, x: Float[np.ndarray, "chain draw free"]) -> Float[np.ndarray, "chain draw"]:
-        """Of the prior's coordinates, as chains add it to the log-likelihood."""
-        return self.problem.prior.log_density_of_coordinates(x.reshape(-1, x.shape[-1])).reshape(x.shape[:2])
-
     def _reported(self, one: Round) -> RoundDiagnostics:
         emulator, settled = one.emulator, self._settled(one)
         return RoundDiagnostics(
             emulator.simulations, emulator.failed, one.moved, one.error_share, settled, emulator.cross_validation
         )
-
-    def _warnings(self, last: Round) -> list[str]:
-        settle, share, warnings = self.settings.settle, last.error_share, list[str]()
-        if not self._settled(last):
-            moved = f"it moved by {last.moved:.2f} standard deviations in the last round, {settle:g} is wanted"
-            if np.isinf(last.moved):
-                moved = "whether one round more would move it is not known"
-            warnings.append(
-                f"the posterior has not settled: {moved}, the emulator's error is {100 * share:.1f} % of the variance "
-                f"of the data, {100 * settle**2:g} % is wanted; {self.simulator.asked} simulations were allowed: allow "
-                "more"
-            )
-        if share > LARGEST_ERROR:
-            warnings.append(
-                f"the emulator's error is {100 * share:.0f} % of the variance of the data and widens the posterior: "
-                "more simulations narrow it"
-            )
-        return warnings

@@ -11,7 +11,7 @@ from yeastfit.inference.neural_likelihood.mcmc import Chains, Walk
 from yeastfit.inference.posterior.prior import Prior
 from yeastfit.inference.posterior.robust_summary import covariance_of_most, far_off
 
-CHAIN = 32  # bytes of a step of a chain, at least
+LARGEST_ERROR = 0.3  # of the variance of the data, above which the emulator's error is warned of
 FEW = 0.01  # of the draws, above which outlying ones are warned of
 TRIES = 100  # times that draws outside the prior are repeated
 
@@ -38,6 +38,11 @@ class Round:
     moved: float
     error_share: float
 
+    @property
+    def x(self) -> Float[np.ndarray, "draw free"]:
+        """Draws of the chains in the prior's coordinates, without z."""
+        return self.chains.flat[:, : len(self.mean)]
+
 
 def proposed(
     draws: Float[np.ndarray, "draw free"], count: int, widen: float, prior: Prior, rng: np.random.Generator
@@ -56,6 +61,32 @@ def proposed(
         if len(proposals) >= count:
             return proposals[:count]
     raise InputError(f"widen is {widen:g}: with it hardly a draw lies in the prior, lower it")
+
+
+def unsettled(last: Round, settle: float, simulations: int, settled: bool) -> list[str]:
+    """Warnings of a posterior that has not settled, and of an emulator whose error widens it.
+
+    Arguments:
+        last: The last round.
+        settle: Largest change that counts as settled.
+        simulations: That were made.
+        settled: Whether it has.
+    """
+    share, warnings = last.error_share, list[str]()
+    if not settled:
+        moved = f"it moved by {last.moved:.2f} standard deviations in the last round, {settle:g} is wanted"
+        if np.isinf(last.moved):
+            moved = "whether one round more would move it is not known"
+        warnings.append(
+            f"the posterior has not settled: {moved}, the emulator's error is {100 * share:.1f} % of the variance "
+            f"of the data, {100 * settle**2:g} % is wanted; {simulations} simulations were allowed: allow more"
+        )
+    if share > LARGEST_ERROR:
+        warnings.append(
+            f"the emulator's error is {100 * share:.0f} % of the variance of the data and widens the posterior: "
+            "more simulations narrow it"
+        )
+    return warnings
 
 
 def far_draws(

@@ -7,6 +7,7 @@ A distribution has a density p(x) in its own coordinate, x = λ or x = log λ; t
     normal        x = λ       mean, sd; truncated at low and high where these are given
     log-normal    x = log λ   median of λ, sd of log λ; truncated likewise
     beta          x = λ       a, b: λ = low + (high − low) u with density ∝ u^(a−1) (1 − u)^(b−1); low 0, high 1
+    spike-half-normal  x = λ  0 with probability zero, otherwise |N(0, sd²)|: for the variation between colonies alone
 """
 
 import math
@@ -17,6 +18,7 @@ from typing import Any
 
 import numpy as np
 import scipy
+from jaxtyping import Float
 
 from yeastfit.errors import InputError
 from yeastfit.numbers import number_of
@@ -34,12 +36,14 @@ class Family:
         defaults: Numbers that may be left out.
         logarithmic: Whether the coordinate is log λ.
         density: Makes p(x), a frozen distribution of scipy, from the numbers.
+        mixed: Whether a single value has a probability of its own; chains in x cannot sample it.
     """
 
     required: tuple[str, ...]
     defaults: dict[str, float]
     logarithmic: bool
     density: Callable[[Numbers], Any]
+    mixed: bool = False
 
 
 def _uniform(n: Numbers) -> Any:
@@ -64,12 +68,64 @@ def _beta(n: Numbers) -> Any:
     return scipy.stats.beta(n["a"], n["b"], n["low"], n["high"] - n["low"])
 
 
+@dataclass(frozen=True)
+class SpikeHalfNormal:
+    """0 with probability `zero`, otherwise |N(0, sd²)|; the part of scipy's interface that priors need.
+
+    `pdf` is the density of the values above 0, and `logpdf` the log probability of 0 where x = 0.
+    """
+
+    zero: float
+    sd: float
+
+    def isf(self, share: Float[np.ndarray, "*any"]) -> Float[np.ndarray, "*any"]:
+        """Value that is exceeded with this probability."""
+        above = np.minimum(np.asarray(share, dtype=float) / (1.0 - self.zero), 1.0)
+        return self.sd * np.sqrt(2.0) * scipy.special.erfcinv(above)
+
+    def ppf(self, share: Float[np.ndarray, "*any"]) -> Float[np.ndarray, "*any"]:
+        """Quantiles."""
+        return self.isf(1.0 - np.asarray(share, dtype=float))
+
+    def cdf(self, x: Float[np.ndarray, "*any"]) -> Float[np.ndarray, "*any"]:
+        """Cumulative probability, that of 0 included from 0 on."""
+        x = np.asarray(x, dtype=float)
+        above = scipy.special.erf(np.maximum(x, 0.0) / (self.sd * np.sqrt(2.0)))
+        return np.where(x < 0, 0.0, self.zero + (1.0 - self.zero) * above)
+
+    def pdf(self, x: Float[np.ndarray, "*any"]) -> Float[np.ndarray, "*any"]:
+        """Density of the values above 0."""
+        x = np.asarray(x, dtype=float)
+        half = np.sqrt(2.0 / np.pi) / self.sd * np.exp(-0.5 * (x / self.sd) ** 2)
+        return np.where(x < 0, 0.0, (1.0 - self.zero) * half)
+
+    def logpdf(self, x: Float[np.ndarray, "*any"]) -> Float[np.ndarray, "*any"]:
+        """Log density above 0, log probability of 0 there."""
+        x = np.asarray(x, dtype=float)
+        with np.errstate(divide="ignore"):
+            return np.where(x == 0, np.log(self.zero), np.log(self.pdf(x)))
+
+    def median(self) -> float:
+        """Median."""
+        return float(self.ppf(np.array(0.5)))
+
+    def std(self) -> float:
+        """Standard deviation."""
+        mean = (1.0 - self.zero) * self.sd * math.sqrt(2.0 / math.pi)
+        return math.sqrt((1.0 - self.zero) * self.sd**2 - mean**2)
+
+
+def _spike_half_normal(n: Numbers) -> Any:
+    return SpikeHalfNormal(n["zero"], n["sd"])
+
+
 FAMILIES: dict[str, Family] = {
     "uniform": Family(("low", "high"), {}, False, _uniform),
     "log-uniform": Family(("low", "high"), {}, True, _log_uniform),
     "normal": Family(("mean", "sd"), {"low": -math.inf, "high": math.inf}, False, _normal),
     "log-normal": Family(("median", "sd"), {"low": 0.0, "high": math.inf}, True, _log_normal),
     "beta": Family(("a", "b"), {"low": 0.0, "high": 1.0}, False, _beta),
+    "spike-half-normal": Family(("zero", "sd"), {}, False, _spike_half_normal, mixed=True),
 }
 
 
@@ -101,7 +157,7 @@ class Distribution:
     @property
     def support(self) -> tuple[float, float]:
         """Smallest and largest λ."""
-        return self.numbers["low"], self.numbers["high"]
+        return self.numbers.get("low", 0.0), self.numbers.get("high", math.inf)
 
     @cached_property
     def density(self) -> Any:
@@ -133,7 +189,9 @@ def _completed(name: str, numbers: Mapping[str, Any]) -> dict[str, float]:
     for key in ("sd", "a", "b", "median"):
         if key in completed and completed[key] <= 0:
             raise InputError(f"{key} is {completed[key]:g}, it must be above 0")
-    low, high = completed["low"], completed["high"]
+    if not 0 <= completed.get("zero", 0.0) < 1:
+        raise InputError(f"zero is {completed['zero']:g}, a probability below 1 is expected")
+    low, high = completed.get("low", 0.0), completed.get("high", math.inf)
     if low >= high:
         raise InputError(f"low is {low:g} and high {high:g}, low must be below high")
     if (name == "log-uniform" and low <= 0) or (name == "log-normal" and low < 0):

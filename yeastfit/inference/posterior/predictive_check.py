@@ -1,7 +1,8 @@
 """Posterior predictive check: data simulated at draws of the posterior, with as many replicates as were observed.
 
-Draws λ_i, i = 1..n, each give statistics s_i, means over R replicates as the data o are. The band of a level holds that
-share of the s_i, statistic by statistic. Of all statistics together,
+Draws λ_i, i = 1..n, each give statistics s_i, means over R replicates as the data o are; where colonies scatter
+(`variation`), each replicate has a λ of its own. The band of a level holds that share of the s_i, statistic by
+statistic. Of all statistics together,
 
     T(y) = Σ_k ((y_k − m_k) / σ_k)²,    m, σ mean and standard deviation of the s_i and o together;
     p = (1 + number of the s_i with T(s_i) ≥ T(o)) / (1 + n),
@@ -21,6 +22,7 @@ from jaxtyping import Bool, Float
 
 from yeastfit.errors import InputError
 from yeastfit.inference.posterior.draws import Draws
+from yeastfit.inference.posterior.variation import simulator_of_draws
 from yeastfit.inference.simulator import (
     Mismeasured,
     Replicates,
@@ -142,12 +144,10 @@ def predict(
     if draws < FEWEST:
         raise InputError(f"draws is {draws}, a predictive check needs at least {FEWEST}")
     check_count("draws", draws)
-    names, labels, observed = simulator.parameters.names, labels_of(simulator), draws_of.observed
-    if names != draws_of.free or len(labels) != len(observed):
-        raise InputError(
-            f"simulator is of {names} and {len(labels)} statistics, the posterior of {draws_of.free} "
-            f"and the data of {len(observed)}"
-        )
+    labels, observed = labels_of(simulator), draws_of.observed
+    if len(labels) != len(observed):
+        raise InputError(f"simulator is of {len(labels)} statistics, the data of {len(observed)}")
+    simulator = simulator_of_draws(simulator, draws_of.free)
     drawn, simulated = (2, 3) if prior else (0, 1)
     rng = np.random.default_rng(stream_of(seed, Stream.PREDICTIVE, drawn))
     values = draws_of.prior.sample(draws, rng) if prior else draws_of.drawn(draws, rng)
@@ -162,4 +162,4 @@ def predict(
     if whole.sum() < FEWEST:
         raise InputError(f"draws: {whole.sum()} of {draws} came to something, a predictive check needs {FEWEST}")
     failed = int(draws - whole.sum())
-    return Predictive(names, labels, values[whole], statistics[whole], observed, draws_of.replicates, failed)
+    return Predictive(draws_of.free, labels, values[whole], statistics[whole], observed, draws_of.replicates, failed)

@@ -87,6 +87,10 @@ class Prior:
             values[:, self._logarithmic] = np.exp(x[:, self._logarithmic])
         return values
 
+    def coordinate_slopes(self, values: Values) -> Values:
+        """dx/dλ of each λ by itself: 1, or 1/λ."""
+        return np.where(self._logarithmic, 1.0 / np.where(self._logarithmic, values, 1.0), 1.0)
+
     def quantile(self, unit: Values) -> Values:
         """λ at points of the unit cube, one cumulative probability per parameter.
 
@@ -111,6 +115,8 @@ class Prior:
     def check(self, parameters: ParameterSet) -> None:
         """Raise `InputError` where a distribution reaches values that are not admissible for its parameter."""
         for name, one in self.distributions.items():
+            if FAMILIES[one.family].mixed:
+                raise InputError(f"prior of {name} is {one.family}, which only the variation between colonies may have")
             if name in parameters:
                 _check_admissible(parameters[name], one)
 
@@ -219,7 +225,8 @@ class Prior:
 
 def template(prior: Prior, parameters: ParameterSet) -> str:
     """A file of a prior to start from; comments list every distribution and its numbers."""
-    numbers = {name: [*one.required, *(f"{key} (optional)" for key in one.defaults)] for name, one in FAMILIES.items()}
+    known = {name: one for name, one in FAMILIES.items() if not one.mixed}
+    numbers = {name: [*one.required, *(f"{key} (optional)" for key in one.defaults)] for name, one in known.items()}
     head = ["# Priors of the free parameters, one table each. Distributions and their numbers:"]
     head += [f"#   {name}: {', '.join(each)}" for name, each in numbers.items()]
     head += ["# The median of a log-normal distribution is that of λ, its sd that of log λ."]

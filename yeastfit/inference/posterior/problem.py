@@ -4,6 +4,13 @@
 
 π is the prior, o the observed statistics, means over R replicates, and N the covariance of errors of measurement, which
 replicates do not average out.
+
+Where colonies may differ in λ (`variation`), the single colonies are the data, o_1 … o_R instead of their mean, and τ,
+the scatter of their λ, is inferred beside λ:
+
+    p(λ, τ | o_1 … o_R) ∝ π(λ) π(τ) ∫ N(e; 0, N) Π_r p(o_r | λ, τ, e) de,    o_r = s_r + e + e_r,    e_r ~ N(0, M)
+
+with M the covariance of errors of measurement that every colony has for itself.
 """
 
 from collections.abc import Sequence
@@ -16,6 +23,7 @@ from yeastfit.errors import InputError
 from yeastfit.inference.curve_covariance import measurement_covariance
 from yeastfit.inference.polynomial import sobol_points
 from yeastfit.inference.posterior.prior import Prior
+from yeastfit.inference.posterior.variation import ColonyCoordinates, Variation
 from yeastfit.inference.simulator import Mismeasured, Replicates, Simulator, Stream, labels_of, root_of, stream_of
 from yeastfit.inference.targets import Targets
 
@@ -35,6 +43,9 @@ class Problem:
         observed: Statistics, in the order of the simulator's observables.
         replicates: How many replicates `observed` is the mean of.
         noise: Covariance of the errors of measurement of `observed`; None where there are none.
+        colonies: Statistics of the single replicates, where they are known; nan where one is missing.
+        colony_noise: M; None where there are no such errors.
+        variation: That λ scatters between colonies; None where all are of one λ.
 
     Raises:
         InputError: They do not belong together.
@@ -45,6 +56,9 @@ class Problem:
     observed: Vector
     replicates: int = 1
     noise: Square | None = None
+    colonies: Float[np.ndarray, "colony statistic"] | None = None
+    colony_noise: Square | None = None
+    variation: Variation | None = None
 
     def __post_init__(self) -> None:
         names, labels = self.simulator.parameters.names, self.labels
@@ -58,30 +72,61 @@ class Problem:
             )
         if self.replicates < 1:
             raise InputError(f"replicates is {self.replicates}, it must be at least 1")
-        if self.noise is not None and not _is_covariance(self.noise, len(labels)):
+        for name, noise in (("noise", self.noise), ("colony_noise", self.colony_noise)):
+            if noise is not None and not _is_covariance(noise, len(labels)):
+                raise InputError(
+                    f"{name} must be a covariance of {len(labels)} statistics, got one of shape {noise.shape}"
+                )
+        self._check_colonies()
+
+    def _check_colonies(self) -> None:
+        """Raise `InputError` where single colonies are of other statistics, or missing where they are needed."""
+        rows, count = self.colonies, len(self.labels)
+        if rows is not None and (rows.shape[1] != count or not np.isfinite(rows).any(axis=0).all()):
             raise InputError(
-                f"noise must be a covariance of {len(labels)} statistics, got one of shape {self.noise.shape}"
+                f"colonies have shape {rows.shape}, {count} statistics are expected, each of one colony at least"
             )
+        if self.variation is None:
+            return
+        if rows is None:
+            raise InputError(
+                "variation: the data are means, and single colonies are needed: give a row for each, or leave it out"
+            )
+        ColonyCoordinates.of(self.simulator.parameters)
 
     @staticmethod
     def of(
         simulator: Simulator,
         prior: Prior,
-        observed: Targets | Vector | Sequence[float],
+        observed: Targets | Vector | Float[np.ndarray, "colony statistic"] | Sequence[float],
         replicates: int = 1,
         noise: Square | None = None,
+        *,
+        colony_noise: Square | None = None,
+        variation: Variation | None = None,
     ) -> "Problem":
-        """Of data as an array, or of `Targets`, which bring their own replicates and errors of measurement.
+        """Of data as an array, of one row for each colony, or of `Targets`.
 
-        Where points of the targets are means of different numbers of replicates, the fewest count.
+        Rows and `Targets` bring their own replicates, `Targets` also their errors of measurement. Where points are
+        means of different numbers of replicates, the fewest count.
         """
         if not isinstance(observed, Targets):
-            return Problem(simulator, prior, np.asarray(observed, dtype=float), replicates, noise)
+            data = np.asarray(observed, dtype=float)
+            if data.ndim != 2:
+                return Problem(simulator, prior, data, replicates, noise, None, colony_noise, variation)
+            rows = _seen(data)
+            return Problem(simulator, prior, *_means(rows), noise, rows, colony_noise, variation)
+        rows = None if observed.curves is None else _seen(observed.curves[:, observed.measured])
         fewest = int(observed.replicates[observed.measured].min())
         if noise is None:
             errors = observed.measurement_errors(None)
             noise = measurement_covariance(observed.observables, observed.values, errors)
-        return Problem(simulator, prior, observed.values, fewest, noise)
+        return Problem(simulator, prior, observed.values, fewest, noise, rows, colony_noise, variation)
+
+    @property
+    def inferred_prior(self) -> Prior:
+        """Of all that is inferred: λ, and τ where colonies scatter."""
+        return self.prior if self.variation is None else self.variation.joined(self.prior)
 
     @property
     def labels(self) -> tuple[str, ...]:
@@ -111,6 +156,19 @@ class Problem:
             f"{low[k]:.4g}..{high[k]:.4g}"
             for k in outside
         ]
+
+
+def _seen(rows: Float[np.ndarray, "colony statistic"]) -> Float[np.ndarray, "colony statistic"]:
+    """The colonies of which anything is known."""
+    return rows[np.isfinite(rows).any(axis=1)]
+
+
+def _means(rows: Float[np.ndarray, "colony statistic"]) -> tuple[Vector, int]:
+    """Means of single colonies, and the fewest behind one of them; nan and 0 where a statistic is of none."""
+    known = np.isfinite(rows)
+    counts = known.sum(axis=0)
+    with np.errstate(invalid="ignore"):
+        return np.where(known, rows, 0.0).sum(axis=0) / counts, int(counts.min(initial=len(rows)))
 
 
 def _is_covariance(noise: np.ndarray, count: int) -> bool:

@@ -84,7 +84,7 @@ class Posterior(Draws):
         """
         shape = values.shape[:2]
         posterior = Posterior(
-            prior=problem.prior,
+            prior=problem.inferred_prior,
             labels=problem.labels,
             observed=problem.observed,
             replicates=problem.replicates,

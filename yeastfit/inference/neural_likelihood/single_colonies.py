@@ -1,0 +1,159 @@
+"""Likelihood of single colonies, whose parameters may scatter, by an emulator.
+
+Colony r has λ_r with y(λ_r) = y(λ) + τ ξ_r (`posterior.variation`). To first order in τ, with m and C the mean and the
+scatter of one replicate at λ and J = ∂m/∂y,
+
+    o_r | λ, τ, e ~ N(m + e, V),    V = C + τ² J Jᵀ + M,    e ~ N(0, E),    E = emulator's error + N:
+
+errors e are common to all colonies, M is what each has for itself. Colonies may lack statistics; those with the same
+ones form a pattern p of R_p colonies with mean ō_p and sums of squares S_p about it, V_p is the part of V that they
+have. With Q = Σ R_p V_p⁻¹ (0 where a statistic is missing) and μ = Q⁻¹ Σ R_p V_p⁻¹ ō_p, the integral over e is
+
+    log p = log N(μ; m, Q⁻¹ + E) + ½ log |2π Q⁻¹|
+            − ½ Σ_p [R_p log |2π V_p| + tr V_p⁻¹ (S_p + R_p (ō_p − μ)(ō_p − μ)ᵀ)],
+
+plus R times the log probability of success. Of complete colonies that is the likelihood of their mean times that of
+their scatter about it, which tells τ; a handful of small matrices, however many colonies there are.
+"""
+
+from collections.abc import Callable
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from yeastfit.inference.neural_likelihood.emulator import Emulator
+from yeastfit.inference.neural_likelihood.ensemble import ROWS, Ensemble
+from yeastfit.inference.posterior.problem import Problem
+from yeastfit.inference.posterior.variation import ColonyCoordinates
+
+Values = Float[np.ndarray, "row free"]
+Square = Float[np.ndarray, "statistic statistic"]
+
+
+class Patterns(eqx.Module):
+    """Colonies by the statistics that they have, in units of the scatter of each statistic; 0 where one is missing.
+
+    Attributes:
+        seen: 1 where there is a statistic.
+        count: R_p.
+        mean: ō_p.
+        squares: S_p.
+    """
+
+    seen: Float[Array, "pattern statistic"]
+    count: Float[Array, " pattern"]
+    mean: Float[Array, "pattern statistic"]
+    squares: Float[Array, "pattern statistic statistic"]
+
+    @staticmethod
+    def of(rows: Float[np.ndarray, "colony statistic"]) -> "Patterns":
+        """Of colonies with nan where a statistic is missing."""
+        known = np.isfinite(rows)
+        seen = np.unique(known, axis=0)
+        groups = [np.where(one, rows[(known == one).all(axis=1)], 0.0) for one in seen]
+        means = np.stack([one.mean(axis=0) for one in groups])
+        squares = np.stack([(one - mean).T @ (one - mean) for one, mean in zip(groups, means, strict=True)])
+        counts = np.array([len(one) for one in groups])
+        return Patterns(*(jnp.asarray(one, dtype=float) for one in (seen, counts, means, squares)))
+
+
+class Errors(eqx.Module):
+    """What is added to the emulator's moments, in the same units.
+
+    Attributes:
+        root: L, by which the emulator's statistics are multiplied.
+        common: N.
+        single: M.
+    """
+
+    root: Float[Array, "statistic statistic"]
+    common: Float[Array, "statistic statistic"]
+    single: Float[Array, "statistic statistic"]
+
+
+def log_likelihood_of_patterns(
+    mean: Float[Array, " statistic"],
+    spread: Float[Array, "statistic statistic"],
+    error: Float[Array, "statistic statistic"],
+    data: Patterns,
+) -> Float[Array, ""]:
+    """log p of the colonies, all of which succeeded, given m, V and E."""
+
+    def inverse(seen: Array) -> tuple[Array, Array]:
+        """V_p⁻¹ and log |2π V_p|."""
+        both = seen[:, None] * seen
+        root = jnp.linalg.cholesky(both * spread + jnp.diag(1.0 - seen))
+        precision = jax.scipy.linalg.cho_solve((root, True), jnp.eye(len(seen)))
+        return both * precision, 2.0 * jnp.sum(jnp.log(jnp.diag(root))) + seen.sum() * jnp.log(2 * jnp.pi)
+
+    precisions, volumes = jax.vmap(inverse)(data.seen)
+    whole = jnp.einsum("p,pij->ij", data.count, precisions)
+    root = jnp.linalg.cholesky(whole)
+    covariance = jax.scipy.linalg.cho_solve((root, True), jnp.eye(len(mean)))
+    middle = covariance @ jnp.einsum("p,pij,pj->i", data.count, precisions, data.mean)
+    off = data.seen * (data.mean - middle)
+    squares = data.squares + data.count[:, None, None] * off[:, :, None] * off[:, None, :]
+    scatter = jnp.sum(data.count * volumes) + jnp.einsum("pij,pij->", precisions, squares)
+    freed = 0.5 * len(mean) * jnp.log(2 * jnp.pi) - jnp.sum(jnp.log(jnp.diag(root)))
+    return _log_normal(middle - mean, 0.5 * (covariance + covariance.T) + error) + freed - 0.5 * scatter
+
+
+def _log_normal(off: Float[Array, " statistic"], covariance: Float[Array, "statistic statistic"]) -> Array:
+    root = jnp.linalg.cholesky(covariance)
+    scaled = jax.scipy.linalg.solve_triangular(root, off, lower=True)
+    return -0.5 * jnp.sum(scaled**2 + jnp.log(2 * jnp.pi)) - jnp.sum(jnp.log(jnp.diag(root)))
+
+
+@eqx.filter_jit
+def _of_rows(
+    ensemble: Ensemble, x: Array, moving: Array, tau: Array, errors: Errors, data: Patterns
+) -> Float[Array, " row"]:
+    """log p of every row of x, with dx/dy `moving` and τ."""
+
+    def one(row: tuple[Array, Array, Array]) -> Array:
+        x, moving, tau = row
+        mean, scatter, error, success = ensemble.moments(x)
+        moved = tau * ensemble.slopes(x) * moving
+        spread = errors.root @ (scatter + moved @ moved.T) @ errors.root.T + errors.single
+        error = errors.root @ error @ errors.root.T + errors.common
+        return log_likelihood_of_patterns(errors.root @ mean, spread, error, data) + data.count.sum() * success
+
+    return jax.lax.map(one, (x, moving, tau), batch_size=ROWS)
+
+
+def likelihood_of_colonies(
+    emulator: Emulator, problem: Problem
+) -> Callable[[Values, Float[np.ndarray, " row"]], Float[np.ndarray, " row"]]:
+    """Log density of a problem's single colonies as a function of rows of λ and of τ."""
+    assert problem.colonies is not None
+    scale = np.linalg.norm(emulator.root, axis=1)
+    data = Patterns.of((problem.colonies - emulator.center) / scale)
+    units, zero = np.outer(scale, scale), np.zeros((len(scale), len(scale)))
+    common, single = (zero if one is None else one / units for one in (problem.noise, problem.colony_noise))
+    errors = Errors(*(jnp.asarray(one) for one in (emulator.root / scale[:, None], common, single)))
+    volume = float(np.isfinite(problem.colonies).sum(axis=0) @ np.log(scale))
+
+    def of_rows(values: Values, tau: Float[np.ndarray, " row"]) -> Float[np.ndarray, " row"]:
+        x = emulator.coordinates.of_values(values)
+        rows = [jnp.asarray(one) for one in (x, _moving(emulator, problem, values), tau)]
+        return np.asarray(_of_rows(emulator.ensemble, *rows, errors, data), dtype=float) - volume
+
+    return of_rows
+
+
+def between_colonies(
+    emulator: Emulator, problem: Problem, values: Values, tau: Float[np.ndarray, " row"]
+) -> Float[np.ndarray, "row statistic statistic"]:
+    """τ² J Jᵀ, in the statistics' units."""
+    moving = _moving(emulator, problem, values)
+    moved = tau[:, None, None] * emulator.slopes(values) * moving[:, None, :]
+    return np.einsum("rif,rjf->rij", moved, moved)
+
+
+def _moving(emulator: Emulator, problem: Problem, values: Values) -> Values:
+    """dx/dy: of the emulator's coordinates by those in which colonies scatter."""
+    coordinates = ColonyCoordinates.of(problem.simulator.parameters)
+    return emulator.coordinates.slopes(values) * coordinates.slopes(values)

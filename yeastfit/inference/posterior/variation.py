@@ -1,0 +1,164 @@
+"""Colonies whose parameters scatter about those of their condition.
+
+    y(λ_r) = y(λ) + τ ξ_r,   ξ_r ~ N(0, 1);   y = log λ, of a parameter between two bounds log (λ − a) / (b − λ)
+
+λ is the condition's, λ_r that of colony r. y is a logarithm where λ is only positive, so that τ is a relative scatter,
+and a logit where λ lies between two bounds, as a probability does, so that no λ_r leaves them; a logit is a logarithm
+for small probabilities. There is one τ for all free parameters: between-colony covariances of so few colonies do not
+tell the parameters' own apart (`docs/variation.md` has the numbers). Held parameters do not scatter.
+
+**Prior of τ.** 0 with probability `zero`, otherwise |N(0, sd²)|: half a chance that colonies differ by the model's own
+chance alone, and a scatter of 30 % where they do not (the spike and the slab of Mitchell & Beauchamp 1988,
+doi:10.1080/01621459.1988.10478694). Chains walk in z ~ N(0, 1) before the data, of which τ is an increasing function,
+0 up to Φ(z) = zero; in z the posterior has a continuous density.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+import scipy
+from jaxtyping import Float
+
+from yeastfit.errors import InputError
+from yeastfit.inference.posterior.distributions import Distribution, SpikeHalfNormal
+from yeastfit.inference.posterior.prior import Prior
+from yeastfit.inference.simulator import Rows, Seeds, Simulator, Stream, Values, Wrapper, stream_of
+from yeastfit.parameter_set import Parameter, ParameterSet
+
+NAME = "colony_variation"
+TAU = Parameter(
+    NAME,
+    "τ",
+    "standard deviation between colonies of the logarithm of every free parameter, of the logit of bounded ones",
+    (0.0, 1.0),
+    0.0,
+)
+
+
+@dataclass(frozen=True)
+class Variation:
+    """That λ scatters between colonies, with the prior of its scatter τ.
+
+    Attributes:
+        zero: Probability that τ is 0.
+        sd: Of the half-normal distribution of τ where it is not.
+
+    Raises:
+        InputError: `zero` is no probability below 1, or `sd` not above 0.
+    """
+
+    zero: float = 0.5
+    sd: float = 0.3
+
+    def __post_init__(self) -> None:
+        try:
+            _ = self.prior
+        except InputError as error:
+            raise InputError(f"variation: {error}") from None
+
+    @property
+    def prior(self) -> Distribution:
+        """Of τ."""
+        return Distribution("spike-half-normal", asdict(self))
+
+    def joined(self, prior: Prior) -> Prior:
+        """A prior of λ, and that of τ as the last one."""
+        return Prior({**prior.distributions, NAME: self.prior})
+
+    def tau(self, z: Float[np.ndarray, "*any"]) -> Float[np.ndarray, "*any"]:
+        """τ of z."""
+        return SpikeHalfNormal(self.zero, self.sd).isf(scipy.special.ndtr(-np.asarray(z, dtype=float)))
+
+
+@dataclass(frozen=True)
+class ColonyCoordinates:
+    """y of λ.
+
+    Attributes:
+        low: Smallest admissible λ.
+        width: Of the admissible range; inf where there is no largest λ.
+    """
+
+    low: Float[np.ndarray, " free"]
+    width: Float[np.ndarray, " free"]
+
+    @staticmethod
+    def of(parameters: ParameterSet) -> "ColonyCoordinates":
+        """Of the free parameters.
+
+        Raises:
+            InputError: One may be negative and has no bounds on both sides.
+        """
+        for one in parameters.values():
+            if not (one.smallest >= 0 or math.isfinite(one.smallest) and math.isfinite(one.largest)):
+                raise InputError(
+                    f"variation: {one.name} may be {one.limits}: need parameters that are above 0 or between two "
+                    "bounds, hold it"
+                )
+        low = np.array([one.smallest for one in parameters.values()])
+        return ColonyCoordinates(low, np.array([one.largest for one in parameters.values()]) - low)
+
+    def moved(self, values: Values, step: Values) -> Values:
+        """λ of y + step; what lies on a bound stays there."""
+        above = values - self.low
+        rest = np.where(np.isinf(self.width), 1.0, 1.0 - above / self.width)
+        part = np.where(np.isinf(self.width), 0.0, above / self.width)
+        with np.errstate(over="ignore"):
+            return self.low + above * np.exp(step) / (rest + part * np.exp(step))
+
+    def slopes(self, values: Values) -> Values:
+        """dλ/dy."""
+        above = values - self.low
+        return np.where(np.isinf(self.width), above, above * (1.0 - above / self.width))
+
+
+@dataclass(frozen=True)
+class Varied(Wrapper):
+    """A simulator of colonies whose λ scatter; the last of its parameters is τ."""
+
+    @property
+    def parameters(self) -> ParameterSet:
+        """The free parameters, and τ."""
+        return self.simulator.parameters + (TAU,)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """All parameters, free and held, and τ."""
+        return (*super().names, NAME)
+
+    def scattered(self, values: Values, seeds: Seeds) -> Values:
+        """λ_r of every row of λ and τ, by the seed of the row."""
+        streams = [np.random.default_rng(stream_of(int(seed), Stream.COLONIES, 0)) for seed in seeds]
+        normal = np.array([one.standard_normal(values.shape[1] - 1) for one in streams])
+        coordinates = ColonyCoordinates.of(self.simulator.parameters)
+        return coordinates.moved(values[:, :-1], values[:, -1:] * normal.reshape(len(values), -1))
+
+    def __call__(self, values: Values, seeds: Seeds) -> Rows:
+        """Rows of the simulator inside, at the scattered λ."""
+        return self.simulator(self.scattered(values, seeds), seeds)
+
+
+def simulator_of_draws(simulator: Simulator, free: Sequence[str]) -> Simulator:
+    """The simulator that takes draws of a posterior: with colonies that scatter where τ is one of its parameters.
+
+    Arguments:
+        simulator: Of one colony.
+        free: Names of the posterior's parameters.
+
+    Raises:
+        InputError: The simulator has other parameters.
+    """
+    names, found = simulator.parameters.names, tuple(free)
+    if found not in (names, (*names, NAME)):
+        raise InputError(f"simulator is of {', '.join(names)}, the posterior of {', '.join(found)}")
+    return simulator if found == names else Varied(simulator)
+
+
+def absent(posterior: Any) -> float | None:
+    """Probability that τ is 0, of a posterior; None where τ is no parameter of it."""
+    if NAME not in posterior.free:
+        return None
+    return float(posterior.weights.ravel() @ (posterior.flat[:, posterior.free.index(NAME)] == 0.0))
