@@ -17,7 +17,7 @@ def test_the_package() -> None:
     FitStatus FluctuationRule ForwardModel GradientCheck Grown Imaging Information InputError Model MediumRule
     MotionRule Numerics Observable Panel Parameter ParameterSet Parameters Posterior Prior Problem Range Relaxation
     Resolution Sampler Scales Seen Sensitivity Setting ShapeRule Simulation SimulationError Simulator Specification
-    Spread SpringRule Statistic Status Store Targets UptakeRule Workers
+    Spread SpringRule Statistic Status Store Targets UptakeRule Variation Workers
     available_processors calibrate check_derivatives check_gradients design explore fit infer information
     information_of measure measure_dataset measure_file member_keys model plot profiles read_dataset read_truth
     register_statistic robust_mean sensitivity simulate

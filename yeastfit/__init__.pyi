@@ -30,6 +30,7 @@ from .inference.posterior.sampler import Sampler
 from .inference.posterior.settings import Setting
 from .inference.posterior.simulation_store import Store
 from .inference.posterior.status import Status
+from .inference.posterior.variation import Variation
 from .inference.samplers import SAMPLERS, infer
 from .inference.sensitivity.estimate import sensitivity
 from .inference.sensitivity.pathwise import robust_mean
@@ -134,6 +135,7 @@ __all__ = [
     "Store",
     "Targets",
     "UptakeRule",
+    "Variation",
     "Workers",
     "available_processors",
     "calibrate",

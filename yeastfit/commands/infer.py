@@ -22,6 +22,7 @@ from yeastfit.commands.signals import remaining
 from yeastfit.commands.terminal import Pace, out, shown_progress, warn
 from yeastfit.errors import InputError
 from yeastfit.inference.posterior.prior import template
+from yeastfit.inference.posterior.variation import Variation
 from yeastfit.inference.samplers import SAMPLERS
 from yeastfit.inference.workers.spread import Workers
 from yeastfit.processors import available_processors
@@ -90,6 +91,26 @@ def infer(
         ),
     ] = Request.prior_draws,
     measurement_error: MeasurementError = None,
+    variation: Annotated[
+        bool,
+        typer.Option(
+            "--variation/--no-variation",
+            help="Whether parameters may differ from colony to colony: their scatter is inferred too, from the single "
+            "colonies. Without it all colonies are taken for those of one parameter set, and compared by their mean.",
+            rich_help_panel=MODEL,
+        ),
+    ] = False,
+    variation_zero: Annotated[
+        float,
+        typer.Option(help="Probability before the data that parameters do not scatter.", rich_help_panel=MODEL),
+    ] = Variation.zero,
+    variation_sd: Annotated[
+        float,
+        typer.Option(
+            help="How much they do otherwise: sd of the half-normal prior of their scatter, in log λ or logit λ.",
+            rich_help_panel=MODEL,
+        ),
+    ] = Variation.sd,
     reuse: Annotated[
         Path | None,
         typer.Option(
@@ -112,12 +133,12 @@ def infer(
 ) -> None:
     """Infer which model parameters the data leave possible (posterior.csv, posterior.npz, index.html).
 
-    Micrographs are measured first. Every simulation is kept: --resume reproduces the uninterrupted run exactly after a
-    stop or a kill, and makes it longer with more --steps or --simulations. --reuse reads another run's simulations: the
-    emulator trains on all of them, ABC on those it would have made itself. The emulator compares the data with means of
-    as many colonies as were observed; ABC with single ones, unless --colonies says otherwise, which widens its
-    posterior. Parameters that are not free are held at the values given here. Exit code 1 where the posterior has not
-    settled.
+    Micrographs are measured first. Every simulation is kept: --resume reproduces the uninterrupted run exactly
+    after a stop or a kill, and makes it longer with more --steps or --simulations. --reuse reads another run's
+    simulations: the emulator trains on all of them, ABC on those it would have made itself. The emulator compares
+    the data with means of as many colonies as were observed; ABC with single ones, unless --colonies says
+    otherwise, which widens its posterior. --variation lets colonies differ in their parameters. Parameters that are
+    not free are held at the values given here. Exit code 1 where the posterior has not settled.
     """
     asked: dict[str, Any] = {
         **{"model": chosen.name, "forward_model": chosen.forward, "fixed": chosen.values},
@@ -126,6 +147,7 @@ def infer(
             "draws": draws,
             "prior_draws": prior_draws,
             "measurement_error": measurement_error,
+            "variation": Variation(variation_zero, variation_sd) if variation else None,
             "reuse": reuse,
             "seed": seed,
         },

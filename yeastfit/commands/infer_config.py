@@ -1,7 +1,7 @@
 """What `yeastfit infer` is asked for."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +11,7 @@ from yeastfit.inference.models.registry import DEFAULT, model_named
 from yeastfit.inference.posterior.predictive_check import FEWEST
 from yeastfit.inference.posterior.prior import Prior
 from yeastfit.inference.posterior.sampler import Sampler
+from yeastfit.inference.posterior.variation import Variation
 from yeastfit.inference.samplers import SAMPLERS, name_of, sampler_of, settings_of
 from yeastfit.memory import check_count
 from yeastfit.parameter_set import ParameterSet
@@ -35,6 +36,7 @@ class Request:
         draws: Of the posterior predictive check.
         prior_draws: Data sets predicted from the prior, for ArviZ's file.
         measurement_error: Relative, of the means; by default as the registry of statistics has it.
+        variation: That parameters scatter between colonies.
         reuse: Folder of another run whose simulations serve again.
         seed: Same seed, same posterior.
 
@@ -54,11 +56,16 @@ class Request:
     draws: int = 40
     prior_draws: int = 40
     measurement_error: float | None = None
+    variation: Variation | None = None
     reuse: Path | None = None
     seed: int = 0
 
     def __post_init__(self) -> None:
         check_count("draws", self.draws)
+        if self.variation is not None and not getattr(self.sampler, "varies", False):
+            raise InputError(
+                f"--variation: {name_of(self.sampler)} takes all colonies for those of one λ: leave it out"
+            )
         if self.prior_draws and self.prior_draws < FEWEST:
             raise InputError(f"--prior-draws is {self.prior_draws}, it must be 0 or at least {FEWEST}")
         kind = model_named(self.model)
@@ -132,5 +139,6 @@ class Request:
             "fixed": self.held,
             "prior": self.the_prior().asdict(),
             **self.forward_model.settings("infer"),
+            **({} if self.variation is None else {"variation": asdict(self.variation)}),
             "reuse": None if self.reuse is None else str(self.reuse),
         }

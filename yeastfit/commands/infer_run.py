@@ -12,10 +12,9 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from yeastfit.commands.generated.samplers import extending
 from yeastfit.commands.infer_config import Request
+from yeastfit.commands.infer_doubts import doubts_of
 from yeastfit.commands.measured_source import Measurements, measure_source, recorded_warnings
 from yeastfit.commands.run_folder import RunFolder, inputs_of, read_run, run_versions
 from yeastfit.errors import InputError
@@ -28,8 +27,18 @@ from yeastfit.inference.posterior.problem import Problem
 from yeastfit.inference.posterior.result import Posterior
 from yeastfit.inference.posterior.sampler import Sampler
 from yeastfit.inference.posterior.simulation_store import Store
+from yeastfit.inference.posterior.variation import Varied
 from yeastfit.inference.samplers import name_of, sample
-from yeastfit.inference.simulator import Simulator, Tally, Wrapper, labels_of, once, problems_of, rows_in_blocks
+from yeastfit.inference.simulator import (
+    Simulator,
+    Tally,
+    Wrapper,
+    labels_of,
+    member_seeds,
+    once,
+    problems_of,
+    rows_in_blocks,
+)
 from yeastfit.inference.targets import Targets
 from yeastfit.inference.targets_from_table import TABLE, read_measurements
 from yeastfit.inference.workers.spread import Workers
@@ -153,7 +162,7 @@ class InferRun:
         simulator = model.simulator(single, request.parameters.names, request.held)
         errors = model.measurement_errors(single, request.measurement_error)
         noise = measurement_covariance(single.observables, single.values, errors)
-        problem = Problem.of(simulator, prior, single, noise=noise)
+        problem = Problem.of(simulator, prior, single, noise=noise, variation=request.variation)
         settings = {name: folder.configuration["settings"][name] for name in request.open_settings}
         sampler = replace(request.sampler, **settings)  # type: ignore[type-var]
         run = InferRun(request, source, folder, data, model, single, problem, sampler)
@@ -190,7 +199,9 @@ class InferRun:
                 with self._store(path / REUSED) as other:
                     store.reuse(*other.all())
             problem = replace(self.problem, simulator=self._watched(tell))
-            posterior = sample(problem, self.sampler, store, self.request.seed, progress).warned(*self.doubts())
+            posterior = sample(problem, self.sampler, store, self.request.seed, progress).warned(
+                *doubts_of(self.targets, self.problem, self.model.nouns)
+            )
         if posterior.backend is not None:
             write_chains(partial / CHAINS, posterior.backend)
         posterior.save(partial / POSTERIOR)
@@ -212,6 +223,8 @@ class InferRun:
         images = self.source if self.source.is_dir() else self.source.parent
         observed = photographs(self.data.rows, self.data.folder, images, self.request.condition, PICTURED)
         shown = predicted.values[:PICTURED]
+        if self.problem.variation is not None:
+            shown = Varied(self.problem.simulator).scattered(shown, member_seeds(self.request.seed, len(shown)))
         drawn = self.model.outlines(self.problem.simulator, shown, self.targets, self.request.seed)
         partial = self.folder.results.partial
         remarks += write_results(partial, summary, self.targets, observed, drawn, self._made(), beforehand)
@@ -225,26 +238,6 @@ class InferRun:
             return posterior.predict_prior(simulator, draws=self.prior_draws, seed=self.request.seed), []
         except InputError as error:
             return None, [f"posterior.nc has no prior_predictive: {error}"]
-
-    def doubts(self) -> list[str]:
-        """What the data do not fulfil, in words."""
-        targets, doubts, several = self.targets, list[str](), self.model.nouns[1]
-        counts = targets.replicates[targets.measured]
-        if np.ptp(counts):
-            doubts.append(
-                f"the curves' points are means of {counts.min()} to {counts.max()} {several}, all are taken for means "
-                f"of {counts.min()}"
-            )
-        if targets.curves is not None:
-            seen = np.isfinite(targets.curves[:, targets.measured]).astype(int)
-            shared = seen.T @ seen
-            if (shared < np.minimum.outer(counts, counts)).any():
-                doubts.append(
-                    f"not every {self.model.nouns[0]} is in all points of the curves, some two of them share "
-                    f"{shared.min()}: all are taken for the same {several}, seen at every time, so that intervals may "
-                    "be too narrow or too wide"
-                )
-        return doubts
 
     def problems_met(self) -> list[str]:
         """What micrographs and simulations ran into, since the run began."""

@@ -39,10 +39,7 @@ SAMPLERS: dict[str, type[Sampler]] = {
 def infer(
     simulator: Simulator,
     prior: Prior,
-    observed: Targets
-    | Float[np.ndarray, " statistic"]
-    | Float[np.ndarray, "replicate statistic"]
-    | Sequence[float],
+    observed: Targets | Float[np.ndarray, " statistic"] | Float[np.ndarray, "replicate statistic"] | Sequence[float],
     *,
     method: str | Sampler = "emulator",
     replicates: int = 1,
@@ -83,9 +80,7 @@ def infer(
     Raises:
         InputError: An argument is wrong, arguments do not belong together, or no simulation comes to anything.
     """
-    problem = Problem.of(
-        simulator, prior, observed, replicates, noise, colony_noise=colony_noise, variation=variation
-    )
+    problem = Problem.of(simulator, prior, observed, replicates, noise, colony_noise=colony_noise, variation=variation)
     if isinstance(method, str):
         sampler = sampler_of(method, settings)
     elif settings:

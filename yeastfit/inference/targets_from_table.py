@@ -149,12 +149,8 @@ def targets_of(
         ]
         spacing, smoothing = SPACING, SMOOTHING
     else:
-        if np.ptp(pixels) > SAME_SIZE * pixels.max():
-            low, high = pixels.min() * scales.length, pixels.max() * scales.length
-            raise InputError(
-                f"um_per_pixel runs from {low:g} to {high:g}: statistics of masks depend on it, "
-                f"{', '.join(most_telling_first(names_with('smooth')))} with their masks do not"
-            )
+        advice = f", {', '.join(most_telling_first(names_with('smooth')))} with their masks do not"
+        check_same_size(chosen, advice)
         values = [_in_lengths(row, statistics, scales) for row in chosen]
         spacing, smoothing = float(pixels.mean()), 0.0
     for row in chosen:
@@ -255,6 +251,18 @@ def checked_rows(rows: Sequence[Mapping[str, Any]], condition: str | None) -> li
             (PIXEL_SIZES if name in KNOWN else STATISTICS[name].admissible).read(row[name], f"{row['file']}: {name}")
     _refuse_twice(chosen)
     return chosen
+
+
+def check_same_size(rows: Sequence[Mapping[str, Any]], advice: str = "") -> None:
+    """Raise `InputError` where pixel sizes differ, naming the images; `advice` says what does not depend on them."""
+    least, most = (choose(rows, key=lambda row: float(row["um_per_pixel"])) for choose in (min, max))
+    low, high = float(least["um_per_pixel"]), float(most["um_per_pixel"])
+    if high - low > SAME_SIZE * high:
+        raise InputError(
+            f"um_per_pixel runs from {low:g} to {high:g}: statistics of masks depend on it"
+            f"{advice or ', so that images need pixels of one size'} (smallest in {least['file']}, largest in "
+            f"{most['file']})"
+        )
 
 
 def _refuse_twice(rows: Sequence[Mapping[str, Any]]) -> None:

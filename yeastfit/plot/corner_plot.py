@@ -93,7 +93,7 @@ class _Axis:
         wide = prior.logarithmic and high > WIDE * low
         axis = _Axis((low, high), "log" if wide else "linear")
         low, high, *support = axis.plain(np.array([low, high, *prior.support])).tolist()
-        margin = 0.05 * (high - low) or 0.1 * abs(high)
+        margin = 0.05 * (high - low) or 0.1 * abs(high) or 0.01
         ends = max(low - margin, support[0] - 0.2 * margin), min(high + margin, support[1] + 0.2 * margin)
         return _Axis((float(axis.back(np.array(ends[0]))), float(axis.back(np.array(ends[1])))), axis.scale)
 

@@ -56,6 +56,10 @@ def posterior_page(
     return page.document("Posterior of the parameters", lead, sections, foot)
 
 
+_VARIATION = (
+    "Each colony has parameters of its own, which scatter about those of the condition: colony_variation is the "
+    "standard deviation of their logarithms, of the logits of shares and probabilities. {}."
+)
 _PHOTOGRAPHS = "<p>Above, photographs at the last time, with what was taken for the colony.</p>"
 
 
@@ -83,6 +87,8 @@ def _parameters(summary: Summary) -> str:
         "<p>Mean, standard deviation and quantiles of each parameter; q05 to q95 is the central 90 % "
         f"interval.{truth}</p>"
     )
+    if summary.absent is not None:
+        words = f"<p>{page.text(_VARIATION.format(summary.variation))}</p>{words}"
     words = f"<p>{page.text(learnt_by_posterior(summary.posterior, summary.model))}</p>{words}"
     return words + page.table("Posterior of every parameter", columns, _cells(rows), ["corner"] * len(rows))
 

@@ -1,5 +1,6 @@
 """A posterior, judged: its table, its diagnostics and all that is to be doubted."""
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -11,6 +12,7 @@ from rich.table import Table
 from yeastfit.inference.models.forward_model import ForwardModel
 from yeastfit.inference.posterior.predictive_check import Predictive
 from yeastfit.inference.posterior.result import Posterior
+from yeastfit.inference.posterior.variation import NAME, absent
 
 SHARES = {"q05": 0.05, "median": 0.5, "q95": 0.95}
 
@@ -45,6 +47,20 @@ class Summary:
         warnings = [*posterior.sentences(), *predicted.sentences(), *doubts]
         return Summary(posterior, predicted, truth, list(dict.fromkeys(warnings)), model)
 
+    @property
+    def absent(self) -> float | None:
+        """Probability that colonies do not differ in their parameters; None where that was taken for granted."""
+        return absent(self.posterior)
+
+    @property
+    def variation(self) -> str:
+        """What the posterior says of the variation between colonies."""
+        before = self.posterior.prior.distributions[NAME].numbers["zero"]
+        return (
+            f"variation between colonies: with probability {self.absent:.2g} there is none ({before:.2g} before the "
+            "data)"
+        )
+
     def rows(self) -> list[dict[str, Any]]:
         """Rows of posterior.csv, one per parameter."""
         posterior, rows = self.posterior, []
@@ -53,7 +69,7 @@ class Summary:
         for k, name in enumerate(posterior.free):
             row: dict[str, Any] = {"parameter": name, **{label: float(values[k]) for label, values in columns.items()}}
             if self.truth:
-                truth = self.truth[name]
+                truth = self.truth.get(name, math.nan)  # data sets do not tell τ
                 row |= {"truth": truth, "inside_90": row["q05"] <= truth <= row["q95"]}
             rows.append(row)
         return rows
@@ -73,6 +89,7 @@ class Summary:
             "predictive_p_value": predicted.p_value,
             "observations_inside_90": int(predicted.inside(0.9).sum()),
             "observations": len(predicted.observed),
+            **({} if self.absent is None else {"variation_absent": self.absent}),
             "method_own": posterior.diagnostics.asdict(),
             "warnings": self.warnings,
         }
@@ -110,4 +127,6 @@ class Summary:
         lines.append(
             f"posterior predictive: {inside} of {count} observations in the 90 % band, p {predicted.p_value:.2f}"
         )
+        if self.absent is not None:
+            lines.append(self.variation)
         return lines

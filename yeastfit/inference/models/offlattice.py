@@ -22,7 +22,7 @@ from yeastfit.inference.sensitivity.estimate import sensitivity as estimate_sens
 from yeastfit.inference.sensitivity.result import Sensitivity
 from yeastfit.inference.simulator import member_seeds
 from yeastfit.inference.targets import Targets
-from yeastfit.inference.targets_from_table import checked_rows, read_mask
+from yeastfit.inference.targets_from_table import check_same_size, checked_rows, read_mask
 from yeastfit.numbers import PIXEL_SIZES, POSITIVE, Range
 from yeastfit.offlattice.parameters import PARAMETERS, PRIOR
 from yeastfit.panel import Panel
@@ -123,18 +123,20 @@ class Offlattice(ForwardModel):
         return replace(self._simulator(targets.names, free, fixed), observables=targets.observables)
 
     def seen(self, rows: Sequence[Row], folder: Path, condition: str | None, statistics: Sequence[str]) -> Seen:
-        """Statistics of the last image of each colony, with its mean area and pixel size."""
+        """Statistics of the last image of each colony, with their mean area and pixel size.
+
+        Raises:
+            InputError: Pixel sizes differ, or a statistic is neither in the table nor to be had from masks.
+        """
         every = checked_rows(rows, condition)
-        hours = max(float(row["hours"]) for row in every)
-        chosen = [row for row in every if float(row["hours"]) == hours]
+        chosen, notes = _last_images(every)
+        hours = max(float(row["hours"]) for row in chosen)
+        check_same_size(chosen)
         values = [_measured(row, folder, (*statistics, "area")) for row in chosen]
         curves = {name: np.array([[value[name]] for value in values]) for name in statistics}
         targets = Targets.from_replicates(curves, [hours])
         area = float(np.mean([value["area"] for value in values])) if self.area is None else self.area
         pixel = float(np.mean([row["um_per_pixel"] for row in chosen])) if self.pixel_size is None else self.pixel_size
-        notes = []
-        if len(chosen) < len(every):
-            notes.append(f"{len(every) - len(chosen)} images before {hours:g} h are left out: the model has no time")
         seen = replace(self, area=None if self.match == "none" else area, pixel_size=pixel)
         return Seen(seen, replace(targets, time_label="hours", length_unit="µm"), tuple(notes))
 
@@ -210,6 +212,27 @@ class Offlattice(ForwardModel):
 
 def _expanded(name: str, published: tuple[str, ...]) -> tuple[str, ...]:
     return published if name == THEIRS else (name,)
+
+
+def _last_images(rows: Sequence[Row]) -> tuple[list[Row], list[str]]:
+    """The last image of each colony, and what is to be said about the times."""
+    last: dict[str, Row] = {}
+    for row in sorted(rows, key=lambda row: float(row["hours"])):
+        last[str(row["replicate"])] = row
+    chosen, notes = [row for row in rows if last[str(row["replicate"])] is row], []
+    hours = sorted({float(row["hours"]) for row in chosen})
+    if len(chosen) < len(rows):
+        notes.append(
+            f"{len(rows) - len(chosen)} images before the last one of their colony are left out: the model has no time"
+        )
+    if len(hours) > 1:
+        early = [f"{row['file']} ({float(row['hours']):g} h)" for row in chosen if float(row["hours"]) < hours[-1]]
+        some = ", ".join(early[:3]) + (", …" if early[3:] else "")
+        notes.append(
+            f"{len(early)} of {len(chosen)} colonies were photographed before {hours[-1]:g} h: {some}; they count like "
+            "the others, as the model has no time"
+        )
+    return chosen, notes
 
 
 def _measured(row: Row, folder: Path, statistics: Sequence[str]) -> dict[str, float]:

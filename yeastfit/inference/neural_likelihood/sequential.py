@@ -15,8 +15,8 @@ warning reports their fraction in the last two rounds.
 
 As the likelihood is what is emulated, where the simulations were made does not influence the posterior other than
 through the emulator's error (Papamakarios et al. 2019, arXiv:1805.07226): simulations of other runs, whatever their
-method, are trained on as well (`Simulations.reused`). Where colonies may scatter (`posterior.variation`), chains have one coordinate more, and rounds are about λ as before.
-Every step depends on the seed alone: a run that is repeated with
+method, are trained on as well (`Simulations.reused`). Where colonies may scatter (`posterior.variation`), chains have
+one coordinate more, and rounds are about λ as before. Every step depends on the seed alone: a run that is repeated with
 the store of one that was stopped repeats its training and its chains, simulates only what is missing, and ends with the
 same result.
 """
@@ -33,7 +33,7 @@ from yeastfit.inference.neural_likelihood.emulator import Emulator, fewest, trai
 from yeastfit.inference.neural_likelihood.mcmc import BRIEFLY, ROUGHLY, LogPosterior, Walk
 from yeastfit.inference.neural_likelihood.network import TrainingSettings
 from yeastfit.inference.neural_likelihood.rounds import EmulatorDiagnostics, RoundDiagnostics
-from yeastfit.inference.neural_likelihood.single_colonies import between_colonies
+from yeastfit.inference.neural_likelihood.single_colonies import between_colonies, excess_scatter
 from yeastfit.inference.neural_likelihood.training_rounds import Round, far_draws, proposed, unsettled
 from yeastfit.inference.posterior.cached_simulator import CachedSimulator
 from yeastfit.inference.posterior.problem import Problem
@@ -292,6 +292,11 @@ class _Rounds:
                 *self.simulator.store.notes,
                 *unsettled(last, self.settings.settle, self.simulator.asked, self._settled(last)),
                 *far_draws(x, before, problem.prior),
+                *(
+                    []
+                    if problem.variation
+                    else excess_scatter(last.emulator, problem, problem.prior.values(last.mean[None]))
+                ),
             ],
             diagnostics=EmulatorDiagnostics(
                 tuple(self._reported(one) for one in rounds), last.chains.steps, len(self.reused_values)

@@ -23,11 +23,14 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
+from scipy.stats import chi2
 
 from yeastfit.inference.neural_likelihood.emulator import Emulator
 from yeastfit.inference.neural_likelihood.ensemble import ROWS, Ensemble
 from yeastfit.inference.posterior.problem import Problem
 from yeastfit.inference.posterior.variation import ColonyCoordinates
+
+MUCH, CHANCE = 1.5, 1e-3  # times the expected χ², and probability of it, from where a scatter is told of
 
 Values = Float[np.ndarray, "row free"]
 Square = Float[np.ndarray, "statistic statistic"]
@@ -151,6 +154,28 @@ def between_colonies(
     moving = _moving(emulator, problem, values)
     moved = tau[:, None, None] * emulator.slopes(values) * moving[:, None, :]
     return np.einsum("rif,rjf->rij", moved, moved)
+
+
+def excess_scatter(emulator: Emulator, problem: Problem, values: Values) -> list[str]:
+    """Say so where single colonies scatter more than the emulator's do at one λ, given as a row.
+
+    Σ_r (o_r − ō)ᵀ (C + M)⁻¹ (o_r − ō) of R complete colonies is χ² with (R − 1) n degrees of freedom for n statistics.
+    """
+    rows = np.zeros((0, 0)) if problem.colonies is None else problem.colonies
+    rows = rows[np.isfinite(rows).all(axis=1)]
+    freedom = (len(rows) - 1) * rows.shape[1]
+    if freedom < 1:
+        return []
+    scatter = emulator.moments(values)[1][0] + (0.0 if problem.colony_noise is None else problem.colony_noise)
+    off = rows - rows.mean(axis=0)
+    square = float(np.einsum("ri,ir->", off, np.linalg.solve(scatter, off.T)))
+    if square < MUCH * freedom or chi2.sf(square, freedom) > CHANCE:
+        return []
+    return [
+        f"the {len(rows)} replicates scatter {np.sqrt(square / freedom):.2g} times as much as simulations of one "
+        "parameter set: their parameters may differ, which a posterior with variation allows for; without it "
+        "intervals may be too narrow"
+    ]
 
 
 def _moving(emulator: Emulator, problem: Problem, values: Values) -> Values:

@@ -81,11 +81,11 @@ class SpikeHalfNormal:
     def isf(self, share: Float[np.ndarray, "*any"]) -> Float[np.ndarray, "*any"]:
         """Value that is exceeded with this probability."""
         above = np.minimum(np.asarray(share, dtype=float) / (1.0 - self.zero), 1.0)
-        return self.sd * np.sqrt(2.0) * scipy.special.erfcinv(above)
+        return np.asarray(self.sd * np.sqrt(2.0) * scipy.special.erfcinv(above))
 
     def ppf(self, share: Float[np.ndarray, "*any"]) -> Float[np.ndarray, "*any"]:
         """Quantiles."""
-        return self.isf(1.0 - np.asarray(share, dtype=float))
+        return self.isf(np.asarray(1.0 - np.asarray(share, dtype=float)))
 
     def cdf(self, x: Float[np.ndarray, "*any"]) -> Float[np.ndarray, "*any"]:
         """Cumulative probability, that of 0 included from 0 on."""

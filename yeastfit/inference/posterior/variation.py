@@ -93,7 +93,7 @@ class ColonyCoordinates:
             InputError: One may be negative and has no bounds on both sides.
         """
         for one in parameters.values():
-            if not (one.smallest >= 0 or math.isfinite(one.smallest) and math.isfinite(one.largest)):
+            if not (one.smallest >= 0 or (math.isfinite(one.smallest) and math.isfinite(one.largest))):
                 raise InputError(
                     f"variation: {one.name} may be {one.limits}: need parameters that are above 0 or between two "
                     "bounds, hold it"
@@ -122,14 +122,14 @@ class Varied(Wrapper):
     @property
     def parameters(self) -> ParameterSet:
         """The free parameters, and τ."""
-        return self.simulator.parameters + (TAU,)
+        return ParameterSet((*self.simulator.parameters.parameters, TAU))
 
     @property
     def names(self) -> tuple[str, ...]:
         """All parameters, free and held, and τ."""
         return (*super().names, NAME)
 
-    def scattered(self, values: Values, seeds: Seeds) -> Values:
+    def scattered(self, values: Float[np.ndarray, "row free_and_tau"], seeds: Seeds) -> Float[np.ndarray, "row free"]:
         """λ_r of every row of λ and τ, by the seed of the row."""
         streams = [np.random.default_rng(stream_of(int(seed), Stream.COLONIES, 0)) for seed in seeds]
         normal = np.array([one.standard_normal(values.shape[1] - 1) for one in streams])

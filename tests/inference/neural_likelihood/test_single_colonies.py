@@ -1,0 +1,278 @@
+"""Single colonies whose parameters scatter: their likelihood beside a dense one, and what is inferred of it."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from helpers import wrong_types
+from known_likelihoods import Known, curved, linear, simulations
+from scipy.stats import multivariate_normal
+
+from benchmarks import variation as study
+from benchmarks.variation_models import ClosedForm, Studied, closed_form_prior
+from yeastfit import InputError, Posterior, infer
+from yeastfit.inference.neural_likelihood.emulator import Emulator, train
+from yeastfit.inference.neural_likelihood.mcmc import LogPosterior
+from yeastfit.inference.neural_likelihood.network import TrainingSettings
+from yeastfit.inference.neural_likelihood.sequential import SequentialEmulator
+from yeastfit.inference.neural_likelihood.single_colonies import (
+    between_colonies,
+    excess_scatter,
+    likelihood_of_colonies,
+)
+from yeastfit.inference.posterior.problem import Problem
+from yeastfit.inference.posterior.variation import ColonyCoordinates, Variation, Varied, absent
+from yeastfit.inference.simulator import Simulator
+from yeastfit.parameter_set import Parameter, ParameterSet
+
+FEW = TrainingSettings(members=3, width=16, steps=200)
+SMALL = SequentialEmulator(first=128, simulations=128, walkers=32, most_steps=500, training=FEW)
+
+
+class Positive(Known):
+    """The same with parameters that are above 0, so that colonies can scatter."""
+
+    @property
+    def parameters(self) -> ParameterSet:
+        return ParameterSet(tuple(Parameter(name, name, name, (1e-3, 1e3), 1.0, positive=True) for name in self.free))
+
+
+def positive(known: Known) -> Positive:
+    return Positive(known.prior, known.labels, known.moments)
+
+
+def emulator_of(known: Known) -> Emulator:
+    values, statistics = simulations(known, 512, 0)
+    return train(values, statistics, prior=known.prior, labels=known.labels, seed=0, settings=FEW)
+
+
+@pytest.fixture(scope="module")
+def plane() -> tuple[Positive, Emulator]:
+    known = positive(linear())
+    return known, emulator_of(known)
+
+
+def dense(known: Known, emulator: Emulator, problem: Problem, values: np.ndarray, tau: float) -> float:
+    """log p of all colonies as one long normal vector, without those entries that are missing."""
+    assert problem.colonies is not None
+    mean, scatter, error, _ = emulator.moments(values[None])
+    spread = scatter[0] + between_colonies(emulator, problem, values[None], np.array([tau]))[0]
+    spread = spread if problem.colony_noise is None else spread + problem.colony_noise
+    common = error[0] if problem.noise is None else error[0] + problem.noise
+    count = len(problem.colonies)
+    whole = np.kron(np.eye(count), spread) + np.kron(np.ones((count, count)), common)
+    there = np.isfinite(problem.colonies.ravel())
+    law = multivariate_normal(np.tile(mean[0], count)[there], whole[np.ix_(there, there)])
+    return float(law.logpdf(problem.colonies.ravel()[there]))
+
+
+@pytest.mark.parametrize("missing", [False, True])
+def test_the_likelihood_is_that_of_all_colonies_as_one_vector(plane: tuple[Positive, Emulator], missing: bool) -> None:
+    known, emulator = plane
+    rows = known(np.tile([1.3, 0.8], (6, 1)), np.arange(6))
+    if missing:
+        rows[0, 1] = rows[1, 1] = rows[3, [0, 2]] = np.nan
+    noise = np.diag([0.02, 0.1, 0.05, 0.01]) + 0.01
+    problem = Problem.of(known, known.prior, rows, noise=noise, colony_noise=2 * noise, variation=Variation())
+    places = np.array([[1.3, 0.8], [1.1, 1.0], [1.5, 0.7]])
+    tau = np.array([0.0, 0.2, 0.5])
+    found = likelihood_of_colonies(emulator, problem)(places, tau)
+    expected = [dense(known, emulator, problem, *each) for each in zip(places, tau.tolist(), strict=True)]
+    np.testing.assert_allclose(found, expected, rtol=2e-4)
+
+
+def test_without_scatter_it_differs_from_that_of_the_mean_by_what_their_scatter_says(
+    plane: tuple[Positive, Emulator],
+) -> None:
+    """Where C does not depend on λ, the two have the same shape: log p(o_1 … o_R | λ, 0) − log p(ō | λ) is constant."""
+    known, emulator = plane
+    rows = known(np.tile([1.3, 0.8], (7, 1)), np.arange(7))
+    problem = Problem.of(known, known.prior, rows, variation=Variation())
+    places = known.prior.quantile(0.35 + 0.3 * np.random.default_rng(0).random((40, 2)))
+    of_rows = likelihood_of_colonies(emulator, problem)(places, np.zeros(40))
+    of_mean = emulator.log_likelihood(places, rows.mean(axis=0), 7)
+    left = of_rows - of_mean - (of_rows - of_mean).mean()
+    assert np.abs(left).max() < 0.1 * np.ptp(of_mean)
+    assert np.corrcoef(of_rows, of_mean)[0, 1] > 0.999
+
+
+def test_covariance_between_colonies_is_that_of_means_at_scattered_parameters() -> None:
+    """First order against sampling through the same emulator, of a curved mean; and J of a plane is exact."""
+    known = positive(curved())
+    emulator = emulator_of(known)
+    values, tau = np.array([[1.2, 0.9]]), 0.05
+    problem = Problem.of(known, known.prior, known(np.tile(values, (3, 1)), np.arange(3)), variation=Variation())
+    each = values * np.exp(tau * np.random.default_rng(1).standard_normal((4000, 2)))
+    sampled = np.cov(emulator.moments(each)[0], rowvar=False)
+    found = between_colonies(emulator, problem, values, np.array([tau]))[0]
+    np.testing.assert_allclose(found, sampled, atol=0.1 * np.sqrt(np.outer(*[np.diag(sampled)] * 2)).max())
+    known = positive(linear())
+    slopes = known.moments(np.exp(np.eye(2)))[0].T
+    problem = Problem.of(known, known.prior, known(np.tile(values, (3, 1)), np.arange(3)), variation=Variation())
+    exact = tau**2 * slopes @ slopes.T
+    off = between_colonies(emulator_of(known), problem, values, np.array([tau]))[0] - exact
+    assert np.abs(off).max() < 0.15 * np.diag(exact).max()
+
+
+def test_coordinates_are_logarithms_and_logits() -> None:
+    parameters = ClosedForm().parameters
+    coordinates = ColonyCoordinates.of(parameters)
+    values, step = np.array([[2.0, 0.3, 0.5], [1e-6, 1.0, 7.0], [0.0, 0.0, 3.0]]), np.array([[0.4, -1.1, 2.0]] * 3)
+    moved = coordinates.moved(values, step)
+    np.testing.assert_allclose(moved[:, ::2], values[:, ::2] * np.exp(step[:, ::2]))
+    np.testing.assert_allclose(moved[0, 1], 1 / (1 + np.exp(1.1 - np.log(0.3 / 0.7))))
+    np.testing.assert_array_equal(moved[1:, 1], [1.0, 0.0])
+    slopes = (
+        coordinates.moved(values, 1e-6 * np.ones((3, 3))) - coordinates.moved(values, -1e-6 * np.ones((3, 3)))
+    ) / 2e-6
+    np.testing.assert_allclose(coordinates.slopes(values), slopes, rtol=1e-6, atol=1e-9)
+    unbounded = Parameter("d", "d", "d", (0.1, 1.0), 0.5, smallest=-np.inf)
+    with pytest.raises(InputError, match=r"variation: d may be finite: need parameters that are above 0"):
+        ColonyCoordinates.of(ParameterSet((unbounded,)))
+
+
+def test_scatter_has_mass_at_zero_and_grows_with_z() -> None:
+    variation = Variation(zero=0.3, sd=0.2)
+    z = np.random.default_rng(0).standard_normal(20_000)
+    tau = variation.tau(z)
+    assert abs(np.mean(tau == 0) - 0.3) < 0.015
+    above = np.sort(tau[tau > 0])
+    np.testing.assert_allclose(np.sqrt(np.mean(above**2)), 0.2, rtol=0.02)
+    assert (np.diff(variation.tau(np.linspace(-9, 9, 400))) >= 0).all()
+    law = variation.prior.density
+    shares = np.array([0.1, 0.3, 0.31, 0.5, 0.9, 0.999])
+    np.testing.assert_allclose(law.cdf(law.ppf(shares)), np.maximum(shares, 0.3))
+    np.testing.assert_allclose(law.median(), np.median(tau), atol=0.005)
+    np.testing.assert_allclose(law.std(), tau.std(), rtol=0.02)
+    np.testing.assert_allclose(np.exp(law.logpdf(np.array([0.0, 0.1]))), [0.3, law.pdf(np.array(0.1))])
+    assert (Variation(zero=0.0, sd=0.2).tau(z) > 0).all()
+    for wrong in ({"zero": 1.0}, {"zero": -0.1}, {"sd": 0.0}):
+        with pytest.raises(InputError, match=r"variation: (zero|sd) is "):
+            Variation(**wrong)
+
+
+def test_colonies_scatter_by_their_seeds() -> None:
+    varied = Varied(ClosedForm())
+    row, seeds = np.array([[2.0, 0.3, 0.5, 0.4]]), np.arange(2000)
+    each = varied.scattered(np.repeat(row, 2000, axis=0), seeds)
+    np.testing.assert_allclose(np.std(np.log(each[:, [0, 2]]), axis=0), 0.4, rtol=0.05)
+    np.testing.assert_allclose(np.std(np.log(each[:, 1] / (1 - each[:, 1]))), 0.4, rtol=0.05)
+    np.testing.assert_array_equal(each[7:8], varied.scattered(row, seeds[7:8]))
+    np.testing.assert_array_equal(varied(row, seeds[7:8]), ClosedForm()(each[7:8], seeds[7:8]))
+    still = np.array([[2.0, 0.3, 0.5, 0.0]])
+    np.testing.assert_allclose(varied.scattered(still, seeds[:1]), still[:, :3])
+
+
+@pytest.fixture(scope="module")
+def small() -> study.Study:
+    """The study's closed form with a small emulator."""
+    model = Studied("closed form", closed_form_prior(), ClosedForm, 512, "")
+    simulator = ClosedForm()
+    problem = Problem(simulator, model.prior, np.zeros(5))
+    values = problem.prior_values(512, 0)
+    rows = simulator(values, np.arange(512))
+    emulator = train(values, rows, prior=model.prior, labels=problem.labels, seed=0, settings=FEW)
+    return study.Study(model, simulator, emulator)
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("tau", [0.0, 0.3])
+def test_scatter_is_found_and_intervals_are_right(small: study.Study, tau: float) -> None:
+    """Of 12 sets: coverage of 80 to 100 % at 90 %, where taking all colonies for one λ has far less with scatter."""
+    truth, hits, hits_of_one, found = np.array([1.5, 0.4, 0.7, tau]), [], [], []
+    for number in range(12):
+        rows = Varied(small.simulator)(np.tile(truth, (14, 1)), 1000 * (number + 1) + np.arange(14))
+        for variation, kept in ((Variation(), hits), (None, hits_of_one)):
+            problem = Problem.of(small.simulator, small.model.prior, rows, variation=variation)
+            told = study.posterior(LogPosterior(small.emulator, problem), problem, seed=number)
+            low, high = np.array(told["q05"])[:3], np.array(told["q95"])[:3]
+            kept.extend(((low <= truth[:3]) & (truth[:3] <= high)).tolist())
+            if variation is not None:
+                found.append((told["median"][3], told["absent"]))
+    middle, absence = np.mean(found, axis=0)
+    assert np.mean(hits) >= 0.8
+    if tau:
+        assert np.mean(hits_of_one) < 0.75
+        assert abs(middle - tau) < 0.06
+        assert absence < 0.01
+    else:
+        assert np.mean(hits_of_one) >= 0.8
+        assert absence > 0.6
+        assert middle < 0.03
+
+
+def test_what_scatters_more_than_the_model_is_told_of(small: study.Study) -> None:
+    truth = np.array([[1.5, 0.4, 0.7]])
+    for tau, said in ((0.0, 0), (0.4, 1)):
+        rows = Varied(small.simulator)(np.repeat(np.column_stack([truth, [[tau]]]), 14, axis=0), np.arange(14))
+        problem = Problem.of(small.simulator, small.model.prior, rows)
+        found = excess_scatter(small.emulator, problem, truth)
+        assert len(found) == said
+        assert all(one.startswith("the 14 replicates scatter ") for one in found)
+
+
+@pytest.fixture(scope="module")
+def inferred() -> tuple[Posterior, Posterior, np.ndarray]:
+    """With variation and without, of the same rows."""
+    simulator: Simulator = ClosedForm()
+    rows = Varied(simulator)(np.tile([1.5, 0.4, 0.7, 0.3], (10, 1)), np.arange(50, 60))
+    with wrong_types():
+        found = [
+            infer(simulator, closed_form_prior(), rows, method=SMALL, variation=one, seed=2)
+            for one in (Variation(), None)
+        ]
+    return found[0], found[1], rows
+
+
+@pytest.mark.thorough
+@pytest.mark.usefixtures("unchecked")
+def test_switched_off_it_is_the_posterior_of_the_mean_to_the_bit(
+    inferred: tuple[Posterior, Posterior, np.ndarray],
+) -> None:
+    _, off, rows = inferred
+    mean = infer(ClosedForm(), closed_form_prior(), rows.mean(axis=0), method=SMALL, replicates=10, seed=2)
+    np.testing.assert_array_equal(off.values, mean.values)
+    np.testing.assert_array_equal(off.statistics, mean.statistics)
+    assert off.free == mean.free == ("a", "b", "c")
+    assert any("replicates scatter" in one for one in off.warnings)
+
+
+@pytest.mark.usefixtures("unchecked")
+def test_a_posterior_with_variation_predicts_saves_and_exports_it(
+    inferred: tuple[Posterior, Posterior, np.ndarray], tmp_path: Path
+) -> None:
+    found, off, _ = inferred
+    assert found.free == ("a", "b", "c", "colony_variation")
+    assert absent(found) < 0.05 < 0.2 < found.mean[3] < 0.45
+    assert absent(off) is None
+    assert (found.sd[:3] > off.sd).all()
+    assert not any("replicates scatter" in one for one in found.warnings)
+    predicted = found.predict(ClosedForm(), draws=60, seed=3)
+    alone = replace(found, replicates=1).predict(ClosedForm(), draws=60, seed=3)
+    still = replace(off, replicates=1).predict(ClosedForm(), draws=60, seed=3)
+    assert predicted.free == found.free
+    assert predicted.values.shape == (60, 4)
+    assert (alone.statistics.std(axis=0) > 1.3 * still.statistics.std(axis=0)).mean() > 0.5
+    with pytest.raises(InputError, match="simulator is of a, b, c, colony_variation, the posterior of a, b, c"):
+        off.predict(Varied(ClosedForm()))
+    found.save(tmp_path / "posterior.npz")
+    back = Posterior.load(tmp_path / "posterior.npz")
+    assert back.prior.asdict()["colony_variation"] == {"distribution": "spike-half-normal", "zero": 0.5, "sd": 0.3}
+    np.testing.assert_array_equal(back.values, found.values)
+    pytest.importorskip("arviz")
+    exported = found.to_arviz(predicted)
+    np.testing.assert_array_equal(exported["posterior"]["colony_variation"], found.values[:, :, 3])
+    assert np.isfinite(exported["log_prior"]["colony_variation"]).all()
+
+
+def test_what_is_refused() -> None:
+    simulator, prior, rows = ClosedForm(), closed_form_prior(), np.ones((4, 5))
+    with pytest.raises(InputError, match="variation: the data are means, and single colonies are needed"):
+        infer(simulator, prior, rows[0], replicates=4, variation=Variation())
+    with pytest.raises(InputError, match="variation: abc-smc takes all colonies for those of one λ"):
+        infer(simulator, prior, rows, method="abc-smc", variation=Variation())
+    with pytest.raises(InputError, match=r"colonies have shape \(4, 4\), 5 statistics are expected"), wrong_types():
+        Problem(simulator, prior, np.ones(5), 4, colonies=rows[:, :4])
+    with pytest.raises(InputError, match=r"variation: a may be finite"):
+        infer(linear(), linear().prior, np.ones((4, 4)), variation=Variation())
