@@ -142,6 +142,32 @@ def test_infer_from_end_images(table: Path, tmp_path: Path, capsys: pytest.Captu
 
 
 @pytest.mark.usefixtures("undrawn")
+@pytest.mark.thorough
+@pytest.mark.usefixtures("unchecked")
+def test_infer_with_colonies_of_different_parameters(
+    table: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    how = ["--free", "transition,fork", "--statistics", "compactness,radius", "--match", "exactly", "--draws", "12"]
+    tiny = ["--simulations", "64", "--walkers", "16", "--most-steps", "500", "--variation-sd", "0.2"]
+    asked = ["infer", str(table), *OFFLATTICE, *how, *tiny, "--variation", "--prior-draws", "0", "--out", str(tmp_path)]
+    assert cli.run(asked) in (0, 1)
+    assert "with probability" in capsys.readouterr().out
+    assert [row["parameter"] for row in rows(tmp_path / "posterior.csv")] == ["transition", "fork", "colony_variation"]
+    run = json.loads((tmp_path / "run.json").read_text())["configuration"]
+    assert run["variation"] == {"zero": 0.5, "sd": 0.2}
+    found = Posterior.load(tmp_path / "posterior.npz")
+    told = json.loads((tmp_path / "diagnostics.json").read_text())["variation_absent"]
+    assert told == pytest.approx(np.mean(found.values[:, :, 2] == 0))
+    page = (tmp_path / "index.html").read_text()
+    assert "Each colony has parameters of its own" in page
+    assert (tmp_path / "colonies.png").is_file()
+    assert cli.run([*asked, "--resume"]) in (0, 1)
+    assert "this run is finished" in capsys.readouterr().out
+    refused = cli.run(["infer", str(table), *OFFLATTICE, "--variation", "--method", "abc-smc", "--out", str(tmp_path)])
+    assert refused == 2
+    assert "--variation: abc-smc takes all colonies for those of one λ" in capsys.readouterr().err
+
+
 def test_design_without_times(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     how = ["--statistics", "compactness,radius,area", "--runs", "32", "--by", "statistic", "--area", "30000"]
     assert cli.run(["design", *OFFLATTICE, *how, "--out", str(tmp_path)]) == 0

@@ -140,9 +140,10 @@ def likelihood_of_colonies(
     volume = float(np.isfinite(problem.colonies).sum(axis=0) @ np.log(scale))
 
     def of_rows(values: Values, tau: Float[np.ndarray, " row"]) -> Float[np.ndarray, " row"]:
-        x = emulator.coordinates.of_values(values)
-        rows = [jnp.asarray(one) for one in (x, _moving(emulator, problem, values), tau)]
-        return np.asarray(_of_rows(emulator.ensemble, *rows, errors, data), dtype=float) - volume
+        x, moving = emulator.coordinates.of_values(values), _moving(emulator, problem, values)
+        rows = jnp.asarray(x), jnp.asarray(moving), jnp.asarray(tau)
+        found: np.ndarray = np.asarray(_of_rows(emulator.ensemble, *rows, errors, data), dtype=float)
+        return found - volume
 
     return of_rows
 

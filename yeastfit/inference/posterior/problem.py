@@ -114,8 +114,8 @@ class Problem:
             data = np.asarray(observed, dtype=float)
             if data.ndim != 2:
                 return Problem(simulator, prior, data, replicates, noise, None, colony_noise, variation)
-            rows = _seen(data)
-            return Problem(simulator, prior, *_means(rows), noise, rows, colony_noise, variation)
+            each = _seen(data)
+            return Problem(simulator, prior, *_means(each), noise, each, colony_noise, variation)
         rows = None if observed.curves is None else _seen(observed.curves[:, observed.measured])
         fewest = int(observed.replicates[observed.measured].min())
         if noise is None:
