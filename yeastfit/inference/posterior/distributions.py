@@ -36,14 +36,12 @@ class Family:
         defaults: Numbers that may be left out.
         logarithmic: Whether the coordinate is log λ.
         density: Makes p(x), a frozen distribution of scipy, from the numbers.
-        mixed: Whether a single value has a probability of its own; chains in x cannot sample it.
     """
 
     required: tuple[str, ...]
     defaults: dict[str, float]
     logarithmic: bool
     density: Callable[[Numbers], Any]
-    mixed: bool = False
 
 
 def _uniform(n: Numbers) -> Any:
@@ -125,8 +123,10 @@ FAMILIES: dict[str, Family] = {
     "normal": Family(("mean", "sd"), {"low": -math.inf, "high": math.inf}, False, _normal),
     "log-normal": Family(("median", "sd"), {"low": 0.0, "high": math.inf}, True, _log_normal),
     "beta": Family(("a", "b"), {"low": 0.0, "high": 1.0}, False, _beta),
-    "spike-half-normal": Family(("zero", "sd"), {}, False, _spike_half_normal, mixed=True),
 }
+MIXED = {"spike-half-normal": Family(("zero", "sd"), {}, False, _spike_half_normal)}
+"""Those in which a single value has a probability of its own, which chains in x cannot sample; no parameter has one."""
+KNOWN = FAMILIES | MIXED
 
 
 @dataclass(frozen=True)
@@ -134,7 +134,7 @@ class Distribution:
     """Distribution of one parameter.
 
     Attributes:
-        family: One of `FAMILIES`.
+        family: One of `FAMILIES`, or of `MIXED`.
         numbers: By name; the family's defaults are filled in.
 
     Raises:
@@ -145,14 +145,14 @@ class Distribution:
     numbers: Numbers = field(hash=False)
 
     def __post_init__(self) -> None:
-        if self.family not in FAMILIES:
+        if self.family not in KNOWN:
             raise InputError(f"distribution is {self.family!r}, expected one of {', '.join(FAMILIES)}")
         object.__setattr__(self, "numbers", _completed(self.family, self.numbers))
 
     @property
     def logarithmic(self) -> bool:
         """Whether the coordinate is log λ."""
-        return FAMILIES[self.family].logarithmic
+        return KNOWN[self.family].logarithmic
 
     @property
     def support(self) -> tuple[float, float]:
@@ -162,7 +162,7 @@ class Distribution:
     @cached_property
     def density(self) -> Any:
         """p(x), a frozen distribution of scipy."""
-        return FAMILIES[self.family].density(self.numbers)
+        return KNOWN[self.family].density(self.numbers)
 
     @cached_property
     def median(self) -> float:
@@ -172,7 +172,7 @@ class Distribution:
 
 def _completed(name: str, numbers: Mapping[str, Any]) -> dict[str, float]:
     """All numbers of a distribution as floats, checked."""
-    family = FAMILIES[name]
+    family = KNOWN[name]
     for key in numbers:
         if key not in family.required and key not in family.defaults:
             raise InputError(

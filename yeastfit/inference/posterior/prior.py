@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from yeastfit.errors import InputError
-from yeastfit.inference.posterior.distributions import FAMILIES, Distribution
+from yeastfit.inference.posterior.distributions import FAMILIES, MIXED, Distribution
 from yeastfit.parameter_set import Parameter, ParameterSet
 from yeastfit.text import quoted
 from yeastfit.text_files import read_toml
@@ -115,7 +115,7 @@ class Prior:
     def check(self, parameters: ParameterSet) -> None:
         """Raise `InputError` where a distribution reaches values that are not admissible for its parameter."""
         for name, one in self.distributions.items():
-            if FAMILIES[one.family].mixed:
+            if one.family in MIXED:
                 raise InputError(f"prior of {name} is {one.family}, which only the variation between colonies may have")
             if name in parameters:
                 _check_admissible(parameters[name], one)
@@ -225,8 +225,7 @@ class Prior:
 
 def template(prior: Prior, parameters: ParameterSet) -> str:
     """A file of a prior to start from; comments list every distribution and its numbers."""
-    known = {name: one for name, one in FAMILIES.items() if not one.mixed}
-    numbers = {name: [*one.required, *(f"{key} (optional)" for key in one.defaults)] for name, one in known.items()}
+    numbers = {name: [*one.required, *(f"{key} (optional)" for key in one.defaults)] for name, one in FAMILIES.items()}
     head = ["# Priors of the free parameters, one table each. Distributions and their numbers:"]
     head += [f"#   {name}: {', '.join(each)}" for name, each in numbers.items()]
     head += ["# The median of a log-normal distribution is that of λ, its sd that of log λ."]
