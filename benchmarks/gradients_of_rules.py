@@ -3,6 +3,11 @@
 Buds biased along the nutrient's gradient, births by clocks, death by starvation: all parameters, those of the rules
 among them, by the regression of `yeastfit.sensitivity` and by central differences of the same hard colonies. The
 differences move one parameter at a time by ±10 %, with common keys. There are no pathwise derivatives: births jump.
+Part of `benchmarks.gradients`, and a command of its own as it takes minutes instead of an hour:
+
+    python -m benchmarks.gradients_of_rules [--quick] [--json FILE] [--docs DIR]
+
+--docs writes DIR/gradients-of-rules.md. An interrupted run continues where it stopped if --json is given.
 """
 
 from functools import partial
@@ -11,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.programs import LAMBDA
-from benchmarks.report import Report
+from benchmarks.report import Report, command
 from yeastfit import Model, Numerics, Parameters, sensitivity
 from yeastfit.inference.sensitivity.colonies import colonies_at, hard_but_smoothly_measured
 from yeastfit.inference.sensitivity.estimate import STATISTICS
@@ -77,3 +82,15 @@ def entries(report: Report, quick: bool) -> list[dict[str, Any]]:
                 }
             )
     return rows
+
+
+def run(report: Report, quick: bool) -> None:
+    """The audit alone, and its page."""
+    audit_of_rules(report, quick)
+    if report.docs is not None:
+        page = "\n\n".join([report.head(__doc__), *report.sections()])
+        (report.docs / "gradients-of-rules.md").write_text(page)
+
+
+if __name__ == "__main__":
+    command("gradients_of_rules", run)
