@@ -1,0 +1,168 @@
+"""What finished colonies of `nitrogen` say: tables, verdicts and the picture of its page."""
+
+from pathlib import Path
+
+import numpy as np
+from matplotlib.colors import ListedColormap
+from matplotlib.figure import Figure
+from scipy.stats import ttest_ind
+
+from benchmarks.nitrogen_colonies import INDICES, Dish, Record, Study
+from yeastfit.plot.style import COLONY, CONDITIONS
+
+REAL = {  # means of data/real/*/measurements.csv by ammonium sulphate, of AWRI 796, 8 colonies each
+    "50 µM": {"compactness": 96.0, "filament_area_index": 0.209, "filament_radius_index": 0.164, "area": 25_280.0},
+    "500 µM": {"compactness": 21.0, "filament_area_index": 0.177, "filament_radius_index": 0.111, "area": 45_670.0},
+}
+
+
+def at_end(records: list[Record], name: str) -> np.ndarray:
+    """A statistic of every colony at the end."""
+    return np.array([record["statistics"][name][-1] for record in records])
+
+
+def stopped(record: Record) -> int:
+    """Number of the sample by which all cells of the end were born."""
+    cells = record["statistics"]["cell_count"]
+    return next(k for k, count in enumerate(cells) if count == cells[-1])
+
+
+def record_stopped(record: Record) -> bool:
+    """Whether nobody was born in the last interval."""
+    return stopped(record) < len(record["times"]) - 1
+
+
+def answer(study: Study) -> str:
+    """What the finished colonies say to the question of the study."""
+    parts = []
+    for dish in study.dishes:
+        of = [record for key, record in study.done.items() if key[0] == dish.name]
+        ended = sum(map(record_stopped, of))
+        if not of:
+            parts.append(f"{dish.name} dish: no colony has been grown, the question is open.")
+        elif ended < len(of):
+            left = 100 * np.mean([record["nitrogen left"] for record in of])
+            parts.append(
+                f"{dish.name} dish: cells are still born at the end in {len(of) - ended} of {len(of)} colonies, and "
+                f"{left:.0f} % of the nitrogen is left: it is scarce around cells, but the dish has not run out, and "
+                "the question is open. The table says what the amount of nitrogen does before."
+            )
+        else:
+            said = [f"{row['statement']}: {row['verdict']}" for row in statements(study, dish)[2:]]
+            parts.append(f"{dish.name} dish: births have stopped; {'; '.join(said)}.")
+    return "\n".join(f"- {part[0].upper()}{part[1:]}" for part in parts)
+
+
+def verdict(low: np.ndarray, high: np.ndarray) -> str:
+    """Whether the mean of `low` lies below that of `high`."""
+    if min(len(low), len(high)) < 2:
+        return "not resolved: one colony"
+    interval = ttest_ind(high, low, equal_var=False).confidence_interval(0.95)
+    return "holds" if interval.low > 0 else "does not hold" if interval.high < 0 else "not resolved"
+
+
+def statements(study: Study, dish: Dish) -> list[Record]:
+    """What the colonies of one dish say."""
+    least, most = (study.of(dish, amount) for amount in (study.amounts[0], study.amounts[-1]))
+    if not least or not most:
+        return []
+    ratio = study.amounts[-1] / study.amounts[0]
+    cells = [at_end(of, "cell_count") for of in (least, most)]
+    early = sum(map(record_stopped, [*least, *most]))
+    rows = [
+        {
+            "statement": "births have stopped before the end",
+            "verdict": "holds" if early == len(least) + len(most) else "does not hold",
+            "numbers": f"in {early} of {len(least) + len(most)} colonies",
+        },
+        {
+            "statement": f"{ratio:g} times the nitrogen makes more cells",
+            "verdict": verdict(*cells),
+            "numbers": f"{_spread(cells[0])} and {_spread(cells[1])}",
+        },
+    ]
+    for name, symbol in INDICES.items():
+        few, many = (at_end(of, name) for of in (least, most))
+        rows.append(
+            {
+                "statement": f"{ratio:g} times the nitrogen makes the rounder colony, by {symbol}",
+                "verdict": verdict(many, few),
+                "numbers": f"{_spread(few)} and {_spread(many)}; photographs {_real(name)}",
+            }
+        )
+    ended = [record for record in least if record_stopped(record)]
+    for name, symbol in INDICES.items():
+        then = np.array([record["statistics"][name][stopped(record)] for record in ended])
+        rows.append(
+            {
+                "statement": f"with the least nitrogen {symbol} rises after the last birth: drift draws out hairs",
+                "verdict": verdict(then, at_end(ended, name)) if ended else "not tested: no colony has stopped",
+                "numbers": f"{_spread(then)}, then {_spread(at_end(ended, name))}" if ended else "",
+            }
+        )
+    return [{"dish": dish.name, **row} for row in rows]
+
+
+def _real(name: str) -> str:
+    return " and ".join(f"{values[name]:.3g} ({what})" for what, values in REAL.items())
+
+
+def _spread(values: np.ndarray) -> str:
+    deviation = f" ± {values.std(ddof=1):.2g}" if len(values) > 1 else ""
+    return f"{values.mean():.3g}{deviation}"
+
+
+def summary(study: Study) -> list[Record]:
+    """A row for each dish and amount with finished colonies, means ± standard deviations."""
+    rows = []
+    for dish in study.dishes:
+        for amount in study.amounts:
+            of = study.of(dish, amount)
+            if of:
+                row: Record = {
+                    "dish": dish.name,
+                    "side": f"{dish.side:g}",
+                    "nitrogen ν": f"{amount:g}",
+                    "colonies": len(of),
+                }
+                row |= {symbol: _spread(at_end(of, name)) for name, symbol in INDICES.items()}
+                row |= {"area (L0²)": _spread(at_end(of, "area")), "cells": _spread(at_end(of, "cell_count"))}
+                row["nitrogen left"] = f"{100 * np.mean([record['nitrogen left'] for record in of]):.2g} %"
+                row["colonies with warnings"] = sum(bool(record["warnings"]) for record in of)
+                row["births stopped by"] = f"t = {max(record['times'][stopped(record)] for record in of):g}"
+                rows.append(row)
+    return rows
+
+
+def picture(study: Study, path: Path) -> None:
+    """Plot the first colony of every dish and amount, and the indices against nitrogen."""
+    dishes = [dish for dish in study.dishes if any(study.of(dish, amount) for amount in study.amounts)]
+    figure = Figure(figsize=(4.2 * max(3, len(study.amounts)), 4 * (len(dishes) + 1)), layout="constrained")
+    lines = figure.subfigures(len(dishes) + 1, 1, squeeze=False)[:, 0]
+    for line, dish in zip(lines, dishes, strict=False):
+        for panel, amount in zip(line.subplots(1, len(study.amounts)), study.amounts, strict=True):
+            panel.axis("off")
+            if study.mask(dish, amount).is_file():
+                with np.load(study.mask(dish, amount)) as kept:
+                    mask, side = kept["mask"], float(kept["side"])
+                half = 0.5 * side
+                panel.imshow(
+                    mask.T, origin="lower", extent=(-half, half, -half, half), cmap=ListedColormap(["white", COLONY])
+                )
+                cells = study.of(dish, amount)[0]["statistics"]["cell_count"][-1]
+                panel.set_title(f"{dish.name} dish ({side:g} L0), ν = {amount:g}: {cells:.0f} cells", fontsize=10)
+    for panel, (name, symbol) in zip(lines[-1].subplots(1, 3), INDICES.items(), strict=True):
+        for dish, colour in zip(dishes, CONDITIONS, strict=False):
+            given = [amount for amount in study.amounts if study.of(dish, amount)]
+            values = [at_end(study.of(dish, amount), name) for amount in given]
+            errors = [one.std(ddof=1) if len(one) > 1 else 0.0 for one in values]
+            panel.errorbar(
+                given, [one.mean() for one in values], errors, fmt="o-", color=colour, capsize=3, label=dish.name
+            )
+        for number, (what, real) in enumerate(REAL.items()):
+            panel.axhline(real[name], color="0.4", ls=("--", ":")[number], lw=1, label=f"photographs, {what}")
+        panel.set(xscale="log", xlabel="nitrogen ν", ylabel=symbol)
+        panel.set_xticks(study.amounts, [f"{amount:g}" for amount in study.amounts])
+        panel.set_xticks([], minor=True)
+    panel.legend(fontsize=8)
+    figure.savefig(path, dpi=75)
