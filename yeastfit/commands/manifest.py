@@ -68,7 +68,8 @@ def manifest(
         out.print(f"Not read, at the end of names: {', '.join(map(shown, rest[:5]))}{' …' if len(rest) > 5 else ''}")
     if skipped:
         warn([f"passed over, no images by their names: {', '.join(path.name for path in skipped)}"])
-    out.print(f"{len(images)} images in {place / MANIFESTS[0]}. Next: yeastfit measure {place}")
+    count = "1 image" if len(images) == 1 else f"{len(images)} images"
+    out.print(f"{count} in {place / MANIFESTS[0]}. Next: yeastfit measure {place}")
 
 
 def _sizes(given: list[str]) -> dict[str, float]:
