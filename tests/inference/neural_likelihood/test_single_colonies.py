@@ -239,6 +239,7 @@ def test_switched_off_it_is_the_posterior_of_the_mean_to_the_bit(
     assert any("replicates scatter" in one for one in off.warnings)
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("unchecked")
 def test_a_posterior_with_variation_predicts_saves_and_exports_it(
     inferred: tuple[Posterior, Posterior, np.ndarray], tmp_path: Path
