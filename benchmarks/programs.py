@@ -103,7 +103,7 @@ def samples(steps: int, every: int, since: int = 0) -> Schedule:
 
 def numerics_for(nodes: int) -> Numerics:
     """A domain with as many nodes per area as the source's."""
-    intervals = round(SOURCE.domain / SOURCE.spacing * (nodes / SOURCE.capacity) ** 0.5)
+    intervals = round(SOURCE.domain / SOURCE.spacing * (nodes / SOURCE.room) ** 0.5)
     return Numerics(domain=intervals * SOURCE.spacing, capacity=nodes)
 
 

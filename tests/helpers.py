@@ -32,7 +32,7 @@ def colony_of(
 ) -> Colony:
     """Nodes at `positions`; by default a chain of full weight in nutrient 1. The slots left are empty."""
     x = jnp.asarray(positions, dtype=float)
-    nodes, empty = x.shape[0], int(numerics.capacity) - x.shape[0]
+    nodes, empty = x.shape[0], int(numerics.room) - x.shape[0]
     tree = np.arange(nodes) - 1 if parents is None else np.asarray(parents)
     full = jnp.ones(nodes) if weights is None else jnp.asarray(weights, dtype=float)
     c = jnp.ones((numerics.points,) * 2) if nutrient is None else jnp.asarray(nutrient, dtype=float)

@@ -158,7 +158,7 @@ def _directions(origin: Moves, names: Iterable[str], numerics: Numerics, draws: 
     found = {f"log {name}": zero | {"λ": units[k]} for k, name in enumerate(names)}
     found |= {f"log {name} width": zero | {"widths": jnp.eye(len(WIDTHS))[k]} for k, name in enumerate(WIDTHS)}
     axis = np.asarray(numerics.axis())
-    nodes, near = np.arange(numerics.capacity)[:, None] < 2, np.exp(-0.5 * (axis[:, None] ** 2 + axis**2))
+    nodes, near = np.arange(numerics.room)[:, None] < 2, np.exp(-0.5 * (axis[:, None] ** 2 + axis**2))
     for name, where in (("positions", nodes), ("nutrient", near)):
         for k in range(draws):
             d = rng.normal(size=origin[name].shape) * where

@@ -6,7 +6,7 @@ f = (u/p)² + (v/q)² − 1 = r² − 1, dimensionless. Hard union: g = min_k f_
     g = −s log Σ_k w_k exp(−f_k / s),    f = r² − 1,
 
 a sum of anisotropic Gaussians, hence local: only r² ≤ `reach` is ever evaluated. Each cell covers its
-bounding box with square patches of PATCH² grid points; the patches of all cells form one list that is worked off in
+bounding box with square patches of grid points; the patches of all cells form one list that is worked off in
 chunks, so the work follows the area of the cells, and no cell is cut however stretched it is.
 
 Cells with exponents n are superellipses, r² = (|u/p|^n + |v/q|^n)^(2/n), of which n = 2 is the ellipse.
@@ -21,7 +21,9 @@ from yeastfit.model.colony import Colony
 from yeastfit.model.differentiable_sum import sum_of_terms
 from yeastfit.model.numerics import largest_in_ensemble
 
-PATCH = 8  # grid points along a patch: one cell is 2 to 3 patches wide at the source's spacing
+PATCH = 8  # grid points along a patch on fine grids: one cell is 2 to 3 patches wide at the source's spacing
+COARSE = 0.3  # spacing from which half as many do: 4 points of 0.4 L0 hold most cells of a crowded colony
+CHUNK = 512  # patches of PATCH² points that are worked off together
 FAR = 1e3  # g where no cell reaches: outside for every width
 LARGEST = 80.0  # |f|/s that enters: beyond, exp leaves single precision. s of at least 1/LARGEST keeps f = −1 exact
 
@@ -72,7 +74,7 @@ def level_set(
     union: Float[Array, ""] | None,
     reach: Scalar,
     origin: Scalar,
-    spacing: Scalar,
+    spacing: float,
     points: int,
 ) -> Float[Array, "x y"]:
     """g on a square grid. Differentiable in the cells; the hard union almost everywhere.
@@ -88,19 +90,19 @@ def level_set(
     Returns:
         g, negative inside the colony; `FAR` where no cell reaches.
     """
-    s = union
-    first, counts = _patches(cells, reach, origin, spacing, points)
+    s, patch = union, PATCH if spacing < COARSE else PATCH // 2
+    first, counts = _patches(cells, reach, origin, spacing, points, patch)
     ends = jnp.cumsum(counts[:, 0] * counts[:, 1])
-    chunk = min(512, max(64, cells.weights.shape[0]))
-    margin = PATCH  # a patch may stick out by less than this
+    chunk = min(CHUNK * (PATCH // patch) ** 2, max(64, cells.weights.shape[0]))
+    margin = patch  # a patch may stick out by less than this
 
     def add_chunk(grid: Float[Array, "x y"], i: Int[Array, ""], args: tuple) -> Float[Array, "x y"]:
         cells, s, first, counts, ends = args
         item = i * chunk + jnp.arange(chunk)
         cell = jnp.minimum(jnp.searchsorted(ends, item, side="right"), ends.shape[0] - 1)
         local = item - (ends[cell] - counts[cell, 0] * counts[cell, 1])
-        corner = first[cell] + PATCH * jnp.stack([local // counts[cell, 1], local % counts[cell, 1]], axis=-1)
-        f = -1.0 + _squared_radius(jax.tree.map(lambda leaf: leaf[cell], cells), corner, origin, spacing)
+        corner = first[cell] + patch * jnp.stack([local // counts[cell, 1], local % counts[cell, 1]], axis=-1)
+        f = -1.0 + _squared_radius(jax.tree.map(lambda leaf: leaf[cell], cells), corner, origin, spacing, patch)
         beyond = (item >= ends[-1])[:, None]  # scatter drops what starts outside the padded grid
         corner = jnp.where(beyond, points + 2 * margin, corner + margin)
         if s is None:
@@ -128,7 +130,7 @@ _DROP = jax.lax.GatherScatterMode.FILL_OR_DROP
 
 
 def _patches(
-    cells: Cells, reach: Scalar, origin: Scalar, spacing: Scalar, points: int
+    cells: Cells, reach: Scalar, origin: Scalar, spacing: float, points: int, patch: int
 ) -> tuple[Int[Array, "cell 2"], Int[Array, "cell 2"]]:
     """First grid index and number of patches, per axis, that cover {r² ≤ reach} of each cell.
 
@@ -145,16 +147,16 @@ def _patches(
         extent = jnp.sqrt(jax.lax.stop_gradient(jnp.asarray(reach)) * squared_norm(along, over, dual))
     first = jnp.ceil(jnp.clip((cells.centres - extent - origin) / spacing, 0, points)).astype(int)
     last = jnp.floor(jnp.clip((cells.centres + extent - origin) / spacing, -1, points - 1)).astype(int)
-    counts = jnp.where(cells.weights[:, None] > 0, (jnp.maximum(last - first + 1, 0) + PATCH - 1) // PATCH, 0)
+    counts = jnp.where(cells.weights[:, None] > 0, (jnp.maximum(last - first + 1, 0) + patch - 1) // patch, 0)
     return first, counts
 
 
 def _squared_radius(
-    cells: Cells, corner: Int[Array, "patch 2"], origin: Scalar, spacing: Scalar
+    cells: Cells, corner: Int[Array, "patch 2"], origin: Scalar, spacing: float, patch: int
 ) -> Float[Array, "patch a b"]:
     """r² = (u/p)² + (v/q)² on the grid points of one patch per cell."""
     # r² = ((cos θ dx + sin θ dy) / p)² + ((cos θ dy − sin θ dx) / q)², multiplied out: rows, columns, one product
-    offsets = jnp.arange(PATCH)
+    offsets = jnp.arange(patch)
     dx = origin + spacing * (corner[:, :1] + offsets) - cells.centres[:, :1]
     dy = origin + spacing * (corner[:, 1:] + offsets) - cells.centres[:, 1:]
     cos, sin = cells.directions[:, :1], cells.directions[:, 1:]

@@ -1,5 +1,6 @@
 """The state of a colony: a tree of nodes in a nutrient field (docs/model.md, section 2)."""
 
+import dataclasses
 from collections.abc import Mapping
 
 import equinox as eqx
@@ -76,7 +77,7 @@ def start(
         node_state: Initial values of the state of nodes, by name.
         medium: What the medium holds besides the nutrient, by name.
     """
-    capacity, points = int(numerics.capacity), numerics.points
+    capacity, points = int(numerics.room), numerics.points
     angle_key, *roots = jax.random.split(key, 3)
     angle = jax.random.uniform(angle_key, maxval=2 * jnp.pi)
     half = 0.5 * jnp.stack([jnp.cos(angle), jnp.sin(angle)])
@@ -92,6 +93,31 @@ def start(
         problems=Problems.none(),
         node_state={name: jnp.full(capacity, value, angle.dtype) for name, value in (node_state or {}).items()},
         medium=dict(medium or {}),
+    )
+
+
+def widened(colony: Colony, room: int, newborn: Mapping[str, float]) -> Colony:
+    """One colony with room for more nodes; the same where it has the room already.
+
+    Arguments:
+        colony: As it is.
+        room: Slots, those in use included.
+        newborn: Initial values of the state of nodes, by name.
+    """
+    more = room - colony.parents.shape[0]
+    if more <= 0:
+        return colony
+
+    def longer(values: Array, empty: float) -> Array:
+        return jnp.pad(values, [(0, more)] + [(0, 0)] * (values.ndim - 1), constant_values=empty)
+
+    return dataclasses.replace(
+        colony,
+        positions=longer(colony.positions, 0.0),
+        parents=longer(colony.parents, -1),
+        weights=longer(colony.weights, 0.0),
+        lineages=longer(colony.lineages, 0),
+        node_state={name: longer(values, newborn.get(name, 0.0)) for name, values in colony.node_state.items()},
     )
 
 

@@ -10,13 +10,14 @@ import numpy as np
 from jaxtyping import Array, Float, PyTree
 
 from yeastfit.errors import InputError
-from yeastfit.memory import check_count, check_memory
+from yeastfit.memory import check_count, check_memory, machine_memory
 from yeastfit.numbers import Range
 
 MOST_STEPS = 2**30  # counted in 32 bits
 STEPS = Range(1.0 / MOST_STEPS, 1000.0)
 """Admissible Δt."""
 POINT, NODE = 48, 600  # bytes that a step works on in single precision: a dozen grids, and lanes of contacts
+FIRST_ROOM = 500  # nodes that a colony without a capacity begins with room for, the source's number
 MEMBER = "member"  # the name of the ensemble axis inside `trajectory`
 
 
@@ -28,7 +29,7 @@ class Numerics:
         domain: Side of the square dish, centred on the origin.
         spacing: h of the nutrient grid; domain / spacing is a whole number.
         dt: Δt of forward Euler and Crank–Nicolson.
-        capacity: Largest number of nodes.
+        capacity: Largest number of nodes; births beyond it are cut. None: as many as are born, while memory lasts.
         bud_distance: δ, how far from its parent a child appears.
 
     Raises:
@@ -39,21 +40,23 @@ class Numerics:
     domain: float = 40.0
     spacing: float = 0.1
     dt: float = 0.02
-    capacity: int = 500
+    capacity: int | None = None
     bud_distance: float = 0.01
 
     def __post_init__(self) -> None:
         for field in fields(self):
             value = getattr(self, field.name)
+            if field.name == "capacity" and value is None:
+                continue
             if isinstance(value, bool) or not isinstance(value, int | float) or not 0 < value < math.inf:
                 raise InputError(f"{field.name} is {value!r}, it must be a number above 0")
-        if self.capacity != int(self.capacity) or self.capacity < 2:
+        if self.room != int(self.room) or self.room < 2:
             raise InputError(f"capacity is {self.capacity!r}, it must be a whole number of nodes, at least 2")
         STEPS.read(self.dt, "dt")
         intervals = self.domain / self.spacing
         what = f"domain / spacing is {self.domain:g} / {self.spacing:g}: a grid of {intervals + 1:.5g}² points"
         check_memory(POINT * (intervals + 1) * (intervals + 1), what)
-        check_count("capacity", self.capacity, NODE)
+        check_count("capacity", self.room, NODE)
         if abs(intervals - round(intervals)) > 1e-6 * intervals or round(intervals) < 4:
             raise InputError(
                 f"domain / spacing is {self.domain:g} / {self.spacing:g} = {intervals:g}, "
@@ -66,9 +69,19 @@ class Numerics:
         return round(self.domain / self.spacing) + 1
 
     @property
+    def room(self) -> int:
+        """Nodes that an array of fixed length holds: `capacity`, or `FIRST_ROOM` where there is none."""
+        return FIRST_ROOM if self.capacity is None else self.capacity
+
+    @property
+    def most_room(self) -> int:
+        """Nodes that a colony may come to: `capacity`, or what half of the memory holds."""
+        return int(0.5 * machine_memory() / NODE) if self.capacity is None else int(self.capacity)
+
+    @property
     def state_size(self) -> float:
         """Bytes of a colony's state, in single precision: nutrient and nodes."""
-        return 4.0 * self.points**2 + 32.0 * self.capacity
+        return 4.0 * self.points**2 + 32.0 * self.room
 
     @property
     def steps_per_event(self) -> int:

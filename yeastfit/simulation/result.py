@@ -37,6 +37,8 @@ class Simulation:
         model: The rules.
         scales: Units of tables.
         seconds: What it took, compiling included.
+        until: What ended growth, if it was not a time: a name and its value.
+        reached: Then the model time at which each member came to it; nan where it had not by the last of `times`.
     """
 
     times: Float[np.ndarray, " sample"]
@@ -48,6 +50,8 @@ class Simulation:
     model: Model
     scales: Scales
     seconds: float
+    until: dict[str, float] | None = None
+    reached: np.ndarray | None = None
 
     @property
     def problems(self) -> dict[str, int]:
@@ -79,10 +83,15 @@ class Simulation:
         """What has been grown, in words."""
         count = np.atleast_2d(self.statistics["cell_count"])[:, -1]
         grown = "1 colony" if len(count) == 1 else f"{len(count)} colonies"
-        return (
-            f"{grown} to t = {self.times[-1]:g} ({self.clock[-1]:.1f} h): {count.mean():.1f} cells on average, in "
-            f"{self.seconds:.1f} s"
-        )
+        ends = self.ends
+        at = f"{ends.min():g}" if np.ptp(ends) == 0 else f"{ends.min():g} to {ends.max():g}"
+        hours = self.scales.hours(float(ends.mean()))
+        return f"{grown} to t = {at} ({hours:.1f} h): {count.mean():.1f} cells on average, in {self.seconds:.1f} s"
+
+    @property
+    def ends(self) -> Float[np.ndarray, " member"]:
+        """Model time of each member's last state, earlier than the last of `times` where growth ended before."""
+        return np.atleast_1d(np.asarray(self.colony.step)) * self.numerics.dt
 
     def panels(self, member: int = 0, width: float | None = None) -> list[Panel]:
         """Cells and nutrient of one colony at its end.
@@ -101,7 +110,7 @@ class Simulation:
         reach = float(np.abs(np.asarray(state.positions)[np.asarray(state.alive)]).max()) + 2.0
         width = min(self.numerics.domain, width or 2 * reach)
         mask = mask_of(state, parameters, self.relaxation, width, 801, self.model.shape)
-        time = float(self.times[-1])
+        time = float(state.step) * self.numerics.dt
         title = f"{int(state.count) - 1} cells at {self.scales.hours(time):.1f} h (t = {time:.4g})"
         half, edge = (0.5 * one * self.scales.length for one in (width, self.numerics.domain))
         return [
@@ -115,7 +124,13 @@ class Simulation:
     def warnings(self) -> list[str]:
         """The problems in words."""
         members = int(np.size(self.capacity_reached))
-        return [f"{count} of {members} colonies: {PROBLEMS[name]}" for name, count in self.problems.items()]
+        met = [f"{count} of {members} colonies: {PROBLEMS[name]}" for name, count in self.problems.items()]
+        if self.until is not None and (short := int(np.isnan(self.reached).sum())):
+            ((name, value),) = self.until.items()
+            met.append(
+                f"{short} of {members} colonies: {name} was below {value:g} at t = {self.times[-1]:g}: end later"
+            )
+        return met
 
     def rows(self) -> list[dict[str, Any]]:
         """Tidy table: one row per member and sample time, lengths in L0 and in µm."""
@@ -125,7 +140,7 @@ class Simulation:
         curves = {name: np.atleast_2d(values) for name, values in self.statistics.items()}
         table = []
         for member in range(next(iter(curves.values())).shape[0]):
-            for k, time in enumerate(self.times):
+            for k, time in enumerate(self.times if self.until is None else self.ends[[member]]):
                 row: dict[str, Any] = {"member": member, "time": float(time), "hours": self.scales.hours(float(time))}
                 row |= {name: float(values[member, k]) for name, values in curves.items()}
                 row |= {column: row[name] * self.scales.length ** powers[name] for name, column in columns.items()}
@@ -148,7 +163,10 @@ class Simulation:
             "scales": asdict(self.scales),
             "relaxation": {**widths, "births": self.relaxation.births},
             "seconds": self.seconds,
+            "until": self.until,
         }
+        if self.reached is not None:
+            arrays["reached"] = self.reached
         with written_whole(path) as temporary, temporary.open("wb") as file:  # a file keeps its name as given
             np.savez_compressed(file, times=self.times, configuration=as_json(configuration), **arrays)
 
@@ -188,6 +206,8 @@ class Simulation:
             model=model,
             scales=Scales(**configuration["scales"]),
             seconds=configuration["seconds"],
+            until=configuration.get("until"),
+            reached=groups["reached"][""] if "reached" in groups else None,
         )
 
 

@@ -1,7 +1,8 @@
 """`simulate`: one colony or an ensemble of them."""
 
 import time as clock
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from typing import Any, Protocol, runtime_checkable
 
@@ -17,13 +18,18 @@ from yeastfit.measure.statistics.smooth_statistics import SmoothStatistics
 from yeastfit.memory import ITEM, check_count, check_memory
 from yeastfit.model.colony import Colony
 from yeastfit.model.model import Model
-from yeastfit.model.numerics import Numerics, map_members, on_one_device
+from yeastfit.model.numerics import FIRST_ROOM, Numerics, map_members, most_nodes, on_one_device
 from yeastfit.model.nutrient import check_alpha
 from yeastfit.model.parameters import Parameters, Scales
 from yeastfit.model.relaxation import Relaxation
 from yeastfit.model.simulate import Schedule, Snapshot, trajectory
 from yeastfit.seeds import key_of
+from yeastfit.simulation.large_ensemble import member_of, on_all_devices, stacked, together
 from yeastfit.simulation.result import Simulation
+from yeastfit.simulation.segments import Segments
+from yeastfit.simulation.until import Until
+
+SHORT = 4096  # nodes: a colony that cannot come to more is grown by one program
 
 
 @runtime_checkable
@@ -50,6 +56,7 @@ def simulate(
     keys: Array | None = None,
     *,
     times: Sequence[Any] | np.ndarray | Array,
+    until: Mapping[str, float] | None = None,
     model: Model | None = None,
     start: Colony | None = None,
     numerics: Numerics | None = None,
@@ -72,12 +79,20 @@ def simulate(
     Parameters, keys, widths and times can change without recompiling, as long as shapes stay and the largest number of
     steps between two times stays below the same power of two.
 
+    Births are cut only where `numerics.capacity` says so, or memory ends: colonies that could have more than `SHORT`
+    nodes, or have outgrown `FIRST_ROOM`, grow in segments (`Segments`), one colony on each device. Their arrays get
+    twice the room whenever that is needed. Derivatives need arrays of fixed length: while tracing, a capacity of None
+    is `FIRST_ROOM`.
+
     Arguments:
         parameters: Shared by all members, or with one value per member for some. What rules bring has its default
             where nothing is given.
         keys: One random key for one colony, or an array of keys (`member_keys`) for an ensemble.
         times: Model times, rising, at least one step from the start and from each other; each is rounded to a whole
             number of steps.
+        until: A statistic that is observed, or "nodes" or "cells", and its value, as in {"area": 24500.0}: each colony
+            grows to the first step at which that is reached (`Simulation.reached`). `times` is then one time, at which
+            colonies that have not come so far end. For derivatives simulate to the time reached.
         model: The rules; by default the source's.
         start: Instead of keys, a colony to continue (`Simulation.colony`, or `Model.start` with other positions or
             nutrient), or one per member along a first axis. Times are then later than its own.
@@ -92,7 +107,8 @@ def simulate(
         A `Simulation`; show its `warnings()` to users.
 
     Raises:
-        InputError: An argument is not admissible, or dt turned out too large for the springs.
+        InputError: An argument is not admissible, `until` is traced or names nothing that is observed, or dt turned
+            out too large for the springs.
         SimulationError: Positions or nutrient became not finite.
     """
     numerics, model = numerics or Numerics(), model or Model()
@@ -115,16 +131,28 @@ def simulate(
         check_alpha(parameters.diffusivity, numerics)
     if not batch:
         began = jax.tree.map(lambda leaf: leaf[None], began)
+    end = None if until is None else Until.of(until, observe)
+    if end is not None and (traced or len(schedule.steps) != 1):
+        raise InputError("until ends growth where a colony is large enough: give one time, and trace only with times")
     watch = clock.perf_counter()
     members = batch[0] if batch else 1
     kept = numerics.state_size + len(schedule.steps) * getattr(observe, "sample_size", 0.0)
     check_count("members", members, kept)
     batched = _per_member(parameters, members)
-    colony, observed = on_one_device(_run(batched, began, schedule, relaxation, numerics, observe, model))
+    rules = schedule, relaxation, numerics, observe, model
+    if end is None and (traced or _is_small(float(schedule.steps[-1] - since) * numerics.dt, numerics)):
+        colony, observed = on_one_device(_run(batched, began, *rules))
+        outgrown = not traced and bool(np.any(colony.problems.capacity_reached))
+        done = not outgrown or colony.parents.shape[-1] >= numerics.most_room
+    else:
+        done = False
+    if not done:
+        colony, observed = _in_segments(batched, began, *rules, end)
+    reached = None if end is None else _time_reached(end, colony, observed, numerics)
     if throw and not traced:
         _check_steps(colony, batched, numerics, model)
     if not batch:
-        colony, observed = jax.tree.map(lambda leaf: leaf[0], (colony, observed))
+        colony, observed, reached = jax.tree.map(lambda leaf: leaf[0], (colony, observed, reached))
     return Simulation(
         times=_steps_of(times, numerics) * numerics.dt,
         statistics=observe.finish(observed if traced else jax.tree.map(np.asarray, observed)),
@@ -135,6 +163,8 @@ def simulate(
         model=model,
         scales=scales or Scales(),
         seconds=clock.perf_counter() - watch,
+        until=None if until is None else dict(until),
+        reached=reached,
     )
 
 
@@ -216,6 +246,42 @@ def _run(
         return trajectory(parameters, colony, schedule, relaxation, numerics, observe, model)
 
     return map_members(one, parameters, began)
+
+
+def _is_small(time: float, numerics: Numerics) -> bool:
+    """Whether colonies are grown by one program first, whose arrays have one length."""
+    return most_nodes(time) <= SHORT or (numerics.capacity is not None and numerics.capacity <= FIRST_ROOM)
+
+
+def _in_segments(
+    parameters: Parameters,
+    began: Array | Colony,
+    schedule: Schedule,
+    relaxation: Relaxation,
+    numerics: Numerics,
+    observe: Observer,
+    model: Model,
+    until: Until | None,
+) -> tuple[Colony, PyTree]:
+    """Each member on its own, by `Segments`."""
+    samples = np.asarray(schedule.steps).tolist()
+    few = replace(numerics, capacity=min(FIRST_ROOM, numerics.most_room))
+
+    def grown(member: int) -> tuple[Colony, PyTree]:
+        how = Segments(member_of(parameters, member), relaxation, numerics, observe, model)
+        first = began[member] if not isinstance(began, Colony) else member_of(began, member)
+        colony = first if isinstance(first, Colony) else model.start(first, few)
+        colony, observed = how.grown(colony, samples, None if until is None else until.passed)
+        return colony, stacked(observed)
+
+    colonies, observed = zip(*on_all_devices(grown, parameters.diffusivity.shape[0]), strict=True)
+    return together(list(colonies), model), stacked(list(observed))
+
+
+def _time_reached(until: Until, colony: Colony, observed: PyTree, numerics: Numerics) -> np.ndarray:
+    """When each member had grown so far; nan where it had not at the end."""
+    found = (until.passed(*member_of((colony, observed), member)) for member in range(colony.step.shape[0]))
+    return np.where(list(found), np.asarray(colony.step) * numerics.dt, np.nan)
 
 
 def _per_member(parameters: Parameters, members: int) -> Parameters:

@@ -95,11 +95,20 @@ class Algebraic(ForwardModel):
     ] = Resolution.spacing
     domain: Annotated[float, Setting("Side of the square dish, in cell lengths L0.", commands=SIMULATE)] = 40.0
     capacity: Annotated[
-        int,
+        int | None,
         Setting(
-            "Largest possible number of nodes in a colony (cells + 1). Growth beyond it is cut.", commands=SIMULATE
+            "Largest possible number of nodes in a colony (cells + 1). Growth beyond it is cut; without it none is.",
+            commands=SIMULATE,
         ),
-    ] = 500
+    ] = None
+    until_area: Annotated[
+        float | None,
+        Setting("Area in L0² at which a colony ends to grow, if it comes to it before --time.", commands=SIMULATE),
+    ] = None
+    until_cells: Annotated[
+        int | None,
+        Setting("Number of cells at which a colony ends to grow, if it comes to it before --time.", commands=SIMULATE),
+    ] = None
     rate: Annotated[
         float,
         Setting("Maximal growth rate μ* of the cells, per hour. Model time is in units of 1/μ*.", commands=DATA),
@@ -111,6 +120,19 @@ class Algebraic(ForwardModel):
     def __post_init__(self) -> None:
         Scales(self.length, self.rate)
         Resolution(self.dt, self.spacing)
+
+    @property
+    def until(self) -> dict[str, float] | None:
+        """What ends growth before the time.
+
+        Raises:
+            InputError: Two things would.
+        """
+        given = {"area": self.until_area, "cells": self.until_cells}
+        found = {name: value for name, value in given.items() if value is not None}
+        if len(found) > 1:
+            raise InputError("--until-area and --until-cells are both given: growth ends at one of them")
+        return found or None
 
     @property
     def parameters(self) -> ParameterSet:
@@ -193,10 +215,12 @@ class Algebraic(ForwardModel):
         """Colonies in an ensemble, seen at regular times and at the end."""
         chosen = self.rules.complete(Parameters(**values))
         numerics = Numerics(domain=self.domain, spacing=self.spacing, dt=self.dt, capacity=self.capacity)
+        until = self.until
         return run_simulation(
             chosen,
             member_keys(seed, members),
-            times=sample_times(self.time, self.every, numerics),
+            times=sample_times(self.time, self.every if until is None else self.time, numerics),
+            until=until,
             model=self.rules,
             numerics=numerics,
             relaxation=HARD if self.hard else Relaxation(),

@@ -1,0 +1,151 @@
+"""One colony of any size, grown in segments from one division event to the next.
+
+A segment is compiled for the number of nodes that its arrays have room for. Where births would be cut although more
+nodes are allowed, the segment is grown again with twice the room, so that the work follows the nodes that live.
+Programs are compiled once for each size, of which there are few.
+
+Who asks for a colony `until` something gets it at the first step at which that is reached: the segment that passes it
+is divided in two again and again.
+"""
+
+import dataclasses
+from collections.abc import Callable, Sequence
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Int, PyTree
+
+from yeastfit.model.colony import Colony, Problems, widened
+from yeastfit.model.model import Model
+from yeastfit.model.numerics import Numerics
+from yeastfit.model.parameters import Parameters
+from yeastfit.model.relaxation import Relaxation
+from yeastfit.model.simulate import Observe, Snapshot, problems_of, step
+
+Passed = Callable[[Colony, PyTree], bool]
+Saved = Callable[[Colony, list[PyTree]], None]
+
+
+@dataclasses.dataclass(frozen=True)
+class Segments:
+    """How one colony is grown.
+
+    Attributes:
+        parameters: One value of each of the model's parameters.
+        relaxation: Smoothing widths.
+        numerics: Grid, time step and the most nodes.
+        observe: What to record at sample times, of a snapshot.
+        model: The rules.
+    """
+
+    parameters: Parameters
+    relaxation: Relaxation
+    numerics: Numerics
+    observe: Observe
+    model: Model
+
+    def grown(
+        self, colony: Colony, samples: Sequence[int], passed: Passed | None = None, saved: Saved | None = None
+    ) -> tuple[Colony, list[PyTree]]:
+        """Grow a colony. Not differentiable.
+
+        Arguments:
+            colony: The state to start from.
+            samples: Steps to observe, rising; the last ends the growth.
+            passed: Whether the colony, with what was observed of it, has grown as far as it should. It is then
+                observed at the first step of which that holds, and grows no further.
+            saved: Is given the colony and what was observed so far, after every segment.
+
+        Returns:
+            The last state, and what was observed.
+        """
+        observed: list[PyTree] = []
+        for sample in samples:
+            while (done := int(colony.step)) < sample:
+                last = min(sample, self._before_event(done))
+                before = colony
+                colony, found = self._segment(before, last, seen=passed is not None or last == sample)
+                if passed is not None and passed(colony, found):
+                    colony, found = self._first(before, colony, found, passed)
+                    return colony, [*observed, found]
+                if last == sample:
+                    observed.append(found)
+                if saved is not None:
+                    saved(colony, observed)
+        return colony, observed
+
+    def _before_event(self, done: int) -> int:
+        """The last step before the next division event, which begins a segment: few steps are lost where it is cut."""
+        every = self.numerics.steps_per_event
+        return (done + 1) // every * every + every - 1
+
+    def _first(self, before: Colony, colony: Colony, found: PyTree, passed: Passed) -> tuple[Colony, PyTree]:
+        """The colony at the first step at which it has passed, which lies in the segment since `before`."""
+        while int(colony.step) - int(before.step) > 1:
+            middle = (int(colony.step) + int(before.step)) // 2
+            between, seen = self._segment(before, middle, seen=True)
+            if passed(between, seen):
+                colony, found = between, seen
+            else:
+                before = between
+        return colony, found
+
+    def _segment(self, colony: Colony, last: int, seen: bool) -> tuple[Colony, PyTree]:
+        """The colony at step `last`, and what is observed there, with as much room as that takes."""
+        rules = self.parameters, self.relaxation, self.numerics, self.observe, self.model
+        most = self.numerics.most_room
+        while True:
+            room = colony.parents.shape[0]
+            after, found, cut = _advanced(
+                colony, jnp.asarray(last), jnp.asarray(seen), jnp.asarray(room < most), *rules
+            )
+            if not bool(cut):
+                return after, found
+            colony = widened(colony, min(2 * room, most), self.model.node_state())
+
+
+@eqx.filter_jit
+def _advanced(
+    colony: Colony,
+    last: Int[Array, ""],
+    seen: Bool[Array, ""],
+    widens: Bool[Array, ""],
+    parameters: Parameters,
+    relaxation: Relaxation,
+    numerics: Numerics,
+    observe: Observe,
+    model: Model,
+) -> tuple[Colony, PyTree, Bool[Array, ""]]:
+    """The colony at step `last`, and what is observed there if it is to be seen.
+
+    Where the arrays can be made wider, steps end at the first birth that was cut; whether there was one comes last.
+    """
+    earlier = colony.problems.capacity_reached
+
+    def marked(problems: Problems, value: Bool[Array, ""]) -> Problems:
+        return eqx.tree_at(lambda one: one.capacity_reached, problems, value)
+
+    def goes_on(snapshot: Snapshot) -> Bool[Array, ""]:
+        return (snapshot.colony.step < last) & ~(snapshot.colony.problems.capacity_reached & widens)
+
+    colony = dataclasses.replace(colony, problems=marked(colony.problems, jnp.zeros_like(earlier)))
+    first = Snapshot(
+        model.shape.cells(colony, parameters), jnp.zeros_like(colony.weights[0]), colony, parameters, relaxation
+    )
+    rules = parameters, relaxation, numerics, model
+    snapshot = jax.lax.while_loop(goes_on, lambda one: step(one.colony, *rules)[1], first)
+    problems = problems_of(snapshot.colony, parameters, numerics, model)
+    cut = problems.capacity_reached & widens
+    problems = marked(problems, problems.capacity_reached | earlier)
+    snapshot = eqx.tree_at(lambda one: one.colony.problems, snapshot, problems)
+    return snapshot.colony, _seen_if(seen, observe, snapshot), cut
+
+
+def _seen_if(seen: Bool[Array, ""], observe: Observe, snapshot: Snapshot) -> PyTree:
+    """What is observed, or zeros."""
+
+    def nothing(snapshot: Snapshot) -> PyTree:
+        return jax.tree.map(lambda one: jnp.zeros(one.shape, one.dtype), jax.eval_shape(observe, snapshot))
+
+    return jax.lax.cond(seen, observe, nothing, snapshot)
