@@ -41,7 +41,7 @@ def crowd(seed: int, numerics: Numerics = NUMERICS, whole: bool = False, event: 
 
 def food(seed: int, numerics: Numerics = NUMERICS) -> Array:
     """Nutrient at the nodes; most in the empty slots, which must not bud."""
-    fed = np.random.default_rng(100 + seed).uniform(0.1, 0.9, int(numerics.capacity))
+    fed = np.random.default_rng(100 + seed).uniform(0.1, 0.9, numerics.room)
     fed[NODES:] = 5.0
     return jnp.asarray(fed)
 

@@ -327,7 +327,7 @@ def relaxed_ensemble() -> Simulation:
 def reference_ensemble(members: int, times: Sequence[float], numerics: Numerics) -> list[list[dict[str, Any]]]:
     """Colonies of the plain reading, each with its own generator."""
     values = {name: info.default for name, info in PARAMETERS.items()}
-    same = plain.Numerics(numerics.domain, numerics.spacing, numerics.dt, numerics.capacity, numerics.bud_distance)
+    same = plain.Numerics(numerics.domain, numerics.spacing, numerics.dt, numerics.room, numerics.bud_distance)
     return [
         plain.run(plain.Parameters(**values), same, times[-1], np.random.default_rng(i), times, cg_tolerance=1e-9)
         for i in range(members)
