@@ -125,7 +125,7 @@ class Simulation:
         """The problems in words."""
         members = int(np.size(self.capacity_reached))
         met = [f"{count} of {members} colonies: {PROBLEMS[name]}" for name, count in self.problems.items()]
-        if self.until is not None and (short := int(np.isnan(self.reached).sum())):
+        if self.until is not None and self.reached is not None and (short := int(np.isnan(self.reached).sum())):
             ((name, value),) = self.until.items()
             met.append(
                 f"{short} of {members} colonies: {name} was below {value:g} at t = {self.times[-1]:g}: end later"
