@@ -74,7 +74,7 @@ def level_set(
     union: Float[Array, ""] | None,
     reach: Scalar,
     origin: Scalar,
-    spacing: float,
+    spacing: Scalar,
     points: int,
 ) -> Float[Array, "x y"]:
     """g on a square grid. Differentiable in the cells; the hard union almost everywhere.
@@ -90,7 +90,8 @@ def level_set(
     Returns:
         g, negative inside the colony; `FAR` where no cell reaches.
     """
-    s, patch = union, PATCH if spacing < COARSE else PATCH // 2
+    s, coarse = union, isinstance(spacing, int | float) and spacing >= COARSE  # a traced one is taken for a fine one
+    patch = PATCH // 2 if coarse else PATCH
     first, counts = _patches(cells, reach, origin, spacing, points, patch)
     ends = jnp.cumsum(counts[:, 0] * counts[:, 1])
     chunk = min(CHUNK * (PATCH // patch) ** 2, max(64, cells.weights.shape[0]))
@@ -130,7 +131,7 @@ _DROP = jax.lax.GatherScatterMode.FILL_OR_DROP
 
 
 def _patches(
-    cells: Cells, reach: Scalar, origin: Scalar, spacing: float, points: int, patch: int
+    cells: Cells, reach: Scalar, origin: Scalar, spacing: Scalar, points: int, patch: int
 ) -> tuple[Int[Array, "cell 2"], Int[Array, "cell 2"]]:
     """First grid index and number of patches, per axis, that cover {r² ≤ reach} of each cell.
 
@@ -152,7 +153,7 @@ def _patches(
 
 
 def _squared_radius(
-    cells: Cells, corner: Int[Array, "patch 2"], origin: Scalar, spacing: float, patch: int
+    cells: Cells, corner: Int[Array, "patch 2"], origin: Scalar, spacing: Scalar, patch: int
 ) -> Float[Array, "patch a b"]:
     """r² = (u/p)² + (v/q)² on the grid points of one patch per cell."""
     # r² = ((cos θ dx + sin θ dy) / p)² + ((cos θ dy − sin θ dx) / q)², multiplied out: rows, columns, one product
