@@ -40,13 +40,14 @@ def bits(rows: np.ndarray) -> bytes:
 
 @contextmanager
 def killing(workers: Workers, kills: int, between: tuple[float, float], seed: int) -> Iterator[list[int]]:
-    """Kill random workers at random moments, as long as there are kills left and the body runs."""
+    """Kill random workers at random moments when all are there, while there are kills left and the body runs."""
     rng, dead, ended = np.random.default_rng(seed), list[int](), threading.Event()
+    crew: Any = workers._crew
 
     def kill() -> None:
         while len(dead) < kills and not ended.wait(rng.uniform(*between)):
-            nannies = [one for one in workers._crew.owned.workers.values() if one.pid]  # type: ignore[union-attr]
-            if nannies:
+            nannies = [one for one in crew.owned.workers.values() if one.pid]
+            if len(crew.owned.scheduler.workers) == crew.wanted and nannies:
                 pid = nannies[rng.integers(len(nannies))].pid
                 os.kill(pid, signal.SIGKILL)
                 dead.append(pid)
