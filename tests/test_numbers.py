@@ -22,6 +22,7 @@ from yeastfit.numbers import HOURS, PIXEL_SIZES, POSITIVE, Range, number_of
         (7, 7),
         (2.5, 2.5),
         ("1e999", math.inf),
+        ("0.0e-400", 0),
     ],
 )
 def test_numbers_are_read(value: object, number: float) -> None:
@@ -46,6 +47,8 @@ WORDS = [
     "--1",
     "1 0",
     "1\0",
+    "1e-400",
+    "-0.3e-5000",
 ]
 
 

@@ -21,10 +21,12 @@ def number_of(value: Any) -> float:
 
     Returns:
         The number; nan for anything else, such as `1_0`, `0x10`, digits of other scripts, `inf`, `true` or nothing.
-        A number beyond double precision is not finite.
+        A number beyond double precision is not finite, one too small for it, such as `1e-400`, is nan.
     """
     if isinstance(value, str):
-        return float(value) if DECIMAL.fullmatch(value := value.strip()) else math.nan
+        found = DECIMAL.fullmatch(value.strip())
+        vanished = found and float(found[0]) == 0 and re.search("[1-9]", found[1])
+        return float(found[0]) if found and not vanished else math.nan
     if isinstance(value, bool) or not isinstance(value, Real):
         return math.nan
     try:
@@ -129,5 +131,9 @@ PIXEL_SIZES = Range(1e-3, 1e3, "µm")
 """Of micrographs: from 1 nm to 1 mm."""
 HOURS = Range(0.0, 1e5, "hours", above=True)
 """Since a colony was one cell; 1e5 are eleven years."""
+CELL_LENGTHS = Range(1e-2, 1e3, "µm")
+"""Of one cell: bacteria and eggs lie within."""
+GROWTH_RATES = Range(1e-4, 1e2, "per hour")
+"""Of cells: the slowest divides once a year, the fastest within a minute."""
 SEEDS = Range(0, 2**64 - 1)
 """Of random numbers."""

@@ -430,7 +430,7 @@ def test_what_lies_in_the_folder_is_never_overwritten(
     assert "no colonies today" in refused(*first)
     before = (tmp_path / "out" / "run.json").read_bytes()
     assert "a run that was not finished: give --resume" in refused(*first)
-    assert "mobility was 1" not in refused(*first, "--resume", "--mobility", "3")  # free: of no account
+    assert "--mobility is 3, but mobility is free" in refused(*first, "--resume", "--mobility", "3")
     said = refused(*first, "--resume", "--seed", "4", "--dt", "0.02", "--elasticity", "6", "--distance", "li")
     for words in (
         "seed was 0, now it is 4",

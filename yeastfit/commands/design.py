@@ -1,9 +1,11 @@
 """`yeastfit design`: which measurement would reduce the errors of the parameters most."""
 
+from collections.abc import Mapping, Sequence
 from contextlib import nullcontext
 from pathlib import Path
 from typing import Annotated, Any
 
+import numpy as np
 import typer
 
 from yeastfit.commands.generated.model import ChosenModel, Free, ModelOptions, Statistics
@@ -14,6 +16,7 @@ from yeastfit.commands.terminal import out, shown_progress, warn
 from yeastfit.errors import InputError
 from yeastfit.inference.information.design import check_arguments
 from yeastfit.inference.information.design import design as make_design
+from yeastfit.inference.information.experiment import times_among
 from yeastfit.inference.information.identifiability import percent
 from yeastfit.inference.sensitivity.result import Sensitivity
 from yeastfit.inference.workers.spread import Workers
@@ -94,8 +97,8 @@ def design(
             said = f"{flag_of(given[0])} is given beside --sensitivity, but {sensitivity} says it"
             raise InputError(f"{said}: leave out one of the two")
     known: dict[str, Any] = {
-        "measured_times": measured_times and numbers_in("--measured-times", measured_times),
-        "measured_statistics": measured_statistics and names_in(measured_statistics),
+        "measured_times": None if measured_times is None else numbers_in("--measured-times", measured_times),
+        "measured_statistics": None if measured_statistics is None else names_in(measured_statistics),
         "replicates": replicates,
         "added": added,
         "new_replicates": not same_colonies,
@@ -108,6 +111,10 @@ def design(
     inputs, how = ([sensitivity], {}) if sensitivity else ([], chosen.configuration("design"))
     earlier = _read(sensitivity) if sensitivity else None
     names = chosen.forward.statistics_named(names_in(statistics) or chosen.forward.designed)
+    fitted = names_in(free) or chosen.forward.fitted
+    if earlier is None:
+        _check_measured(known, names, how.get("times", ()))
+        chosen.forward.parameters.subset(fitted)
     with results_folder(folder, "design", reads=inputs, overwrite=overwrite) as results:
         if earlier is None:
             with shown_progress("growing colonies") as progress, workers or nullcontext():
@@ -117,7 +124,7 @@ def design(
             found.save(results.partial / "sensitivity.json")
         else:
             found = earlier
-        result = make_design(found, free=names_in(free) or chosen.forward.fitted, **known)
+        result = make_design(found, free=fitted, **known)
         write_design(results.partial, result, chosen.forward, found, {**how, "free": result.free, **known})
         more: dict[str, Any] = {"configuration": {**how, "parameters": found.at, "free": result.free, **known}}
         if workers is not None:
@@ -132,6 +139,15 @@ def design(
     for number, sentence in enumerate(result.sentences(), start=1):
         out.print(f"{number}. {sentence}", highlight=False)
     out.print(f"Results in {folder}, on one page: index.html")
+
+
+def _check_measured(known: Mapping[str, Any], names: Sequence[str], times: Sequence[float]) -> None:
+    """Raise `InputError`, before anything is grown, where what has been measured is none of what will be there."""
+    for name in known["measured_statistics"] or ():
+        if name not in names:
+            raise InputError(f"--measured-statistics: {name!r} is not among {', '.join(names)}")
+    if known["measured_times"] and len(times):
+        times_among(np.asarray(times), known["measured_times"])
 
 
 def _read(path: Path) -> Sensitivity:

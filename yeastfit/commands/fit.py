@@ -124,6 +124,7 @@ def fit(
     settings = FitSettings(method=method, starts=starts, measurement_error=measurement_error)  # type: ignore[arg-type]
     held = {**model.parameters.defaults, **chosen.values}
     held = {name: value for name, value in held.items() if name not in model.parameters.subset(fitted)}
+    chosen.check_free(fitted)
     check_search(model.parameters.subset(fitted), condition or ("",), **options)
     check_source(source, condition or ())
     known = truth_of(source, model.parameters) if truth else None

@@ -152,7 +152,9 @@ def infer(
             "seed": seed,
         },
     }
-    request = Request.of_li(method, settings, **asked) if li else Request.of(method or "emulator", settings, **asked)
+    sampled = "emulator" if method is None else method
+    request = Request.of_li(method, settings, **asked) if li else Request.of(sampled, settings, **asked)
+    chosen.check_free(request.parameters.names)
     if print_prior:
         sys.stdout.write(template(request.the_prior(), request.parameters))
         return

@@ -54,7 +54,7 @@ MeasurementError = Annotated[
 
 def names_in(text: str | None) -> tuple[str, ...]:
     """Read names separated by commas, none where nothing is given; a minus stands for an underscore."""
-    return tuple(part.strip().replace("-", "_") for part in text.split(",")) if text else ()
+    return tuple(part.strip().replace("-", "_") for part in text.split(",")) if text is not None else ()
 
 
 def numbers_in(option: str, text: str) -> list[float]:
@@ -90,11 +90,14 @@ def named_pairs_in(option: str, texts: Sequence[str], what: str) -> dict[str, tu
     Raises:
         InputError: Something else was given.
     """
-    found = {}
+    found = dict[str, tuple[float, float]]()
     for text in texts:
         name, _, pair = text.partition("=")
         numbers = [number_of(part) for part in pair.split(":")]
         if len(numbers) != 2 or not all(map(math.isfinite, numbers)):
             raise InputError(f"{option} is {quoted(text)}, it must be a name and {what}, such as mobility=0.5:2")
-        found[name.strip().replace("-", "_")] = (numbers[0], numbers[1])
+        key = name.strip().replace("-", "_")
+        if key in found:
+            raise InputError(f"{option} is given twice for {key}, {quoted(text)} is the second: leave out one")
+        found[key] = (numbers[0], numbers[1])
     return found

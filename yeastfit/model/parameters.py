@@ -4,7 +4,6 @@ The seven dimensionless parameters λ1 … λ7 are those of the source's table 2
 model is composed from may bring further ones (`yeastfit.model.rules`); their values travel in the same object.
 """
 
-import math
 from collections.abc import Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeVar
@@ -16,6 +15,7 @@ from jax.tree_util import GetAttrKey
 from jaxtyping import Array, Float
 
 from yeastfit.errors import InputError
+from yeastfit.numbers import CELL_LENGTHS, GROWTH_RATES
 from yeastfit.parameter_set import Parameter, ParameterSet
 
 Time = TypeVar("Time", float, np.ndarray)
@@ -170,8 +170,7 @@ class Scales:
     def __post_init__(self) -> None:
         for name in ("length", "rate"):
             value = getattr(self, name)
-            if not (isinstance(value, int | float) and math.isfinite(value) and value > 0):
-                raise InputError(f"scale {name} is {value!r}, it must be a number above 0")
+            (CELL_LENGTHS if name == "length" else GROWTH_RATES).check(value, f"scale {name}")
 
     def unit(self, powers: tuple[int, int]) -> tuple[float, str]:
         """L0 and μ* to these powers, the factor that gives a parameter units, and the unit; 1 and "" for none."""

@@ -59,6 +59,15 @@ class ChosenModel:
     values: dict[str, float]
     given: tuple[str, ...]
 
+    def check_free(self, free: Sequence[str]) -> None:
+        """Raise `InputError` where a value is given of a parameter that is free, which would be of no account."""
+        for name in free:
+            if name in self.values:
+                raise InputError(
+                    f"{flag_of(name)} is {self.values[name]:g}, but {name} is free: leave out the value, or hold it by "
+                    "--free with the names of the others"
+                )
+
     def configuration(self, command: str) -> dict[str, Any]:
         """Which model, and its settings, for a manifest."""
         return {"model": self.name, **self.forward.settings(command)}

@@ -77,7 +77,7 @@ def chosen_observables(
     for name in statistics or ():
         if name not in found.statistics:
             raise InputError(f"statistic {name!r} is not in the sensitivity, which holds {', '.join(found.statistics)}")
-    wanted = found.times if times is None else np.array([_time(found, float(time)) for time in times])
+    wanted = found.times if times is None else times_among(found.times, times)
     return np.array(
         [
             row
@@ -94,11 +94,12 @@ def scatter_freedom(found: Sensitivity) -> float:
     return float(freedom + found.runs["regression"] - 1 - len(found.free) if "regression" in found.runs else freedom)
 
 
-def _time(found: Sensitivity, time: float) -> float:
-    """The sensitivity's own time that equals one but for rounding."""
-    near = np.flatnonzero(np.abs(found.times - time) < 1e-6 * (1 + abs(time)))
-    if not near.size:
-        raise InputError(
-            f"time {time:g} is not in the sensitivity, which holds {', '.join(f'{t:g}' for t in found.times)}"
-        )
-    return float(found.times[near[0]])
+def times_among(present: np.ndarray, times: Sequence[float] | np.ndarray) -> np.ndarray:
+    """Those of the present times that equal these but for rounding. Raises `InputError` where one is not there."""
+    near = np.isclose(present, np.reshape(np.asarray(times, dtype=float), (-1, 1)), rtol=1e-6, atol=1e-6)
+    for time, found in zip(times, near, strict=True):
+        if not found.any():
+            raise InputError(
+                f"time {time:g} is not in the sensitivity, which holds {', '.join(f'{t:g}' for t in present)}"
+            )
+    return present[near.argmax(axis=1)]
