@@ -165,6 +165,18 @@ def test_measure_has_a_column_that_fits_can_read(own: None, undrawn: None, tmp_p
     assert smooth == pytest.approx(6.0, rel=0.01)
 
 
+def test_a_statistic_of_a_users_that_fails_is_named(tmp_path: Path) -> None:
+    images, _, _ = find_images([write_squares(tmp_path / "masks", 1)], 1.0)
+    register_statistic(Statistic("shapeless", 0, "fails", mask=lambda pixels: pixels.indices.shape[0]))  # type: ignore[attr-defined]
+    try:
+        (outcome,) = measure_batch(images, tmp_path / "out", jobs=1)
+    finally:
+        del STATISTICS["shapeless"]
+    assert outcome.error is not None
+    assert "statistic shapeless: its mask cannot be computed: AttributeError: 'tuple'" in outcome.error
+    assert "(test_registry.py:" in outcome.error
+
+
 def test_what_other_processes_cannot_import_is_measured_in_this_one(
     monkeypatch: pytest.MonkeyPatch, undrawn: None, tmp_path: Path
 ) -> None:

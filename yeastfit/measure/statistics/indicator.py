@@ -21,7 +21,7 @@ class Indicator:
     """A blurred indicator φ and its functionals, each computed once and only when asked for.
 
     Attributes:
-        phi: φ on a square grid; 0 along the edge of the array.
+        phi: φ [x, y] on a square grid; 0 along the edge of the array.
         spacing: Of the grid. All lengths are in its unit.
     """
 
@@ -35,7 +35,7 @@ class Indicator:
 
     @cached_property
     def area(self) -> Float[Array, ""]:
-        """A."""
+        """A = ∬ φ."""
         return jnp.sum(self.phi) * self.spacing**2
 
     @cached_property
@@ -49,12 +49,12 @@ class Indicator:
 
     @cached_property
     def perimeter(self) -> Float[Array, ""]:
-        """P."""
+        """P = ∬ |∇φ|, the length of all boundaries."""
         return jnp.sum(self.slope) * self.spacing**2
 
     @cached_property
     def distance(self) -> Float[Array, "x y"]:
-        """|x − x̄| of every grid point; nan where φ is empty."""
+        """|x − x̄| [x, y] of every grid point from the centroid; nan where φ is empty."""
         phi, spacing = self.phi, self.spacing
         x = spacing * (jnp.arange(phi.shape[0]) - 0.5 * (phi.shape[0] - 1))[:, None]
         y = spacing * (jnp.arange(phi.shape[1]) - 0.5 * (phi.shape[1] - 1))[None, :]

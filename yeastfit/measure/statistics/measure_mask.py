@@ -1,8 +1,10 @@
 """Measure a black-and-white image: every statistic of the registry with a form for masks, in µm."""
 
+import traceback
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from math import isfinite
+from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
@@ -78,5 +80,12 @@ def measure_mask(
 def _value(name: str, pixels: Pixels, pixel_size: float) -> float:
     entry = STATISTICS[name]
     assert entry.mask is not None
-    value = entry.mask(pixels) * pixel_size**entry.unit_power
-    return int(value) if entry.is_count else value
+    try:
+        value = entry.mask(pixels) * pixel_size**entry.unit_power
+        return int(value) if entry.is_count else value
+    except Exception as error:  # of a statistic that a user has registered
+        if entry.mask.__module__.startswith("yeastfit."):
+            raise
+        place = traceback.extract_tb(error.__traceback__)[-1]
+        what = f"{type(error).__name__}: {error} ({Path(place.filename).name}:{place.lineno})"
+        raise InputError(f"statistic {name}: its mask cannot be computed: {what}") from error

@@ -29,7 +29,7 @@ class Pixels:
     """The pixels of a colony.
 
     Attributes:
-        colony: Which pixels are colony, cropped to a margin of one empty pixel all round.
+        colony: [row, column], which pixels are colony, cropped to a margin of one empty pixel all round.
         corner: Row and column, in the whole image, of its first pixel.
     """
 
@@ -62,12 +62,12 @@ class Pixels:
 
     @cached_property
     def filled(self) -> Mask:
-        """The colony with its holes closed, which are 4-connected."""
+        """[row, column], the colony with its holes closed, which are 4-connected."""
         return ndimage.binary_fill_holes(self.colony)
 
     @cached_property
     def indices(self) -> tuple[Int[np.ndarray, " pixel"], Int[np.ndarray, " pixel"]]:
-        """Row and column of every colony pixel."""
+        """Rows [pixel] and columns [pixel] of all colony pixels, a pair."""
         rows, columns = np.nonzero(self.colony)
         return rows, columns
 
@@ -79,13 +79,13 @@ class Pixels:
 
     @cached_property
     def distance(self) -> PerPixel:
-        """Distance of every colony pixel from the centroid."""
+        """[pixel], distance of every colony pixel from the centroid."""
         (rows, columns), (row, column) = self.indices, self.centre
         return np.hypot(rows - row, columns - column)
 
     @cached_property
     def angle(self) -> PerPixel:
-        """Direction of every colony pixel as seen from the centroid, in radians, upwards positive."""
+        """[pixel], direction of every colony pixel as seen from the centroid, in radians, upwards positive."""
         (rows, columns), (row, column) = self.indices, self.centre
         return np.arctan2(row - rows, columns - column)
 
