@@ -183,3 +183,13 @@ def test_files_must_be_there_and_hold_what_is_free(tmp_path: Path) -> None:
 def test_distributions_compare_by_their_numbers() -> None:
     assert Distribution("beta", {"a": 1, "b": 2}) == Distribution("beta", {"a": 1.0, "b": 2.0, "low": 0.0, "high": 1.0})
     assert Distribution("beta", {"a": 1, "b": 2}) != Distribution("beta", {"a": 1, "b": 3})
+
+
+@pytest.mark.parametrize(
+    "method",
+    ["log_density", "log_densities", "log_density_of_coordinates", "coordinates", "values", "quantile", "shares"],
+)
+@pytest.mark.parametrize("shape", [(5,), (2, 4), (2, 5, 1)])
+def test_values_are_rows(method: str, shape: tuple[int, ...]) -> None:
+    with wrong_types(), pytest.raises(InputError, match=rf"the shape \({shape[0]},.*they must have \[draws, 5\]"):
+        getattr(PRIOR, method)(np.full(shape, 0.5))

@@ -31,11 +31,13 @@ Values = Float[np.ndarray, "draw free"]
 class Prior:
     """Independent distributions of named parameters.
 
+    Its methods take rows of values, one for each draw, and columns in the order of `free`: [draw, free].
+
     Attributes:
         distributions: By parameter name, in the order of the columns.
 
     Raises:
-        InputError: There is no parameter.
+        InputError: There is no parameter; or, in methods, values have another shape.
     """
 
     distributions: Mapping[str, Distribution] = field(hash=False)
@@ -63,7 +65,7 @@ class Prior:
     def log_densities(self, values: Values) -> Values:
         """Log density of each λ by itself, which add up to `log_density`; −inf outside its support."""
         low, high = self.support.T
-        inside = (values >= low) & (values <= high) & ((values > 0) | ~self._logarithmic)
+        inside = (self._rows(values) >= low) & (values <= high) & ((values > 0) | ~self._logarithmic)
         x = self.coordinates(np.where(inside, values, self._medians))
         columns = zip(self.distributions.values(), x.T, strict=True)
         density = np.stack([one.density.logpdf(column) for one, column in columns], axis=1)
@@ -76,13 +78,13 @@ class Prior:
 
     def coordinates(self, values: Values) -> Values:
         """x of λ."""
-        x = np.array(values, dtype=float)
+        x = np.array(self._rows(values), dtype=float)
         x[:, self._logarithmic] = np.log(values[:, self._logarithmic])
         return x
 
     def values(self, x: Values) -> Values:
         """λ of x, the inverse of `coordinates`; inf, which is outside every support, where exp overflows."""
-        values = np.array(x, dtype=float)
+        values = np.array(self._rows(x), dtype=float)
         with np.errstate(over="ignore"):
             values[:, self._logarithmic] = np.exp(x[:, self._logarithmic])
         return values
@@ -97,7 +99,7 @@ class Prior:
         Raises:
             InputError: A point lies outside the cube.
         """
-        if not ((unit >= 0) & (unit <= 1)).all():
+        if not ((self._rows(unit) >= 0) & (unit <= 1)).all():
             raise InputError(f"unit holds values from {unit.min():g} to {unit.max():g}, they must lie in 0..1")
         columns = zip(self.distributions.values(), unit.T, strict=True)
         values = self.values(np.stack([one.density.ppf(share) for one, share in columns], axis=1))
@@ -105,7 +107,9 @@ class Prior:
 
     def shares(self, values: Values) -> Values:
         """Cumulative probabilities of λ, the inverse of `quantile`; 0 or 1 outside the support."""
-        columns = zip(self.distributions.values(), self.coordinates(np.clip(values, *self.support.T)).T, strict=True)
+        columns = zip(
+            self.distributions.values(), self.coordinates(np.clip(self._rows(values), *self.support.T)).T, strict=True
+        )
         return np.stack([one.density.cdf(x) for one, x in columns], axis=1)
 
     def sample(self, count: int, rng: np.random.Generator) -> Values:
@@ -203,10 +207,16 @@ class Prior:
             raise InputError(f"{path}: no prior of {', '.join(missing)}")
         return prior
 
+    def _rows(self, values: Values) -> Values:
+        """The same values, once they are seen to have a row for each draw and a column for each parameter."""
+        if values.ndim != 2 or values.shape[1] != len(self.free):
+            raise InputError(f"values have the shape {values.shape}, they must have [draws, {len(self.free)}]")
+        return values
+
     def _inside(self, values: Values) -> tuple[np.ndarray, Values]:
         """Which draws lie in the support, and coordinates, with medians for those that do not."""
         low, high = self.support.T
-        each = (values >= low) & (values <= high) & ((values > 0) | ~self._logarithmic)
+        each = (self._rows(values) >= low) & (values <= high) & ((values > 0) | ~self._logarithmic)
         inside = each.all(axis=1)
         return inside, self.coordinates(np.where(inside[:, None], values, self._medians))
 
