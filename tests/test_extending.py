@@ -55,8 +55,7 @@ def test_the_forward_model_goes_through_the_commands(tmp_path: Path, undrawn: No
     example: dict[str, Any] = {"__name__": "logistic_growth"}
     exec(compile(EXAMPLES["logistic_growth"], "logistic_growth.py", "exec"), example)
     rows = [
-        {"file": f"{k}{hours}.tif", "condition": "", "replicate": k, "hours": hours, "um_per_pixel": 0.75}
-        | {"mask": "", "max_radius": 100.0, "area": area}
+        {"file": f"{k}{hours}", "replicate": k, "hours": hours, "area": area}
         for k, culture in enumerate(example["cultures"].tolist())
         for hours, area in zip((2, 5, 8, 11, 14), culture, strict=True)
     ]

@@ -126,7 +126,7 @@ def fit(
     held = {name: value for name, value in held.items() if name not in model.parameters.subset(fitted)}
     chosen.check_free(fitted)
     check_search(model.parameters.subset(fitted), condition or ("",), **options)
-    check_source(source, condition or ())
+    check_source(source, condition or (), model.columns)
     known = truth_of(source, model.parameters) if truth else None
     with results_folder(folder, "fit", reads=inputs_of(source), overwrite=overwrite) as results:
         with shown_progress("measuring micrographs") as progress:
@@ -159,7 +159,7 @@ def fit(
         out.print(line, highlight=False)
     out.print(
         f"{result.message}; chi-square {result.chi_square:.1f} on {result.degrees_of_freedom} degrees of freedom; "
-        f"{result.simulations} simulated colonies in {result.seconds:.0f} s. Results in {folder}, on one page: "
+        f"{result.simulations} simulated {model.nouns[1]} in {result.seconds:.0f} s. Results in {folder}, on one page: "
         "index.html"
     )
     if not result.converged:

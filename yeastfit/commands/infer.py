@@ -163,7 +163,7 @@ def infer(
     if resume and overwrite:
         raise InputError("--overwrite begins anew, --resume goes on: need one of the two")
     true_values = truth_of(source, request.forward_model.parameters) if truth else None
-    check_source(source, [] if condition is None else [condition])
+    check_source(source, [] if condition is None else [condition], request.forward_model.columns)
     reads = [*inputs_of(source), *([reuse / SIMULATIONS] if reuse else [])]
     with results_folder(folder, "infer", reads=reads, overwrite=overwrite, resume=resume) as results:
         run = _begun(request, source, results, resume, jobs or available_processors())

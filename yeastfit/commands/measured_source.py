@@ -9,6 +9,8 @@ from yeastfit.commands.measure_batch import measure_batch
 from yeastfit.errors import InputError
 from yeastfit.inference.models.forward_model import ForwardModel, Seen
 from yeastfit.inference.targets_from_table import (
+    NEEDED,
+    OF_ANYTHING,
     TABLE,
     conditions_of,
     files_of,
@@ -62,21 +64,22 @@ class Measurements:
         return {name: model.seen(self.rows, self.folder, name, statistics) for name in chosen or present}
 
 
-def check_source(source: Path, chosen: Sequence[str]) -> None:
+def check_source(source: Path, chosen: Sequence[str], columns: Sequence[str] = NEEDED) -> None:
     """Check that there are data and conditions of these names, before anything is measured or written.
 
     Arguments:
         source: A data set, or a table of measurements, or its folder.
         chosen: Names of conditions; none chooses the only one there is.
+        columns: What a table must have.
 
     Raises:
-        InputError: There are no data, a condition is not there, or none of several is chosen.
+        InputError: There are no data, a column or a condition is not there, or none of several is chosen.
     """
     table, where = table_in(source), dataset_folder(source)
     if where is not None:
         _check_chosen(chosen, read_dataset(where).conditions)
     elif table.is_file():
-        _check_chosen(chosen, conditions_of(read_measurements(table)))
+        _check_chosen(chosen, conditions_of(read_measurements(table, columns)))
     else:
         raise InputError(f"{source}: neither a data set, with {' or '.join(MANIFESTS)}, nor a {TABLE}")
 
@@ -98,7 +101,7 @@ def measure_source(source: Path, folder: Path, jobs: int, progress: Progress) ->
     """
     table, where = table_in(source), dataset_folder(source)
     if where is None and table.is_file():
-        rows = read_measurements(table)
+        rows = read_measurements(table, OF_ANYTHING)  # others are those that `check_source` has looked for
         return Measurements(rows, table.parent, files_of(table, rows), recorded_warnings(rows, table.parent))
     dataset = read_dataset(where or source)
     images = dataset_images(dataset)

@@ -16,7 +16,7 @@ from typing import Any
 import jax
 
 from yeastfit.errors import InputError
-from yeastfit.inference.targets_from_table import files_of, read_measurements, table_in
+from yeastfit.inference.targets_from_table import OF_ANYTHING, files_of, read_measurements, table_in
 from yeastfit.inference.workers.arithmetic import xla_threads
 from yeastfit.measure.reading.dataset import dataset_folder, read_dataset
 from yeastfit.results_contents import RUN
@@ -121,7 +121,7 @@ def inputs_of(source: Path) -> list[Path]:
         dataset = read_dataset(where)
         return [dataset.manifest, *(frame.path for frame in dataset.frames)]
     table = table_in(source)
-    return files_of(table, read_measurements(table))
+    return files_of(table, read_measurements(table, OF_ANYTHING))
 
 
 def hashes_of(inputs: Sequence[Path]) -> dict[str, str]:

@@ -27,7 +27,8 @@ from yeastfit.text import quoted, shown
 from yeastfit.text_files import read_csv
 
 TABLE = "measurements.csv"
-NEEDED = ("file", "condition", "replicate", "hours", "um_per_pixel", "mask", "max_radius")
+OF_ANYTHING = ("file", "replicate", "hours")  # columns that every table has
+NEEDED = ("file", "condition", "replicate", "hours", "um_per_pixel", "mask", "max_radius")  # where it is of colonies
 KNOWN = {"hours": HOURS, "um_per_pixel": PIXEL_SIZES}
 SAME_SIZE = 0.02  # relative difference of pixel sizes within which masks are taken for equally fine
 ROUNDING = 1e-6  # relative difference of numbers that should be equal
@@ -41,21 +42,23 @@ def table_in(source: Path) -> Path:
 
 def files_of(table: Path, rows: Sequence[Mapping[str, Any]]) -> list[Path]:
     """A table and those of its masks that are there."""
-    masks = [table.parent / str(row["mask"]) for row in rows]
+    masks = [table.parent / str(row["mask"]) for row in rows if "mask" in row]
     return [table, *(mask for mask in masks if mask.is_file())]
 
 
-def read_measurements(path: str | Path) -> list[dict[str, Any]]:
+def read_measurements(path: str | Path, needed: Sequence[str] = NEEDED) -> list[dict[str, Any]]:
     """Read the rows of a measurements.csv.
 
     Arguments:
         path: The table.
+        needed: Columns that it must have.
 
     Returns:
-        Rows by column: numbers as numbers, nan where a cell is empty, and text.
+        Rows by column: numbers as numbers, nan where a cell is empty, and text. The condition is "" where no column
+        has it.
 
     Raises:
-        InputError: It lacks columns of `yeastfit measure`, or a cell is no number, is none that its column can have, or
+        InputError: It lacks a column, or a cell is no number, is none that its column can have, or
             does not fit others of its row. The message names the line, the column, the value and what is admissible.
     """
     path = Path(path)
@@ -63,7 +66,7 @@ def read_measurements(path: str | Path) -> list[dict[str, Any]]:
     if not path.is_file():
         raise InputError(f"{path}: no table there, need the {TABLE} of `yeastfit measure`")
     names, cells = read_csv(path)
-    missing = [name for name in NEEDED if name not in names]
+    missing = [name for name in needed if name not in names]
     if missing or not cells:
         what = f"no column {', '.join(missing)}" if names and missing else "no rows"
         raise InputError(f"{path}: {what}, need the {TABLE} of `yeastfit measure`")
@@ -71,7 +74,8 @@ def read_measurements(path: str | Path) -> list[dict[str, Any]]:
     rows = []
     for where, row in cells:
         rows.append(
-            {
+            {"condition": ""}
+            | {
                 name: _number(row, name, numbers[name], where) if name in numbers else _text(row, name, where)
                 for name in names
             }
@@ -103,7 +107,7 @@ def _check_row(row: Mapping[str, Any], where: str) -> None:
 
     r ≤ r_max ≤ 10⁸ h,   A ≤ π (r_max + h / √2)²,   r ≥ ⅔ √(A / π) - h / 2 (that of a disc is the least)
     """
-    longest, pixel = row["max_radius"], row["um_per_pixel"]
+    longest, pixel = row.get("max_radius", math.nan), row.get("um_per_pixel", math.nan)
     if longest > MAX_PIXELS * pixel:
         raise InputError(
             f"{where}: max_radius is {longest:g} µm, it must be at most {MAX_PIXELS:g} pixels of {pixel:g} µm"
@@ -214,7 +218,7 @@ def missing_masks(rows: Sequence[Mapping[str, Any]], folder: Path) -> list[str]:
     """
     sentences = []
     for condition in conditions_of(rows):
-        own = rows_of(rows, condition)
+        own = [row for row in rows_of(rows, condition) if "mask" in row]
         gone = [
             str(row["mask"] or f"that of {row['file']}") for row in own if not (folder / str(row["mask"])).is_file()
         ]
@@ -241,14 +245,15 @@ def read_mask(path: Path, row: Mapping[str, Any]) -> Mask:
 
 
 def checked_rows(rows: Sequence[Mapping[str, Any]], condition: str | None) -> list[Mapping[str, Any]]:
-    """Of one condition, each with hours, sizes and a replicate of its own. Raises `InputError`."""
+    """Of one condition, each with hours, a replicate of its own and, of colonies, sizes. Raises `InputError`."""
     chosen = rows_of(rows, condition)
     for row in chosen:
         hours = row["hours"]
         if not (isinstance(hours, int | float) and math.isfinite(hours) and hours > 0):
             raise InputError(f"{row['file']}: its hours are unknown, a fit needs them: measure a data set")
         for name in ("um_per_pixel", "max_radius"):
-            (PIXEL_SIZES if name in KNOWN else STATISTICS[name].admissible).read(row[name], f"{row['file']}: {name}")
+            if name in row:
+                (KNOWN.get(name) or STATISTICS[name].admissible).read(row[name], f"{row['file']}: {name}")
     _refuse_twice(chosen)
     return chosen
 

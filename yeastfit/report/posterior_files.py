@@ -59,8 +59,9 @@ def photographs(
     """
     own = rows_of(rows, condition)
     last = max(row["hours"] for row in own)
+    outlined = [row for row in own if "mask" in row and (folder / str(row["mask"])).is_file()]
     shown = []
-    for row in [row for row in own if row["hours"] == last and (folder / str(row["mask"])).is_file()][:most]:
+    for row in [row for row in outlined if row["hours"] == last][:most]:
         mask = read_image(folder / str(row["mask"])) > 0
         path = images / str(row["file"])
         pixels = read_image(path) if path.is_file() else None

@@ -18,7 +18,7 @@ from yeastfit.inference.sensitivity.estimate import sensitivity as estimate_sens
 from yeastfit.inference.sensitivity.result import Sensitivity
 from yeastfit.inference.simulator import Simulator
 from yeastfit.inference.targets import Targets
-from yeastfit.inference.targets_from_table import targets_of
+from yeastfit.inference.targets_from_table import NEEDED, targets_of
 from yeastfit.model.model import Model
 from yeastfit.model.numerics import Numerics, most_nodes
 from yeastfit.model.nutrient import check_alpha
@@ -60,6 +60,7 @@ class Algebraic(ForwardModel):
     free: ClassVar[tuple[str, ...]] = DEFAULT_FREE
     fitted: ClassVar[tuple[str, ...]] = DEFAULT_FREE
     nouns: ClassVar = ("colony", "colonies")
+    columns: ClassVar = NEEDED
     units: ClassVar = (
         "Parameters are dimensionless. Statistics are named by their times in units of 1/μ*; lengths are in L0, areas "
         "in L0²; in the picture and in predictive.csv there are hours, too."

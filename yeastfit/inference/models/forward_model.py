@@ -20,7 +20,7 @@ from yeastfit.inference.posterior.settings import Setting
 from yeastfit.inference.sensitivity.result import Sensitivity
 from yeastfit.inference.simulator import Simulator
 from yeastfit.inference.targets import Targets
-from yeastfit.inference.targets_from_table import targets_in_hours
+from yeastfit.inference.targets_from_table import OF_ANYTHING, targets_in_hours
 from yeastfit.measure.statistics.registry import STATISTICS, known_statistics
 from yeastfit.model.model import Model
 from yeastfit.panel import Panel
@@ -103,6 +103,7 @@ class ForwardModel(ABC):
         statistics: What is compared by default.
         designed: What `design` chooses from by default.
         nouns: What one replicate is called, and several.
+        columns: What a table of its data must have besides the statistics.
         units: A sentence for pages on the units of parameters and statistics.
     """
 
@@ -111,6 +112,7 @@ class ForwardModel(ABC):
     statistics: ClassVar[tuple[str, ...]] = ("compactness", "radius")
     designed: ClassVar[tuple[str, ...]] = ("compactness", "radius", "area")
     nouns: ClassVar[tuple[str, str]] = ("simulation", "simulations")
+    columns: ClassVar[tuple[str, ...]] = OF_ANYTHING
     units: ClassVar[str] = ""
 
     @property

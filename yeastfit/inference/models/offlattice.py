@@ -22,7 +22,7 @@ from yeastfit.inference.sensitivity.estimate import sensitivity as estimate_sens
 from yeastfit.inference.sensitivity.result import Sensitivity
 from yeastfit.inference.simulator import member_seeds
 from yeastfit.inference.targets import Targets
-from yeastfit.inference.targets_from_table import check_same_size, checked_rows, read_mask
+from yeastfit.inference.targets_from_table import NEEDED, check_same_size, checked_rows, read_mask
 from yeastfit.numbers import PIXEL_SIZES, POSITIVE, Range
 from yeastfit.offlattice.parameters import PARAMETERS, PRIOR
 from yeastfit.panel import Panel
@@ -47,6 +47,7 @@ class Offlattice(ForwardModel):
     statistics: ClassVar = (THEIRS,)
     designed: ClassVar = (THEIRS,)
     nouns: ClassVar = ("colony", "colonies")
+    columns: ClassVar = NEEDED
     units: ClassVar = (
         "Parameters are shares and probabilities. Lengths are in µm, areas in µm²; indices of Li et al. 2024 have no "
         "unit."
