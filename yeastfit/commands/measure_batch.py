@@ -24,7 +24,7 @@ from yeastfit import plot
 from yeastfit.commands.worker_processes import begin
 from yeastfit.errors import InputError, PixelSizeError
 from yeastfit.measure.measure_images import measure_file, outlined
-from yeastfit.measure.outlining.segmentation import DOUBTS
+from yeastfit.measure.outlining.doubts import DOUBTS
 from yeastfit.measure.reading.batch_inputs import InputImage
 from yeastfit.measure.reading.images import read_image
 from yeastfit.measure.reading.outline_files import write_mask

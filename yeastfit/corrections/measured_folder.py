@@ -11,7 +11,7 @@ from jaxtyping import Bool
 
 from yeastfit.corrections.manifest_masks import name_mask
 from yeastfit.errors import InputError
-from yeastfit.measure.outlining.segmentation import DOUBTS
+from yeastfit.measure.outlining.doubts import DOUBTS
 from yeastfit.measure.reading.batch_inputs import InputImage, dataset_images
 from yeastfit.measure.reading.dataset import read_dataset
 from yeastfit.measure.reading.images import read_image

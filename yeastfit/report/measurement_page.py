@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from yeastfit.measure.outlining.segmentation import DOUBTS
+from yeastfit.measure.outlining.doubts import DOUBTS
 from yeastfit.measure.statistics.registry import STATISTICS, names_with
 from yeastfit.report import html as page
 from yeastfit.report.outcome import Outcome

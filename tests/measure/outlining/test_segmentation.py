@@ -13,7 +13,8 @@ from benchmarks.hard_cases import CASES, PLAIN, drawn_colony, photograph
 from benchmarks.report import Report
 from benchmarks.segmentation import INDICES, overlap, published, real, synthetic
 from yeastfit.errors import InputError
-from yeastfit.measure.outlining.segmentation import DOUBTS, segment
+from yeastfit.measure.outlining.doubts import DOUBTS
+from yeastfit.measure.outlining.segmentation import segment
 
 SIDE = 200
 Y, X = np.mgrid[:SIDE, :SIDE]

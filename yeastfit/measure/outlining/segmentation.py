@@ -31,7 +31,6 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from scipy import ndimage
 from skimage import measure
 
 from yeastfit.errors import InputError
@@ -39,8 +38,8 @@ from yeastfit.measure.outlining.background import estimate_background, frame_mas
 from yeastfit.measure.outlining.binary_images import BinaryImage, recognise_binary, recognise_labels
 from yeastfit.measure.outlining.boundary import boundary_pixels, coarse_outline, detection_limit, edge_blur, fine_mask
 from yeastfit.measure.outlining.colony_selection import object_at, select_colony
+from yeastfit.measure.outlining.doubts import doubts_of_mask, doubts_of_photograph
 from yeastfit.measure.outlining.mask_operations import (
-    NEIGHBOURS,
     SMOOTHING,
     Field,
     Mask,
@@ -51,34 +50,6 @@ from yeastfit.measure.outlining.mask_operations import (
 from yeastfit.measure.reading.images import MIN_SIDE
 from yeastfit.measure.reading.outline_files import chosen, objects_of
 from yeastfit.measure.reading.segmentation_options import SegmentationOptions
-
-DOUBTS: dict[str, str] = {
-    "several objects": "There is another object of more than a tenth of the colony's size: in a photograph only the "
-    "largest is measured, in a ready-made mask all are together.",
-    "touches the border": "The colony reaches the border of the image (or of the region looked at): part of it may be "
-    "missing.",
-    "cut off from an object at the border": "The colony touches an object at the border and was cut off from it at "
-    "the narrowest place: check the cut.",
-    "an object at the border is left out": "A larger object at the border was taken for something else than the "
-    "colony.",
-    "low contrast": "The colony is hardly darker than the noise: thin parts may be missing.",
-    "saturated": "Many pixels are as dark or as bright as the file can say: what differed there is lost.",
-    "uneven light": "The background is more than twice as bright at one place as at another: the fainter side is "
-    "measured less well.",
-    "blurred": "Edges are blurred by almost 2 pixels or more: gaps and thin filaments may be lost.",
-    "tiny": "The colony has fewer than 100 pixels: its outline is coarse.",
-    "nearly empty": "The colony fills less than a thousandth of the image: it may be a speck.",
-    "fills the image": "The colony fills over four fifths of the image: little background is left to compare with.",
-    "corrected by hand": "The outline was given beside the photograph, not found in it.",
-    "polarity unsure": "Both values of the mask lie along its border: dark and bright may be mistaken for each other.",
-    "not quite black and white": "Nearly a mask, as lossy compression leaves it: cut at half of its range.",
-}
-TINY = 100  # px
-EMPTY = 1e-3  # of the image
-FULL = 0.8  # of the image
-BLURRED = 1.8  # px; the measured blur ends at 2
-PILED_UP = 0.01  # of the image, at the end of the scale
-UNEVEN = 2.0  # brightest over darkest background
 
 
 @dataclass(frozen=True)
@@ -92,7 +63,7 @@ class Segmentation:
             the outline.
         blur: Standard deviation of the optical blur in px; 0 for a ready-made mask.
         noise: Standard deviation of the background in grey levels; 0 for a ready-made mask.
-        warnings: Doubts by name, keys of `DOUBTS`, which puts them in words.
+        warnings: Doubts by name, keys of `doubts.DOUBTS`, which puts them in words.
     """
 
     mask: Mask
@@ -174,7 +145,7 @@ def segment(
 def given_outline(pixels: npt.NDArray[Any], mask: Mask) -> Segmentation:
     """The colony of a photograph whose outline was made elsewhere; the background is the median of the rest."""
     level = float(np.median(pixels[~mask])) if not mask.all() else float(np.max(pixels))
-    doubts = ["corrected by hand", *_doubts_of_mask(mask, np.ones_like(mask))]
+    doubts = ["corrected by hand", *doubts_of_mask(mask, np.ones_like(mask))]
     background = np.full(mask.shape, level, dtype=np.float32)
     contrast = max(level - float(np.median(pixels[mask])), 0.0)
     return Segmentation(mask, background, contrast / 2, 0.0, 0.0, tuple(doubts))
@@ -224,7 +195,7 @@ def _segment_binary(
     doubts = list(binary.doubts)
     if options.seed_point is None and options.colonies is None and len(sizes) > 2 and sizes[-2] > 0.1 * sizes[-1]:
         doubts.append("several objects")
-    doubts += _doubts_of_mask(part, np.ones_like(part))
+    doubts += doubts_of_mask(part, np.ones_like(part))
     mask = np.zeros_like(binary.mask)
     mask[window] = part
     background = np.full(mask.shape, binary.background, dtype=np.float32)
@@ -254,7 +225,7 @@ def _segment_photograph(image: Field, min_area: int, options: SegmentationOption
         dark = blurred(contrast, SMOOTHING) > level
         region, doubts = select_colony(dark, ~visible, min_area, name, *selection)
         mask, blur = region & dark, edge_blur(contrast, coarse.edge_contrast, region & dark)
-    doubts += _doubts_of_mask(mask, visible) + _doubts_of_photograph(image, visible, background, level, noise, blur)
+    doubts += doubts_of_mask(mask, visible) + doubts_of_photograph(image, visible, background, level, noise, blur)
     area, available = int(mask.sum()), int(visible.sum())
     if area > 0.95 * available:
         raise InputError(f"{name}: colony on {area / available:.0%} of the image, need background around it")
@@ -270,37 +241,3 @@ def _refuse_bright(contrast: Field, limit: float, min_area: int, name: str) -> N
         raise InputError(
             f"{name}: what stands out is brighter than the rest, need a dark colony with background around it"
         )
-
-
-def _doubts_of_mask(mask: Mask, visible: Mask) -> list[str]:
-    area, available = int(mask.sum()), int(visible.sum())
-    edge = ndimage.binary_dilation(~visible, NEIGHBOURS)
-    edge[[0, -1], :] = edge[:, [0, -1]] = True
-    doubts = {
-        "touches the border": bool((mask & edge).any()),
-        "tiny": area < TINY,
-        "nearly empty": area < EMPTY * available,
-        "fills the image": area > FULL * available,
-    }
-    return [doubt for doubt, holds in doubts.items() if holds]
-
-
-def _doubts_of_photograph(
-    image: Field, visible: Mask, background: Field, threshold: float, noise: float, blur: float
-) -> list[str]:
-    brightness = np.percentile(background[visible], [1, 99])
-    doubts = {
-        "low contrast": threshold < 2 * noise,
-        "saturated": _piled_up(image[visible]),
-        "uneven light": bool(brightness[1] > UNEVEN * max(brightness[0], 1e-6)),
-        "blurred": blur > BLURRED,
-    }
-    return [doubt for doubt, holds in doubts.items() if holds]
-
-
-def _piled_up(values: npt.NDArray[np.float32]) -> bool:
-    """Whether many pixels hold the least or largest value that 8 to 16 bits, or a share, can have."""
-    top = values.max()
-    ends = [0.0] if values.min() == 0 else []
-    ends += [float(top)] if top in (1, 255, 1023, 4095, 16383, 65535) else []
-    return any(float((values == end).mean()) > PILED_UP for end in ends)
