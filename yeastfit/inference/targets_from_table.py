@@ -73,13 +73,12 @@ def read_measurements(path: str | Path, needed: Sequence[str] = NEEDED) -> list[
     numbers = KNOWN | {name: STATISTICS[name].admissible for name in names_with("mask")}
     rows = []
     for where, row in cells:
-        rows.append(
-            {"condition": ""}
-            | {
-                name: _number(row, name, numbers[name], where) if name in numbers else _text(row, name, where)
-                for name in names
-            }
-        )
+        values: dict[str, Any] = {"condition": ""}
+        values |= {
+            name: _number(row, name, numbers[name], where) if name in numbers else _text(row, name, where)
+            for name in names
+        }
+        rows.append(values)
         _check_row(rows[-1], where)
     return rows
 
