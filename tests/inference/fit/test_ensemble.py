@@ -7,8 +7,9 @@ import pytest
 from stand_in import CENTRE, CURVES, FREE, QUIET, ROOT, SETTINGS, SLOPES, STATISTICS, StandIn, drawn, exact, straight
 
 from yeastfit import Parameters, SimulationError, Targets
+from yeastfit.inference.fit.descent import Descent
 from yeastfit.inference.fit.ensemble import Ensembles, JointModel
-from yeastfit.inference.fit.stages import Descent, Fitter
+from yeastfit.inference.fit.stages import Fitter
 from yeastfit.inference.parameter_space import ParameterSpace
 from yeastfit.model.parameters import PARAMETERS
 

@@ -12,6 +12,7 @@ from jaxtyping import Float
 from yeastfit.errors import InputError
 from yeastfit.inference.colony_simulator import Resolution
 from yeastfit.inference.curve_covariance import Square
+from yeastfit.inference.fit.evaluations import Start, Step
 from yeastfit.inference.fit.settings import FitSettings
 from yeastfit.inference.information.result import Information
 from yeastfit.inference.parameter_space import Entry, ParameterSpace, Vector
@@ -53,50 +54,6 @@ class Condition:
         """(target − fitted) / error of the comparison, of the measured points."""
         measured = self.targets.measured
         return (self.targets.values - self.fitted[measured]) / np.sqrt(np.diag(self.covariance))
-
-
-@dataclass(frozen=True)
-class Start:
-    """One start of a fit.
-
-    Attributes:
-        number: From 1.
-        begin: θ where it began.
-        end: θ where its first stage ended.
-        cost: χ² there, with the screening covariance; infinite where simulations came to nothing.
-        ended: Why, in words.
-        carried: Whether it went on.
-    """
-
-    number: int
-    begin: Vector
-    end: Vector
-    cost: float
-    ended: str
-    carried: bool
-
-
-@dataclass(frozen=True)
-class Step:
-    """One evaluation.
-
-    Attributes:
-        stage: Its name.
-        start: Number of the start.
-        members: Of each ensemble there.
-        simulations: Made so far.
-        cost: χ².
-        taken: Whether the step was taken.
-        values: Free parameters by entry.
-    """
-
-    stage: str
-    start: int
-    members: int
-    simulations: int
-    cost: float
-    taken: bool
-    values: dict[str, float]
 
 
 @dataclass(frozen=True)

@@ -9,10 +9,12 @@ import numpy as np
 from yeastfit.errors import SimulationError
 from yeastfit.inference.colony_simulator import Resolution
 from yeastfit.inference.curve_covariance import Square, whitened
-from yeastfit.inference.fit.ensemble import Correction, Ensembles, JointModel
+from yeastfit.inference.fit.descent import Descent, apart
+from yeastfit.inference.fit.ensemble import Ensembles, JointModel
+from yeastfit.inference.fit.evaluations import Start, Step
 from yeastfit.inference.fit.final_estimate import conditions, last_step, verdict
 from yeastfit.inference.fit.optimiser import Optimiser
-from yeastfit.inference.fit.result import Fit, Start, Step
+from yeastfit.inference.fit.result import Fit
 from yeastfit.inference.fit.simulators import Rules
 from yeastfit.inference.information.fisher import information
 from yeastfit.inference.information.result import Information
@@ -20,38 +22,12 @@ from yeastfit.inference.parameter_space import Vector
 from yeastfit.inference.simulator import Stream, stream_of
 from yeastfit.progress import Progress
 
-APART = 0.3  # of log λ, in one entry at least, between two places that are not the same: three spreads of the pairs
 NEAR_AT_FIRST = 9.0  # of χ², three standard errors: what a start may lag behind the best and still go on
 NEAR_LATER = 4.0  # two standard errors
 WITHIN_NOISE = 1.0  # of χ²: a fall by less is one standard error in one direction, at most
 CARRIED = 2  # starts that go on, at most: a second one tells of another minimum, more would cost as much again
 NOWHERE = 1e6  # a residual where simulations came to nothing: every optimiser rejects such a step
 CONVERGED = "converged"
-
-
-@dataclass
-class Descent:
-    """One start on its way.
-
-    Attributes:
-        number: Of the start.
-        theta: Its best point.
-        cost: χ² there.
-        ended: How its stage ended, in words; empty as long as it goes on.
-        model: At its best point in this stage.
-        seen: All models of this stage.
-        failed: Whether the optimiser failed.
-        correction: By the fine simulators.
-    """
-
-    number: int
-    theta: Vector
-    cost: float = np.inf
-    ended: str = ""
-    model: JointModel | None = None
-    seen: list[JointModel] = field(default_factory=list)
-    failed: bool = False
-    correction: Correction | None = None
 
 
 @dataclass
@@ -117,7 +93,7 @@ class Fitter:
         ranked = points[np.argsort(np.where(np.isfinite(cost), cost, np.inf))][: int(np.isfinite(cost).sum())]
         chosen: list[Vector] = []
         for point in ranked:
-            if len(chosen) < settings.starts and all(_apart(point, other) for other in chosen):
+            if len(chosen) < settings.starts and all(apart(point, other) for other in chosen):
                 chosen.append(point)
         if not chosen:
             met = "".join(f"; {problem}" for problem in self.ensembles.problems)
@@ -227,8 +203,8 @@ class Fitter:
             raise SimulationError("no start led anywhere: " + "; ".join(one.ended for one in descents))
         chosen = alive[:1]
         for one in alive[1:]:
-            apart = all(_apart(one.theta, other.theta) for other in chosen)
-            if len(chosen) < CARRIED and apart and one.cost < alive[0].cost + margin:
+            elsewhere = all(apart(one.theta, other.theta) for other in chosen)
+            if len(chosen) < CARRIED and elsewhere and one.cost < alive[0].cost + margin:
                 chosen.append(one)
         return chosen
 
@@ -291,12 +267,7 @@ class Fitter:
             said.append(f"{entry.name} ran to an end of its range, {low:g} to {high:g}: its error is not to be trusted")
         said += result.misfit()
         for one in descents[1:]:
-            if _apart(one.theta, result.theta):
+            if apart(one.theta, result.theta):
                 where, more = self.space.described(one.theta), one.cost - descents[0].cost
                 said.append(f"another start ended at {where}, where χ² is only {more:.1f} higher")
         return (*said, *(f"{count} simulations of the last stage: {problem}" for problem, count in met.items()))
-
-
-def _apart(first: Vector, second: Vector) -> bool:
-    """Whether two points are not the same place."""
-    return bool((np.abs(first - second) > APART).any())
