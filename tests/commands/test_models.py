@@ -27,7 +27,7 @@ from yeastfit import (
 )
 from yeastfit.commands import app as cli
 from yeastfit.commands.generated.model import ModelOptions
-from yeastfit.commands.generated.rules import RecipeOptions
+from yeastfit.commands.generated.rules import RecipeOptions, rule_options
 from yeastfit.inference.colony_simulator import COARSE
 from yeastfit.inference.fit.simulators import colonies_in
 from yeastfit.inference.models.algebraic import Algebraic
@@ -337,3 +337,10 @@ def test_numba_is_asked_for_where_it_is_missing(
     monkeypatch.setattr(colony, "grow_cells", compiled.kernel(lambda *arguments: (0, 0, 0, 0)))
     line = said(capsys, "simulate", "--model", "offlattice", "--out", str(tmp_path))
     assert "pip install 'yeastfit[offlattice]'" in line
+
+
+def test_every_setting_of_a_rule_says_what_it_is() -> None:
+    """Those that a rule inherits included."""
+    said = {option.name: option.help for option in rule_options()}
+    assert said["contact_boundary"].startswith("K, over what width the outline")
+    assert not [name for name, text in said.items() if len(text.partition(" Of --")[0].split()) < 5]

@@ -148,6 +148,7 @@ def _first_line(kind: type) -> str:
 
 
 def _described(rule: type[Rule], setting: str) -> str:
-    """What the docstring of a rule says of one of its attributes."""
-    found = re.search(rf"^    {setting}: (.*(?:\n        .*)*)", inspect.getdoc(rule) or "", re.MULTILINE)
-    return " ".join(found[1].split()) if found else ""
+    """What the docstring of a rule, or of one that it inherits from, says of one of its attributes."""
+    docstrings = (inspect.cleandoc(kind.__doc__ or "") for kind in rule.__mro__)
+    found = (re.search(rf"^    {setting}: (.*(?:\n        .*)*)", text, re.MULTILINE) for text in docstrings)
+    return next((" ".join(one[1].split()) for one in found if one), "")

@@ -56,8 +56,8 @@ class _BetweenCells(ContactRule):
     """What both rules share.
 
     Attributes:
-        union: k, the width of the smooth maximum.
-        boundary: K, the width of the step.
+        union: k, over what width the overlap of two cells is smoothed where one begins to cover the other.
+        boundary: K, over what width the outline of a cell is smoothed.
     """
 
     union: float = eqx.field(static=True, default=0.1)

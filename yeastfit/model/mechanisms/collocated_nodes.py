@@ -35,7 +35,7 @@ class CollocatedBirths(BirthRule):
     Continuous in λ but for the order of parents, and for groups that can no longer be halved.
 
     Attributes:
-        nodes: V, a power of two, at least 2.
+        nodes: V, how many nodes a colony can grow to, a power of two, at least 2.
 
     Raises:
         InputError: `nodes` is no power of two.
@@ -92,7 +92,7 @@ class CollocatedSprings(SpringRule):
     """Springs between partners of divisions, the matrix A. Differentiable.
 
     Attributes:
-        nodes: V, as of the births.
+        nodes: V, the same number as that of the births.
     """
 
     name: ClassVar[str] = "collocated"

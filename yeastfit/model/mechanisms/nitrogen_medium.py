@@ -42,7 +42,7 @@ class NitrogenMedium(MediumRule):
     """Carbon and nitrogen. Differentiable in all parameters.
 
     Attributes:
-        boundary: Of nitrogen, "dish" or "reservoir".
+        boundary: What is at the edge for nitrogen: the wall of a "dish", or a "reservoir" that never runs out.
 
     Raises:
         InputError: `boundary` is neither of the two.

@@ -33,7 +33,7 @@ class StarvationDeath(DeathRule):
     Differentiable in both parameters in the relaxed model, where weights decay; the hard one draws who dies.
 
     Attributes:
-        dead: "stay" or "vanish".
+        dead: Whether dead cells "stay" in the way of others or "vanish".
 
     Raises:
         InputError: `dead` is neither of the two.

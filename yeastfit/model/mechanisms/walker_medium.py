@@ -40,7 +40,7 @@ class WalkerBirths(BirthRule):
     """A node that has taken up enough walkers buds.
 
     Attributes:
-        per_bud: Walkers that become a child.
+        per_bud: How many pieces of nutrient, the walkers, become a child.
     """
 
     name: ClassVar[str] = "walkers"
@@ -79,8 +79,8 @@ class WalkerMedium(MediumRule):
     """Walkers that nodes take up. Not differentiable along a path.
 
     Attributes:
-        walkers: How many there are at the start.
-        width: Of the kernel of the density, in L0.
+        walkers: How many pieces of nutrient walk about at the start.
+        width: Over what distance their density is smoothed, in L0.
     """
 
     name: ClassVar[str] = "walkers"
