@@ -24,4 +24,12 @@ def figures(folder: Path, words: Mapping[str, str], *names: str) -> str:
 
 def as_words(settings: Mapping[str, Any]) -> dict[str, str]:
     """Settings for the last section, without empty ones."""
-    return {name.replace("_", " "): str(value) for name, value in settings.items() if value not in (None, {}, (), [])}
+    return {name.replace("_", " "): _said(value) for name, value in settings.items() if value not in (None, {}, (), [])}
+
+
+def _said(value: object) -> str:
+    """One setting: lists and tables with commas, a rule by its name with its settings in brackets."""
+    if isinstance(value, Mapping):
+        rest = ", ".join(f"{name} {_said(one)}" for name, one in value.items() if name != "rule")
+        return f"{value['rule']} ({rest})" if "rule" in value and rest else str(value.get("rule", rest))
+    return ", ".join(map(_said, value)) if isinstance(value, list | tuple) else str(value)
