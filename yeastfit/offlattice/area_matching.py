@@ -62,14 +62,14 @@ def search_from_below(mask_of: MaskOf, cells: int, area: float) -> MatchedMask:
     """
     _check(area)
     mask = mask_of(cells)
-    covered = int(mask.sum())
+    covered = int(np.count_nonzero(mask))
     if covered <= area:
         return MatchedMask(cells, mask, covered, Match.UNREACHED)
     share = area / covered - START
     while True:
         kept = max(0, floor(share * cells + 0.5))
         mask = mask_of(kept)
-        covered = int(mask.sum())
+        covered = int(np.count_nonzero(mask))
         if (1 - TOLERANCE) * area < covered < (1 + TOLERANCE) * area:
             return MatchedMask(kept, mask, covered, Match.MATCHED)
         share += STEP
@@ -93,16 +93,16 @@ def match_exactly(mask_of: MaskOf, cells: int, area: float) -> MatchedMask:
     """
     _check(area)
     mask = mask_of(cells)
-    if mask.sum() < area:
-        return MatchedMask(cells, mask, int(mask.sum()), Match.UNREACHED)
+    if np.count_nonzero(mask) < area:
+        return MatchedMask(cells, mask, int(np.count_nonzero(mask)), Match.UNREACHED)
     too_few, enough = 0, cells
     while enough - too_few > 1:
         middle = (too_few + enough) // 2
-        if (tried := mask_of(middle)).sum() >= area:
+        if np.count_nonzero(tried := mask_of(middle)) >= area:
             enough, mask = middle, tried
         else:
             too_few = middle
-    return MatchedMask(enough, mask, int(mask.sum()), Match.MATCHED)
+    return MatchedMask(enough, mask, int(np.count_nonzero(mask)), Match.MATCHED)
 
 
 def _check(area: float) -> None:

@@ -23,8 +23,9 @@ import numpy as np
 from jaxtyping import Bool
 
 from yeastfit.compiled import array_kernel, kernel
+from yeastfit.measure.statistics.compiled_thinning import thin
 
-RING = ("NW", "N", "NE", "E", "SE", "S", "SW", "W")
+RING = ("N", "NE", "E", "SE", "S", "SW", "W", "NW")
 """Neighbours in the order of the bits of their code."""
 
 PASSES = (
@@ -42,7 +43,7 @@ PASSES = (
 def skeleton(image: Bool[np.ndarray, "row column"]) -> Bool[np.ndarray, "row column"]:
     """Thin an image until no pass removes a pixel."""
     padded = np.pad(image, 1)
-    _thin(padded, REMOVES)
+    thin(padded, REMOVES)
     return padded[1:-1, 1:-1]
 
 
@@ -76,32 +77,6 @@ REMOVES, IS_END = _removes(), _is_end()
 
 
 @array_kernel
-def _thin(image: Bool[np.ndarray, "row column"], removes: Bool[np.ndarray, "number code"]) -> None:
-    """Thin, in place, an image with an empty margin of one pixel."""
-    width = image.shape[1]
-    flat = image.ravel()
-    pixels = np.flatnonzero(flat)
-    gone = np.empty_like(pixels)
-    left, changed = pixels.size, True
-    while changed:
-        changed = False
-        for number in range(removes.shape[0]):
-            kept = removed = 0
-            for k in range(left):
-                pixel = pixels[k]
-                if removes[number, _code(flat, pixel, width)]:
-                    gone[removed] = pixel
-                    removed += 1
-                else:
-                    pixels[kept] = pixel
-                    kept += 1
-            for k in range(removed):
-                flat[gone[k]] = False
-            left = kept
-            changed = changed or removed > 0
-
-
-@array_kernel
 def _count(image: Bool[np.ndarray, "row column"], is_end: Bool[np.ndarray, " code"]) -> int:
     flat = image.ravel()
     ends = 0
@@ -115,12 +90,12 @@ def _code(flat: Bool[np.ndarray, " pixel"], pixel: int, width: int) -> int:
     """The eight neighbours as bits, in the order of `RING`."""
     above, below = pixel - width, pixel + width
     return (
-        int(flat[above - 1])
-        | int(flat[above]) << 1
-        | int(flat[above + 1]) << 2
-        | int(flat[pixel + 1]) << 3
-        | int(flat[below + 1]) << 4
-        | int(flat[below]) << 5
-        | int(flat[below - 1]) << 6
-        | int(flat[pixel - 1]) << 7
+        int(flat[above])
+        | int(flat[above + 1]) << 1
+        | int(flat[pixel + 1]) << 2
+        | int(flat[below + 1]) << 3
+        | int(flat[below]) << 4
+        | int(flat[below - 1]) << 5
+        | int(flat[pixel - 1]) << 6
+        | int(flat[above - 1]) << 7
     )

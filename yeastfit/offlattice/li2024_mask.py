@@ -24,7 +24,7 @@ from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
-from jaxtyping import Bool, Float, Int, UInt8
+from jaxtyping import Bool, Float, Int, UInt8, UInt16
 
 from yeastfit.compiled import array_kernel, kernel
 from yeastfit.errors import InputError
@@ -37,6 +37,7 @@ FRAME = (350, 450)
 
 SMALLEST_HOLE = 10
 UNIT = 1024
+ALL = 0xFFFF
 WEIGHTS = np.array([[-49, 987, 93, -7], [-75, 745, 399, -45]])
 """Of the bins at −1, 0, 1 and 2, for pixels at 1/8 and 3/8, times `UNIT`."""
 
@@ -82,35 +83,46 @@ class BinnedOutlines:
 
     def mask(self, cells: int) -> Bool[np.ndarray, "x y"]:
         """The mask of so many first cells, 4 pixels a bin."""
-        image = enlarged(self.first <= cells)
-        fill_holes(image, SMALLEST_HOLE)
+        image, mixed = enlarged(self.first <= cells)
+        fill_holes(image, SMALLEST_HOLE, mixed)
         return image
 
 
-def enlarged(occupied: Bool[np.ndarray, "row column"]) -> Bool[np.ndarray, "x y"]:
-    """Four times as large, by cubic convolution in 8 bits."""
+def enlarged(
+    occupied: Bool[np.ndarray, "row column"],
+) -> tuple[Bool[np.ndarray, "x y"], Int[np.ndarray, "bin 2"]]:
+    """Four times as large, by cubic convolution in 8 bits; also the bins in which every small hole begins."""
     image = np.zeros((BIN * occupied.shape[0], BIN * occupied.shape[1]), dtype=bool)
-    _enlarge(np.pad(occupied, 2, mode="symmetric"), _quarters(), image)
-    return image
+    mixed = np.empty((occupied.size, 2), dtype=np.int32)
+    count = _enlarge(_patterns(np.pad(occupied, 2, mode="symmetric")), _quarters(), image, mixed)
+    return image, mixed[:count]
 
 
 @array_kernel
-def fill_holes(image: Bool[np.ndarray, "x y"], least: int) -> None:
-    """Turn on, in place, the components of the background, 8-connected, that have fewer than so many pixels."""
-    rows, columns = image.shape
+def fill_holes(image: Bool[np.ndarray, "x y"], least: int, bins: Int[np.ndarray, "bin 2"]) -> None:
+    """Turn on, in place, the components of the background, 8-connected, that have fewer than so many pixels.
+
+    bins: Row and column of those that hold the first pixel, row by row, of every such component.
+    """
     found = np.empty((least, 2), dtype=np.int64)
-    for row in range(rows):
-        for column in range(columns):
-            if image[row, column] or _off_before(image, row, column):
-                continue
-            found[0] = row, column  # the first pixel, row by row, of its component, if that is small
-            size, looked_at = 1, 0
-            while looked_at < size < least:
-                size = _add_neighbours(image, found, size, found[looked_at, 0], found[looked_at, 1])
-                looked_at += 1
-            if size < least:
-                for k in range(size):
-                    image[found[k, 0], found[k, 1]] = True
+    for k in range(len(bins)):
+        for row in range(BIN * bins[k, 0], BIN * bins[k, 0] + BIN):
+            for column in range(BIN * bins[k, 1], BIN * bins[k, 1] + BIN):
+                if not image[row, column] and not _off_before(image, row, column):
+                    _fill_hole(image, found, row, column)
+
+
+@kernel
+def _fill_hole(image: Bool[np.ndarray, "x y"], found: Int[np.ndarray, "pixel 2"], row: int, column: int) -> None:
+    """Turn on the component of this pixel if it has fewer pixels than `found`."""
+    found[0] = row, column
+    size, looked_at, least = 1, 0, found.shape[0]
+    while looked_at < size < least:
+        size = _add_neighbours(image, found, size, found[looked_at, 0], found[looked_at, 1])
+        looked_at += 1
+    if size < least:
+        for k in range(size):
+            image[found[k, 0], found[k, 1]] = True
 
 
 @kernel
@@ -182,41 +194,72 @@ def _bin(
 
 
 @cache
-def _quarters() -> UInt8[np.ndarray, " pattern"]:
-    """Pixels (1/8, 1/8), (1/8, 3/8), (3/8, 1/8), (3/8, 3/8) as bits 0 to 3, by pattern.
+def _quarters() -> UInt8[np.ndarray, "quarter pattern"]:
+    """The four pixels of each quarter of a bin, upper and lower left, upper and lower right, as bits, by pattern.
 
-    Bit 4i + j of a pattern is the bin i − 1 rows and j − 1 columns away.
+    Bit 4i + j of a pattern is row i and column j of the 4 × 4 bins around the quarter. Bit 2i + j of the result is row
+    i and column j of its pixels.
     """
     bits = (np.arange(1 << 16)[:, None] >> np.arange(16)) & 1
     along_rows = np.einsum("si,pij->psj", WEIGHTS, 255 * bits.reshape(-1, 4, 4))
     along_rows = np.clip((along_rows + UNIT // 2) // UNIT, 0, 255)
     both = np.einsum("tj,psj->pst", WEIGHTS, along_rows)
     on = np.clip((both + UNIT // 2) // UNIT, 0, 255) > 128
-    return (on.reshape(-1, 4) << np.arange(4)).sum(axis=1).astype(np.uint8)
+    lower_right = (on.reshape(-1, 4) << np.arange(4)).sum(axis=1).astype(np.uint8)
+    turned = np.arange(1 << 16).reshape((2,) * 16), np.arange(16).reshape((2,) * 4)  # one axis a bit, highest first
+    quarters = []
+    for down, right in ((0, 0), (1, 0), (0, 1), (1, 1)):
+        pattern, pixels = (_mirrored(one, bool(down), bool(right)) for one in turned)
+        quarters.append(pixels[lower_right[pattern]])
+    return np.stack(quarters).astype(np.uint8)
+
+
+def _mirrored(codes: Int[np.ndarray, "*bit"], down: bool, right: bool) -> Int[np.ndarray, " code"]:
+    """Codes whose bits are those of a square of side 2 or 4, mirrored where it does not lie down or right."""
+    side = int(np.sqrt(codes.ndim))
+    axes = np.arange(codes.ndim).reshape(side, side)
+    axes = axes if down else axes[::-1]
+    axes = axes if right else axes[:, ::-1]
+    return codes.transpose(axes.ravel()).ravel()
+
+
+def _patterns(padded: Bool[np.ndarray, "row column"]) -> UInt16[np.ndarray, "row3 column3"]:
+    """Of every 4 × 4 bins."""
+    held = padded.astype(np.uint16)
+    nibbles = sum(held[:, j : held.shape[1] - 3 + j] << j for j in range(4))
+    return sum(nibbles[i : held.shape[0] - 3 + i] << (4 * i) for i in range(4))
 
 
 @kernel
 def _enlarge(
-    padded: Bool[np.ndarray, "row4 column4"], quarters: UInt8[np.ndarray, " pattern"], image: Bool[np.ndarray, "x y"]
-) -> None:
-    """Set the pixels that are on; `padded` has two more bins on every side."""
+    patterns: UInt16[np.ndarray, "row1 column1"],
+    quarters: UInt8[np.ndarray, "quarter pattern"],
+    image: Bool[np.ndarray, "x y"],
+    mixed: Int[np.ndarray, "bin 2"],
+) -> int:
+    """Set the pixels that are on.
+
+    Most bins lie among 5 × 5 that are all empty or all occupied. The others are listed in `mixed`; how many they are.
+    """
+    count = 0
     for row in range(image.shape[0] // BIN):
         for column in range(image.shape[1] // BIN):
-            held = 0
-            for i in range(5):
-                for j in range(5):
-                    held += padded[row + i, column + j]
-            if held == 0:
+            around = (
+                patterns[row, column],
+                patterns[row + 1, column],
+                patterns[row, column + 1],
+                patterns[row + 1, column + 1],
+            )
+            if around[0] | around[1] | around[2] | around[3] == 0:
                 continue
-            for s in (-1, 1):
-                for t in (-1, 1):
-                    pattern = 0
-                    for i in range(4):
-                        for j in range(4):
-                            on = padded[row + 2 + s * (i - 1), column + 2 + t * (j - 1)]
-                            pattern |= int(on) << (4 * i + j)
-                    pixels = quarters[pattern]
-                    for k in range(4):
-                        if pixels >> k & 1:
-                            i, j = s * (1 + 2 * (k >> 1)), t * (1 + 2 * (k & 1))
-                            image[BIN * row + (i + 3) // 2, BIN * column + (j + 3) // 2] = True
+            if around[0] & around[1] & around[2] & around[3] == ALL:
+                image[BIN * row : BIN * row + BIN, BIN * column : BIN * column + BIN] = True
+                continue
+            mixed[count] = row, column
+            count += 1
+            for quarter in range(4):
+                pixels = quarters[quarter, around[quarter]]
+                i, j = BIN * row + 2 * (quarter & 1), BIN * column + 2 * (quarter >> 1)
+                for k in range(4):
+                    image[i + (k >> 1), j + (k & 1)] = pixels >> k & 1
+    return count

@@ -12,6 +12,7 @@ from scipy.spatial import ConvexHull, Delaunay
 from scipy.special import ellipe
 from shapes import disc, masks, star, star_radius
 from skimage.measure import perimeter as chain_perimeter
+from skimage.measure import perimeter_crofton
 
 from yeastfit.errors import InputError
 from yeastfit.measure.statistics.filaments import SKELETON
@@ -65,6 +66,13 @@ def test_perimeter_is_the_less_biased_estimator(major, ratio):
     chain = bias_of_perimeter(major, ratio, chain_perimeter)
     assert abs(crofton) < (0.015 if major == 5 else 0.005)
     assert abs(crofton) < abs(chain)
+
+
+@settings(max_examples=60, deadline=None)
+@given(masks)
+def test_perimeter_is_scikit_images(mask):
+    expected = perimeter_crofton(np.pad(mask, 1), directions=4)
+    assert measure_mask(mask).perimeter == pytest.approx(expected, rel=1e-12)
 
 
 def test_straight_edges_are_the_worst_case():

@@ -1,4 +1,4 @@
-"""The loop of `thinning`, compiled by numba."""
+"""Thinning by tables of neighbourhoods, compiled by numba: of `thinning`, and of any other such algorithm."""
 
 import numpy as np
 from jaxtyping import Bool
@@ -8,11 +8,16 @@ from yeastfit.compiled import array_kernel
 
 @array_kernel
 def thin(image: Bool[np.ndarray, "row column"], removes: Bool[np.ndarray, "number code"]) -> None:
-    """Thin, in place, an image with an empty margin of one pixel.
+    """Thin, in place, an image with an empty margin of one pixel, until no pass in turn removes a pixel.
 
-    `pixels` holds those that a pass may remove: at first all with a neighbour that is off, later those that the other
-    pass would remove and the neighbours of removed ones.
+    removes: Whether each pass removes a pixel whose neighbours have this code, clockwise from the north, lowest bit
+    first; none removes one without a neighbour that is off. `pixels` holds those that a pass may remove: at first all
+    with a neighbour that is off, later those that another pass would remove and the neighbours of removed ones.
     """
+    passes = removes.shape[0]
+    removable = np.zeros(256, dtype=np.bool_)
+    for now in range(passes):
+        removable |= removes[now]
     flat, width = image.ravel(), image.shape[1]
     around = np.array([-width, 1 - width, 1, width + 1, width, width - 1, -1, -width - 1])
     pixels = np.flatnonzero(flat)
@@ -27,7 +32,7 @@ def thin(image: Bool[np.ndarray, "row column"], removes: Bool[np.ndarray, "numbe
     changed = True
     while changed:
         changed = False
-        for now in range(2):
+        for now in range(passes):
             kept = removed = 0
             for k in range(count):
                 pixel = pixels[k]
@@ -37,7 +42,7 @@ def thin(image: Bool[np.ndarray, "row column"], removes: Bool[np.ndarray, "numbe
                 if removes[now, code]:
                     gone[removed] = pixel
                     removed += 1
-                elif removes[1 - now, code]:
+                elif removable[code]:
                     pixels[kept] = pixel
                     kept += 1
                 else:

@@ -131,10 +131,10 @@ def csr_radius(distance: PerPixel) -> float:
 
 def _branches(pixels: Pixels, inner: float) -> tuple[float, float]:
     row, column = np.ogrid[: pixels.colony.shape[0], : pixels.colony.shape[1]]
-    distance = np.hypot(row - pixels.centre[0], column - pixels.centre[1])
-    beyond = distance >= inner - TIE
+    distance2 = (row - pixels.centre[0]) ** 2 + (column - pixels.centre[1]) ** 2
+    beyond = distance2 >= (inner - TIE) ** 2
     width = max(_CORE * inner, _THICKNESS)
-    thick = np.where(beyond, pixels.colony, distance >= inner - width - TIE)
+    thick = np.where(beyond, pixels.colony, distance2 >= max(inner - width - TIE, 0.0) ** 2)
     count, length, orientations = 0, 0.0, 0
     for (whole, outer), rows, columns in _quadrants((thick, beyond), pixels.centre, round(width)):
         thin = np.pad(skeleton(whole), 1)

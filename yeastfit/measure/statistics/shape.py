@@ -20,9 +20,10 @@ Algebraic Agent Based Model for Pseudohyphal Baker's Yeast Colony Morphology". `
 radius. `filaments` defines what lies beyond the core, `spatial_indices` where pixels lie around the centroid, `fractal`
 the dimension of the outline, `nodes` what only a simulation knows.
 
-Estimator of P: `skimage.measure.perimeter_crofton` with four directions (Legland, Kiêu & Devaux 2007, "Computation of
-Minkowski measures on 2D and 3D binary images", Image Anal. Stereol. 26:83, doi:10.5566/ias.v26.p83-92). It counts,
-along rows, columns and both diagonals, how often a line crosses the boundary; Cauchy and Crofton make that a length.
+Estimator of P: Crofton's in four directions (Legland, Kiêu & Devaux 2007, "Computation of Minkowski measures on 2D and
+3D binary images", Image Anal. Stereol. 26:83, doi:10.5566/ias.v26.p83-92), as of `skimage.measure.perimeter_crofton`,
+here by whole arrays and 30 times as fast. It counts, along rows, columns and both diagonals, how often a line crosses
+the boundary; Cauchy and Crofton make that a length.
 Against the exact length of discs and of ellipses of axis ratio 0.7 and 0.4 (60 random positions and angles each), mean
 bias in per cent at a semi-major axis of 5, 15 and 60 pixels:
 
