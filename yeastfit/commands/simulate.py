@@ -7,7 +7,7 @@ import typer
 from yeastfit import plot
 from yeastfit.commands.generated.model import ChosenModel, ModelOptions
 from yeastfit.commands.generated.options import generated
-from yeastfit.commands.options import Out, Overwrite, Seed
+from yeastfit.commands.options import Out, Overwrite, Seed, names_in
 from yeastfit.commands.terminal import out, shown_progress, warn
 from yeastfit.measure.reading.outline_files import write_mask
 from yeastfit.report.simulation_page import write_simulation_page
@@ -21,6 +21,15 @@ FRAMES = 40  # of a movie
 def simulate(
     folder: Out,
     members: Annotated[int, typer.Option(help="Number of colonies to grow.")] = 4,
+    statistics: Annotated[
+        str | None,
+        typer.Option(
+            help="Statistics to record, with commas: any that yeastfit measure has, measured as it does on "
+            "black-and-white images of the colonies at the pixel size of photographs. By default a few that each model "
+            "chooses, of the algebraic one by a smooth estimator on its own grid.",
+            show_default=False,
+        ),
+    ] = None,
     movie: Annotated[
         bool,
         typer.Option(
@@ -44,11 +53,14 @@ def simulate(
     """
     parameters = {**chosen.forward.parameters.defaults, **chosen.values}
     configuration = {**chosen.configuration("simulate"), "parameters": parameters, "members": members}
+    named = chosen.forward.statistics_named(names_in(statistics))
+    if named:
+        configuration["statistics"] = list(named)
     with (
         results_folder(folder, "simulate", overwrite=overwrite) as results,
         shown_progress("growing colonies") as progress,
     ):
-        result = chosen.forward.grow(chosen.values, members, seed)
+        result = chosen.forward.grow(chosen.values, members, seed, named)
         write_table(results.partial / "curves.csv", result.rows())
         result.save(results.partial / "simulation.npz")
         plot.save(plot.curves(result), results.partial / "curves.png")

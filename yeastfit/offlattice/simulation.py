@@ -16,12 +16,12 @@ from jaxtyping import Bool, Float, Int, Integer
 
 from yeastfit.errors import InputError, SimulationError
 from yeastfit.measure.statistics.pixels import Pixels
-from yeastfit.measure.statistics.registry import names_with, recorded
+from yeastfit.measure.statistics.registry import recorded
 from yeastfit.memory import check_count
 from yeastfit.offlattice.colony import BYTES_PER_CELL, DELAY, OfflatticeColony, grow, in_threads
 from yeastfit.offlattice.ellipse_mask import PIXEL, Ellipses
 from yeastfit.offlattice.li2024_mask import BinnedOutlines
-from yeastfit.offlattice.li2024_statistics import PUBLISHED
+from yeastfit.offlattice.li2024_statistics import ENTRIES, PUBLISHED
 from yeastfit.offlattice.parameters import PARAMETERS, Rates
 from yeastfit.offlattice.simulator import Picture, known_statistics
 from yeastfit.offlattice.status import Status
@@ -29,6 +29,9 @@ from yeastfit.panel import Panel
 from yeastfit.storage import as_json, from_json, written_whole
 
 SHARE = "pseudohyphal_share"
+THEIRS = {entry.name for entry in ENTRIES}
+"""What is measured on masks as Li et al. draw them."""
+
 COLUMNS = ("x", "y", "direction", "pseudohyphal", "mother", "can_bud")
 NUMBERS = ("cells", "sated", "attempts", "sated_attempts", "numbers_drawn")
 
@@ -148,6 +151,7 @@ def simulate_offlattice(
     cells: int,
     every: int | None = None,
     delay: float = DELAY,
+    statistics: Sequence[str] | None = None,
 ) -> OfflatticeSimulation:
     """Grow a colony for each seed, and measure its first cells.
 
@@ -157,6 +161,8 @@ def simulate_offlattice(
         cells: N.
         every: Cells between two samples, the last of which is N; a twentieth of N by default.
         delay: See `grow`.
+        statistics: Names of those of `li2024_statistics.ENTRIES`, and all that `measure` has for masks. By default what
+            simulations record, and I_F, I_R and I_B. The share of pseudohyphal cells is always recorded.
 
     Returns:
         All of it; show its `warnings()` to users.
@@ -169,6 +175,10 @@ def simulate_offlattice(
     if cells < 1:
         raise InputError(f"cells is {cells}, it must be at least 1")
     check_count("cells", cells, BYTES_PER_CELL)
+    entries = known_statistics()
+    names = [*(one for one in recorded("mask") if one in entries), *PUBLISHED] if statistics is None else statistics
+    if unknown := [name for name in names if name not in entries]:
+        raise InputError(f"statistics: got {unknown[0]!r}, need some of {', '.join(entries)}")
     values, between = PARAMETERS.defaults | dict(parameters), max(1, cells // 20) if every is None else every
     if not 1 <= between <= cells:
         raise InputError(f"every is {between}, it must be at least 1 and at most the number of cells, {cells}")
@@ -177,29 +187,34 @@ def simulate_offlattice(
 
     def one(seed: int) -> tuple[OfflatticeColony, dict[str, np.ndarray]]:
         colony = grow(values, cells=cells, seed=seed, delay=delay)
-        return colony, _measured(colony, samples)
+        return colony, _measured(colony, samples, names)
 
     began = clock.perf_counter()
     grown = in_threads(one, [int(seed) for seed in seeds], None)
-    statistics = {name: np.stack([found[name] for _, found in grown]) for name in grown[0][1]}
+    measured = {name: np.stack([found[name] for _, found in grown]) for name in grown[0][1]}
     colonies = tuple(colony for colony, _ in grown)
-    return OfflatticeSimulation(samples, statistics, colonies, values, clock.perf_counter() - began)
+    return OfflatticeSimulation(samples, measured, colonies, values, clock.perf_counter() - began)
 
 
-def _measured(colony: OfflatticeColony, samples: Int[np.ndarray, " sample"]) -> dict[str, np.ndarray]:
+def _measured(
+    colony: OfflatticeColony, samples: Int[np.ndarray, " sample"], names: Sequence[str]
+) -> dict[str, np.ndarray]:
     """Statistics of the first cells; nan where there are not as many."""
     if not colony.x.size:
         raise SimulationError(f"a colony of {colony.cells} cells is {colony.message}")
-    ours = [name for name in recorded("mask") if name in names_with("mask")]
-    pictures: list[tuple[Picture, list[str]]] = [(Ellipses.of(colony), ours), (BinnedOutlines.of(colony), [*PUBLISHED])]
+    theirs = [name for name in names if name in THEIRS]
+    ours = [name for name in names if name not in theirs]
+    pictures: list[tuple[Picture, list[str]]] = []
+    if ours:
+        pictures.append((Ellipses.of(colony), ours))
+    if theirs:
+        pictures.append((BinnedOutlines.of(colony), theirs))
     entries = known_statistics()
-    found = {name: np.full(len(samples), np.nan) for _, names in pictures for name in names} | {
-        SHARE: np.full(len(samples), np.nan)
-    }
+    found = {name: np.full(len(samples), np.nan) for name in (*ours, *theirs, SHARE)}
     for k, cells in enumerate(samples[samples <= colony.x.size].tolist()):
-        for picture, names in pictures:
+        for picture, chosen in pictures:
             pixels = Pixels.of(picture.mask(cells))
-            for name in names:
+            for name in chosen:
                 entry = entries[name]
                 found[name][k] = entry.mask(pixels) * picture.pixel_size**entry.unit_power  # type: ignore[misc]
         found[SHARE][k] = colony.pseudohyphal[:cells].mean()

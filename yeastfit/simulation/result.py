@@ -81,7 +81,9 @@ class Simulation:
 
     def sentence(self) -> str:
         """What has been grown, in words."""
-        count = np.atleast_2d(self.statistics["cell_count"])[:, -1]
+        count = np.atleast_1d(np.asarray(self.colony.count)) - 1
+        if "cell_count" in self.statistics:
+            count = np.atleast_2d(self.statistics["cell_count"])[:, -1]  # newborn cells count in part
         grown = "1 colony" if len(count) == 1 else f"{len(count)} colonies"
         ends = self.ends
         at = f"{ends.min():g}" if np.ptp(ends) == 0 else f"{ends.min():g} to {ends.max():g}"

@@ -19,12 +19,14 @@ from yeastfit.inference.sensitivity.result import Sensitivity
 from yeastfit.inference.simulator import Simulator
 from yeastfit.inference.targets import Targets
 from yeastfit.inference.targets_from_table import NEEDED, targets_of
+from yeastfit.measure.statistics.model_as_mask import HardStatistics
 from yeastfit.model.model import Model
 from yeastfit.model.numerics import Numerics, most_nodes
 from yeastfit.model.nutrient import check_alpha
 from yeastfit.model.parameters import Parameters, Scales
 from yeastfit.model.relaxation import HARD, Relaxation
 from yeastfit.model.simulate import Snapshot
+from yeastfit.numbers import PIXEL_SIZES
 from yeastfit.panel import Panel
 from yeastfit.parameter_set import ParameterSet
 from yeastfit.simulation.simulate import member_keys, sample_times
@@ -49,6 +51,7 @@ class Unmeasured:
         return 0
 
 
+PHOTOGRAPHED = 1.55  # µm per pixel of the micrographs of Li et al. 2024
 FAR = 0.999  # cumulative probability of a prior beyond which there are few draws
 SIMULATE, DATA = ("simulate",), ("simulate", "fit", "infer")
 
@@ -95,6 +98,9 @@ class Algebraic(ForwardModel):
         Setting("Spacing of the nutrient's grid, in cell lengths L0.", commands=DATA, defaults={"fit": COARSE.spacing}),
     ] = Resolution.spacing
     domain: Annotated[float, Setting("Side of the square dish, in cell lengths L0.", commands=SIMULATE)] = 40.0
+    pixel_size: Annotated[
+        float, Setting("µm per pixel of the images that --statistics are measured on.", commands=SIMULATE)
+    ] = PHOTOGRAPHED
     capacity: Annotated[
         int | None,
         Setting(
@@ -212,8 +218,8 @@ class Algebraic(ForwardModel):
         for one in seen:
             yield one.panels(0, width)
 
-    def grow(self, values: Mapping[str, float], members: int, seed: int) -> Grown:
-        """Colonies in an ensemble, seen at regular times and at the end."""
+    def grow(self, values: Mapping[str, float], members: int, seed: int, statistics: Sequence[str] = ()) -> Grown:
+        """Colonies in an ensemble, seen at regular times and at the end; named statistics as `measure` takes them."""
         chosen = self.rules.complete(Parameters(**values))
         numerics = Numerics(domain=self.domain, spacing=self.spacing, dt=self.dt, capacity=self.capacity)
         until = self.until
@@ -225,5 +231,19 @@ class Algebraic(ForwardModel):
             model=self.rules,
             numerics=numerics,
             relaxation=HARD if self.hard else Relaxation(),
+            observe=self._photographed(statistics) if statistics else None,
             scales=self.scales,
         )
+
+    def _photographed(self, statistics: Sequence[str]) -> HardStatistics:
+        """Statistics of black-and-white images of the whole dish.
+
+        Raises:
+            InputError: A pixel is larger than a cell, or a name is not a statistic of images or nodes.
+        """
+        pixel = PIXEL_SIZES.read(self.pixel_size, "pixel_size") / self.length
+        if pixel > 1:
+            raise InputError(
+                f"--pixel-size is {self.pixel_size:g} µm, which is more than a cell's length, {self.length:g} µm"
+            )
+        return HardStatistics(self.domain, pixel, tuple(statistics))

@@ -197,8 +197,14 @@ class ForwardModel(ABC):
         """
         raise InputError(f"--model: {type(self).__name__} has no sensitivity without data, which design needs")
 
-    def grow(self, values: Mapping[str, float], members: int, seed: int) -> Grown:
+    def grow(self, values: Mapping[str, float], members: int, seed: int, statistics: Sequence[str] = ()) -> Grown:
         """Colonies at given values of all parameters, for `simulate`.
+
+        Arguments:
+            values: Of parameters, as far as they are given.
+            members: How many colonies.
+            seed: Of their random numbers.
+            statistics: Names of those to record; by default the model's own choice.
 
         Raises:
             InputError: The model has no such thing.

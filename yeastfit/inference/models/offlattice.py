@@ -169,12 +169,16 @@ class Offlattice(ForwardModel):
         simulator, moved = self._simulator(statistics, free, held), {name: at[name] for name in free}
         return estimate_sensitivity(simulator=simulator, at=moved, **how)
 
-    def grow(self, values: Mapping[str, float], members: int, seed: int) -> "OfflatticeSimulation":
+    def grow(
+        self, values: Mapping[str, float], members: int, seed: int, statistics: Sequence[str] = ()
+    ) -> "OfflatticeSimulation":
         """Colonies, seen after every so many cells."""
         from yeastfit.offlattice.simulation import simulate_offlattice
 
-        seeds = member_seeds(seed, members)
-        return simulate_offlattice(values, seeds, cells=self.cells, every=self.every, delay=self.delay)
+        seeds, chosen = member_seeds(seed, members), tuple(statistics) or None
+        return simulate_offlattice(
+            values, seeds, cells=self.cells, every=self.every, delay=self.delay, statistics=chosen
+        )
 
     def movie(self, values: Mapping[str, float], seed: int, frames: int) -> Iterator[list[Panel]]:
         """Cells by form, and the outline that is measured, of the first n cells, n up to all of them."""
