@@ -8,7 +8,8 @@ short that most never left the neighbourhood of their starts. Compared here, set
 - ABC-SMC to the same ε: the target of their chains, I_F, I_R and I_B of one colony within ε of the data's means,
   without the memory of starts; populations of weighted draws, not adjusted;
 - emulator, I_F, I_R, I_B: a neural likelihood of single colonies; the data are the means of 14, 13 and 14 colonies, and
-  the emulator says how far means of as many differ by chance. Nothing is accepted or rejected, there is no ε;
+  the emulator says how far means of as many differ by chance. Nothing is accepted or rejected, there is no ε. It
+  learns from the simulations of the other methods, too;
 - emulator, 5 statistics of single colonies: branch length and compactness besides, of the 8 colonies of each set that
   are in `data/real`. Simulated masks are theirs, of bins of 4 pixels.
 

@@ -21,6 +21,7 @@ from yeastfit.inference.posterior.simulation_store import Store
 from yeastfit.inference.samplers import infer
 from yeastfit.inference.simulator import Simulator, labels_of
 from yeastfit.offlattice.li2024_statistics import PUBLISHED
+from yeastfit.offlattice.simulator import limits_around
 from yeastfit.storage import read_json, write_json
 
 DATA = Path(__file__).parents[1] / "data" / "real"
@@ -90,8 +91,14 @@ class Run:
 
     @property
     def simulator(self) -> Simulator:
-        """Of single colonies."""
-        return self.colonies.simulator(self.statistics, self.threads)
+        """Of single colonies; those of the emulator no farther from the real ones than says something."""
+        simulator = self.colonies.simulator(self.statistics, self.threads)
+        return replace(simulator, limits=self.limits) if self.method.startswith("emulator") else simulator
+
+    @property
+    def limits(self) -> tuple[tuple[float, float], ...] | None:
+        """Of the statistics, far beyond those of the real colonies."""
+        return limits_around(real_colonies(self.key, self.statistics))
 
     @property
     def observed(self) -> tuple[Float[np.ndarray, " statistic"], int]:
@@ -157,11 +164,8 @@ class Run:
         observed, replicates = self.observed
         simulator = self.simulator
         with self._store() as store:
-            if self.method == "emulator-theirs" and (self.file("npz", "emulator")).is_file():
-                first = replace(self, method="emulator")
-                with first._store() as other:
-                    values, seeds, statistics = other.all()
-                store.reuse(values, seeds, statistics[:, : len(PUBLISHED)])
+            if self.method == "emulator-theirs":
+                store.reuse(*self._of_others())
             found = infer(
                 simulator,
                 self.colonies.prior,
@@ -174,6 +178,18 @@ class Run:
             )
         clock.keep()
         found.save(self.file("npz"))
+
+    def _of_others(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Parameters, seeds and I_F, I_R and I_B of what other methods have simulated of the set."""
+        found = []
+        for method in ("emulator", "protocol"):
+            if self.file("h5", method).is_file():
+                with replace(self, method=method)._store() as other:
+                    values, seeds, statistics = other.all()
+                found.append((values, seeds, np.clip(statistics[:, : len(PUBLISHED)], *np.transpose(self.limits))))
+        empty = np.zeros((0, len(self.simulator.parameters.names))), np.zeros(0, np.uint64), np.zeros((0, 3))
+        values, seeds, statistics = (np.concatenate(each) for each in zip(empty, *found, strict=True))
+        return values, seeds, statistics
 
     def _store(self) -> Store:
         simulator = self.simulator

@@ -26,6 +26,9 @@ from yeastfit.offlattice.status import Status
 from yeastfit.parameter_set import ParameterSet
 from yeastfit.specification import Specification, described, module_outside, path_of, undescribed
 
+BEYOND = 3.0
+"""Ranges of the data by which limits lie beyond them."""
+
 
 class Picture(Protocol):
     """Masks of a colony's first cells, such as `BinnedOutlines` and `Ellipses`."""
@@ -53,6 +56,7 @@ class OfflatticeSimulator:
         delay: See `grow`.
         most_attempts: See `grow`.
         threads: How many colonies grow at a time; None for as many as there are processors to use.
+        limits: Least and largest value of each column, to which those beyond are set (`limits_around`).
         problems: What colonies ran into, in words. A row is nan where its colony did not grow to the end; one whose
             area was missed is measured all the same.
     """
@@ -67,6 +71,7 @@ class OfflatticeSimulator:
     delay: float = DELAY
     most_attempts: int = MOST_ATTEMPTS
     threads: int | None = None
+    limits: tuple[tuple[float, float], ...] | None = None
     problems: Counter[str] = field(default_factory=Counter)
 
     @staticmethod
@@ -82,6 +87,7 @@ class OfflatticeSimulator:
         delay: float = DELAY,
         most_attempts: int = MOST_ATTEMPTS,
         threads: int | None = None,
+        limits: Sequence[tuple[float, float]] | None = None,
     ) -> "OfflatticeSimulator":
         """Colonies of N cells that are compared at one area.
 
@@ -96,6 +102,7 @@ class OfflatticeSimulator:
             delay: See above.
             most_attempts: See above.
             threads: See above.
+            limits: See above.
 
         Raises:
             InputError: A statistic or parameter is unknown, or a value not admissible.
@@ -110,8 +117,19 @@ class OfflatticeSimulator:
         if twice := [name for name in given if name in chosen]:
             raise InputError(f"parameter {twice[0]!r} is free, it cannot have the fixed value {given[twice[0]]:g}")
         held = {name: value for name, value in (PARAMETERS.defaults | given).items() if name not in chosen}
-        observables = tuple(map(Observable, statistics))
-        return OfflatticeSimulator(chosen, held, observables, cells, area, draw, match, delay, most_attempts, threads)
+        return OfflatticeSimulator(
+            parameters=chosen,
+            fixed=held,
+            observables=tuple(map(Observable, statistics)),
+            cells=cells,
+            area=area,
+            draw=draw,
+            match=match,
+            delay=delay,
+            most_attempts=most_attempts,
+            threads=threads,
+            limits=None if limits is None else tuple((low, high) for low, high in limits),
+        )
 
     def __call__(
         self, values: Float[np.ndarray, "row parameter"], seeds: Shaped[np.ndarray, " row"]
@@ -140,6 +158,7 @@ class OfflatticeSimulator:
             "match": described(self.match),
             "delay": self.delay,
             "most_attempts": self.most_attempts,
+            "limits": self.limits,
         }
         registered = [STATISTICS[one.statistic] for one in self.observables if one.statistic in STATISTICS]
         imports = dict.fromkeys(module for one in registered if one.mask for module in module_outside(one.mask))
@@ -167,7 +186,23 @@ class OfflatticeSimulator:
         mask, pixel_size, problem = self.seen(colony)
         pixels, entries = Pixels.of(mask), known_statistics()
         chosen = [entries[one.statistic] for one in self.observables]
-        return [one.mask(pixels) * pixel_size**one.unit_power for one in chosen if one.mask], problem
+        row = np.array([one.mask(pixels) * pixel_size**one.unit_power for one in chosen if one.mask])
+        return (row if self.limits is None else np.clip(row, *np.transpose(self.limits))).tolist(), problem
+
+
+def limits_around(colonies: Float[np.ndarray, "colony statistic"]) -> tuple[tuple[float, float], ...] | None:
+    """Limits that reach beyond the colonies of data by `BEYOND` times their range; None of a single colony.
+
+    Values that were not measured are nan. No colony of the data lies at a limit, so that data are the same with and
+    without. Of simulations they hold back what says nothing but weighs much: once in a while a compact colony has its
+    CSR radius deep inside, and an I_R of up to 20 where real ones have 0.2. Where the mean and the scatter of
+    statistics are learnt from simulations, few such values hide how all others depend on the parameters.
+    """
+    if len(colonies) < 2:
+        return None
+    low, high = np.nanmin(colonies, axis=0), np.nanmax(colonies, axis=0)
+    reach = BEYOND * (high - low)
+    return tuple(zip((low - reach).tolist(), (high + reach).tolist(), strict=True))
 
 
 def offlattice_simulator_of(

@@ -120,8 +120,12 @@ class Offlattice(ForwardModel):
         return tuple(dict.fromkeys(found))
 
     def simulator(self, targets: Targets, free: Sequence[str], fixed: Mapping[str, float]) -> "OfflatticeSimulator":
-        """Colonies that are seen as the data are."""
-        return replace(self._simulator(targets.names, free, fixed), observables=targets.observables)
+        """Colonies that are seen as the data are, and no farther from them than says something (`limits_around`)."""
+        from yeastfit.offlattice.simulator import limits_around
+
+        limits = None if targets.curves is None else limits_around(targets.curves[:, targets.measured])
+        simulator = self._simulator(targets.names, free, fixed)
+        return replace(simulator, observables=targets.observables, limits=limits)
 
     def seen(self, rows: Sequence[Row], folder: Path, condition: str | None, statistics: Sequence[str]) -> Seen:
         """Statistics of the last image of each colony, with their mean area and pixel size.
