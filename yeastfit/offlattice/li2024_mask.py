@@ -21,7 +21,7 @@ quarters are its mirror images.
 """
 
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, reduce
 
 import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8, UInt16
@@ -226,8 +226,8 @@ def _mirrored(codes: Int[np.ndarray, "*bit"], down: bool, right: bool) -> Int[np
 def _patterns(padded: Bool[np.ndarray, "row column"]) -> UInt16[np.ndarray, "row3 column3"]:
     """Of every 4 × 4 bins."""
     held = padded.astype(np.uint16)
-    nibbles = sum(held[:, j : held.shape[1] - 3 + j] << j for j in range(4))
-    return sum(nibbles[i : held.shape[0] - 3 + i] << (4 * i) for i in range(4))
+    nibbles = reduce(np.bitwise_or, [held[:, j : held.shape[1] - 3 + j] << j for j in range(4)])
+    return reduce(np.bitwise_or, [nibbles[i : held.shape[0] - 3 + i] << (4 * i) for i in range(4)])
 
 
 @kernel
