@@ -239,6 +239,10 @@ class InferRun:
         except InputError as error:
             return None, [f"posterior.nc has no prior_predictive: {error}"]
 
+    def doubts(self) -> list[str]:
+        """What the data do not fulfil, in words."""
+        return doubts_of(self.targets, self.problem, self.model.nouns)
+
     def problems_met(self) -> list[str]:
         """What micrographs and simulations ran into, since the run began."""
         several = self.model.nouns[1]
