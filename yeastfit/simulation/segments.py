@@ -24,7 +24,6 @@ from yeastfit.model.relaxation import Relaxation
 from yeastfit.model.simulate import Observe, Snapshot, problems_of, step
 
 Passed = Callable[[Colony, PyTree], bool]
-Saved = Callable[[Colony, list[PyTree]], None]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -46,7 +45,7 @@ class Segments:
     model: Model
 
     def grown(
-        self, colony: Colony, samples: Sequence[int], passed: Passed | None = None, saved: Saved | None = None
+        self, colony: Colony, samples: Sequence[int], passed: Passed | None = None
     ) -> tuple[Colony, list[PyTree]]:
         """Grow a colony. Not differentiable.
 
@@ -55,7 +54,6 @@ class Segments:
             samples: Steps to observe, rising; the last ends the growth.
             passed: Whether the colony, with what was observed of it, has grown as far as it should. It is then
                 observed at the first step of which that holds, and grows no further.
-            saved: Is given the colony and what was observed so far, after every segment.
 
         Returns:
             The last state, and what was observed.
@@ -71,8 +69,6 @@ class Segments:
                     return colony, [*observed, found]
                 if last == sample:
                     observed.append(found)
-                if saved is not None:
-                    saved(colony, observed)
         return colony, observed
 
     def _before_event(self, done: int) -> int:
