@@ -24,6 +24,7 @@ from PIL import Image
 
 from yeastfit.commands import app as cli
 from yeastfit.commands.infer_config import Request
+from yeastfit.commands.infer_doubts import doubts_of
 from yeastfit.commands.infer_run import InferRun
 from yeastfit.errors import InputError
 from yeastfit.inference.abc.distances import LiDistance
@@ -378,7 +379,8 @@ def test_colonies_that_are_seen_once_each_are_doubted(data: Path, tmp_path: Path
     def doubts(table: Path, name: str) -> list[str]:
         request = Request(free=("mobility",), model="known")
         with results_folder(tmp_path / name, "infer", resume=False) as results:
-            return InferRun.begin(request, table, results, False, 1, lambda done, total: None).doubts()
+            run = InferRun.begin(request, table, results, False, 1, lambda done, total: None)
+            return doubts_of(run.targets, run.problem, run.model.nouns)
 
     assert doubts(data, "together") == []
     head, *lines = data.read_text().splitlines()
