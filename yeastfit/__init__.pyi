@@ -7,6 +7,10 @@ from .derivatives.result import GradientCheck
 from .errors import InputError, SimulationError
 from .inference.calibration import calibrate
 from .inference.colony_simulator import ColonySimulator, Resolution
+from .inference.comparison.conditions import ConditionComparison
+from .inference.comparison.cross_validation import cross_validate
+from .inference.comparison.left_out import LeftOut
+from .inference.comparison.models import ModelComparison
 from .inference.fit.bootstrap_profile import explore, profiles
 from .inference.fit.least_squares import fit
 from .inference.fit.result import Fit, FitStatus
@@ -86,6 +90,7 @@ __all__ = [
     "CachedSimulator",
     "Calibration",
     "ColonySimulator",
+    "ConditionComparison",
     "ContactRule",
     "Context",
     "Dataset",
@@ -103,8 +108,10 @@ __all__ = [
     "Imaging",
     "Information",
     "InputError",
+    "LeftOut",
     "MediumRule",
     "Model",
+    "ModelComparison",
     "MotionRule",
     "Numerics",
     "Observable",
@@ -141,6 +148,7 @@ __all__ = [
     "calibrate",
     "check_derivatives",
     "check_gradients",
+    "cross_validate",
     "design",
     "explore",
     "fit",

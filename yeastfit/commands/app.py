@@ -33,6 +33,7 @@ COMMANDS = {
     "synthesize": "Make synthetic micrographs of simulated colonies.",
     "fit": "Fit the model's parameters to the colonies of a data set, with standard errors.",
     "infer": "Infer which model parameters the data leave possible (posterior.csv, posterior.npz, index.html).",
+    "compare": "Compare posteriors: models on the same colonies, and conditions under the same model.",
     "gradcheck": "Check the derivatives of a colony's statistics.",
     "design": "Find the measurement that would reduce the errors of the parameters most.",
 }

@@ -111,6 +111,15 @@ def infer(
             rich_help_panel=MODEL,
         ),
     ] = Variation.sd,
+    leave_out: Annotated[
+        int,
+        typer.Option(
+            min=0,
+            help="Groups into which the colonies are dealt: each group is left out once and predicted by the others; 0 "
+            "for none. No further simulations are needed.",
+            rich_help_panel=RUN,
+        ),
+    ] = Request.leave_out,
     reuse: Annotated[
         Path | None,
         typer.Option(
@@ -148,6 +157,7 @@ def infer(
             "prior_draws": prior_draws,
             "measurement_error": measurement_error,
             "variation": Variation(variation_zero, variation_sd) if variation else None,
+            "leave_out": leave_out,
             "reuse": reuse,
             "seed": seed,
         },
@@ -204,7 +214,7 @@ def _run(run: InferRun, truth: Mapping[str, float] | None, workers: Workers | No
             pace.aside = str if workers is None else lambda: workers.status
             posterior = run.sample(pace.count, pace)
             pace("posterior predictive check", 1.0)
-            summary, remarks = run.results(posterior, truth, pace.count)
+            summary, remarks = run.results(posterior, truth, pace.count, pace)
         more = {"configuration": run.folder.configuration, "seconds": posterior.seconds, "warnings": summary.warnings}
         more |= {"status": posterior.status.name}
         if workers is not None or run.mixed():

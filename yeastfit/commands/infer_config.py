@@ -37,6 +37,7 @@ class Request:
         prior_draws: Data sets predicted from the prior, for ArviZ's file.
         measurement_error: Relative, of the means; by default as the registry of statistics has it.
         variation: That parameters scatter between colonies.
+        leave_out: Groups into which colonies are dealt, each left out once and predicted by the others; 0 for none.
         reuse: Folder of another run whose simulations serve again.
         seed: Same seed, same posterior.
 
@@ -57,6 +58,7 @@ class Request:
     prior_draws: int = 40
     measurement_error: float | None = None
     variation: Variation | None = None
+    leave_out: int = 0
     reuse: Path | None = None
     seed: int = 0
 
@@ -68,6 +70,10 @@ class Request:
             )
         if self.prior_draws and self.prior_draws < FEWEST:
             raise InputError(f"--prior-draws is {self.prior_draws}, it must be 0 or at least {FEWEST}")
+        if self.leave_out < 0 or self.leave_out == 1:
+            raise InputError(f"--leave-out is {self.leave_out}, it must be 0, or 2 groups of colonies at least")
+        if self.leave_out and self.variation is not None:
+            raise InputError("--leave-out: colonies are predicted for one λ, leave out --variation, or --leave-out")
         kind = model_named(self.model)
         forward = kind() if self.forward_model is None else self.forward_model
         object.__setattr__(self, "forward_model", forward)
@@ -130,7 +136,7 @@ class Request:
 
     def configuration(self) -> dict[str, Any]:
         """What makes the run what it is, plain data."""
-        named = ("model", "statistics", "condition", "draws", "measurement_error")
+        named = ("model", "statistics", "condition", "draws", "measurement_error", "leave_out")
         return {
             "method": name_of(self.sampler),
             **{one.name: getattr(self, one.name) for one in fields(self) if one.name in named},

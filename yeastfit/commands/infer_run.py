@@ -12,12 +12,17 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from jaxtyping import Float
+
 from yeastfit.commands.generated.samplers import extending
 from yeastfit.commands.infer_config import Request
 from yeastfit.commands.infer_doubts import doubts_of
 from yeastfit.commands.measured_source import Measurements, measure_source, recorded_warnings
 from yeastfit.commands.run_folder import RunFolder, inputs_of, read_run, run_versions
 from yeastfit.errors import InputError
+from yeastfit.inference.comparison.cross_validation import cross_validate
+from yeastfit.inference.comparison.left_out import LeftOut
 from yeastfit.inference.curve_covariance import measurement_covariance
 from yeastfit.inference.models.forward_model import ForwardModel
 from yeastfit.inference.posterior.cached_simulator import CachedSimulator
@@ -40,9 +45,9 @@ from yeastfit.inference.simulator import (
     rows_in_blocks,
 )
 from yeastfit.inference.targets import Targets
-from yeastfit.inference.targets_from_table import TABLE, read_measurements
+from yeastfit.inference.targets_from_table import TABLE, read_measurements, rows_of
 from yeastfit.inference.workers.spread import Workers
-from yeastfit.progress import Progress
+from yeastfit.progress import Progress, silent
 from yeastfit.report.fit_files import write_targets
 from yeastfit.report.posterior_files import photographs, with_arviz, write_results
 from yeastfit.report.posterior_summary import Summary
@@ -52,6 +57,7 @@ from yeastfit.storage import read_json, write_json, written_whole
 
 SIMULATIONS, REUSED, PROBLEMS_MET = "simulations.h5", "reused.h5", "problems.json"
 POSTERIOR, CHAINS, MEASURED = "posterior.npz", "chains.h5", "measured"
+LEFT_OUT, COLONIES = "left_out.npz", "colonies.png"
 STORED = (RUN, MEASURED, SIMULATIONS, REUSED, PROBLEMS_MET)  # what a stopped run goes on with
 BATCH = 32  # simulations of the predictive check that run together
 PICTURED = 6  # photographs, and simulations beside them
@@ -171,6 +177,8 @@ class InferRun:
             run.tally.simulated = met["simulated"]
             problems_of(simulator).update(met["problems"])
             run.unlike.extend(met.get("unlike", []))
+        if request.leave_out:
+            run._single_colonies()
         run._copy_reused()
         return run
 
@@ -212,14 +220,19 @@ class InferRun:
         return Posterior.load(self.folder.path / POSTERIOR)
 
     def results(
-        self, posterior: Posterior, truth: Mapping[str, float] | None, tell: Callable[[int], None]
+        self,
+        posterior: Posterior,
+        truth: Mapping[str, float] | None,
+        tell: Callable[[int], None],
+        progress: Progress = silent,
     ) -> tuple[Summary, list[str]]:
         """All files but the manifest; the summary, and remarks."""
         with self._store(self.folder.path / SIMULATIONS) as store:
             simulator = CachedSimulator(self._watched(tell), BATCH, store)
             predicted = posterior.predict(simulator, draws=self.request.draws, seed=self.request.seed)
             beforehand, remarks = self._predicted_beforehand(posterior, simulator)
-        summary = Summary.of(posterior, predicted, truth, self.problems_met(), self.model)
+            left_out = self._left_out(posterior, store, progress)
+        summary = Summary.of(posterior, predicted, truth, self.problems_met(), self.model, left_out)
         images = self.source if self.source.is_dir() else self.source.parent
         observed = photographs(self.data.rows, self.data.folder, images, self.request.condition, PICTURED)
         shown = predicted.values[:PICTURED]
@@ -229,6 +242,41 @@ class InferRun:
         partial = self.folder.results.partial
         remarks += write_results(partial, summary, self.targets, observed, drawn, self._made(), beforehand)
         return summary, remarks
+
+    def _left_out(self, posterior: Posterior, store: Store, progress: Progress) -> LeftOut | None:
+        """Colonies left out and predicted by the others, where that is asked for."""
+        if not self.request.leave_out:
+            return None
+        values, _, statistics = store.all()
+        names = dict.fromkeys(str(row["replicate"]) for row in rows_of(self.data.rows, self.request.condition))
+        return cross_validate(
+            posterior,
+            self.problem,
+            self._single_colonies(),
+            (values, statistics),
+            groups=self.request.leave_out,
+            names=tuple(names),
+            labels=self.targets.points,
+            settings=self.sampler,
+            seed=self.request.seed,
+            progress=progress,
+        )
+
+    def _single_colonies(self) -> Float[np.ndarray, "colony statistic"]:
+        """Their statistics.
+
+        Raises:
+            InputError: Fewer are known than groups are to be left out.
+        """
+        curves = self.targets.curves
+        known = 0 if curves is None else len(curves)
+        if curves is None or known < self.request.leave_out:
+            several = self.model.nouns[1]
+            raise InputError(
+                f"--leave-out is {self.request.leave_out}, the data have {known} single {several}: give at most as "
+                "many, or 0"
+            )
+        return curves[:, self.targets.measured]
 
     def _predicted_beforehand(self, posterior: Posterior, simulator: Simulator) -> tuple[Predictive | None, list[str]]:
         """Data predicted from the prior, and why there are none."""

@@ -90,6 +90,14 @@ class Targets:
         return tuple(Observable(self.names[row], float(self.times[k])) for row, k in np.argwhere(self.measured))
 
     @property
+    def points(self) -> tuple[str, ...]:
+        """Names of `values`: the statistic, and its time on the `clock` where there are several times."""
+        if len(self.times) == 1:
+            return tuple(self.names[row] for row, _ in np.argwhere(self.measured))
+        clock = self.clock
+        return tuple(f"{self.names[row]} at {clock[k]:.4g} {self.clock_label}" for row, k in np.argwhere(self.measured))
+
+    @property
     def clock(self) -> Float[np.ndarray, " time"]:
         """Times for plots and tables: hours where the images tell the scales, else as they are."""
         return self.times if self.imaging is None else self.imaging.scales.hours(self.times)

@@ -1,5 +1,6 @@
 """The public names of `yeastfit.plot`, and where each is defined."""
 
+from .comparisons import left_out, marginals
 from .corner_plot import corner
 from .fits import bootstrap, convergence, fit, profiles
 from .information import design, ellipses, spectrum
@@ -22,6 +23,8 @@ __all__ = [
     "design",
     "ellipses",
     "fit",
+    "left_out",
+    "marginals",
     "movie",
     "overlay",
     "predictive",

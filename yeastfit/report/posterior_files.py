@@ -1,7 +1,7 @@
 """What `yeastfit infer` leaves of a posterior: tables, pictures, and one page of it all.
 
-posterior.csv, diagnostics.json, predictive.csv, predictive.npz, posterior.nc where ArviZ is installed, pictures, and
-index.html. All can be made again from posterior.npz and predictive.npz.
+posterior.csv, diagnostics.json, predictive.csv, predictive.npz, left_out.csv and left_out.npz where colonies were left
+out, posterior.nc where ArviZ is installed, pictures, and index.html. All can be made again from posterior.npz and predictive.npz.
 """
 
 import importlib.util
@@ -99,6 +99,9 @@ def write_results(
     rows = zip(predicted.rows(), targets.clock[np.argwhere(targets.measured)[:, 1]].tolist(), strict=True)
     write_table(folder / "predictive.csv", [{targets.clock_label: round(time, 6), **row} for row, time in rows])
     predicted.save(folder / "predictive.npz")
+    if summary.left_out is not None:
+        write_table(folder / "left_out.csv", summary.left_out.colony_rows())
+        summary.left_out.save(folder / "left_out.npz")
     figures = _figures(summary, targets, observed, drawn)
     for name, figure in figures.items():
         plot.save(figure, folder / f"{name}.png")
@@ -132,6 +135,8 @@ def _figures(
         figures["colonies"] = plot.colonies(
             [(one.title, one.pixels, one.mask, one.pixel_size) for one in observed], simulated
         )
+    if summary.left_out is not None:
+        figures["left_out"] = plot.left_out({"": summary.left_out})
     if isinstance(posterior.diagnostics, EmulatorDiagnostics):
         figures["emulator"] = plot.cross_validation(posterior.diagnostics)
     return figures

@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from typing import Any
 
+from yeastfit.inference.comparison.left_out import LeftOut
 from yeastfit.report import html as page
 from yeastfit.report.learnt import learnt_by_posterior
 from yeastfit.report.posterior_summary import Summary
@@ -14,6 +15,7 @@ ALT = {
     "ranks": "Ranks of the draws of every chain; grey: two standard deviations of chance",
     "predictive": "Predicted curves over the data",
     "colonies": "Photographs above simulations at draws of the posterior",
+    "left_out": "Colonies that were left out, over what the others predict: intervals of 50 and 90 %",
     "emulator": "Residuals of simulations held out from the emulator",
 }
 
@@ -46,6 +48,8 @@ def posterior_page(
     if "colonies" in pictures:
         words = (_PHOTOGRAPHS if photographed else "") + _drawn(summary)
         sections.append((summary.model.nouns[1].capitalize(), words + _figure(pictures, "colonies")))
+    if summary.left_out is not None:
+        sections.append(("Colonies left out", _left_out(summary.left_out) + _figure(pictures, "left_out")))
     sections.append(
         ("Chains" if posterior.chains else "Draws", _chains(summary) + _figure(pictures, "traces", "ranks"))
     )
@@ -120,6 +124,17 @@ def _predictions(summary: Summary) -> str:
     columns = [page.Column(name, words=name in ("statistic", "inside_90")) for name in rows[0]]
     table = page.table("Observed statistics and their predictions", columns, _cells(rows), ["predictive"] * len(rows))
     return f"<details><summary>All {len(rows)} statistics</summary>{table}</details>"
+
+
+def _left_out(found: LeftOut) -> str:
+    rows = found.rows()
+    columns = [page.Column(name, words=name in ("statistic", "fails")) for name in rows[0]]
+    words = (
+        f"{found.sentence()}. Log densities are in units of the standard deviations between colonies. Inside: colonies "
+        "in the predicted interval. Offset: of the observed from the predicted, in predicted standard deviations."
+    )
+    table = page.table("Statistics of colonies left out", columns, _cells(rows), ["left_out"] * len(rows))
+    return f"<p>{page.text(words[:1].upper() + words[1:])}</p>{table}"
 
 
 def _chains(summary: Summary) -> str:

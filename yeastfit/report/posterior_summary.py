@@ -9,6 +9,7 @@ import numpy as np
 from rich.box import SIMPLE
 from rich.table import Table
 
+from yeastfit.inference.comparison.left_out import LeftOut
 from yeastfit.inference.models.forward_model import ForwardModel
 from yeastfit.inference.posterior.predictive_check import Predictive
 from yeastfit.inference.posterior.result import Posterior
@@ -27,6 +28,7 @@ class Summary:
         truth: True parameters, where known.
         warnings: All that is to be doubted, in words.
         model: What was inferred the parameters of.
+        left_out: Colonies predicted by the others, where some were left out.
     """
 
     posterior: Posterior
@@ -34,6 +36,7 @@ class Summary:
     truth: Mapping[str, float] | None
     warnings: list[str]
     model: ForwardModel
+    left_out: LeftOut | None = None
 
     @staticmethod
     def of(
@@ -42,10 +45,12 @@ class Summary:
         truth: Mapping[str, float] | None,
         doubts: Sequence[str],
         model: ForwardModel,
+        left_out: LeftOut | None = None,
     ) -> "Summary":
-        """With the warnings of posterior and predictive check, and further doubts."""
-        warnings = [*posterior.sentences(), *predicted.sentences(), *doubts]
-        return Summary(posterior, predicted, truth, list(dict.fromkeys(warnings)), model)
+        """With the warnings of posterior, predictive check and colonies left out, and further doubts."""
+        said = [] if left_out is None else left_out.sentences()
+        warnings = [*posterior.sentences(), *predicted.sentences(), *said, *doubts]
+        return Summary(posterior, predicted, truth, list(dict.fromkeys(warnings)), model, left_out)
 
     @property
     def absent(self) -> float | None:
@@ -90,8 +95,20 @@ class Summary:
             "observations_inside_90": int(predicted.inside(0.9).sum()),
             "observations": len(predicted.observed),
             **({} if self.absent is None else {"variation_absent": self.absent}),
+            **({} if self.left_out is None else {"left_out": self._left_out(self.left_out)}),
             "method_own": posterior.diagnostics.asdict(),
             "warnings": self.warnings,
+        }
+
+    @staticmethod
+    def _left_out(found: LeftOut) -> dict[str, Any]:
+        return {
+            "groups": found.groups,
+            "log_density": found.total,
+            "standard_error": found.standard_error,
+            "inside_50": found.coverage(0.5),
+            "inside_90": found.coverage(0.9),
+            "statistics": found.rows(),
         }
 
     def table(self) -> Table:
@@ -129,4 +146,4 @@ class Summary:
         )
         if self.absent is not None:
             lines.append(self.variation)
-        return lines
+        return lines if self.left_out is None else [*lines, self.left_out.sentence()]

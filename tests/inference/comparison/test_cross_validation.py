@@ -1,0 +1,187 @@
+"""Colonies left out: densities and ranks beside those of a plane, in closed form; missing statistics, and words."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from helpers import wrong_types
+from known_likelihoods import Known, linear
+from scipy.stats import multivariate_normal, norm
+
+from yeastfit import InputError
+from yeastfit.inference.comparison.cross_validation import cross_validate, without
+from yeastfit.inference.comparison.left_out import LeftOut, scale_of
+from yeastfit.inference.comparison.predictive_mixture import PredictiveMixture
+from yeastfit.inference.neural_likelihood.network import TrainingSettings
+from yeastfit.inference.neural_likelihood.sequential import SequentialEmulator
+from yeastfit.inference.posterior.problem import Problem
+from yeastfit.inference.posterior.result import Posterior
+from yeastfit.inference.posterior.simulations import Simulations
+from yeastfit.inference.samplers import infer
+from yeastfit.inference.simulator import seed_of
+
+SETTINGS = SequentialEmulator(
+    first=512, simulations=512, batch=512, walkers=64, training=TrainingSettings(members=2, width=16, steps=400)
+)
+TRUTH, COLONIES = (1.3, 0.8), 8
+
+Made = tuple[Known, np.ndarray, Posterior, Problem, tuple[np.ndarray, np.ndarray]]
+
+
+@pytest.fixture(scope="module")
+def made() -> Made:
+    """Eight colonies of `linear`, their posterior, and its simulations."""
+    known = linear()
+    rows = known(np.repeat(np.array([TRUTH]), COLONIES, axis=0), seed_of(3, range(COLONIES)))
+    store = Simulations(known.free, known.labels)
+    with wrong_types():
+        posterior = infer(
+            known, known.prior, rows.mean(axis=0), replicates=COLONIES, method=SETTINGS, seed=5, store=store
+        )
+    values, _, statistics = store.all()
+    return known, rows, posterior, Problem(known, known.prior, rows.mean(axis=0), COLONIES), (values, statistics)
+
+
+@pytest.fixture(scope="module")
+def found(made: Made) -> LeftOut:
+    _, rows, posterior, problem, simulations = made
+    with wrong_types():
+        return cross_validate(posterior, problem, rows, simulations, groups=4, settings=SETTINGS, seed=5)
+
+
+def exact(known: Known, kept: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Mean and covariance of a further colony, the prior being as good as flat."""
+    values = np.exp(np.eye(2))
+    origin, scatter = known.moments(np.ones((1, 2)))
+    slopes = known.moments(values)[0] - origin
+    inverse = np.linalg.inv(scatter[0])
+    spread = np.linalg.inv(len(kept) * slopes @ inverse @ slopes.T)
+    center = len(kept) * spread @ slopes @ inverse @ (kept.mean(axis=0) - origin[0])
+    return origin[0] + center @ slopes, scatter[0] + slopes.T @ spread @ slopes
+
+
+def test_of_a_plane(made: Made, found: LeftOut) -> None:
+    """Densities of single colonies, and where they lie in what the others predict, are the closed form's."""
+    known, rows = made[:2]
+    np.testing.assert_array_equal(found.group, np.arange(COLONIES) % 4)
+    volume = np.log(rows.std(axis=0, ddof=1)).sum()
+    density, below = np.zeros(COLONIES), np.zeros(rows.shape)
+    for r in range(COLONIES):
+        mean, covariance = exact(known, rows[found.group != found.group[r]])
+        density[r] = multivariate_normal(mean, covariance).logpdf(rows[r]) + volume
+        below[r] = norm.cdf(rows[r], mean, np.sqrt(np.diag(covariance)))
+    np.testing.assert_allclose(found.log_density, density, atol=0.35)
+    assert abs(found.total - density.sum()) < 1.0
+    np.testing.assert_allclose(found.below, below, atol=0.06)
+    assert np.isclose(found.standard_error, np.sqrt(COLONIES) * found.log_density.std(ddof=1))
+    edges = found.quantiles[:, [0, -1]]
+    inside = (edges[:, 0] <= rows) & (rows <= edges[:, 1])
+    np.testing.assert_array_equal(inside.sum(axis=0), found.inside(0.9))
+
+
+def test_units_do_not_matter(made: Made, found: LeftOut) -> None:
+    """Statistics counted in other units: the same densities, as they are in deviations of the observed colonies."""
+    _, rows, posterior, problem, (values, statistics) = made
+    factor = np.array([1e3, 1e-2, 1.0, 7.0])
+    other = cross_validate(
+        posterior,
+        replace(problem, observed=problem.observed * factor),
+        rows * factor,
+        (values, statistics * factor),
+        groups=4,
+        settings=SETTINGS,
+        seed=5,
+    )
+    np.testing.assert_allclose(other.log_density, found.log_density, atol=0.05)
+
+
+def test_a_statistic_that_is_missing(made: Made) -> None:
+    """The colony is named and not scored, its other statistics are ranked, and the others' means do without it."""
+    _, rows, posterior, problem, simulations = made
+    holes = rows.copy()
+    holes[2, 1] = np.nan
+    found = cross_validate(posterior, problem, holes, simulations, groups=2, settings=SETTINGS, names="abcdefgh")
+    assert "c lack statistics" in found.doubts[0]
+    assert len(found.scored) == COLONIES - 1
+    assert np.isnan(found.log_density[2])
+    assert np.isnan(found.below[2, 1])
+    assert np.isfinite(found.below[2, [0, 2, 3]]).all()
+    np.testing.assert_array_equal(found.counts, [8, 7, 8, 8])
+    kept = without(problem, holes[:4])
+    assert kept.replicates == 3
+    np.testing.assert_allclose(kept.observed[1], rows[[0, 1, 3], 1].mean())
+
+
+@pytest.mark.parametrize(
+    ("groups", "count", "words"),
+    [(2, 1, "1 is known by itself"), (9, 8, "8 colonies can be dealt into 2 to 8"), (1, 8, "groups is 1")],
+)
+def test_refused(made: Made, groups: int, count: int, words: str) -> None:
+    _, rows, posterior, problem, simulations = made
+    with pytest.raises(InputError, match=words):
+        cross_validate(posterior, problem, rows[:count], simulations, groups=groups)
+
+
+def test_a_statistic_of_one_group_alone(made: Made) -> None:
+    rows = made[1].copy()
+    rows[1:, 3] = np.nan
+    with pytest.raises(InputError, match="s3 is of colonies of one group alone"):
+        without(made[3], rows[1:])
+
+
+def test_mixtures() -> None:
+    """Two normal distributions, one of half the success: density, shares below and quantiles by a sum over a grid."""
+    covariance = np.array([[[1.0, 0.3], [0.3, 2.0]], [[0.5, -0.2], [-0.2, 1.0]]])
+    mixture = PredictiveMixture(np.array([[0.0, 1.0], [3.0, -1.0]]), covariance, np.log([0.5, 0.25]))
+    parts = [multivariate_normal(mean, cov) for mean, cov in zip(mixture.mean, covariance, strict=True)]
+    point = np.array([1.0, 0.5])
+    density = 0.5 * parts[0].pdf(point) + 0.25 * parts[1].pdf(point)
+    assert np.isclose(mixture.log_density(point), np.log(density))
+    share = 2 / 3 * norm.cdf(1.0, 0.0, 1.0) + 1 / 3 * norm.cdf(1.0, 3.0, np.sqrt(0.5))
+    assert np.isclose(mixture.below(point)[0], share)
+    quantiles = mixture.quantiles(np.array([0.05, 0.5, 0.95]))
+    np.testing.assert_allclose(mixture.below(quantiles), [[0.05, 0.05], [0.5, 0.5], [0.95, 0.95]], atol=1e-9)
+
+
+def ranked(below: np.ndarray) -> LeftOut:
+    """Made up from ranks."""
+    count, statistics = below.shape
+    return LeftOut(
+        tuple(f"s{k}" for k in range(statistics)),
+        tuple(map(str, range(count))),
+        np.arange(count * statistics, dtype=float).reshape(below.shape),
+        np.arange(count),
+        np.linspace(-3.0, -2.0, count),
+        below,
+        np.zeros((count, 5, statistics)),
+    )
+
+
+def test_what_fails() -> None:
+    """Uniform ranks do not; ranks at one end, at both ends, and in the middle do, each with its words."""
+    even = (np.arange(20) + 0.5) / 20
+    ends = np.where(even < 0.5, 1e-3, 1 - 1e-3)
+    found = ranked(np.stack([even, 0.8 + 0.2 * even, ends, 0.4 + 0.2 * even], axis=1))
+    failures = found.failures()
+    assert set(failures) == {"s1", "s2", "s3"}
+    assert "predicted smaller than observed" in failures["s1"]
+    assert failures["s2"] == "0 of 20 colonies in the interval of 90 %"
+    assert failures["s3"] == "predicted wider than observed: 20 of 20 colonies in the interval of 50 %"
+    assert found.inside(0.9).tolist() == [18, 15, 0, 20]
+    assert np.isclose(found.coverage(0.5), (10 + 0 + 0 + 20) / 80)
+    assert [row["fails"] == "" for row in found.rows()] == [True, False, False, False]
+    assert len(found.sentences()) == 3
+
+
+def test_saved_and_loaded(found: LeftOut, tmp_path: Path) -> None:
+    found.save(tmp_path / "left_out.npz")
+    again = LeftOut.load(tmp_path / "left_out.npz")
+    assert (again.labels, again.colonies, again.doubts) == (found.labels, found.colonies, found.doubts)
+    np.testing.assert_array_equal(again.below, found.below)
+    np.testing.assert_array_equal(again.log_density, found.log_density)
+    np.testing.assert_array_equal(again.scale, scale_of(found.observed))
+    assert again.colony_rows() == found.colony_rows()
+    (tmp_path / "other.npz").write_text("nothing")
+    with pytest.raises(InputError, match=r"other.npz: these are no predictions"):
+        LeftOut.load(tmp_path / "other.npz")

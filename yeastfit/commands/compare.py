@@ -1,0 +1,77 @@
+"""`yeastfit compare`: runs of infer beside each other."""
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from yeastfit.commands.infer_run import COLONIES, LEFT_OUT, POSTERIOR
+from yeastfit.commands.options import Out, Overwrite
+from yeastfit.commands.run_folder import read_run, run_versions
+from yeastfit.commands.terminal import out, warn
+from yeastfit.errors import InputError
+from yeastfit.inference.comparison.left_out import LeftOut
+from yeastfit.inference.comparison.runs import ComparedRun, Comparison
+from yeastfit.inference.posterior.result import Posterior
+from yeastfit.report.comparison_files import write_comparison
+from yeastfit.results_contents import MANIFEST, RUN, check_finished
+from yeastfit.results_folder import results_folder
+
+OF_THE_RUN = ("settings", "prior", "draws", "condition", "model", "reuse", "method", "leave_out", "further", "free")
+
+
+def compare(
+    runs: Annotated[list[Path], typer.Argument(help="Folders of runs of `yeastfit infer`, two at least.")],
+    folder: Out,
+    overwrite: Overwrite = False,
+) -> None:
+    """Compare posteriors: models on the same colonies, and conditions under the same model.
+
+    Runs on the same colonies are compared by colonies left out (`yeastfit infer --leave-out`): the difference in log
+    predictive density with its standard error, and which statistics each does not explain. Of runs under the same model
+    on other colonies, the difference and ratio of every parameter, and the probability that it is larger. Exit code 1
+    where a posterior has not settled.
+    """
+    names = _names(runs)
+    compared = [_read(path, name) for path, name in zip(runs, names, strict=True)]
+    found = Comparison.of(compared)
+    reads = [path / name for path in runs for name in (MANIFEST, RUN, POSTERIOR)]
+    drawn = {
+        name: (path / COLONIES).read_bytes()
+        for path, name in zip(runs, names, strict=True)
+        if (path / COLONIES).is_file()
+    }
+    made = {name: str(path) for path, name in zip(runs, names, strict=True)}
+    made["versions"] = ", ".join(f"{name} {one}" for name, one in run_versions().items())
+    with results_folder(folder, "compare", reads=reads, overwrite=overwrite) as results:
+        write_comparison(results.partial, found, drawn, made)
+        results.finish(inputs=reads, doubts=found.doubts, verdicts=found.sentences())
+    warn(list(found.doubts))
+    for sentence in found.sentences():
+        out.print(sentence, highlight=False)
+    out.print(f"Results in {folder}, on one page: index.html")
+    if not found.settled:
+        raise typer.Exit(1)
+
+
+def _names(runs: list[Path]) -> list[str]:
+    """Of each run, as short as tells them apart: names of folders, or whole paths."""
+    where = [path.resolve() for path in runs]
+    if len(set(where)) < len(where):
+        raise InputError(f"runs: {next(one for k, one in enumerate(runs) if where[k] in where[:k])} is there twice")
+    short = [path.name for path in where]
+    return short if len(set(short)) == len(short) else list(map(str, runs))
+
+
+def _read(path: Path, name: str) -> ComparedRun:
+    """A finished run."""
+    if not (path / RUN).is_file():
+        raise InputError(f"{path} holds no {RUN}, need the folder of a run of yeastfit infer")
+    check_finished(path)
+    known: dict[str, Any] = read_run(path / RUN)
+    configuration = known["configuration"]
+    left_out = LeftOut.load(path / LEFT_OUT) if (path / LEFT_OUT).is_file() else None
+    data = (str(configuration.get("condition") or ""), *sorted(known["inputs"].values()))
+    settings = {name: value for name, value in configuration.items() if name not in OF_THE_RUN}
+    posterior = Posterior.load(path / POSTERIOR)
+    return ComparedRun(name, str(configuration.get("model", "")), data, settings, posterior, left_out)

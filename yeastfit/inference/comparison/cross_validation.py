@@ -1,0 +1,152 @@
+"""Leave colonies out of a posterior and predict them, from the simulations that the posterior was made of.
+
+Colonies are dealt into K groups in their order. For each group the posterior of all others is sampled, and the group's
+colonies are predicted (`left_out`). An emulator of the likelihood is the same whatever the data are: it is trained
+once, on all simulations there are, only the chains are run anew, and nothing is simulated. So every posterior with
+enough simulations is checked in one way, whichever method has sampled it.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from jaxtyping import Bool, Float
+from scipy.stats import chi2
+
+from yeastfit.errors import InputError
+from yeastfit.inference.comparison.left_out import SHARES, LeftOut, scale_of
+from yeastfit.inference.comparison.predictive_mixture import PredictiveMixture
+from yeastfit.inference.neural_likelihood.emulator import Emulator, Statistics, Values, train
+from yeastfit.inference.neural_likelihood.mcmc import ROUGHLY, LogPosterior, Walk
+from yeastfit.inference.neural_likelihood.sequential import SequentialEmulator
+from yeastfit.inference.posterior.problem import Problem
+from yeastfit.inference.posterior.result import Posterior
+from yeastfit.inference.posterior.sampler import Sampler
+from yeastfit.progress import Progress, silent
+
+GROUPS = 5
+NEAR = 0.99  # of draws w times as wide as the posterior: simulations there cross-validate the emulator
+MOST_DRAWS = 2000  # of each posterior that colonies are predicted from
+
+Colonies = Float[np.ndarray, "colony statistic"]
+
+
+def cross_validate(
+    posterior: Posterior,
+    problem: Problem,
+    colonies: Colonies,
+    simulations: tuple[Values, Statistics],
+    *,
+    groups: int = GROUPS,
+    names: Sequence[str] = (),
+    labels: Sequence[str] = (),
+    settings: Sampler | None = None,
+    seed: int = 0,
+    progress: Progress = silent,
+) -> LeftOut:
+    """Predict every colony from the others.
+
+    Arguments:
+        posterior: Of all colonies; it says where the emulator must be right.
+        problem: Whose posterior it is.
+        colonies: Statistics of the single colonies, of which `problem.observed` is the mean; nan where one is missing.
+        simulations: λ and statistics of single colonies, as a `Store` has them, rows of nan for failures.
+        groups: K, at most as many as there are colonies.
+        names: Of the colonies; numbers where there are not as many names.
+        labels: Of the statistics; by default the simulator's.
+        settings: A sequential emulator, whose walkers, steps and training are taken; those by default for any other.
+        seed: Same seed, same result.
+        progress: Called with what is being done and the share that is done.
+
+    Returns:
+        Densities and ranks of the colonies.
+
+    Raises:
+        InputError: There are fewer than two colonies, groups are too few or too many, simulations are too few, or a
+            statistic is of the colonies of one group alone.
+    """
+    count = len(colonies)
+    if count < 2:
+        raise InputError(f"colonies: {count} is known by itself, one can be left out of at least two")
+    if not 2 <= groups <= count:
+        raise InputError(f"groups is {groups}, {count} colonies can be dealt into 2 to {count}")
+    how = settings if isinstance(settings, SequentialEmulator) else SequentialEmulator()
+    emulator = _emulator(posterior, problem, simulations, how, seed)
+    group, doubts = np.arange(count) % groups, list[str]()
+    places = problem.prior.coordinates(simulations[0][_usable(problem, simulations)])
+    density, below = np.full(count, np.nan), np.full(colonies.shape, np.nan)
+    quantiles = np.full((count, len(SHARES), colonies.shape[1]), np.nan)
+    for k in range(groups):
+        progress("leaving colonies out", k / groups)
+        kept = without(problem, colonies[group != k])
+        walk = Walk.start(
+            LogPosterior(emulator, kept), places, walkers=how.walkers, most_steps=how.most_steps, seed=seed
+        )
+        chains = walk.until(ROUGHLY)
+        if chains.steps < ROUGHLY * chains.times.max():
+            doubts.append(f"colonies left out: chains without group {k + 1} are too short, allow more most_steps")
+        draws = problem.prior.values(chains.flat[:: -(-len(chains.flat) // MOST_DRAWS)])
+        mixture = PredictiveMixture.of(emulator, draws, problem.noise)
+        for r in np.flatnonzero(group == k):
+            seen = np.isfinite(colonies[r])
+            density[r] = mixture.log_density(colonies[r]) if seen.all() else np.nan
+            below[r] = np.where(seen, mixture.below(np.where(seen, colonies[r], 0.0)), np.nan)
+            quantiles[r] = mixture.quantiles(np.array(SHARES))
+    progress("leaving colonies out", 1.0)
+    called = tuple(names) if len(names) == count else tuple(str(r + 1) for r in range(count))
+    partly = [called[r] for r in range(count) if not np.isfinite(colonies[r]).all()]
+    if partly:
+        doubts.append(f"colonies left out: {', '.join(partly)} lack statistics, no density of them is counted")
+    unitless = density + np.log(scale_of(colonies)).sum()
+    return LeftOut(tuple(labels) or problem.labels, called, colonies, group, unitless, below, quantiles, tuple(doubts))
+
+
+def without(problem: Problem, kept: Colonies) -> Problem:
+    """The problem whose data are these colonies alone.
+
+    Raises:
+        InputError: None of them has one of the statistics.
+    """
+    counts = np.isfinite(kept).sum(axis=0)
+    if not counts.all():
+        label = problem.labels[int(np.argmin(counts))]
+        raise InputError(f"groups: {label} is of colonies of one group alone, give another number of groups")
+    return replace(problem, observed=np.nanmean(kept, axis=0), replicates=int(counts.min()))
+
+
+def _usable(problem: Problem, simulations: tuple[Values, Statistics]) -> np.ndarray:
+    """Which simulations came to something, of values that the prior allows."""
+    values, statistics = simulations
+    return np.isfinite(problem.prior.log_density(values)) & np.isfinite(statistics).all(axis=1)
+
+
+def _emulator(
+    posterior: Posterior,
+    problem: Problem,
+    simulations: tuple[Values, Statistics],
+    settings: SequentialEmulator,
+    seed: int,
+) -> Emulator:
+    """Trained on all simulations, and checked where the posterior is."""
+    values, statistics = simulations
+    inside = np.isfinite(problem.prior.log_density(values))
+    x = problem.prior.coordinates(posterior.flat)
+    weights = posterior.weights.ravel()
+    mean, covariance = weights @ x, np.atleast_2d(np.cov(x, rowvar=False, aweights=weights))
+    return train(
+        values[inside],
+        statistics[inside],
+        prior=problem.prior,
+        labels=problem.labels,
+        seed=seed,
+        settings=settings.training,
+        near=_near(problem.prior.coordinates(values[inside]), mean, settings.widen**2 * covariance),
+    )
+
+
+def _near(
+    x: Float[np.ndarray, "row free"], mean: Float[np.ndarray, " free"], covariance: Float[np.ndarray, "free free"]
+) -> Bool[np.ndarray, " row"]:
+    """Which simulations lie where draws of this mean and covariance do, in the prior's coordinates."""
+    off = x - mean
+    return np.einsum("rf,rf->r", off, np.linalg.solve(covariance, off.T).T) <= chi2.ppf(NEAR, len(mean))

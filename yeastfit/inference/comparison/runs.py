@@ -1,0 +1,126 @@
+"""Several runs beside each other: those on the same data as models, those under one model as conditions."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+from typing import Any
+
+from yeastfit.errors import InputError
+from yeastfit.inference.comparison.conditions import ConditionComparison
+from yeastfit.inference.comparison.left_out import LeftOut
+from yeastfit.inference.comparison.models import ModelComparison, difference_of_data
+from yeastfit.inference.posterior.result import Posterior
+
+
+@dataclass(frozen=True)
+class ComparedRun:
+    """A finished run of `infer`.
+
+    Attributes:
+        name: That it is called by.
+        model: Name of its model.
+        data: Condition, and the SHA-256 of the data's files.
+        settings: Of model and data: statistics, held parameters, and the like.
+        posterior: Its draws.
+        left_out: Its predictions of colonies left out, where it has made some.
+    """
+
+    name: str
+    model: str
+    data: tuple[str, ...]
+    settings: Mapping[str, Any]
+    posterior: Posterior
+    left_out: LeftOut | None = None
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """What several runs tell beside each other.
+
+    Attributes:
+        runs: All of them.
+        models: One for each set of data that several runs are of.
+        conditions: One for each pair of runs under the same model on other data.
+        doubts: What is to be doubted, in words.
+    """
+
+    runs: tuple[ComparedRun, ...]
+    models: tuple[ModelComparison, ...]
+    conditions: tuple[ConditionComparison, ...]
+    doubts: tuple[str, ...]
+
+    @staticmethod
+    def of(runs: Sequence[ComparedRun]) -> "Comparison":
+        """Compare all that can be.
+
+        Raises:
+            InputError: There are fewer than two runs, two of one name, or nothing to compare.
+        """
+        names = [one.name for one in runs]
+        if len(runs) < 2:
+            raise InputError(f"runs: got {', '.join(names) or 'none'}, need at least two to compare")
+        if twice := [name for name in names if names.count(name) > 1]:
+            raise InputError(f"runs: {twice[0]} is there twice, need each once")
+        doubts = [f"{one.name}: {one.posterior.status}" for one in runs if not one.posterior.settled]
+        models, why = _models(runs)
+        conditions, others = _conditions(runs)
+        if not (models or conditions):
+            reasons = "; ".join([*why, *others]) or "runs are of other models and other data"
+            raise InputError(f"runs: nothing to compare: {reasons}")
+        checked = [one.left_out.doubts for one in runs if one.left_out is not None]
+        doubts += [*why, *others, *(doubt for each in checked for doubt in each)]
+        return Comparison(tuple(runs), models, conditions, tuple(dict.fromkeys(doubts)))
+
+    @property
+    def settled(self) -> bool:
+        """Whether every posterior is."""
+        return all(one.posterior.settled for one in self.runs)
+
+    def sentences(self) -> list[str]:
+        """All verdicts."""
+        return [sentence for each in (*self.models, *self.conditions) for sentence in each.sentences()]
+
+
+def _models(runs: Sequence[ComparedRun]) -> tuple[tuple[ModelComparison, ...], list[str]]:
+    """Of each set of data, and why some of its runs are left out."""
+    found, doubts = [], list[str]()
+    for data in dict.fromkeys(one.data for one in runs):
+        same = [one for one in runs if one.data == data]
+        if len(same) < 2:
+            continue
+        scored = {one.name: one.left_out for one in same if one.left_out is not None}
+        bare = [one.name for one in same if one.left_out is None]
+        doubts += [
+            f"{name} has left no colonies out: models are compared by those, run infer with --leave-out 5"
+            for name in bare
+        ]
+        alike: dict[str, LeftOut] = {}
+        for name, left_out in scored.items():
+            first = next(iter(alike), None)
+            why = "" if first is None else difference_of_data(alike[first], left_out)
+            if why:
+                doubts.append(f"{first} and {name} are of the same data, but not compared: {why}")
+            else:
+                alike[name] = left_out
+        if len(alike) > 1:
+            found.append(ModelComparison.of(alike))
+    return tuple(found), doubts
+
+
+def _conditions(runs: Sequence[ComparedRun]) -> tuple[tuple[ConditionComparison, ...], list[str]]:
+    """Of each pair of runs under one model on other data, and what else differs between them."""
+    found, doubts = [], list[str]()
+    for one, other in combinations(runs, 2):
+        if one.model != other.model or one.data == other.data:
+            continue
+        if not set(one.posterior.free) & set(other.posterior.free):
+            doubts.append(f"{one.name} and {other.name} are not compared: no parameter is free in both")
+            continue
+        found.append(ConditionComparison.of(one.name, one.posterior, other.name, other.posterior))
+        doubts += [
+            f"{name} is {one.settings.get(name)} in {one.name} and {other.settings.get(name)} in {other.name}: "
+            "parameters may differ by that alone"
+            for name in sorted({*one.settings, *other.settings})
+            if one.settings.get(name) != other.settings.get(name)
+        ]
+    return tuple(found), doubts

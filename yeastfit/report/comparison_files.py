@@ -1,0 +1,52 @@
+"""The files of a comparison: tables, JSON, pictures, and one page of it all."""
+
+from collections.abc import Mapping
+from pathlib import Path
+
+from yeastfit import plot
+from yeastfit.inference.comparison.runs import Comparison
+from yeastfit.report.comparison_page import comparison_page
+from yeastfit.storage import write_json, write_table, written_whole
+
+
+def write_comparison(folder: Path, found: Comparison, drawn: Mapping[str, bytes], made: Mapping[str, str]) -> None:
+    """Write models.csv, statistics.csv, colonies.csv, conditions.csv, comparison.json, pictures and index.html.
+
+    Arguments:
+        folder: Where to.
+        found: The comparison.
+        drawn: PNG of observed and simulated colonies, by the name of the run.
+        made: How it was made, for the page.
+    """
+    numbered = list(enumerate(found.models, start=1))
+    tables = {
+        "models": [{"set": n, **row} for n, each in numbered for row in each.rows()],
+        "statistics": [
+            {"set": n, "run": one.name, **row}
+            for n, each in numbered
+            for one in each.runs
+            for row in one.left_out.rows()
+        ],
+        "colonies": [
+            {"set": n, "colony": row["colony"], "run": name, "log_density": density}
+            for n, each in numbered
+            for row in each.colony_rows()
+            for name, density in row.items()
+            if name != "colony"
+        ],
+        "conditions": [row for each in found.conditions for row in each.rows()],
+    }
+    for name, rows in tables.items():
+        if rows:
+            write_table(folder / f"{name}.csv", rows)
+    verdicts = {"runs": [one.name for one in found.runs], "verdicts": found.sentences(), "doubts": found.doubts}
+    write_json(folder / "comparison.json", {**verdicts, **tables})
+    pictures = {f"colonies_{name}": picture for name, picture in drawn.items()}
+    figures = {
+        f"left_out_{n}": plot.left_out({one.name: one.left_out for one in each.runs}) for n, each in numbered
+    } | ({"marginals": plot.marginals(found.runs)} if found.conditions else {})
+    for name, figure in figures.items():
+        plot.save(figure, folder / f"{name}.png")
+        pictures[name] = (folder / f"{name}.png").read_bytes()
+    with written_whole(folder / "index.html") as temporary:
+        temporary.write_text(comparison_page(found, pictures, made), encoding="utf-8")
