@@ -29,6 +29,7 @@ from yeastfit.commands.infer_run import InferRun
 from yeastfit.errors import InputError
 from yeastfit.inference.abc.distances import LiDistance
 from yeastfit.inference.abc.pilot import DistanceName, distance_of, pilot_of
+from yeastfit.inference.comparison.left_out import LeftOut
 from yeastfit.inference.neural_likelihood.rounds import EmulatorDiagnostics
 from yeastfit.inference.neural_likelihood.sequential import SequentialEmulator
 from yeastfit.inference.posterior.cached_simulator import CachedSimulator
@@ -121,6 +122,26 @@ def test_a_table_becomes_a_posterior(
     assert "Results in" in capsys.readouterr().out
     finished(arguments(data, out, method, "--resume"))
     assert "this run is finished" in capsys.readouterr().out
+
+
+@pytest.mark.usefixtures("unchecked")
+def test_colonies_are_left_out(data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """They are predicted by the others, from the simulations of the run; more groups than colonies are refused."""
+    out = tmp_path / "out"
+    finished(arguments(data, out, "emulator", "--leave-out", "2"))
+    assert "colonies left out in 2 groups" in " ".join(capsys.readouterr().out.split())
+    found = LeftOut.load(out / "left_out.npz")
+    assert np.isfinite(found.log_density).all()
+    assert found.labels[0].endswith("at 4 hours")
+    with (out / "left_out.csv").open() as file:
+        assert len(list(csv.DictReader(file))) == len(found.colonies) * len(found.labels)
+    assert json.loads((out / "diagnostics.json").read_text())["left_out"]["groups"] == 2
+    assert "Colonies left out" in (out / "index.html").read_text(encoding="utf-8")
+    asked = Posterior.load(out / "posterior.npz").simulations
+    with h5py.File(out / "simulations.h5") as file:
+        assert (file["simulations"]["seed"] != 0).sum() <= asked + (12 + 40) * len(found.colonies)
+    assert cli.run(arguments(data, tmp_path / "other", "emulator", "--leave-out", "99")) == 2
+    assert "--leave-out is 99, the data have" in capsys.readouterr().err
 
 
 ColonyDefaults = {

@@ -9,9 +9,9 @@ from yeastfit.report import html as page
 MARGINALS = "Posterior of every parameter in every run, scaled to one height"
 MODELS = (
     "Colonies are left out in turn and predicted by the others. Log density: of the observed colony under its "
-    "prediction, in units of the standard deviations between colonies, summed over colonies; larger is better. Behind best: the "
-    "difference from the best run, colony by colony, with its standard error. Inside: share of the observations in "
-    "predicted intervals, which should be 50 and 90 %."
+    "prediction, in units of the standard deviations between colonies, summed over colonies; larger is better. Behind "
+    "best: the difference from the best run, colony by colony, with its standard error. Inside: share of the "
+    "observations in predicted intervals, which should be 50 and 90 %."
 )
 CONDITIONS = (
     "Median and interval of 90 % of the difference and of the ratio, first over second; first larger: probability that "

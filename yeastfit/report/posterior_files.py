@@ -1,7 +1,7 @@
 """What `yeastfit infer` leaves of a posterior: tables, pictures, and one page of it all.
 
 posterior.csv, diagnostics.json, predictive.csv, predictive.npz, left_out.csv and left_out.npz where colonies were left
-out, posterior.nc where ArviZ is installed, pictures, and index.html. All can be made again from posterior.npz and predictive.npz.
+out, posterior.nc where ArviZ is installed, pictures, and index.html. All can be made again from the files .npz.
 """
 
 import importlib.util
