@@ -1,6 +1,7 @@
 """Pictures of runs beside each other: colonies left out with what was predicted of them, and marginal posteriors."""
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -63,9 +64,8 @@ def marginals(runs: Sequence[ComparedRun]) -> Figure:
     return figure
 
 
-def _marginal(panel: object, runs: Sequence[ComparedRun], name: str) -> None:
+def _marginal(axes: Any, runs: Sequence[ComparedRun], name: str) -> None:
     """Densities in the prior's coordinate, drawn over λ, each scaled to the height 1."""
-    axes: object = panel
     for n, one in enumerate(runs):
         posterior = one.posterior
         if name not in posterior.free:
@@ -74,7 +74,7 @@ def _marginal(panel: object, runs: Sequence[ComparedRun], name: str) -> None:
         spread = np.ptp(column)
         x = np.linspace(column.min(), column.max(), POINTS) if spread > 0 else np.array([column[0]])
         density = gaussian_kde(column)(x) if spread > 0 else np.ones(1)
-        axes.plot(x, density / density.max(), color=CONDITIONS[n % len(CONDITIONS)], label=words(one.name))  # type: ignore[attr-defined]
-    axes.set_title(words(name), fontsize=9)  # type: ignore[attr-defined]
-    axes.set(yticks=[], ylim=(0, 1.08))  # type: ignore[attr-defined]
-    axes.tick_params(labelsize=7)  # type: ignore[attr-defined]
+        axes.plot(x, density / density.max(), color=CONDITIONS[n % len(CONDITIONS)], label=words(one.name))
+    axes.set_title(words(name), fontsize=9)
+    axes.set(yticks=[], ylim=(0, 1.08))
+    axes.tick_params(labelsize=7)

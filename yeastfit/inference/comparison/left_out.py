@@ -177,7 +177,8 @@ class LeftOut:
             with Path(path).open("rb") as opened, np.load(opened, allow_pickle=False) as file:
                 words = from_json(str(file["words"]))
                 arrays = {one.name: file[one.name] for one in fields(LeftOut) if one.name not in WORDS}
-            return LeftOut(**arrays, **{name: tuple(words[name]) for name in WORDS})
+            labels, colonies, doubts = (tuple(words[name]) for name in WORDS)
+            return LeftOut(labels=labels, colonies=colonies, doubts=doubts, **arrays)
         except (OSError, KeyError, ValueError, EOFError, TypeError, zipfile.BadZipFile) as error:
             raise InputError(f"{path}: these are no predictions of colonies left out: {error}") from error
 

@@ -1,0 +1,135 @@
+"""What the runs of real colonies say: parameters, predictions, colonies left out, and what is not there yet.
+
+Three sets of real colonies (`data/real`), seen by the off-lattice and by the algebraic model. This page is made from
+the folders of runs of `yeastfit infer`, WORK/MODEL/SET, whatever of them is there:
+
+    cd data/real
+    yeastfit infer awri796-50um --model offlattice --cells 45000 --leave-out 4 --out WORK/offlattice/awri796-50um
+    yeastfit infer awri796-500um --model offlattice --cells 90000 --leave-out 4 --out WORK/offlattice/awri796-500um
+    yeastfit infer simi-white-50um --model offlattice --cells 65000 --leave-out 4 --out WORK/offlattice/simi-white-50um
+    yeastfit compare WORK/offlattice/* --out WORK/comparison
+
+A posterior that has not settled says nothing of the yeast. For such a one the page asks why: it looks at the colonies
+that the run has simulated where its posterior is (in the central 80 % of every parameter). The likelihood takes the
+statistics of one colony for normally distributed; excess kurtosis, 0 then, and the largest colony beside the 95 %
+quantile say whether they are.
+
+    python -m benchmarks.real_colonies --work WORK --docs docs
+"""
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+from scipy.stats import kurtosis
+
+from benchmarks.report import Report, command
+from yeastfit.inference.comparison.left_out import LeftOut
+from yeastfit.inference.posterior.predictive_check import Predictive
+from yeastfit.inference.posterior.result import Posterior
+from yeastfit.results_contents import MANIFEST, RUN
+from yeastfit.storage import read_json
+
+SETS = ("awri796-50um", "awri796-500um", "simi-white-50um")
+MODELS = ("offlattice", "algebraic")
+HEAVY = 10.0  # excess kurtosis from where a statistic is called heavy-tailed
+MIDDLE = (0.1, 0.9)
+FEWEST = 50  # simulations that are worth looking at
+
+
+def judge(report: Report, work: Path) -> list[str]:
+    """Fill the report with what is there; sentences of what it means."""
+    said = []
+    for model in MODELS:
+        for name in SETS:
+            folder, title = work / model / name, f"{name}, {model}"
+            if not (folder / MANIFEST).is_file():
+                said.append(f"**{title}**: not there yet.")
+                continue
+            said.append(f"**{title}**: {' '.join(_run(report, folder, title))}")
+    return said
+
+
+def _run(report: Report, folder: Path, title: str) -> list[str]:
+    """One run: its figures and tables, and what they mean."""
+    posterior, predicted = Posterior.load(folder / "posterior.npz"), Predictive.load(folder / "predictive.npz")
+    report.add(f"{title}: settled", float(posterior.settled), "", 1, note=f"{posterior.simulations} colonies")
+    ends = posterior.interval(0.9)
+    report.table(
+        f"{title}: parameters",
+        [
+            {"parameter": name, "mean": float(posterior.mean[k]), "5 %": float(ends[k, 0]), "95 %": float(ends[k, 1])}
+            for k, name in enumerate(posterior.free)
+        ],
+    )
+    report.table(f"{title}: means of {predicted.replicates} colonies", predicted.rows())
+    outside = [label for label, one in zip(predicted.labels, predicted.inside(0.9), strict=True) if not one]
+    said = [f"{posterior.status}."]
+    said.append(f"Outside what its posterior predicts: {', '.join(outside)}." if outside else "It predicts its data.")
+    if not posterior.settled:
+        said += [*_tails(report, folder, posterior, title), "Its parameters are no result."]
+    if (folder / "left_out.npz").is_file():
+        found = LeftOut.load(folder / "left_out.npz")
+        report.add(f"{title}: left out, inside 90 %", found.coverage(0.9), "", 0.8)
+        report.table(f"{title}: colonies left out", found.rows())
+        said.append(f"{found.sentence()}.")
+    return said
+
+
+def _tails(report: Report, folder: Path, posterior: Posterior, title: str) -> list[str]:
+    """How single colonies scatter that were simulated where the posterior is."""
+    with h5py.File(folder / "simulations.h5") as file:
+        rows = file["simulations"][...]
+    rows = rows[rows["check"] != 0]
+    low, high = (posterior.quantile(share) for share in MIDDLE)
+    statistics = rows["statistics"][((rows["values"] > low) & (rows["values"] < high)).all(axis=1)]
+    statistics = statistics[np.isfinite(statistics).all(axis=1)]
+    if len(statistics) < FEWEST:
+        return [f"Only {len(statistics)} colonies were simulated where its posterior is."]
+    table: list[dict[str, Any]] = []
+    for k, label in enumerate(posterior.labels):
+        one = statistics[:, k]
+        quantiles = dict(zip(("5 %", "median", "95 %"), np.quantile(one, (0.05, 0.5, 0.95)).tolist(), strict=True))
+        row = {"statistic": label, "observed mean": float(posterior.observed[k]), "simulated mean": float(one.mean())}
+        table.append(
+            {**row, "sd": float(one.std()), **quantiles, "largest": float(one.max()), "kurtosis": float(kurtosis(one))}
+        )
+    report.table(f"{title}: {len(statistics)} single colonies simulated where its posterior is", table)
+    heavy = [str(row["statistic"]) for row in table if row["kurtosis"] > HEAVY]
+    return [
+        f"Single colonies there are far from normally distributed in {', '.join(heavy)}: rare ones with a large value "
+        "make the likelihood wide there, so that it takes data for likely which most colonies miss."
+        if heavy
+        else "Single colonies there are not far from normally distributed."
+    ]
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Run the command: parse the option of this benchmark, then those of every benchmark."""
+    parser = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
+    parser.add_argument("--work", type=Path, default=Path("out/real"))
+    own, others = parser.parse_known_args(arguments)
+
+    def run(report: Report, quick: bool) -> None:
+        said = judge(report, own.work)
+        done = [own.work / model / name for model in MODELS for name in SETS]
+        report.table(
+            "runs", [{"run": f"{one.parent.name}/{one.name}", "version of yeastfit": _made(one)} for one in done]
+        )
+        if report.docs is not None:
+            words = "## In words\n\n" + "\n".join(f"- {one}" for one in said) + "\n"
+            text = "\n".join([report.head(__doc__), "", words, *report.sections()])
+            (report.docs / "real.md").write_text(text, encoding="utf-8")
+
+    command("real_colonies", run, others)
+
+
+def _made(folder: Path) -> str:
+    """Version that a run was made by."""
+    return str(read_json(folder / RUN)["versions"].get("yeastfit", "")) if (folder / RUN).is_file() else "not there yet"
+
+
+if __name__ == "__main__":
+    main()
