@@ -4,6 +4,7 @@ import csv
 import json
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -36,7 +37,12 @@ def run(folder: Path, model: str, data: str, mean: float, density: float | None 
     """A finished run in a folder."""
     draws = np.random.default_rng(3).normal(mean, 0.05, (4, 250, 2))
     posterior = replace(made_posterior(draws), status=Status.SETTLED if settled else Status.STILL_MOVING)
-    configuration = {"model": model, "condition": None, "settings": {}, "statistics": ["area", "compactness"]}
+    configuration: dict[str, Any] = {
+        "model": model,
+        "condition": None,
+        "settings": {},
+        "statistics": ["area", "compactness"],
+    }
     more = {"seed": 0, "versions": {}, "device": "cpu"}
     with results_folder(folder, "infer", resume=False) as results:
         known = {"command": "infer", "configuration": configuration, "inputs": {"measurements.csv": data}, **more}

@@ -78,7 +78,8 @@ class Comparison:
 
     def sentences(self) -> list[str]:
         """All verdicts."""
-        return [sentence for each in (*self.models, *self.conditions) for sentence in each.sentences()]
+        of_models = [sentence for each in self.models for sentence in each.sentences()]
+        return of_models + [sentence for each in self.conditions for sentence in each.sentences()]
 
 
 def _models(runs: Sequence[ComparedRun]) -> tuple[tuple[ModelComparison, ...], list[str]]:
