@@ -25,12 +25,8 @@ from yeastfit.inference.posterior.sampler import Sampler
 from yeastfit.progress import Progress, silent
 
 GROUPS = 5
-<<<<<<< HEAD
 NEAR = 0.99  # of draws w times as wide as the posterior: simulations there cross-validate the emulator
-MOST_DRAWS = 2000  # of each posterior that colonies are predicted from
-=======
 MOST_DRAWS = 4000  # of each posterior that colonies are predicted from
->>>>>>> 5d5a982 (Derive the tolerance of densities of colonies left out)
 
 Colonies = Float[np.ndarray, "colony statistic"]
 
