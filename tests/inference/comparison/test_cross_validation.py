@@ -87,7 +87,7 @@ def expected(known: Known, kept: np.ndarray, colony: np.ndarray) -> tuple[float,
 @pytest.mark.usefixtures("known_exactly")
 def test_of_a_plane(made: Made) -> None:
     """Densities of single colonies, and where they lie in what the others predict, are the exact ones."""
-    found = cross_validate(made[2], made[3], made[1], made[4], groups=4, settings=replace(SETTINGS, walkers=256))
+    found = cross_validate(made[2], made[3], made[1], made[4], groups=4, settings=SETTINGS)
     known, rows = made[:2]
     np.testing.assert_array_equal(found.group, np.arange(COLONIES) % 4)
     volume = np.log(rows.std(axis=0, ddof=1)).sum()
@@ -96,16 +96,17 @@ def test_of_a_plane(made: Made) -> None:
         density[r], below[r] = expected(known, rows[found.group != found.group[r]], rows[r])
     density += volume
     # log densities differ from draw to draw by up to √(10 / 6), where a colony is √10 deviations off and six were kept:
-    # the mean of 4000 densities is then known to √((e^(10/6) − 1) / 4000) = 0.033, of which four are allowed
-    np.testing.assert_allclose(found.log_density, density, atol=0.13)
+    # 64 chains of 20 autocorrelation times know the mean density to √((e^(10/6) − 1) / 1280) = 0.058 then; four of it
+    np.testing.assert_allclose(found.log_density, density, atol=0.23)
     assert np.isclose(found.total, found.log_density.sum())
-    np.testing.assert_allclose(found.below, below, atol=0.01)
+    np.testing.assert_allclose(found.below, below, atol=0.02)
     assert np.isclose(found.standard_error, np.sqrt(COLONIES) * found.log_density.std(ddof=1))
     edges = found.quantiles[:, [0, -1]]
     inside = (edges[:, 0] <= rows) & (rows <= edges[:, 1])
     np.testing.assert_array_equal(inside.sum(axis=0), found.inside(0.9))
 
 
+@pytest.mark.thorough
 def test_units_do_not_matter(made: Made) -> None:
     """By emulators that are trained: the same densities in other units, near the exact ones in the middle."""
     known, rows, posterior, problem, (values, statistics) = made
