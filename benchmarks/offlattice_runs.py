@@ -186,7 +186,9 @@ class Run:
             if self.file("h5", method).is_file():
                 with replace(self, method=method)._store() as other:
                     values, seeds, statistics = other.all()
-                found.append((values, seeds, np.clip(statistics[:, : len(PUBLISHED)], *np.transpose(self.limits))))
+                theirs = statistics[:, : len(PUBLISHED)]
+                within = theirs if self.limits is None else np.clip(theirs, *np.transpose(self.limits))
+                found.append((values, seeds, within))
         empty = np.zeros((0, len(self.simulator.parameters.names))), np.zeros(0, np.uint64), np.zeros((0, 3))
         values, seeds, statistics = (np.concatenate(each) for each in zip(empty, *found, strict=True))
         return values, seeds, statistics
