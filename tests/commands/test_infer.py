@@ -142,6 +142,7 @@ def test_colonies_are_left_out(data: Path, tmp_path: Path, capsys: pytest.Captur
         assert (file["simulations"]["seed"] != 0).sum() <= asked + (12 + 40) * len(found.colonies)
     assert cli.run(arguments(data, tmp_path / "other", "emulator", "--leave-out", "99")) == 2
     assert "--leave-out is 99, the data have" in capsys.readouterr().err
+    assert not list((tmp_path / "other").glob("*"))  # nothing that the next run would be told to resume
 
 
 ColonyDefaults = {

@@ -7,27 +7,25 @@ manifest.json.
 """
 
 import shutil
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
-
-import numpy as np
-from jaxtyping import Float
 
 from yeastfit.commands.generated.samplers import extending
 from yeastfit.commands.infer_config import Request
 from yeastfit.commands.infer_doubts import doubts_of
+from yeastfit.commands.leave_out import predicted_from_others, single_colonies
 from yeastfit.commands.measured_source import Measurements, measure_source, recorded_warnings
 from yeastfit.commands.run_folder import RunFolder, inputs_of, read_run, run_versions
+from yeastfit.commands.watched_simulator import Watched
 from yeastfit.errors import InputError
-from yeastfit.inference.comparison.cross_validation import cross_validate
 from yeastfit.inference.comparison.left_out import LeftOut
 from yeastfit.inference.curve_covariance import measurement_covariance
 from yeastfit.inference.models.forward_model import ForwardModel
 from yeastfit.inference.posterior.cached_simulator import CachedSimulator
 from yeastfit.inference.posterior.emcee_file import write_chains
 from yeastfit.inference.posterior.predictive_check import Predictive
+from yeastfit.inference.posterior.prior import Prior
 from yeastfit.inference.posterior.problem import Problem
 from yeastfit.inference.posterior.result import Posterior
 from yeastfit.inference.posterior.sampler import Sampler
@@ -37,12 +35,9 @@ from yeastfit.inference.samplers import name_of, sample
 from yeastfit.inference.simulator import (
     Simulator,
     Tally,
-    Wrapper,
     labels_of,
     member_seeds,
-    once,
     problems_of,
-    rows_in_blocks,
 )
 from yeastfit.inference.targets import Targets
 from yeastfit.inference.targets_from_table import TABLE, read_measurements, rows_of
@@ -53,7 +48,7 @@ from yeastfit.report.posterior_files import photographs, with_arviz, write_resul
 from yeastfit.report.posterior_summary import Summary
 from yeastfit.results_contents import RUN, check_finished
 from yeastfit.results_folder import ResultsFolder
-from yeastfit.storage import read_json, write_json, written_whole
+from yeastfit.storage import read_json, written_whole
 
 SIMULATIONS, REUSED, PROBLEMS_MET = "simulations.h5", "reused.h5", "problems.json"
 POSTERIOR, CHAINS, MEASURED = "posterior.npz", "chains.h5", "measured"
@@ -61,45 +56,6 @@ LEFT_OUT, COLONIES = "left_out.npz", "colonies.png"
 STORED = (RUN, MEASURED, SIMULATIONS, REUSED, PROBLEMS_MET)  # what a stopped run goes on with
 BATCH = 32  # simulations of the predictive check that run together
 PICTURED = 6  # photographs, and simulations beside them
-
-
-@dataclass(frozen=True)
-class Watched(Wrapper):
-    """A simulator that tells how much it has simulated: `tell(rows)` after each batch.
-
-    Attributes:
-        tally: Simulations since the run began.
-        kept: File of these and of what they ran into, written before their statistics are.
-        tell: Called with the simulations of each batch.
-        unlike: Workers of other arithmetic so far, in words.
-    """
-
-    tally: Tally
-    kept: Path
-    tell: Callable[[int], None]
-    unlike: Callable[[], list[str]] = list
-
-    def __call__(self, values: Any, seeds: Any) -> Any:
-        """Rows of the simulator inside."""
-        rows = self.simulator(values, seeds)
-        self._seen(values, seeds)
-        return rows
-
-    def blocks(self, values: Any, seeds: Any, size: int) -> Iterator[Any]:
-        """Those of the simulator inside."""
-        start = 0
-        for rows in rows_in_blocks(self.simulator, values, seeds, size):
-            end = start + len(rows)
-            self._seen(values[start:end], seeds[start:end])
-            start = end
-            yield rows
-
-    def _seen(self, values: Any, seeds: Any) -> None:
-        simulated = len(once(values, seeds))
-        self.tally.simulated += simulated
-        met = {"problems": dict(sorted(self.problems.items())), "unlike": self.unlike()}
-        write_json(self.kept, {"simulated": self.tally.simulated, **met})
-        self.tell(simulated)
 
 
 @dataclass(frozen=True)
@@ -144,7 +100,6 @@ class InferRun:
             InputError: Something is wrong with options, data or folder; nothing has been simulated then.
         """
         path, configuration, prior = results.path, request.configuration(), request.the_prior()
-        chosen = [] if request.condition is None else [request.condition]
         request.forward_model.check(prior, request.held)
         if request.reuse and not (path / REUSED).is_file():
             if not (request.reuse / SIMULATIONS).is_file():
@@ -160,10 +115,25 @@ class InferRun:
             extents=extending(configuration["method"]),
             kept=request.open_settings,
         )
+        try:
+            return InferRun._prepared(request, source, folder, prior, jobs, progress)
+        except InputError:
+            folder.take_back()
+            raise
+
+    @staticmethod
+    def _prepared(
+        request: Request, source: Path, folder: RunFolder, prior: Prior, jobs: int, progress: Progress
+    ) -> "InferRun":
+        """The run in its folder, with data and problem."""
+        results, path = folder.results, folder.path
+        chosen = [] if request.condition is None else [request.condition]
         data = _measured(source, results, jobs, progress)
         (name, seen), *_ = data.seen(request.forward_model, chosen, request.statistics).items()
         folder.notes.extend(seen.notes)
         model, single = seen.model, seen.targets
+        if request.leave_out:
+            single_colonies(single, request.leave_out, model.nouns)
         write_targets(results.partial, {name: single})
         simulator = model.simulator(single, request.parameters.names, request.held)
         errors = model.measurement_errors(single, request.measurement_error)
@@ -177,8 +147,6 @@ class InferRun:
             run.tally.simulated = met["simulated"]
             problems_of(simulator).update(met["problems"])
             run.unlike.extend(met.get("unlike", []))
-        if request.leave_out:
-            run._single_colonies()
         run._copy_reused()
         return run
 
@@ -231,7 +199,7 @@ class InferRun:
             simulator = CachedSimulator(self._watched(tell), BATCH, store)
             predicted = posterior.predict(simulator, draws=self.request.draws, seed=self.request.seed)
             beforehand, remarks = self._predicted_beforehand(posterior, simulator)
-            left_out = self._left_out(posterior, store, progress)
+            left_out = self._left_out(posterior, store, progress) if self.request.leave_out else None
         summary = Summary.of(posterior, predicted, truth, self.problems_met(), self.model, left_out)
         images = self.source if self.source.is_dir() else self.source.parent
         observed = photographs(self.data.rows, self.data.folder, images, self.request.condition, PICTURED)
@@ -243,40 +211,21 @@ class InferRun:
         remarks += write_results(partial, summary, self.targets, observed, drawn, self._made(), beforehand)
         return summary, remarks
 
-    def _left_out(self, posterior: Posterior, store: Store, progress: Progress) -> LeftOut | None:
-        """Colonies left out and predicted by the others, where that is asked for."""
-        if not self.request.leave_out:
-            return None
-        values, _, statistics = store.all()
-        names = dict.fromkeys(str(row["replicate"]) for row in rows_of(self.data.rows, self.request.condition))
-        return cross_validate(
+    def _left_out(self, posterior: Posterior, store: Store, progress: Progress) -> LeftOut:
+        """Every colony predicted from the others."""
+        groups, targets = self.request.leave_out, self.targets
+        return predicted_from_others(
             posterior,
             self.problem,
-            self._single_colonies(),
-            (values, statistics),
-            groups=self.request.leave_out,
-            names=tuple(names),
-            labels=self.targets.points,
-            settings=self.sampler,
+            single_colonies(targets, groups, self.model.nouns),
+            store,
+            targets=targets,
+            rows=rows_of(self.data.rows, self.request.condition),
+            groups=groups,
+            sampler=self.sampler,
             seed=self.request.seed,
             progress=progress,
         )
-
-    def _single_colonies(self) -> Float[np.ndarray, "colony statistic"]:
-        """Their statistics.
-
-        Raises:
-            InputError: Fewer are known than groups are to be left out.
-        """
-        curves = self.targets.curves
-        known = 0 if curves is None else len(curves)
-        if curves is None or known < self.request.leave_out:
-            several = self.model.nouns[1]
-            raise InputError(
-                f"--leave-out is {self.request.leave_out}, the data have {known} single {several}: give at most as "
-                "many, or 0"
-            )
-        return curves[:, self.targets.measured]
 
     def _predicted_beforehand(self, posterior: Posterior, simulator: Simulator) -> tuple[Predictive | None, list[str]]:
         """Data predicted from the prior, and why there are none."""
@@ -286,10 +235,6 @@ class InferRun:
             return posterior.predict_prior(simulator, draws=self.prior_draws, seed=self.request.seed), []
         except InputError as error:
             return None, [f"posterior.nc has no prior_predictive: {error}"]
-
-    def doubts(self) -> list[str]:
-        """What the data do not fulfil, in words."""
-        return doubts_of(self.targets, self.problem, self.model.nouns)
 
     def problems_met(self) -> list[str]:
         """What micrographs and simulations ran into, since the run began."""

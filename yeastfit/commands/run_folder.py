@@ -36,6 +36,7 @@ class RunFolder:
         inputs: SHA-256 by file.
         seed: Of the run.
         notes: What a user should know about resuming it, in words.
+        new: Whether it begins now.
     """
 
     results: ResultsFolder
@@ -43,6 +44,7 @@ class RunFolder:
     inputs: dict[str, str]
     seed: int
     notes: list[str]
+    new: bool = False
 
     @property
     def path(self) -> Path:
@@ -88,7 +90,7 @@ class RunFolder:
             made = {"arguments": sys.argv[1:], "versions": run_versions(), **_machine()}
             write_json(file, {"command": "infer", "seed": seed, "configuration": plain, "inputs": hashes, **made})
             notes = ["there is nothing to resume, a new run begins"] if resume else []
-            return RunFolder(results, plain, hashes, seed, notes)
+            return RunFolder(results, plain, hashes, seed, notes, new=True)
         earlier = read_run(file)
         before, now = earlier["configuration"].get("settings", {}), plain["settings"]
         now |= {name: before[name] for name in kept if name in before}
@@ -109,6 +111,11 @@ class RunFolder:
                 results.reopen(stored)
             write_json(file, {**earlier, "configuration": plain})
         return RunFolder(results, plain, hashes, seed, _other_versions(earlier))
+
+    def take_back(self) -> None:
+        """Leave no trace of a run that could not begin, so that the next one is not taken for it."""
+        if self.new:
+            (self.path / RUN).unlink()
 
     def resume_hint(self) -> str:
         """How to go on."""
