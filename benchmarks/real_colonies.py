@@ -100,7 +100,7 @@ def _tails(report: Report, folder: Path, posterior: Posterior, title: str) -> li
     heavy = [str(row["statistic"]) for row in table if row["kurtosis"] > HEAVY]
     return [
         f"Single colonies there are far from normally distributed in {', '.join(heavy)}: rare ones with a large value "
-        "make the likelihood wide there, so that it takes data for likely which most colonies miss."
+        "widen the likelihood there, and may be why it takes data for likely which most colonies miss."
         if heavy
         else "Single colonies there are not far from normally distributed."
     ]
