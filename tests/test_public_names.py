@@ -13,14 +13,15 @@ from yeastfit import measure, model, offlattice
 def test_the_package() -> None:
     names = """
     FORWARD_MODELS HARD LI2024 PARAMETERS RULES SAMPLERS STATISTICS BirthRule Births BuddingRule CachedSimulator
-    Calibration ColonySimulator ContactRule Context Dataset DeathRule Design DetachmentRule Diagnostics Fit FitSettings
-    FitStatus FluctuationRule ForwardModel GradientCheck Grown Imaging Information InputError Model MediumRule
-    MotionRule Numerics Observable Panel Parameter ParameterSet Parameters Posterior Prior Problem Range Relaxation
-    Resolution Sampler Scales Seen Sensitivity Setting ShapeRule Simulation SimulationError Simulator Specification
-    Spread SpringRule Statistic Status Store Targets UptakeRule Variation Workers
-    available_processors calibrate check_derivatives check_gradients design explore fit infer information
-    information_of measure measure_dataset measure_file member_keys model plot profiles read_dataset read_truth
-    register_statistic robust_mean sensitivity simulate
+    Calibration ColonySimulator ConditionComparison ContactRule Context Dataset DeathRule Design DetachmentRule
+    Diagnostics Fit FitSettings FitStatus FluctuationRule ForwardModel GradientCheck Grown Imaging Information
+    InputError LeftOut MediumRule Model ModelComparison MotionRule Numerics Observable Panel Parameter
+    ParameterSet Parameters Posterior Prior Problem Range Relaxation Resolution Sampler Scales Seen Sensitivity
+    Setting ShapeRule Simulation SimulationError Simulator Specification Spread SpringRule Statistic Status
+    Store Targets UptakeRule Variation Workers
+    available_processors calibrate check_derivatives check_gradients cross_validate design explore fit infer
+    information information_of measure measure_dataset measure_file member_keys model plot profiles read_dataset
+    read_truth register_statistic robust_mean sensitivity simulate
     """
     assert sorted(yeastfit.__all__) == sorted(names.split())
     assert all(hasattr(yeastfit, name) for name in yeastfit.__all__)

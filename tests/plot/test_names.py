@@ -23,7 +23,7 @@ def test_matplotlib_is_imported_with_the_first_figure_only() -> None:
 
 def test_the_functions_are_named_after_what_they_draw() -> None:
     names = "bootstrap colonies colony condition_curves convergence corner cross_validation curves design ellipses fit"
-    names += " overlay predictive profiles ranks spectrum thumbnail_sheet traces"
+    names += " left_out marginals overlay predictive profiles ranks spectrum thumbnail_sheet traces"
     for name in names.split():
         assert getattr(yeastfit.plot, name).__annotations__["return"] is Figure
     assert set(plot.__all__) == {*names.split(), "movie", "save", "thumbnail"}
