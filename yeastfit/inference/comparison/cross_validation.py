@@ -10,8 +10,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from jaxtyping import Bool, Float
-from scipy.stats import chi2
+from jaxtyping import Float
 
 from yeastfit.errors import InputError
 from yeastfit.inference.comparison.left_out import SHARES, LeftOut, scale_of
@@ -19,13 +18,13 @@ from yeastfit.inference.comparison.predictive_mixture import PredictiveMixture
 from yeastfit.inference.neural_likelihood.emulator import Emulator, Statistics, Values, train
 from yeastfit.inference.neural_likelihood.mcmc import ROUGHLY, LogPosterior, Walk
 from yeastfit.inference.neural_likelihood.sequential import SequentialEmulator
+from yeastfit.inference.neural_likelihood.training_rounds import near
 from yeastfit.inference.posterior.problem import Problem
 from yeastfit.inference.posterior.result import Posterior
 from yeastfit.inference.posterior.sampler import Sampler
 from yeastfit.progress import Progress, silent
 
 GROUPS = 5
-NEAR = 0.99  # of draws w times as wide as the posterior: simulations there cross-validate the emulator
 MOST_DRAWS = 4000  # of each posterior that colonies are predicted from
 
 Colonies = Float[np.ndarray, "colony statistic"]
@@ -140,13 +139,5 @@ def _emulator(
         labels=problem.labels,
         seed=seed,
         settings=settings.training,
-        near=_near(problem.prior.coordinates(values[inside]), mean, settings.widen**2 * covariance),
+        near=near(problem.prior.coordinates(values[inside]), mean, covariance, settings.widen),
     )
-
-
-def _near(
-    x: Float[np.ndarray, "row free"], mean: Float[np.ndarray, " free"], covariance: Float[np.ndarray, "free free"]
-) -> Bool[np.ndarray, " row"]:
-    """Which simulations lie where draws of this mean and covariance do, in the prior's coordinates."""
-    off = x - mean
-    return np.einsum("rf,rf->r", off, np.linalg.solve(covariance, off.T).T) <= chi2.ppf(NEAR, len(mean))

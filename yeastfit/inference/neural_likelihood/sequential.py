@@ -25,8 +25,7 @@ from dataclasses import dataclass, field, replace
 from typing import Annotated, ClassVar
 
 import numpy as np
-from jaxtyping import Bool, Float
-from scipy.stats import chi2
+from jaxtyping import Float
 
 from yeastfit.errors import InputError
 from yeastfit.inference.neural_likelihood.emulator import Emulator, fewest, train
@@ -34,7 +33,7 @@ from yeastfit.inference.neural_likelihood.mcmc import BRIEFLY, ROUGHLY, LogPoste
 from yeastfit.inference.neural_likelihood.network import TrainingSettings
 from yeastfit.inference.neural_likelihood.rounds import EmulatorDiagnostics, RoundDiagnostics
 from yeastfit.inference.neural_likelihood.single_colonies import between_colonies, excess_scatter
-from yeastfit.inference.neural_likelihood.training_rounds import Round, far_draws, proposed, unsettled
+from yeastfit.inference.neural_likelihood.training_rounds import Round, far_draws, near, proposed, unsettled
 from yeastfit.inference.posterior.cached_simulator import CachedSimulator
 from yeastfit.inference.posterior.problem import Problem
 from yeastfit.inference.posterior.result import Posterior
@@ -48,7 +47,6 @@ from yeastfit.progress import Progress
 
 CHAIN = 32  # bytes of a step of a chain, at least
 FIRST = 512  # simulations of the first round, where many are allowed
-NEAR = 0.99  # of draws w times as wide as the posterior with its trail: simulations there cross-validate the emulator
 
 Values = Float[np.ndarray, "row free"]
 Statistics = Float[np.ndarray, "row statistic"]
@@ -193,7 +191,9 @@ class _Rounds:
             labels=self.problem.labels,
             seed=self.seed,
             settings=self.settings.training,
-            near=None if before is None else self._near(values, before),
+            near=None
+            if before is None
+            else near(self.problem.prior.coordinates(values), before.mean, before.covariance, self.settings.widen),
             room=self.settings.simulations + len(self.reused_values),
         )
         whole = np.isfinite(statistics).all(axis=1)
@@ -233,11 +233,6 @@ class _Rounds:
 
     def _settled(self, one: Round) -> bool:
         return one.moved <= self.settings.settle and one.error_share <= self.settings.settle**2
-
-    def _near(self, values: Values, last: Round) -> Bool[np.ndarray, " row"]:
-        off = self.problem.prior.coordinates(values) - last.mean
-        distance = np.einsum("rf,rf->r", off, np.linalg.solve(last.covariance, off.T).T)
-        return distance <= self.settings.widen**2 * chi2.ppf(NEAR, len(last.mean))
 
     def _proposals(self, last: Round, count: int, number: int) -> Values:
         """The first of a whole round's proposals, so that a longer run uses each of them."""

@@ -3,7 +3,8 @@
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
+from scipy.stats import chi2
 
 from yeastfit.errors import InputError
 from yeastfit.inference.neural_likelihood.emulator import Emulator
@@ -13,6 +14,7 @@ from yeastfit.inference.posterior.robust_summary import covariance_of_most, far_
 
 LARGEST_ERROR = 0.3  # of the variance of the data, above which the emulator's error is warned of
 FEW = 0.01  # of the draws, above which outlying ones are warned of
+NEAR = 0.99  # of draws w times as wide as the posterior with its trail: simulations there cross-validate the emulator
 TRIES = 100  # times that draws outside the prior are repeated
 
 
@@ -42,6 +44,18 @@ class Round:
     def x(self) -> Float[np.ndarray, "draw free"]:
         """Draws of the chains in the prior's coordinates, without z."""
         return self.chains.flat[:, : len(self.mean)]
+
+
+def near(
+    x: Float[np.ndarray, "row free"],
+    mean: Float[np.ndarray, " free"],
+    covariance: Float[np.ndarray, "free free"],
+    widen: float,
+) -> Bool[np.ndarray, " row"]:
+    """Which simulations lie where draws of this mean and covariance do, w times as wide, in the prior's coordinates."""
+    off = x - mean
+    distance = np.einsum("rf,rf->r", off, np.linalg.solve(covariance, off.T).T)
+    return distance <= widen**2 * chi2.ppf(NEAR, len(mean))
 
 
 def proposed(
