@@ -14,8 +14,8 @@ from yeastfit.measure.statistics.model_as_mask import HardStatistics, mask_of
 
 INDICES = {"compactness": "C", "filament_area_index": "I_F", "filament_radius_index": "I_R"}
 VALUES = {"mobility": 6.0, "aspect_ratio": 0.4, "metabolic_rate": 1.0}
-NITROGEN = {"nitrogen_diffusivity": 10.0, "nitrogen_uptake": 20.0}
-AMOUNTS, MEMBERS, PIXEL = (0.5, 1.5, 5.0), 8, 0.2
+NITROGEN = {"nitrogen_uptake": 0.0, "nitrogen_per_birth": 150.0}
+AMOUNTS, MEMBERS, PIXEL = (10.0, 30.0, 100.0), 8, 0.2
 NAMES = (*INDICES, "area", "cell_count", "radius")
 Record = dict[str, Any]
 
@@ -36,9 +36,9 @@ class Dish:
 
 
 DISHES = (
-    Dish("small", 64.0, 15.0, 8192),
-    Dish("middle", 128.0, 25.0, 32768),
-    Dish("real", 288.0, 60.0, 131072),
+    Dish("small", 64.0, 20.0, 4096),
+    Dish("middle", 128.0, 30.0, 16384),
+    Dish("real", 288.0, 60.0, 65536),
 )
 QUICK = (Dish("tiny", 16.0, 6.0, 256),)
 

@@ -141,6 +141,17 @@ def closed_step(field: Floats, rate: Floats, source: Floats, diffusivity: float,
     return np.asarray(new.reshape(field.shape))
 
 
+def nitrogen_births(wanted: list[float], held: float, cost: float) -> list[int]:
+    """Children at each event, of those asked for, in a dish that holds so much nitrogen: one by one while it lasts."""
+    born = []
+    for asked in wanted:
+        children = 0
+        while children < asked and held >= cost:
+            held, children = held - cost, children + 1
+        born.append(children)
+    return born
+
+
 # --- collocated nodes ----------------------------------------------------------------------------------------------
 
 

@@ -39,7 +39,9 @@ def extent_of_cells(cells: Cells, reach: Float[Array, ""] | float) -> Float[Arra
     return jnp.max(jnp.where(cells.weights > 0, ends, 0.0))
 
 
-def extent_of_change(nutrient: Float[Array, "x y"], spacing: float, rest: float = 1.0) -> Float[Array, ""]:
+def extent_of_change(
+    nutrient: Float[Array, "x y"], spacing: float, rest: Float[Array, ""] | float = 1.0
+) -> Float[Array, ""]:
     """Largest |coordinate| of any grid point whose nutrient is not at rest, and `MARGIN` spacings more."""
     change = jnp.abs(rest - nutrient)
     changed = jnp.maximum(jnp.max(change, axis=0), jnp.max(change, axis=1)) > jnp.finfo(nutrient.dtype).eps

@@ -239,12 +239,7 @@ class DetachmentRule(Rule):
 
     @abstractmethod
     def detached(self, context: Context, newborn: Mapping[str, float]) -> Colony:
-        """The colony after this step's detachments.
-
-        Arguments:
-            context: The colony after the births.
-            newborn: Initial values of the state of nodes, by name.
-        """
+        """The colony after this step's detachments; asked after births. `newborn` is the state of a new node."""
 
 
 class ShapeRule(Rule):
@@ -280,6 +275,10 @@ class MediumRule(Rule):
     ) -> Float[Array, " node"]:
         """What nodes grow by; by default the nutrient where they are."""
         return nutrient_at(colony, numerics)
+
+    def afforded(self, context: Context, births: Births) -> tuple[Colony, Births]:
+        """The colony whose medium has paid for births, and those that it had enough for; by default all are free."""
+        return context.colony, births
 
     def drift(self, context: Context) -> Float[Array, "node 2"]:
         """Velocity of nodes along gradients; by default λ5 ∇c."""

@@ -75,11 +75,12 @@ def step(
     context = seen(context.colony, nutrient=model.fluctuations.shaken(context))
     context = seen(context.colony, node_state=model.advance(context))
     context = seen(model.death.deaths(context))
-    colony = jax.lax.cond(
-        model.births.due(context),
-        lambda: bud(context, model.births.births(context), model.budding, model.node_state()),
-        lambda: context.colony,
-    )
+
+    def with_births() -> Colony:
+        paid, births = model.medium.afforded(context, model.births.births(context))
+        return bud(dataclasses.replace(context, colony=paid), births, model.budding, model.node_state())
+
+    colony = jax.lax.cond(model.births.due(context), with_births, lambda: context.colony)
     parted = seen(model.detachment.detached(seen(colony), model.node_state()))
     positions = model.motion.moved(parted, velocity(parted, model.contact, model.medium, model.springs))
     colony = dataclasses.replace(parted.colony, positions=positions)

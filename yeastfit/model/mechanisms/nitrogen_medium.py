@@ -7,6 +7,19 @@ Growth is by the scarcer of the two (Liebig), min(c, n) at a node; relaxed, the 
 e^(−n/w). Drift is λ5 ∇c + γ_N ∇n. The boundary of nitrogen is a `dish`, through which nothing passes, so that what is
 eaten is gone, or a `reservoir` at n = ν. Fields hold n / ν, which the amount ν = `nitrogen` does not change. With
 ν = 1, D_N = λ1, r_N = λ6 and a reservoir, the two nutrients are one: the source.
+
+A birth takes q = `nitrogen_per_birth` from the dish, everywhere in proportion to what is there,
+
+    n ← n (1 − q B / ∫n dx),    B ≤ ∫n dx / q,
+
+as ammonium spreads by √(4 D t) = 1000 L0 in a cell cycle (D = 1.9e-9 m²/s in water). Children that there is no nitrogen
+for are not born, those of the best fed mothers first; their mothers wait. So ∫n dx + q (children) is constant where
+r_N = 0. With q = 0 births are free.
+
+What q is: a diploid cell has 20 pg of dry mass (Sherman 2002, Methods Enzymol. 350:3), 8 % of it nitrogen (Lange &
+Heijnen 2001, Biotechnol. Bioeng. 75:334), so 0.11 pmol. 50 µM ammonium sulphate has that below 5 L0² of agar 4 mm deep,
+or below 15 L0² for a node that stands for three cells above one another. Ammonium limits growth below some 10 µM (Km of
+Mep1, Marini et al. 1997, Mol. Cell. Biol. 17:4282): with that for c0, 50 µM are ν = 10, and q is 50 to 150.
 """
 
 import dataclasses
@@ -27,15 +40,16 @@ from yeastfit.model.numerics import Numerics
 from yeastfit.model.nutrient import closed_step, nutrient_step
 from yeastfit.model.parameters import Parameters
 from yeastfit.model.relaxation import Relaxation
-from yeastfit.model.rules import Context, MediumRule, UptakeRule
+from yeastfit.model.rules import Births, Context, MediumRule, UptakeRule
 from yeastfit.model.uptake import biomass
 from yeastfit.parameter_set import Parameter
 
 WIDTH = 0.02  # w, of the relaxed minimum
-NITROGEN = Parameter("nitrogen", "ν", "nitrogen at the start, in units of c0", (0.01, 10.0), 1.0, positive=True)
+NITROGEN = Parameter("nitrogen", "ν", "nitrogen at the start, in units of c0", (0.01, 100.0), 1.0, positive=True)
 NITROGEN_DIFFUSIVITY = Parameter("nitrogen_diffusivity", "D_N", "diffusion of nitrogen, over μ* L0²", (0.01, 10.0), 0.1)
 NITROGEN_UPTAKE = Parameter("nitrogen_uptake", "r_N", "uptake of nitrogen, over μ*", (0.05, 20.0), 1.0)
 NITROGEN_MOBILITY = Parameter("nitrogen_mobility", "γ_N", "drift along nitrogen's gradient", (0.02, 20.0), 0.0)
+NITROGEN_PER_BIRTH = Parameter("nitrogen_per_birth", "q", "nitrogen of a birth, over c0", (1.0, 500.0), 0.0, "L0²")
 
 
 class NitrogenMedium(MediumRule):
@@ -49,7 +63,13 @@ class NitrogenMedium(MediumRule):
     """
 
     name: ClassVar[str] = "nitrogen"
-    parameters: ClassVar[tuple[Parameter, ...]] = (NITROGEN, NITROGEN_DIFFUSIVITY, NITROGEN_UPTAKE, NITROGEN_MOBILITY)
+    parameters: ClassVar[tuple[Parameter, ...]] = (
+        NITROGEN,
+        NITROGEN_DIFFUSIVITY,
+        NITROGEN_UPTAKE,
+        NITROGEN_MOBILITY,
+        NITROGEN_PER_BIRTH,
+    )
     boundary: Literal["dish", "reservoir"] = eqx.field(static=True, default="dish")
 
     def __check_init__(self) -> None:
@@ -72,7 +92,10 @@ class NitrogenMedium(MediumRule):
             return carbon.at[window, window].set(fed), nitrogen.at[window, window].set(left)
 
         fields = colony.nutrient, colony.medium["nitrogen"]
-        extent = jnp.maximum(*(extent_of_change(field, numerics.spacing) for field in fields))
+        # births lower nitrogen where no cells are, too, and everywhere alike
+        far = jnp.where(parameters["nitrogen_per_birth"] > 0, fields[1][0, 0], 1.0)
+        extent = extent_of_change(fields[0], numerics.spacing)
+        extent = jnp.maximum(extent, extent_of_change(fields[1], numerics.spacing, far))
         carbon, nitrogen = where_cells_are(context, cells, extent, law, *fields)
         return dataclasses.replace(colony, nutrient=carbon, medium={**colony.medium, "nitrogen": nitrogen})
 
@@ -87,12 +110,38 @@ class NitrogenMedium(MediumRule):
         share = jax.nn.sigmoid((nitrogen - carbon) / WIDTH)
         return share * carbon + (1.0 - share) * nitrogen
 
+    def afforded(self, context: Context, births: Births) -> tuple[Colony, Births]:
+        """Births for which the dish holds nitrogen, in order, and the dish without it."""
+        colony, parameters, cost = context.colony, context.parameters, context.parameters["nitrogen_per_birth"]
+        field, edge = colony.medium["nitrogen"], 0 if self.boundary == "dish" else 1
+        inside = slice(edge, context.numerics.points - edge)
+        share = field[inside, inside]
+        far = share[0, 0]  # by differences, as a sum of a million equal numbers has their last bits wrong
+        mean = far + jnp.mean(share - far)
+        held = parameters["nitrogen"] * share.size * context.numerics.spacing**2 * mean
+        enough = held / jnp.where(cost > 0, cost, 1.0)
+        enough = jnp.floor(enough) if context.relaxation.births == "whole" else enough
+        before = jnp.cumsum(births.weights) - births.weights
+        weights = jnp.where(cost > 0, jnp.clip(enough - before, 0.0, births.weights), births.weights)
+        births = _without(births, colony, weights)
+        room = colony.parents.shape[0] - colony.count
+        born = jnp.sum(jnp.where(jnp.cumsum(weights > 0) <= room, weights, 0.0))
+        left = field.at[inside, inside].multiply(1.0 - cost * born / jnp.where(held > 0, held, 1.0))
+        return dataclasses.replace(colony, medium={**colony.medium, "nitrogen": left}), births
+
     def drift(self, context: Context) -> Float[Array, "node 2"]:
         """λ5 ∇c + γ_N ∇n."""
         parameters = context.parameters
         along = gradient_at(_of_nitrogen(context.colony), context.numerics)
         strength = parameters["nitrogen_mobility"] * parameters["nitrogen"]
         return parameters.mobility * context.local_gradient() + strength * along
+
+
+def _without(births: Births, colony: Colony, weights: Float[Array, " node"]) -> Births:
+    """Births of other weights; who is refused a child keeps its state."""
+    waits = jnp.zeros_like(weights, bool).at[births.parents].set((births.weights > 0) & (weights <= 0))
+    state = {name: jnp.where(waits, colony.node_state[name], after) for name, after in births.node_state.items()}
+    return dataclasses.replace(births, weights=weights, node_state=state)
 
 
 def _of_nitrogen(colony: Colony) -> Colony:
