@@ -4,13 +4,13 @@ Filamentous colonies of Li et al. 2024 grew on 50 or 500 µM ammonium sulphate: 
 the colonies with less nitrogen are the more filamentous. Here colonies of long, mobile cells (λ = 0.1, 5, 5, 0.5, 6, 1,
 0.4) grow by the scarcer of carbon, which a reservoir supplies, and nitrogen, of which a dish holds an amount ν; hard
 rules, h = 0.2, Δt = 0.02. Every birth takes its nitrogen, q = 150, from the dish, and nothing else uses any; nodes
-drift along carbon alone. c0 is 10 µM of ammonium, below which growth slows, so that ν = 10 and 100 are 50 and 500 µM ammonium
-sulphate; q is the nitrogen of three cells above one another on agar 4 mm deep (where the numbers come from stands in
-`yeastfit/model/mechanisms/nitrogen_medium.py`). Dishes of three sizes, the part of a real one that a colony has for
-itself, hold ν = 10, 30 and 100, with eight colonies each: the smallest makes colonies of some hundred to some thousand
-cells, the largest colonies of the size of real ones (26 000 L0²). Compactness C, the filament area index I_F and the
-filament radius index I_R are taken on the mask at eight times, with pixels of 0.2 L0, which is the resolution of the
-photographs.
+drift along carbon alone. c0 is 10 µM of ammonium, below which growth slows, so that ν = 10 and 100 are 50 and 500 µM
+ammonium sulphate; q is the nitrogen of three cells above one another on agar 4 mm deep (where the numbers come from
+stands in `yeastfit/model/mechanisms/nitrogen_medium.py`). Dishes of three sizes, the part of a real one that a colony
+has for itself, hold ν = 10, 30 and 100, with eight colonies each: the smallest makes colonies of some hundred to some
+thousand cells, the largest colonies of the size of real ones (26 000 L0²). Compactness C, the filament area index I_F
+and the filament radius index I_R are taken on the mask at eight times, with pixels of 0.2 L0, which is the resolution
+of the photographs.
 
 A statement holds where the 95 % confidence interval of the difference of two means (Welch's t) lies on its side of 0,
 it does not where it lies on the other, and is not resolved otherwise.
