@@ -114,3 +114,5 @@ def test_times_are_regular_and_end_with_the_last() -> None:
 def test_nodes_double_in_a_unit_of_time_at_most() -> None:
     assert [most_nodes(time) for time in (0.5, 1.0, 2.9, 6.0)] == [2, 4, 8, 128]
     assert most_nodes(1e300) == most_nodes(60.0) == 2**61
+    assert most_nodes(6.0, 1.5) == 2**10
+    assert most_nodes(1.0, float("inf")) == 2**61

@@ -11,6 +11,9 @@ from yeastfit.inference.simulator import fixed_of, member_seeds, named_values, n
 from yeastfit.measure.statistics.model_as_mask import HardStatistics
 from yeastfit.measure.statistics.smooth_statistics import SmoothStatistics
 from yeastfit.model.colony import PROBLEMS
+from yeastfit.model.mechanisms.clock_births import ClockBirths
+from yeastfit.model.mechanisms.walker_medium import WalkerBirths, WalkerMedium
+from yeastfit.model.model import Model
 
 HERE = np.array([[PARAMETERS["mobility"].default]])
 COARSE = Resolution(dt=0.02, spacing=0.25)
@@ -34,6 +37,17 @@ def test_a_dish_is_wide_enough_and_has_room_for_every_cell() -> None:
     assert roomy.curves.numerics.capacity == 64
     far = ColonySimulator.of(targets(("radius",), [20.0]), FREE, resolution=COARSE)
     assert far.curves.numerics.capacity == 4096
+
+
+def test_there_is_room_for_births_at_any_step() -> None:
+    """Colonies that bud by clocks double every ln 2; those that eat walkers may at every step."""
+    clocks, walkers = Model(births=ClockBirths()), Model(births=WalkerBirths(), medium=WalkerMedium())
+    made = ColonySimulator.of(targets(("radius",), [1.5, 3.2]), FREE, {"metabolic_rate": 0.01}, COARSE, clocks)
+    assert made.curves.numerics.capacity == 2**6
+    assert np.isfinite(made(np.tile(HERE, (8, 1)), member_seeds(0, 8))).all()
+    assert not any("births were cut" in problem for problem in made.problems)
+    made = ColonySimulator.of(targets(("radius",), [1.5]), FREE, resolution=COARSE, model=walkers)
+    assert made.curves.numerics.capacity == 4096
 
 
 def test_times_closer_than_a_step_are_refused() -> None:

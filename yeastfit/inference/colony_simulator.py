@@ -112,7 +112,9 @@ class ColonySimulator:
         side = 2.6 * imaging.extent / spacing
         check_memory(POINT * side * side, f"spacing is {spacing:g}, which over {2.6 * imaging.extent:.3g} L0")
         domain = 2 * spacing * np.ceil((1.3 * imaging.extent + MARGIN) / spacing)
-        room = resolution.capacity or min(most_nodes(float(times[-1])), MOST_NODES)
+        model = model or Model()
+        most = most_nodes(float(times[-1]), model.births.doublings)
+        room = resolution.capacity or min(most, MOST_NODES)
         numerics = Numerics(domain=float(domain), spacing=spacing, dt=dt, capacity=room)
         seen = 2.6 * imaging.extent
         if imaging.estimator == "smooth":
@@ -122,7 +124,6 @@ class ColonySimulator:
         else:
             observe = HardStatistics(seen, imaging.spacing, targets.names)
         curves = ColonyCurves(targets.names, numerics, observe, HARD, schedule_of(times, numerics))
-        model = model or Model()
         curves, values = replace(curves, model=model), parameter_values(fixed, model.parameters)
         chosen = model.parameters.subset(free)
         held = {name: value for name, value in values.items() if name not in chosen}

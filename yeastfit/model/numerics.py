@@ -105,9 +105,9 @@ class Numerics:
         return round(time / self.dt)
 
 
-def most_nodes(time: float) -> int:
-    """Largest number of nodes of a colony at a time, as every node may bud once in a unit of time."""
-    return 2 ** (int(min(time, 60.0) + 1e-6) + 1)  # 2⁶¹ are more than any memory holds
+def most_nodes(time: float, doublings: float = 1.0) -> int:
+    """Nodes that a colony may come to by a time: two, doubled so often in a unit of time, once as the source's buds."""
+    return 2 ** (int(min(doublings * time, 60.0) + 1e-6) + 1)  # 2⁶¹ are more than any memory holds
 
 
 def largest_in_ensemble(value: Array) -> Array:

@@ -132,6 +132,7 @@ class BirthRule(Rule):
     """Who buds, and when."""
 
     question: ClassVar[str] = "births"
+    doublings: ClassVar[float] = 1.0  # of a colony, in a unit of time, that fits and posteriors leave room for
 
     @abstractmethod
     def due(self, context: Context) -> Bool[Array, ""]:

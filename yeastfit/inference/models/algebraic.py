@@ -191,7 +191,7 @@ class Algebraic(ForwardModel):
         times = self.times
         if not times or not np.isfinite(times).all() or min(times) <= 0:
             raise InputError(f"--times is {','.join(f'{time:g}' for time in times)}, it must hold numbers above 0")
-        numerics = Numerics(dt=self.dt, capacity=most_nodes(max(times)))
+        numerics = Numerics(dt=self.dt, capacity=most_nodes(max(times), self.rules.births.doublings))
         return estimate_sensitivity(
             Parameters(**values),
             times=times,

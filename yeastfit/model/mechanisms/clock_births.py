@@ -33,6 +33,7 @@ class ClockBirths(BirthRule):
 
     name: ClassVar[str] = "clocks"
     parameters: ClassVar[tuple[Parameter, ...]] = (CYCLE_VARIATION, LEAST_NUTRIENT)
+    doublings: ClassVar[float] = 1.6  # r / ln 2 is at most 1.44; a few early births may be ahead of it
 
     def node_state(self) -> dict[str, float]:
         """The phase ψ, and the number of cycles completed."""

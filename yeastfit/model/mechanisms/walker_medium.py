@@ -44,6 +44,7 @@ class WalkerBirths(BirthRule):
     """
 
     name: ClassVar[str] = "walkers"
+    doublings: ClassVar[float] = float("inf")  # who has taken up enough buds, in every step
     per_bud: int = eqx.field(static=True, default=10)
 
     def __check_init__(self) -> None:
