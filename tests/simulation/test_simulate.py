@@ -217,6 +217,17 @@ def test_a_state_that_is_not_finite_is_an_error() -> None:
         )
 
 
+def test_a_colony_that_outgrew_its_dish_is_said_to_have() -> None:
+    """Mobile cells run out of a narrow dish between two samples, and places become not finite beyond its edge."""
+    with pytest.raises(SimulationError, match=r"domain is 6, .* a colony had come to its edge: raise domain"):
+        simulate(
+            Parameters(mobility=6.0),
+            member_keys(0, 1),
+            times=[9.0],
+            numerics=Numerics(domain=6.0, spacing=0.25, dt=0.02, capacity=64),
+        )
+
+
 def test_a_diffusivity_beyond_what_single_precision_solves_is_named() -> None:
     numerics = Numerics(domain=8.0, spacing=0.1, capacity=10)
     with pytest.raises(InputError, match=r"diffusivity · dt / spacing² is 20, .* up to 8"):

@@ -83,7 +83,10 @@ def step(
     colony = jax.lax.cond(model.births.due(context), with_births, lambda: context.colony)
     parted = seen(model.detachment.detached(seen(colony), model.node_state()))
     positions = model.motion.moved(parted, velocity(parted, model.contact, model.medium, model.springs))
-    colony = dataclasses.replace(parted.colony, positions=positions)
+    from_edge = 0.5 * numerics.domain - jnp.abs(positions)
+    problems, at_edge = parted.colony.problems, jnp.any((from_edge < 1.0) & (from_edge >= 0.0))
+    problems = eqx.tree_at(lambda p: p.left_domain, problems, problems.left_domain | at_edge)
+    colony = dataclasses.replace(parted.colony, positions=positions, problems=problems)
     return colony, Snapshot(cells, context.growth_rate, colony, parameters, relaxation)
 
 
@@ -161,13 +164,15 @@ def problems_of(colony: Colony, parameters: Parameters, numerics: Numerics, mode
     """The colony's problems, with those that can be seen at a sample time. A problem stays once it has occurred.
 
     Seldom looking is enough: while nobody dies, a node's degree never falls, so the last sample shows any instability.
+    Whether a node comes to the edge is looked at in every step, too: a place that is not finite does not tell whether
+    it got there step by step or by one jump.
     """
     before = colony.problems
-    limit = 0.5 * numerics.domain - 1.0
+    outside = jnp.any(jnp.abs(colony.positions) > 0.5 * numerics.domain - 1.0)
     finite = jnp.isfinite(colony.positions).all() & jnp.isfinite(colony.nutrient).all()
     return Problems(
         capacity_reached=before.capacity_reached,
-        left_domain=before.left_domain | jnp.any(jnp.abs(colony.positions) > limit),
+        left_domain=before.left_domain | (finite & outside),
         unstable=before.unstable | (numerics.dt * parameters.elasticity * model.springs.stiffness(colony) >= 2.0),
         not_finite=before.not_finite | ~finite,
         died_out=before.died_out | (jnp.sum(model.death.living(colony)) < 0.5),

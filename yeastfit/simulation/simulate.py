@@ -301,5 +301,10 @@ def _check_steps(colony: Colony, parameters: Parameters, numerics: Numerics, mod
             f"dt is {numerics.dt:g}, too large for the springs: forward Euler needs dt · elasticity · (degree + 1) "
             f"below 2 and the colonies grown here dt below {needed:.3g}"
         )
-    if np.any(colony.problems.not_finite):
+    if np.any(colony.problems.not_finite & ~colony.problems.left_domain):
         raise SimulationError(f"dt is {numerics.dt:g} and positions or nutrient became not finite: lower dt")
+    if np.any(colony.problems.not_finite):
+        raise SimulationError(
+            f"domain is {numerics.domain:g}, and positions or nutrient became not finite after a colony had come to "
+            "its edge: raise domain, or end earlier"
+        )
