@@ -164,6 +164,13 @@ def test_pairs_that_came_to_nothing_are_left_out_until_most_do() -> None:
         regress(curves, units, 0.1)
 
 
+def test_pairs_that_do_not_tell_all_entries_apart_are_refused() -> None:
+    units = hadamard_design(16, 3, np.random.default_rng(1))
+    units[:, 2] = units[:, 0]
+    with pytest.raises(SimulationError, match="16 pairs of simulations are too few for 3 parameters"):
+        regress(np.zeros((32, 1)), units, 0.1)
+
+
 @pytest.mark.parametrize(("free", "rows"), [(1, 2), (2, 4), (3, 4), (4, 8), (7, 8), (8, 16)])
 def test_a_hadamard_matrix_has_a_column_for_each_entry(free: int, rows: int) -> None:
     assert hadamard_order(free) == rows > free

@@ -107,7 +107,7 @@ def regress(rows: Rows, units: Units, spread: float) -> LocalModel:
         spread: s.
 
     Raises:
-        SimulationError: More than half of the pairs are left out.
+        SimulationError: More than half of the pairs are left out, or those that remain do not tell all entries apart.
     """
     up, down = rows[: len(units)], rows[len(units) :]
     half, middle = 0.5 * (up - down), 0.5 * (up + down)
@@ -115,7 +115,11 @@ def regress(rows: Rows, units: Units, spread: float) -> LocalModel:
     if good.sum() < 0.5 * len(good):
         raise SimulationError(f"{(~good).sum()} of {len(good)} pairs of simulations came to nothing (not finite)")
     steps = spread * units[good]
-    slopes, _, _, _ = np.linalg.lstsq(steps, half[good], rcond=None)
+    slopes, _, rank, _ = np.linalg.lstsq(steps, half[good], rcond=None)
+    if rank < units.shape[1]:
+        raise SimulationError(
+            f"{good.sum()} pairs of simulations are too few for {units.shape[1]} parameters: make more"
+        )
     rest = half[good] - steps @ slopes
     freedom = max(1, int(good.sum()) - units.shape[1])
     error = np.sqrt(np.outer((rest**2).sum(axis=0) / freedom, np.diag(np.linalg.inv(steps.T @ steps))))

@@ -9,7 +9,7 @@ import pytest
 from helpers import wrong_types
 
 from benchmarks.gradients import compare, differences, estimates
-from yeastfit import InputError, Numerics, Parameters, Relaxation, Sensitivity, sensitivity
+from yeastfit import InputError, Model, Numerics, Parameters, Relaxation, Sensitivity, sensitivity
 from yeastfit.inference.sensitivity import pathwise as module
 from yeastfit.inference.sensitivity.estimate import STATISTICS
 from yeastfit.inference.sensitivity.estimator import doubts
@@ -18,6 +18,7 @@ from yeastfit.inference.sensitivity.shrinkage import combine
 from yeastfit.observable import Observable
 
 SMALL = Numerics(domain=12.0, spacing=0.25, dt=0.02, capacity=64)
+BIASED = Model.of({"budding": {"rule": "biased"}})
 
 
 # --- the blend --------------------------------------------------------------------------------------------------------
@@ -177,6 +178,7 @@ def test_exploded_tails_are_said() -> None:
         ({"free": ["mobility", "mobility"]}, "need at least one, each once"),
         ({"method": "guess"}, "method is 'guess'"),
         ({"runs": 20}, "runs is 20, it must be a multiple of 16"),
+        ({"runs": 16, "model": BIASED, "parameters": Parameters(budding_bias=2.0)}, "runs is 16, 8 parameters need at"),
         ({"paths": 2}, "paths is 2"),
         ({"spread": 1.5}, "spread is 1.5"),
         ({"statistics": ["colour"]}, "statistics: got 'colour'"),

@@ -31,6 +31,7 @@ from yeastfit.inference.paired_regression import (
     LocalModel,
     Scatter,
     hadamard_design,
+    hadamard_order,
     paired_points,
     pooled_covariance,
     regress,
@@ -86,6 +87,9 @@ class Estimator:
             raise InputError(f"method is {self.method!r}, the simulator has no derivatives of its own: use regression")
         if self.runs < 16 or self.runs % 16:
             raise InputError(f"runs is {self.runs}, it must be a multiple of 16")
+        needed = 2 * hadamard_order(len(self.values))
+        if self.method != "pathwise" and self.runs < needed:
+            raise InputError(f"runs is {self.runs}, {len(self.values)} parameters need at least {needed}")
         check_count("runs", self.runs)
         if self.paths < 4:
             raise InputError(f"paths is {self.paths}, it must be at least 4")
