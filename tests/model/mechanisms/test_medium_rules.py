@@ -2,6 +2,7 @@
 
 import dataclasses
 from collections.abc import Mapping
+from functools import partial
 
 import equinox as eqx
 import jax
@@ -10,6 +11,7 @@ import numpy as np
 import pytest
 from helpers import colony_of, context_of, grid, random_tree
 from jaxtyping import Array
+from scipy import ndimage
 
 from reference import mechanisms as plain
 from yeastfit.errors import InputError
@@ -65,6 +67,52 @@ class FreeBirths(NitrogenMedium):
     def afforded(self, context: Context, births: Births) -> tuple[Colony, Births]:
         """All."""
         return context.colony, births
+
+
+REACTION = Numerics(domain=6.0, spacing=0.15, dt=0.01, capacity=2)
+SPREAD = (0.01, 0.4)  # diffusivities of u and v
+
+
+@partial(jax.jit, static_argnames="steps")
+def schnakenberg(u: Array, v: Array, steps: int) -> tuple[Array, Array]:
+    """∂u/∂t = D_u ∇²u + a − u + u²v, ∂v/∂t = D_v ∇²v + b − u²v with a = 0.1, b = 0.9, by steps of closed fields."""
+
+    def one(_: int, fields: tuple[Array, Array]) -> tuple[Array, Array]:
+        u, v = fields
+        made = 0.1 + u * u * v
+        after = closed_step(u, jnp.ones_like(u), jnp.asarray(SPREAD[0]), REACTION, made)
+        return after, closed_step(v, u * u, jnp.asarray(SPREAD[1]), REACTION, jnp.full_like(v, 0.9))
+
+    return jax.lax.fori_loop(0, steps, one, (u, v))
+
+
+@pytest.mark.parametrize("waves", [5, 8, 13])
+def test_a_reaction_grows_at_the_rate_of_linear_theory(waves: int) -> None:
+    """Schnakenberg's about u = 1, v = 0.9, where e^(rt) has the eigenvalue r of J − k² D; k² of the stencil."""
+    h, points = REACTION.spacing, REACTION.points
+    k = waves * np.pi / (points * h)
+    squared = 2 * (1 - np.cos(k * h)) / h**2
+    rates, vectors = np.linalg.eig(np.array([[0.8, 1.0], [-1.8, -1.0]]) - squared * np.diag(SPREAD))
+    fastest = int(np.argmax(rates.real))
+    shape = vectors[:, fastest].real
+    wave = np.tile(np.cos(k * h * (np.arange(points) + 0.5)), (points, 1))  # of squares with walls around them
+    u, v = (jnp.asarray(rest + 2e-3 * part * wave, jnp.float32) for rest, part in zip((1.0, 0.9), shape, strict=True))
+    grown = schnakenberg(u, v, 150)[0]
+    ratio = float(np.sum((np.asarray(grown) - 1) * wave) / np.sum((np.asarray(u) - 1) * wave))
+    assert np.log(ratio) / (150 * REACTION.dt) == pytest.approx(rates[fastest].real, abs=0.01)
+    assert abs(rates[fastest].real) > 0.05
+
+
+def test_a_reaction_saturates_into_spots() -> None:
+    """By t = 30 their height has settled; they still move about a little."""
+    start = 1 + 0.01 * np.random.default_rng(5).standard_normal((REACTION.points,) * 2)
+    u, v = jnp.asarray(start, jnp.float32), jnp.full(start.shape, 0.9, jnp.float32)
+    heights: list[float] = []
+    for _ in range(2):
+        u, v = schnakenberg(u, v, 3000 if not heights else 500)
+        heights.append(float(jnp.std(u)))
+    assert 100 * 0.01 < heights[0] == pytest.approx(heights[1], rel=0.01)
+    assert ndimage.label(np.asarray(u) > 2.0)[1] > 10
 
 
 def tree(numerics: Numerics, medium: Mapping[str, Array]) -> Colony:
