@@ -163,6 +163,14 @@ def summary(rows: list[Record]) -> list[Record]:
     return found
 
 
+def said(records: list[Record]) -> list[Record]:
+    """A row for each fit: its doubts, such as why a parameter has no standard error."""
+    return [
+        {"rule": one["rule"], "seed": one["seed"], "doubts": "; ".join(one.get("warnings", [])) or "none"}
+        for one in sorted(records, key=lambda one: (list(CASES).index(one["rule"]), one["seed"]))
+    ]
+
+
 def recover(report: Report, work: Path, quick: bool) -> None:
     """Fit what is missing, and report on all."""
     kept = {(record["rule"], record["seed"]): record for record in read_lines(work / "fits.jsonl")}
@@ -175,7 +183,7 @@ def recover(report: Report, work: Path, quick: bool) -> None:
                 raise InputError(f"--work: {work} holds fits of other data or settings; name another folder")
         jax.clear_caches()
         gc.collect()
-    rows = rows_of(list(kept.values()))
+    rows = rows_of([kept[name, seed] for name in CASES for seed in range(1, SEEDS + 1) if (name, seed) in kept])
     pulls = np.array([row["pull"] for row in rows if row["pull"] is not None])
     inside = int((np.abs(pulls) <= 2).sum())
     report.add("within 2 standard errors", 100 * inside / max(1, pulls.size), "%", note=f"{inside} of {pulls.size}")
@@ -189,6 +197,7 @@ def recover(report: Report, work: Path, quick: bool) -> None:
     report.add("a fit, median", np.median(used), "processor s", note=f"longest {max(used):.0f}; without measuring")
     report.table("by rule and parameter", summary(rows))
     report.table("by data set", rows)
+    report.table("what the fits say of their parameters", said(list(kept.values())))
     report.details["fits"] = list(kept.values())
     if report.docs is not None:
         report.docs.mkdir(parents=True, exist_ok=True)

@@ -92,7 +92,8 @@ def test_pulls_of_recovered_parameters() -> None:
     errors = dict.fromkeys(names, 0.1)
     records = [
         {"rule": "clocks", "seed": 1, "status": "converged", "log": exact, "error": errors},
-        {"rule": "clocks", "seed": 2, "status": "converged", "log": exact, "error": {**errors, names[2]: None}},
+        {"rule": "clocks", "seed": 2, "status": "converged", "log": exact, "error": {**errors, names[2]: None}}
+        | {"warnings": ["the data do not see it", "fix it"]},
         {"rule": "clocks", "seed": 3, "status": "failed", "log": dict.fromkeys(names), "error": dict.fromkeys(names)},
     ]
     rows = recovery_of_rules.rows_of(records)
@@ -101,3 +102,8 @@ def test_pulls_of_recovered_parameters() -> None:
     assert [found[name]["determined"] for name in names] == ["2 of 3", "2 of 3", "1 of 3"]
     assert found["cycle_variation"]["rms pull"] == pytest.approx(2.0)
     assert found["metabolic_rate"]["median error %"] == pytest.approx(100 * np.expm1(0.1))
+    assert [row["doubts"] for row in recovery_of_rules.said(records[::-1])] == [
+        "none",
+        "the data do not see it; fix it",
+        "none",
+    ]
