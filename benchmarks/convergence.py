@@ -26,7 +26,7 @@ from benchmarks.programs import LAMBDA
 from benchmarks.report import Report, command
 from yeastfit import HARD, Numerics, Parameters, Relaxation, member_keys, simulate
 from yeastfit.measure.statistics.smooth_statistics import SmoothStatistics
-from yeastfit.model.simulate import Snapshot
+from yeastfit.model.snapshot import Snapshot
 
 NAMES = ("compactness", "growth_rate", "mean_radius", "radius", "area", "perimeter", "cell_count")
 TARGETS = {"mean_radius": 3.0, "area": 3.0, "cell_count": 3.0, "compactness": 5.0}

@@ -2,8 +2,9 @@
 
 Each command runs as a process of its own, several times; its time is the shortest. Beside the time on the clock stands
 the processors' time, which a busy machine changes less. `yeastfit` keeps compiled programs in the user's cache folder;
-here it is an empty one, in which the first of two small simulations leaves what the second takes. Targets: 0.5 s for
-`yeastfit --help`, 1 s for `import yeastfit`, 3 s for the second small simulation (one colony to 15 cells).
+here it is an empty one, in which the first of two small simulations leaves what the second takes. `yeastfit measure` of
+one image does without JAX. Targets: 0.5 s for `yeastfit --help`, 1 s for `import yeastfit`, 3 s for the second small
+simulation (one colony to 15 cells).
 
     python -m benchmarks.startup [--quick] [--json FILE]
 """
@@ -15,6 +16,9 @@ import tempfile
 import time
 from dataclasses import dataclass
 from pathlib import Path
+
+import numpy as np
+from PIL import Image
 
 from benchmarks.report import Report, command
 from yeastfit.commands.program_cache import MOST_BYTES, SHORTEST
@@ -54,6 +58,13 @@ def shortest(*arguments: str, environment: dict[str, str], times: int) -> Took:
     return Took(min(one.wall for one in runs), min(one.processors for one in runs))
 
 
+def disc(side: int = 400) -> np.ndarray:
+    """A dark disc on bright, noisy ground."""
+    x = np.arange(side) - 0.5 * side
+    noise = np.random.default_rng(0).normal(0, 2, (side, side))
+    return (np.where(np.hypot(x[:, None], x) <= 0.3 * side, 60, 180) + noise).astype(np.uint8)
+
+
 def run(report: Report, quick: bool) -> None:
     """Measure every command."""
     times = 2 if quick else TIMES
@@ -69,6 +80,11 @@ def run(report: Report, quick: bool) -> None:
         for name, arguments in PYTHON.items():
             report.stage(name)
             found[name] = shortest(*arguments, environment=environment, times=times)
+        image = str(Path(folder) / "disc.png")
+        Image.fromarray(disc()).save(image)
+        report.stage("yeastfit measure")
+        measure = ("-m", "yeastfit", "measure", image, "--pixel-size", "1.6", "--out", str(Path(folder) / "measured"))
+        found["yeastfit measure, one image"] = shortest(*measure, environment=environment, times=times)
         simulate = ("-m", "yeastfit", *SMALL, "--out", str(Path(folder) / "simulated"))
         report.stage("first small simulation")
         found["first small simulation"] = took(*simulate, environment=kept)

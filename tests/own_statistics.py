@@ -5,7 +5,7 @@ from jaxtyping import Array
 
 from yeastfit import Statistic
 from yeastfit.measure import Indicator, Pixels
-from yeastfit.model.simulate import Snapshot
+from yeastfit.model.snapshot import Snapshot
 
 
 def side_of_pixels(pixels: Pixels) -> float:

@@ -1,6 +1,8 @@
-"""How many processors this process may use."""
+"""Which processors this process may use, and what JAX computes on."""
 
 import os
+import sys
+from typing import Any
 
 
 def available_processors() -> int:
@@ -14,3 +16,17 @@ def available_processors() -> int:
     if hasattr(os, "sched_getaffinity"):  # not on macOS and Windows, which restrict no process
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1
+
+
+def device_used() -> dict[str, Any]:
+    """Describe what JAX computes on, for the record of a run.
+
+    Returns:
+        {"device": its kind, platform and count}; nothing where the process has done without JAX.
+    """
+    if "jax" not in sys.modules:
+        return {}
+    import jax
+
+    device = jax.devices()[0]
+    return {"device": {"kind": device.device_kind, "platform": device.platform, "count": jax.device_count()}}

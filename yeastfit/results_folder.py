@@ -20,10 +20,10 @@ from dataclasses import dataclass, field
 from pathlib import Path, PurePath
 from typing import Any
 
-import jax
 from filelock import FileLock, Timeout
 
 from yeastfit.errors import InputError
+from yeastfit.processors import device_used
 from yeastfit.results_contents import LOCK, MANIFEST, OWNER, Contents, Listed, changed_files, misplaced_files
 from yeastfit.storage import WORK, check_room, sha256_of, versions, write_json
 
@@ -74,13 +74,12 @@ class ResultsFolder:
         """
         new = _hashes(self.partial)
         staying = {name: one for part in kept for name, one in _hashes(self.path, part).items()}
-        device = jax.devices()[0]
         manifest = {
             "command": self.command,
             "arguments": sys.argv[1:],
             **({} if seed is None else {"seed": seed}),
             "versions": versions(),
-            "device": {"kind": device.device_kind, "platform": device.platform, "count": jax.device_count()},
+            **device_used(),
             "inputs": {str(path): sha256_of(path) for path in inputs},
             **more,
             "files": dict(sorted({**staying, **new}.items())),

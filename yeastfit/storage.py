@@ -17,7 +17,6 @@ from io import BytesIO
 from pathlib import Path
 from typing import Any
 
-import jax
 import numpy as np
 
 from yeastfit.text import shown
@@ -172,7 +171,7 @@ def _plain(data: Any) -> Any:
         return {str(key): _plain(value) for key, value in data.items()}
     if isinstance(data, list | tuple):
         return [_plain(value) for value in data]
-    if isinstance(data, np.ndarray | np.generic | jax.Array):
+    if hasattr(data, "__array__"):  # of NumPy or of JAX
         return _plain(np.asarray(data).tolist())
     if isinstance(data, float) and not math.isfinite(data):
         return "NaN" if math.isnan(data) else "Infinity" if data > 0 else "-Infinity"

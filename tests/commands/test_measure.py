@@ -258,3 +258,18 @@ def test_bad_overrules_are_one_line(
     (line,) = capsys.readouterr().err.strip().splitlines()
     assert line.startswith("error: ")
     assert words in line
+
+
+def test_an_image_is_measured_without_jax(tmp_path: Path) -> None:
+    """A process that only measures does not wait for JAX, which takes longer to import than an image to measure."""
+    write_disc(tmp_path / "disc.png")
+    arguments = ["measure", str(tmp_path / "disc.png"), "--pixel-size", "0.5", "--out", str(tmp_path / "out")]
+    code = (
+        "import sys; from yeastfit.commands import app; "
+        f"assert app.run({arguments!r}) == 0; "
+        "print([name for name in ('jax', 'jaxlib', 'equinox') if name in sys.modules])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120, check=True)
+    assert done.stdout.splitlines()[-1] == "[]"
+    assert "device" not in json.loads((tmp_path / "out" / "manifest.json").read_text())
+    assert rows(tmp_path / "out" / "measurements.csv")[0]["file"] == "disc.png"

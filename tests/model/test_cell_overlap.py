@@ -19,7 +19,7 @@ from yeastfit.model.cells import Cells, cells_of
 from yeastfit.model.numerics import Numerics
 from yeastfit.model.parameters import Parameters
 from yeastfit.model.relaxation import Relaxation
-from yeastfit.model.simulate import Snapshot
+from yeastfit.model.snapshot import Snapshot
 
 Real = Array | np.ndarray
 SIDE = np.linspace(-2.6, 2.6, 53)

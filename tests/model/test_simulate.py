@@ -20,7 +20,8 @@ from yeastfit.model.colony import Colony, start
 from yeastfit.model.numerics import Numerics, map_members
 from yeastfit.model.parameters import PARAMETERS, Parameters
 from yeastfit.model.relaxation import HARD, Relaxation
-from yeastfit.model.simulate import Schedule, Snapshot, step, trajectory
+from yeastfit.model.simulate import Schedule, step, trajectory
+from yeastfit.model.snapshot import Snapshot
 
 NUMERICS = Numerics(domain=12.0, spacing=0.2, dt=0.02, capacity=64)
 PLAIN = plain.Numerics(domain=12.0, spacing=0.2, dt=0.02, capacity=64)

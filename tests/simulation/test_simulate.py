@@ -20,7 +20,8 @@ from yeastfit.measure.statistics.model_as_mask import HardStatistics
 from yeastfit.measure.statistics.smooth_statistics import SmoothStatistics
 from yeastfit.model.colony import start
 from yeastfit.model.parameters import PARAMETERS
-from yeastfit.model.simulate import Schedule, Snapshot, trajectory
+from yeastfit.model.simulate import Schedule, trajectory
+from yeastfit.model.snapshot import Snapshot
 from yeastfit.simulation.simulate import schedule_of
 
 SMALL = Numerics(domain=8.0, spacing=0.2, dt=0.02, capacity=32)

@@ -19,7 +19,7 @@ from yeastfit.model import nutrient as nutrient_module
 from yeastfit.model.budding import TurnedBudding
 from yeastfit.model.colony import Colony, start
 from yeastfit.model.parameters import PARAMETERS
-from yeastfit.model.simulate import Snapshot
+from yeastfit.model.snapshot import Snapshot
 
 NUMERICS = Numerics(domain=8.0, spacing=0.2, dt=0.02, capacity=14)  # no other test's: TOLERANCE is compiled in
 NODES = 14

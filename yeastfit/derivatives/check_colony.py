@@ -18,7 +18,7 @@ from yeastfit.model.numerics import Numerics
 from yeastfit.model.parameters import Parameters
 from yeastfit.model.relaxation import Relaxation
 from yeastfit.model.rules import BuddingRule, Context
-from yeastfit.model.simulate import Snapshot
+from yeastfit.model.snapshot import Snapshot
 from yeastfit.numbers import POSITIVE
 from yeastfit.progress import Progress, silent
 from yeastfit.seeds import key_of

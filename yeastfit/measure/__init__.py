@@ -1,9 +1,9 @@
-"""Measure colonies, photographed or simulated."""
+"""Measure colonies, photographed or simulated.
 
-from yeastfit.measure.statistics.indicator import Indicator
-from yeastfit.measure.statistics.measure_mask import measure_mask
-from yeastfit.measure.statistics.model_as_mask import HardStatistics
-from yeastfit.measure.statistics.pixels import Pixels
-from yeastfit.measure.statistics.smooth_statistics import SmoothStatistics, node_statistics
+Public names, those of `__init__.pyi`, are imported when they are first asked for: simulations are measured with JAX,
+images without.
+"""
 
-__all__ = ["HardStatistics", "Indicator", "Pixels", "SmoothStatistics", "measure_mask", "node_statistics"]
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

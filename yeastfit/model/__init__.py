@@ -7,7 +7,7 @@ an ensemble, `sample` the times at which it is observed.
 from yeastfit.model.budding import TurnedBudding
 from yeastfit.model.cells import Cells, cells_of, level_set
 from yeastfit.model.colony import Colony, start
-from yeastfit.model.simulate import Snapshot
+from yeastfit.model.snapshot import Snapshot
 from yeastfit.model.uptake import biomass
 
 __all__ = ["Cells", "Colony", "Snapshot", "TurnedBudding", "biomass", "cells_of", "level_set", "start"]

@@ -12,10 +12,9 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int, PyTree
+from jaxtyping import Array, Int, PyTree
 
 from yeastfit.model.budding import bud
-from yeastfit.model.cells import Cells
 from yeastfit.model.colony import Colony, Problems
 from yeastfit.model.forces import velocity
 from yeastfit.model.model import Model
@@ -23,26 +22,9 @@ from yeastfit.model.numerics import Numerics
 from yeastfit.model.parameters import Parameters
 from yeastfit.model.relaxation import Relaxation
 from yeastfit.model.rules import Context
+from yeastfit.model.snapshot import Snapshot
 
 SOURCE = Model()
-
-
-class Snapshot(eqx.Module):
-    """What statistics of a step are taken from.
-
-    Attributes:
-        cells: Of the step, before births and motion.
-        growth_rate: μ of the step.
-        colony: After the motion.
-        parameters: Values of the model's parameters.
-        relaxation: Smoothing widths.
-    """
-
-    cells: Cells
-    growth_rate: Float[Array, ""]
-    colony: Colony
-    parameters: Parameters
-    relaxation: Relaxation
 
 
 Observe = Callable[[Snapshot], PyTree]
@@ -105,7 +87,7 @@ class Schedule(eqx.Module):
     def of(steps: Sequence[int] | np.ndarray, since: int = 0) -> "Schedule":
         """From step numbers that rise strictly from above `since`, the steps that the colony has done already."""
         most = int(np.diff(steps, prepend=since).max())
-        return Schedule(jnp.asarray(steps), 1 << (most - 1).bit_length())
+        return Schedule(jax.device_put(np.asarray(steps)), 1 << (most - 1).bit_length())
 
 
 def trajectory(

@@ -21,7 +21,8 @@ from yeastfit.model.model import Model
 from yeastfit.model.numerics import Numerics
 from yeastfit.model.parameters import Parameters
 from yeastfit.model.relaxation import Relaxation
-from yeastfit.model.simulate import Observe, Snapshot, problems_of, step
+from yeastfit.model.simulate import Observe, problems_of, step
+from yeastfit.model.snapshot import Snapshot
 
 Passed = Callable[[Colony, PyTree], bool]
 

@@ -22,7 +22,8 @@ from yeastfit.model.numerics import FIRST_ROOM, Numerics, map_members, most_node
 from yeastfit.model.nutrient import check_alpha
 from yeastfit.model.parameters import Parameters, Scales
 from yeastfit.model.relaxation import Relaxation
-from yeastfit.model.simulate import Schedule, Snapshot, trajectory
+from yeastfit.model.simulate import Schedule, trajectory
+from yeastfit.model.snapshot import Snapshot
 from yeastfit.seeds import key_of
 from yeastfit.simulation.large_ensemble import member_of, on_all_devices, stacked, together
 from yeastfit.simulation.result import Simulation
@@ -48,7 +49,7 @@ def member_keys(seed: int | Array, members: int) -> Array:
     if members < 1:
         raise InputError(f"members is {members!r}, an ensemble needs at least 1")
     check_count("members", members)
-    return _folded(key_of(seed), jnp.arange(members))
+    return _folded(key_of(seed), np.arange(members, dtype=np.int32))
 
 
 def simulate(
@@ -140,9 +141,9 @@ def simulate(
     check_count("members", members, kept)
     batched = _per_member(parameters, members)
     rules = schedule, relaxation, numerics, observe, model
-    if end is None and (traced or _is_small(float(schedule.steps[-1] - since) * numerics.dt, numerics)):
+    if end is None and (traced or _is_small(float(np.asarray(schedule.steps)[-1] - since) * numerics.dt, numerics)):
         colony, observed = on_one_device(_run(batched, began, *rules))
-        outgrown = not traced and bool(np.any(colony.problems.capacity_reached))
+        outgrown = not traced and bool(np.asarray(colony.problems.capacity_reached).any())
         done = not outgrown or colony.parents.shape[-1] >= numerics.most_room
     else:
         done = False
@@ -227,7 +228,7 @@ def _done(start: Colony) -> int:
 
 
 @jax.jit
-def _folded(key: Array, numbers: Array) -> Array:
+def _folded(key: Array, numbers: Array | np.ndarray) -> Array:
     return jax.vmap(partial(jax.random.fold_in, key))(numbers)
 
 
@@ -295,15 +296,16 @@ def _per_member(parameters: Parameters, members: int) -> Parameters:
 
 def _check_steps(colony: Colony, parameters: Parameters, numerics: Numerics, model: Model) -> None:
     """Raises where what was computed follows from the time step and not from the model."""
-    if np.any(colony.problems.unstable):
+    if np.asarray(colony.problems.unstable).any():
         needed = 2.0 / np.max(parameters.elasticity * jax.vmap(model.springs.stiffness)(colony))
         raise InputError(
             f"dt is {numerics.dt:g}, too large for the springs: forward Euler needs dt · elasticity · (degree + 1) "
             f"below 2 and the colonies grown here dt below {needed:.3g}"
         )
-    if np.any(colony.problems.not_finite & ~colony.problems.left_domain):
+    not_finite, left = (np.asarray(getattr(colony.problems, name)) for name in ("not_finite", "left_domain"))
+    if (not_finite & ~left).any():
         raise SimulationError(f"dt is {numerics.dt:g} and positions or nutrient became not finite: lower dt")
-    if np.any(colony.problems.not_finite):
+    if not_finite.any():
         raise SimulationError(
             f"domain is {numerics.domain:g}, and positions or nutrient became not finite after a colony had come to "
             "its edge: raise domain, or end earlier"

@@ -25,7 +25,7 @@ from yeastfit.measure.statistics.registry import STATISTICS
 from yeastfit.measure.statistics.smooth_statistics import node_statistics
 from yeastfit.model.cells import Cells
 from yeastfit.model.relaxation import HARD
-from yeastfit.model.simulate import Snapshot
+from yeastfit.model.snapshot import Snapshot
 from yeastfit.progress import Progress, silent
 from yeastfit.results_folder import results_folder
 from yeastfit.seeds import photograph_stream

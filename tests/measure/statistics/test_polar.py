@@ -26,7 +26,7 @@ from yeastfit.model.cells import cells_of
 from yeastfit.model.numerics import Numerics
 from yeastfit.model.parameters import Parameters
 from yeastfit.model.relaxation import Relaxation
-from yeastfit.model.simulate import Snapshot
+from yeastfit.model.snapshot import Snapshot
 
 POLAR = Polar(ring=4.0, rings=60, waves=18)
 SMOOTH = ("area", "perimeter", "compactness", "radius")

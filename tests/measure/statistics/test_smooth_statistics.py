@@ -24,7 +24,7 @@ from yeastfit.model.cells import cells_of
 from yeastfit.model.numerics import Numerics
 from yeastfit.model.parameters import Parameters
 from yeastfit.model.relaxation import HARD, Relaxation
-from yeastfit.model.simulate import Snapshot
+from yeastfit.model.snapshot import Snapshot
 
 SMALL = Numerics(domain=4.0, spacing=0.2, capacity=3)
 P, Q = 0.9, 0.5  # half axes of the ellipse all closed forms are of

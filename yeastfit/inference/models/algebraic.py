@@ -25,7 +25,7 @@ from yeastfit.model.numerics import Numerics, most_nodes
 from yeastfit.model.nutrient import check_alpha
 from yeastfit.model.parameters import Parameters, Scales
 from yeastfit.model.relaxation import HARD, Relaxation
-from yeastfit.model.simulate import Snapshot
+from yeastfit.model.snapshot import Snapshot
 from yeastfit.numbers import PIXEL_SIZES
 from yeastfit.panel import Panel
 from yeastfit.parameter_set import ParameterSet

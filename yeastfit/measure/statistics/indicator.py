@@ -15,6 +15,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from yeastfit.model.norm import norm
+
 
 @dataclass(frozen=True, eq=False)
 class Indicator:
@@ -87,10 +89,3 @@ def gaussian_blur(phi: Float[Array, "x y"], sigma: float) -> Float[Array, "wide 
         rows = phi.shape[0] + 2 * half
         phi = sum(float(k) * jax.lax.slice_in_dim(padded, i, i + rows) for i, k in enumerate(kernel)).T  # type: ignore[union-attr]
     return phi
-
-
-def norm(x: Float[Array, "..."], y: Float[Array, "..."]) -> Float[Array, "..."]:
-    """√(x² + y²), with derivative 0 at 0."""
-    squared = x**2 + y**2
-    zero = squared == 0  # not `> 0`: nan stays nan
-    return jnp.where(zero, 0.0, jnp.sqrt(jnp.where(zero, 1.0, squared)))

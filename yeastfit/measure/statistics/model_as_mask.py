@@ -14,7 +14,7 @@ from yeastfit.model.parameters import Parameters
 from yeastfit.model.relaxation import Relaxation
 from yeastfit.model.rules import ShapeRule
 from yeastfit.model.shape import EllipticalCells
-from yeastfit.model.simulate import Snapshot
+from yeastfit.model.snapshot import Snapshot
 
 ELLIPSE = EllipticalCells()
 

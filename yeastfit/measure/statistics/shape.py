@@ -38,7 +38,6 @@ edge is its worst case: 5.2 % too short along an axis or a diagonal, up to 2.6 %
 from math import pi
 from typing import TYPE_CHECKING
 
-import jax.numpy as jnp
 import numpy as np
 from scipy import ndimage
 
@@ -106,7 +105,7 @@ ENTRIES = (
         "perimeter² / (4π area)",
         "compactness P²/(4πA)",
         mask=lambda p: p.perimeter**2 / (4 * pi * p.area),
-        smooth=lambda i: i.perimeter**2 / (4 * jnp.pi * i.area),
+        smooth=lambda i: i.perimeter**2 / (4 * pi * i.area),
         measurement_error=0.02,
         possible=COMPACTNESS,
     ),

@@ -23,7 +23,7 @@ from yeastfit.measure.statistics.registry import STATISTICS, check_names, names_
 from yeastfit.model.active_window import extent_of_cells, on_window
 from yeastfit.model.cell_overlap import smooth_step
 from yeastfit.model.cells import level_set
-from yeastfit.model.simulate import Snapshot
+from yeastfit.model.snapshot import Snapshot
 
 
 class SmoothStatistics(eqx.Module):

@@ -8,13 +8,15 @@ simulated colony: it is for what no image shows.
 import math
 from collections.abc import Callable
 from dataclasses import KW_ONLY, dataclass
-from typing import Any, Literal, get_args
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
 from yeastfit.errors import InputError
-from yeastfit.measure.statistics.indicator import Indicator
 from yeastfit.measure.statistics.pixels import Pixels
-from yeastfit.model.simulate import Snapshot
 from yeastfit.numbers import Range
+
+if TYPE_CHECKING:  # they bring JAX, which masks are measured without
+    from yeastfit.measure.statistics.indicator import Indicator
+    from yeastfit.model.snapshot import Snapshot
 
 Form = Literal["mask", "smooth", "nodes"]
 
@@ -51,8 +53,8 @@ class Statistic:
     label: str = ""
     _: KW_ONLY
     mask: Callable[[Pixels], float] | None = None
-    smooth: Callable[[Indicator], Any] | None = None
-    nodes: Callable[[Snapshot], Any] | None = None
+    smooth: Callable[["Indicator"], Any] | None = None
+    nodes: Callable[["Snapshot"], Any] | None = None
     may_vanish: bool = False
     measurement_error: float = 0.01
     is_count: bool = False
