@@ -3,9 +3,8 @@
 from typing import Any
 
 import jax
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Shaped
+from jaxtyping import Array, Shaped, UInt32
 
 from yeastfit.errors import InputError
 from yeastfit.numbers import SEEDS
@@ -36,14 +35,20 @@ def key_of(seed: int | Array) -> Array:
 
     Of seeds below 2³² it is that of `jax.random.key`, which in single precision leaves out the upper half of others.
     """
-    return seed if isinstance(seed, jax.Array) else keys_of([check_seed(seed)])[0]
+    if isinstance(seed, jax.Array):
+        return seed
+    return jax.random.wrap_key_data(jax.device_put(_halves([check_seed(seed)])[0]))
 
 
 def keys_of(seeds: Shaped[np.ndarray, " row"] | list[int]) -> Array:
     """jax's random keys, whose bits are the seeds'."""
+    return jax.random.wrap_key_data(jax.device_put(_halves(seeds)))
+
+
+def _halves(seeds: Shaped[np.ndarray, " row"] | list[int]) -> UInt32[np.ndarray, "row 2"]:
+    """The upper and the lower 32 bits."""
     words = np.asarray(seeds, dtype=np.uint64)
-    halves = np.stack([words >> np.uint64(32), words & np.uint64(LOW_HALF)], axis=1)
-    return jax.random.wrap_key_data(jnp.asarray(halves.astype(np.uint32)))
+    return np.stack([words >> np.uint64(32), words & np.uint64(LOW_HALF)], axis=1).astype(np.uint32)
 
 
 def photograph_stream(seed: int, member: int, time: int) -> np.random.Generator:

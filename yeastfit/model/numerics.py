@@ -150,4 +150,6 @@ def on_one_device(tree: PyTree) -> PyTree:
     Any operation on a spread array makes the devices meet, and on a CPU that waits for every core and gives up after 40
     seconds; a copy does not.
     """
-    return jax.tree.map(lambda leaf: leaf if isinstance(leaf, jax.core.Tracer) else jnp.asarray(np.asarray(leaf)), tree)
+    return jax.tree.map(
+        lambda leaf: leaf if isinstance(leaf, jax.core.Tracer) else jax.device_put(np.asarray(leaf)), tree
+    )

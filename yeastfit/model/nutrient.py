@@ -28,7 +28,7 @@ def check_alpha(diffusivity: Float[Array, "*member"], numerics: Numerics) -> Non
     Raises:
         InputError: α = λ1 Δt / h² is too large for single precision.
     """
-    alpha = float(np.max(diffusivity)) * numerics.dt / numerics.spacing**2
+    alpha = float(np.asarray(diffusivity).max()) * numerics.dt / numerics.spacing**2
     if diffusivity.dtype == jnp.float32 and alpha > LARGEST_ALPHA:
         raise InputError(
             f"diffusivity · dt / spacing² is {alpha:.3g}, single precision solves the nutrient to {TOLERANCE:g} up to "

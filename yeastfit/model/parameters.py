@@ -53,7 +53,9 @@ Value = float | Array | np.ndarray | np.generic
 def _as_float(value: Value) -> Array:
     if not isinstance(value, jax.Array | np.ndarray | np.generic | float | int) or isinstance(value, bool):
         raise InputError(f"a parameter must be a number or an array of numbers, got {value!r}")
-    return jnp.asarray(value, dtype=jnp.result_type(float))
+    if isinstance(value, jax.Array):
+        return jnp.asarray(value, dtype=jnp.result_type(float))
+    return jax.device_put(np.array(value, dtype=jnp.result_type(float)))  # which compiles nothing, as asarray would
 
 
 @jax.tree_util.register_pytree_with_keys_class

@@ -14,6 +14,7 @@ from typing import Literal
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from yeastfit.errors import InputError
@@ -23,7 +24,7 @@ def _as_width(value: float | Array | None) -> Array | None:
     """None and 0 are the hard rule, anything else a width."""
     if value is None or (isinstance(value, int | float) and value == 0):
         return None
-    return jnp.asarray(value, dtype=jnp.result_type(float)) if isinstance(value, int | float) else value
+    return jax.device_put(np.asarray(value, jnp.result_type(float))) if isinstance(value, int | float) else value
 
 
 class Relaxation(eqx.Module):
@@ -75,13 +76,14 @@ class Relaxation(eqx.Module):
             value = getattr(self, name)
             if value is None or isinstance(value, jax.core.Tracer):
                 continue
-            if not (jnp.isfinite(value) & (value > 0)).all():
+            if not (np.isfinite(value) & (np.asarray(value) > 0)).all():
                 raise InputError(f"relaxation width {name} is {value}, it must be above 0, or None for the hard rule")
         for name in ("turning", "overhang"):
             value = getattr(self, name)
-            if not (value is None or isinstance(value, jax.core.Tracer) or 0 <= value <= 1):
+            if not (value is None or isinstance(value, jax.core.Tracer) or 0 <= float(value) <= 1):
                 raise InputError(f"{name} is {value}, it must lie between 0 and 1, or be None")
-        if isinstance(self.union, jax.Array) and not isinstance(self.union, jax.core.Tracer) and self.union < 0.0125:
+        known = isinstance(self.union, jax.Array) and not isinstance(self.union, jax.core.Tracer)
+        if known and np.asarray(self.union) < 0.0125:
             raise InputError(
                 f"relaxation width union is {float(self.union):.4g}, it must be at least 0.0125, where exp(1 / union) "
                 "still fits single precision, or None for the hard rule"

@@ -56,7 +56,7 @@ class Simulation:
     @property
     def problems(self) -> dict[str, int]:
         """How many members ran into each of `Problems`; empty when all went well."""
-        counts = {name: int(np.sum(getattr(self.colony.problems, name))) for name in PROBLEMS}
+        counts = {name: int(np.asarray(getattr(self.colony.problems, name)).sum()) for name in PROBLEMS}
         return {name: count for name, count in counts.items() if count}
 
     @property
@@ -107,9 +107,9 @@ class Simulation:
         """
         state, parameters = self.colony, self.parameters
         if state.count.ndim:
-            state = jax.tree.map(lambda leaf: leaf[member], state)
-        parameters = jax.tree.map(lambda leaf: leaf if leaf.ndim == 0 else leaf[member], parameters)
-        reach = float(np.abs(np.asarray(state.positions)[np.asarray(state.alive)]).max()) + 2.0
+            state = jax.tree.map(lambda leaf: np.asarray(leaf)[member], state)  # JAX would compile it
+        parameters = jax.tree.map(lambda leaf: leaf if leaf.ndim == 0 else np.asarray(leaf)[member], parameters)
+        reach = float(np.abs(np.asarray(state.positions)[: int(state.count)]).max()) + 2.0
         width = min(self.numerics.domain, width or 2 * reach)
         mask = mask_of(state, parameters, self.relaxation, width, 801, self.model.shape)
         time = float(state.step) * self.numerics.dt
