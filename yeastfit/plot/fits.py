@@ -77,7 +77,9 @@ def convergence(result: Fit) -> Figure:
             panel.axhspan(max(value - error, 1e-3 * value), value + error, color=COLONY, alpha=0.18, lw=0)
         panel.axhline(value, color=COLONY, lw=1)
         label_log_axis(panel.yaxis, *panel.get_ylim())
-    lowest.set(yscale="log", xlabel="simulations", ylabel="weighted squares")
+    lowest.set(yscale="log", xlabel="simulations")
+    lowest.set_ylabel("weighted squares", fontsize=8)
+    label_log_axis(lowest.yaxis, *lowest.get_ylim())
     lowest.legend(fontsize=8, ncols=3)
     stages = [step.stage for step in result.history]
     for k in range(1, len(stages)):
@@ -85,7 +87,7 @@ def convergence(result: Fit) -> Figure:
             between = 0.5 * (result.history[k - 1].simulations + result.history[k].simulations)
             for panel in (*upper, lowest):
                 panel.axvline(between, color="0.8", lw=0.8)
-    upper[0].set_title(f"{result.message}; lines part the stages, bands are one standard error", fontsize=9)
+    upper[0].set_title(f"{result.message}\nlines part the stages, bands are one standard error", fontsize=9)
     return figure
 
 
@@ -175,7 +177,7 @@ def _summary(result: Fit, truth: Mapping[str, float] | None) -> str:
         error = result.standard_errors[name]
         known = f", true {truth[name]:.3g}" if truth and name in truth else ""
         parts.append(
-            f"{literal(short(name))} {value:.3g}" + (f" ± {error:.2g}" if np.isfinite(error) else " (no error)") + known
+            f"{words(short(name))} {value:.3g}" + (f" ± {error:.2g}" if np.isfinite(error) else " (no error)") + known
         )
     lines = ["    ".join(parts[k : k + 3]) for k in range(0, len(parts), 3)]
     return "\n".join([*lines, f"chi-square {result.chi_square:.1f} on {result.degrees_of_freedom}; {result.message}"])

@@ -19,6 +19,9 @@ from yeastfit.plot.style import COLONY, CONDITIONS, OUTLINE, literal, words
 LINES = 12  # chains of a trace plot, at most
 
 
+TITLE = 32  # letters above the picture of a colony
+
+
 def traces(posterior: Posterior) -> Figure:
     """Every parameter along the first `LINES` chains, or the weights of weighted draws."""
     count = len(posterior.free)
@@ -180,4 +183,4 @@ def _frame(
             extent[0] + (contour[:, 1] + 0.5) * pixel, extent[3] + (contour[:, 0] + 0.5) * pixel, color=OUTLINE, lw=0.8
         )
     panel.set(xlim=(-reach, reach), ylim=(reach, -reach))
-    panel.set_title(literal(title), fontsize=7)
+    panel.set_title(literal(title, TITLE), fontsize=7)

@@ -38,18 +38,20 @@ def design_page(
         HTML.
     """
     after = result.sequence[-1].typical_error if result.sequence else result.typical_error
+    further = len(result.sequence)
     lead = page.facts(
         [
             (percent(result.typical_error), "typical error from what is measured"),
-            (percent(after), f"after {len(result.sequence)} more measurements"),
+            (percent(after), f"after {further} more measurement{'s' * (further != 1)}"),
             (f"{result.added:g}", f"{model.nouns[1]} in each of them"),
         ]
     )
+    pairs = ("ellipses",) if result.before.has_pairs else ()
     steps = "".join(f"<li>{page.text(one)}</li>" for one in result.sentences())
     sections = [
         ("Doubts", page.doubts([*warnings, *result.before.sentences()])),
         ("What to measure next", f"<ol>{steps}</ol>{figures(folder, PICTURES, 'design')}"),
-        ("What the existing data see", _errors(result, model, at) + figures(folder, PICTURES, "spectrum", "ellipses")),
+        ("What the existing data see", _errors(result, model, at) + figures(folder, PICTURES, "spectrum", *pairs)),
         ("All candidates", _candidates(result)),
         ("How this was made", page.pairs(made.items())),
     ]
@@ -84,7 +86,7 @@ def _errors(result: Design, model: ForwardModel, at: Mapping[str, float]) -> str
 
 def _candidates(result: Design) -> str:
     """The table of design.csv."""
-    rows = result.rows()
+    rows = [{**row, "statistics": row["statistics"].replace(" ", ", ").replace("_", " ")} for row in result.rows()]
     columns = [page.Column(name, words=name == "statistics") for name in rows[0]]
     words = "<p>Each as the next measurement, the best first; a heading sorts by its column.</p>"
     return words + page.table("Candidates", columns, [list(row.values()) for row in rows], ["design"] * len(rows))

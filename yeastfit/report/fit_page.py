@@ -55,13 +55,14 @@ def fit_page(
         ]
     )
     units = f'<p class="soft">{page.text(model.units)}</p>' if model.units else ""
+    pairs = ("ellipses",) if result.information.has_pairs else ()
     sections = [
         ("Doubts", page.doubts([*([] if result.converged else [result.message]), *result.warnings])),
         ("Parameters", f"<p>{page.text(learnt_by_fit(result))}</p>{_parameters(result, model, truth)}{units}"),
         ("Curves", figures(folder, PICTURES, "fit")),
         (
             "What the data see",
-            _seen(result, lines) + figures(folder, PICTURES, "spectrum", "ellipses", "profiles", "bootstrap"),
+            _seen(result, lines) + figures(folder, PICTURES, "spectrum", *pairs, "profiles", "bootstrap"),
         ),
         ("Convergence", f"<p>{page.text(result.message)}.</p>{figures(folder, PICTURES, 'convergence')}"),
         ("How this was made", page.pairs(made.items())),
@@ -109,10 +110,11 @@ def _parameters(result: Fit, model: ForwardModel, truth: Mapping[str, float] | N
 
 def _seen(result: Fit, lines: Sequence[str]) -> str:
     """Combinations of parameters by how well they are known, and what bootstrap and profiles found."""
-    items = "".join(f"<li>{page.text(one)}</li>" for one in [*result.information.sentences(), *lines])
+    said = [one for one in (*result.information.sentences(), *lines) if one not in result.warnings]
+    items = "".join(f"<li>{page.text(one)}</li>" for one in said)  # the others are among the doubts
     columns = [page.Column("combination", words=True), page.Column("known_to", words=True)]
     cells = [
-        [row["combination"], "not seen" if row["blind"] else row["combination_known_to"]]
+        [row["combination"].replace("_", " "), "not seen" if row["blind"] else row["combination_known_to"]]
         for row in result.information.rows()
     ]
     words = "<p>The data see these combinations of parameters, from the best known to the worst.</p>"

@@ -45,7 +45,9 @@ figure.whole { background: #ffffff; padding: .5rem; overflow: auto }
 .whole img { min-width: 52rem; margin: 0 auto }
 img { display: block; max-width: 100%; height: auto }
 figure button { display: block; width: 100%; padding: 0; border: 0; background: none; cursor: zoom-in }
+.wide { grid-template-columns: repeat(auto-fill, minmax(min(26rem, 92vw), 1fr)) }
 .cards img { width: 100%; aspect-ratio: 4 / 3; object-fit: contain; background: #00000014 }
+.wide img { aspect-ratio: auto; background: none }
 .none { aspect-ratio: 4 / 3; display: grid; place-items: center; background: #00000014; color: var(--soft) }
 figcaption { padding: .5rem .75rem .625rem; overflow-wrap: anywhere; line-height: 1.35 }
 figcaption b { color: var(--ink); font-weight: 600 }

@@ -61,7 +61,7 @@ def posterior_page(
 
 
 _VARIATION = (
-    "Each colony has parameters of its own, which scatter about those of the condition: colony_variation is the "
+    "Each colony has parameters of its own, which scatter about those of the condition: colony variation is the "
     "standard deviation of their logarithms, of the logits of shares and probabilities. {}."
 )
 _PHOTOGRAPHS = "<p>Above, photographs at the last time, with what was taken for the colony.</p>"
@@ -84,7 +84,7 @@ def _doubts(summary: Summary) -> str:
 
 
 def _parameters(summary: Summary) -> str:
-    rows = [{**row, **_units(summary, row)} for row in summary.rows()]
+    rows = [{**row, "parameter": row["parameter"].replace("_", " "), **_units(summary, row)} for row in summary.rows()]
     columns = [page.Column(name, words=name in ("parameter", "inside_90", IN_UNITS)) for name in rows[0]]
     truth = " The truth is beside them." if summary.truth else ""
     words = (
@@ -150,9 +150,12 @@ def _chains(summary: Summary) -> str:
         page.Column("ranks", "p"),
     ]
     numbers = (chains.times, chains.lengths, chains.effective_size, chains.r_hat, chains.unequal)
-    cells = [[name, *(float(one[k]) for one in numbers)] for k, name in enumerate(chains.free)]
-    accepted = f"{100 * posterior.acceptance.min():.1f} to {100 * posterior.acceptance.max():.1f} %"
-    words = f"<p>{chains.chains} chains of {chains.draws} draws each; {accepted} of the proposals were accepted.</p>"
+    cells = [[name.replace("_", " "), *(float(one[k]) for one in numbers)] for k, name in enumerate(chains.free)]
+    least, most = (f"{100 * one:.1f}" for one in (posterior.acceptance.min(), posterior.acceptance.max()))
+    accepted = f"{least} %" if least == most else f"{least} to {most} %"
+    several = "1 chain" if chains.chains == 1 else f"{chains.chains} chains"
+    each = "" if chains.chains == 1 else " each"
+    words = f"<p>{several} of {chains.draws} draws{each}; {accepted} of the proposals were accepted.</p>"
     return words + page.table("Diagnostics of the chains", columns, cells, ["traces"] * len(cells))
 
 

@@ -38,7 +38,7 @@ def simulation_page(
         ("Doubts", page.doubts(grown.warnings())),
         ("Parameters", _parameters(model, values)),
         ("Growth", figures(folder, PICTURES, "curves") + _ends(grown)),
-        (model.nouns[1].capitalize(), f'<div class="cards">{figures(folder, captions, *shown)}</div>'),
+        (model.nouns[1].capitalize(), f'<div class="cards wide">{figures(folder, captions, *shown)}</div>'),
         ("How this was made", page.pairs(made.items())),
     ]
     if (folder / MOVIE).is_file():

@@ -99,6 +99,11 @@ class Information:
         share = np.sqrt((self.directions[self.blind] ** 2).sum(axis=0))
         return tuple(name for name, one in zip(self.free, share, strict=True) if one > LOADING)
 
+    @property
+    def has_pairs(self) -> bool:
+        """Whether two parameters or more are determined, so that pairs of them can be drawn."""
+        return len(self.free) - len(self.undetermined) > 1
+
     @cached_property
     def log_covariance(self) -> FreeSquare:
         """Covariance of log λ; nan for parameters that are `undetermined`."""
