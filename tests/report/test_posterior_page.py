@@ -83,5 +83,5 @@ def test_a_browser_shows_it(page: str, method: str, tmp_path: Path, width: int) 
     assert len(seen["pictures"]) == len(PICTURES[method]) + 1  # and the one that grows
     assert all(wide > 0 and complete for _, wide, complete in seen["pictures"])
     assert seen["enlarged"] == [True, True]
-    assert seen["sorted"] == [["aspect_ratio", "mobility"], ["mobility", "aspect_ratio"]]
+    assert seen["sorted"] == [["aspect ratio", "mobility"], ["mobility", "aspect ratio"]]
     assert seen["wide"] <= 0

@@ -53,6 +53,21 @@ def test_what_a_fit_does_not_determine_is_said(result: Fit) -> None:
     assert learnt_by_fit(replace(result, information=seen)) == said
 
 
+def test_pairs_are_shown_where_there_are_some_and_each_doubt_once(result: Fit, tmp_path: Path) -> None:
+    seen = replace(result.information, data=np.diag([0.0, 0.0, 2500.0]), noise=np.zeros((3, 3)), prior={})
+    doubted = replace(result, information=seen, warnings=tuple(seen.sentences()))
+    assert len(doubted.warnings) > 1
+    for name, shown, pairs in (("all", result, True), ("one", doubted, False)):
+        write_fit(tmp_path / name, shown)
+        page = Reader(fit_page(shown, Algebraic(), tmp_path / name, {}))
+        alts = [image["alt"] for image in page.of("img")]
+        assert ("Errors of pairs of parameters, one and two standard errors" in alts) == pairs
+        table = page.words.split("these combinations", 1)[1].split("Convergence")[0]
+        assert "aspect ratio" in table
+        assert "_" not in table
+        assert [page.words.count(one) for one in shown.warnings] == [1] * len(shown.warnings)
+
+
 def test_what_a_posterior_has_learnt_is_against_its_prior() -> None:
     rng = np.random.default_rng(3)
     prior = Prior.of({name: {"distribution": "log-uniform", "low": 0.1, "high": 10.0} for name in FREE[:2]})

@@ -82,10 +82,10 @@ class Relaxation(eqx.Module):
             value = getattr(self, name)
             if not (value is None or isinstance(value, jax.core.Tracer) or 0 <= float(value) <= 1):
                 raise InputError(f"{name} is {value}, it must lie between 0 and 1, or be None")
-        known = isinstance(self.union, jax.Array) and not isinstance(self.union, jax.core.Tracer)
-        if known and np.asarray(self.union) < 0.0125:
+        union = self.union
+        if isinstance(union, jax.Array) and not isinstance(union, jax.core.Tracer) and np.asarray(union) < 0.0125:
             raise InputError(
-                f"relaxation width union is {float(self.union):.4g}, it must be at least 0.0125, where exp(1 / union) "
+                f"relaxation width union is {float(union):.4g}, it must be at least 0.0125, where exp(1 / union) "
                 "still fits single precision, or None for the hard rule"
             )
         if self.births not in ("fractional", "whole"):
