@@ -16,6 +16,7 @@ class Panel:
         half_width: From the middle to an edge of `values`, µm.
         label: Of the scale of colours, where `values` are from 0 to 1.
         kinds: What 0, 1, … stand for, nothing being the first; empty where `values` are from 0 to 1.
+        grey: Whether values from 0 to 1 are those of a photograph, from black to white.
     """
 
     title: str
@@ -23,3 +24,4 @@ class Panel:
     half_width: float
     label: str = ""
     kinds: tuple[str, ...] = ()
+    grey: bool = False

@@ -1,5 +1,7 @@
 """`yeastfit simulate`: grow colonies, write their statistics as they grow and draw them."""
 
+from collections.abc import Sequence
+from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -9,7 +11,12 @@ from yeastfit.commands.generated.model import ChosenModel, ModelOptions
 from yeastfit.commands.generated.options import generated
 from yeastfit.commands.options import Out, Overwrite, Seed, names_in
 from yeastfit.commands.terminal import out, shown_progress, warn
+from yeastfit.errors import InputError
+from yeastfit.inference.models.forward_model import Grown
+from yeastfit.measure.photograph_panels import TimedPhotograph, panel_at, photographs_of_first_colony
+from yeastfit.measure.reading.dataset import read_dataset
 from yeastfit.measure.reading.outline_files import write_mask
+from yeastfit.panel import Panel
 from yeastfit.report.simulation_page import write_simulation_page
 from yeastfit.results_folder import results_folder
 from yeastfit.storage import write_table
@@ -38,6 +45,14 @@ def simulate(
             "installed.",
         ),
     ] = False,
+    beside: Annotated[
+        Path | None,
+        typer.Option(
+            help="A data set of photographs over time: each frame of the movie also shows the last photograph, so far, "
+            "of the first colony that it names.",
+            show_default=False,
+        ),
+    ] = None,
     overwrite: Overwrite = False,
     seed: Seed = 0,
     *,
@@ -53,11 +68,16 @@ def simulate(
     """
     parameters = {**chosen.forward.parameters.defaults, **chosen.values}
     configuration = {**chosen.configuration("simulate"), "parameters": parameters, "members": members}
+    if beside is not None and not movie:
+        raise InputError("--beside is given without --movie, which shows the photographs: give both, or neither")
+    data = None if beside is None else read_dataset(beside)
+    photographs = [] if data is None else photographs_of_first_colony(data)
+    reads = [] if data is None else [data.manifest, *(one.measured.micrograph.path for one in photographs)]
     named = chosen.forward.statistics_named(names_in(statistics))
     if named:
         configuration["statistics"] = list(named)
     with (
-        results_folder(folder, "simulate", overwrite=overwrite) as results,
+        results_folder(folder, "simulate", reads=reads, overwrite=overwrite) as results,
         shown_progress("growing colonies") as progress,
     ):
         result = chosen.forward.grow(chosen.values, members, seed, named)
@@ -69,12 +89,30 @@ def simulate(
             plot.save(plot.colony(result, member), results.partial / f"colony_{member}.png")
         if movie:
             progress("drawing the movie", 0.0)
-            plot.movie(list(chosen.forward.movie(chosen.values, seed, FRAMES)), results.partial / "movie")
+            frames = list(chosen.forward.movie(chosen.values, seed, FRAMES))
+            if photographs:
+                frames = _beside(photographs, frames, result)
+            plot.movie(frames, results.partial / "movie")
         if (drawn := result.masks()) is not None:
             (results.partial / "masks").mkdir()
             for member, mask in enumerate(drawn[0]):
                 write_mask(results.partial / "masks" / f"colony_{member}.png", mask, drawn[1])
         write_simulation_page(results.partial, result, chosen.forward, parameters, members, configuration)
-        results.finish(seed=seed, inputs=[], configuration=configuration, seconds=result.seconds)
+        results.finish(seed=seed, inputs=reads, configuration=configuration, seconds=result.seconds)
     warn(result.warnings())
     out.print(f"{result.sentence()}. Results in {folder}, on one page: index.html")
+
+
+def _beside(photographs: Sequence[TimedPhotograph], frames: Sequence[list[Panel]], result: Grown) -> list[list[Panel]]:
+    """Frames at even times up to the end, each with the photograph of its time.
+
+    Raises:
+        InputError: The colonies have no time.
+    """
+    if result.clock_label != "hours":
+        raise InputError(f"--beside: photographs have hours, and these colonies {result.clock_label}: leave it out")
+    last, count = float(result.clock[-1]), len(frames)
+    return [
+        [*panels, panel_at(photographs, last * (k + 1) / count, panels[0].half_width)]
+        for k, panels in enumerate(frames)
+    ]

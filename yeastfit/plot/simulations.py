@@ -71,6 +71,9 @@ def curves(simulation: Grown) -> Figure:
 def _draw(figure: Figure, axes: Any, panel: Panel) -> None:
     half = panel.half_width
     how: dict[str, Any] = {"origin": "lower", "extent": (-half, half, -half, half), "vmin": 0}
+    if panel.grey:
+        axes.imshow(panel.values.T, cmap="gray", vmax=1, **how)
+        return
     if not panel.kinds:
         image = axes.imshow(panel.values.T, cmap="viridis", vmax=1, **how)
         figure.colorbar(image, ax=axes, label=panel.label, shrink=0.85)
