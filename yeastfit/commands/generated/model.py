@@ -1,7 +1,7 @@
 """Options of a forward model: which one, its settings, its rules, and the parameters that it and the rules have."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import MISSING, dataclass, fields
+from dataclasses import MISSING, dataclass, fields, replace
 from typing import Annotated, Any, get_origin
 
 import typer
@@ -88,14 +88,12 @@ class ModelOptions:
     def options(self, arguments: Sequence[str]) -> list[Option]:
         """Those of the model that is named; hidden, those of the others."""
         name = self.only or _named_in(arguments) or DEFAULT
-        own = self._of(model_named(name))
+        kind = model_named(name)
         if self.only:
-            return list(own.values())
-        others = {
-            option.name: Option(**{**vars(option), "hidden": True})
-            for model in FORWARD_MODELS.values()
-            for option in self._of(model).values()
-        }
+            return list(self._of(kind).values())
+        each = {model: self._of(kind) for model, kind in FORWARD_MODELS.items()}
+        own = each[name]
+        others = {key: replace(option, hidden=True) for model in each.values() for key, option in model.items()}
         choices = f"Which model grows the colonies; with --help after it, its options. {', '.join(FORWARD_MODELS)}."
         which = Option("model", str, choices, PANEL, shown=DEFAULT, choices=("NAME",))
         return [which, *({**others, **own}[key] for key in {**own, **others})]

@@ -135,6 +135,7 @@ def plain_kind(hint: Any) -> tuple[Any, tuple[str, ...]]:
     return (parts[0], ()) if len(parts) == 1 and parts[0] in PLAIN else (None, ())
 
 
+@functools.cache
 def hints_of(kind: type) -> dict[str, Any]:
     """Types of a class's fields, without what is annotated."""
     return typing.get_type_hints(kind)

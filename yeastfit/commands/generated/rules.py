@@ -1,6 +1,7 @@
 """Options for the rules that the algebraic model is composed of: which, their settings, and what they bring."""
 
 import dataclasses
+import functools
 import inspect
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -43,9 +44,9 @@ class RecipeOptions:
 
 def rule_options() -> list[Option]:
     """An option for each question, and one for each setting of a rule, named after its question."""
-    found = dict[str, Option]()
+    found, defaults = dict[str, Option](), Model().rules
     for question, base in BASES.items():
-        names, default = _choosable(question), getattr(Model(), question).name
+        names, default = _choosable(question), defaults[question].name
         text = f"{_first_line(base).rstrip('.')}: {', '.join(names)}."
         found[question] = Option(question, str, text, PANEL, shown=default, choices=("RULE",))
         for name, rule in names.items():
@@ -118,6 +119,7 @@ def _choosable(question: str) -> dict[str, type[Rule]]:
     return {name: rule for name, rule in RULES[question].items() if not _needed(rule) - set(_settings(rule))}
 
 
+@functools.cache
 def _needed(rule: type[Rule]) -> set[str]:
     """Fields without a default."""
     return {
@@ -127,6 +129,7 @@ def _needed(rule: type[Rule]) -> set[str]:
     }
 
 
+@functools.cache
 def _settings(rule: type[Rule]) -> dict[str, type]:
     """Types of the fields that the command line can give."""
     hints = hints_of(rule)
@@ -147,6 +150,7 @@ def _first_line(kind: type) -> str:
     return (inspect.getdoc(kind) or "").partition("\n")[0]
 
 
+@functools.cache
 def _described(rule: type[Rule], setting: str) -> str:
     """What the docstring of a rule, or of one that it inherits from, says of one of its attributes."""
     docstrings = (inspect.cleandoc(kind.__doc__ or "") for kind in rule.__mro__)

@@ -1,5 +1,6 @@
 """Options for the settings of samplers, each of all methods that have it."""
 
+import functools
 import typing
 from collections.abc import Mapping, Sequence
 from dataclasses import MISSING, Field, fields
@@ -18,9 +19,9 @@ class SamplerOptions:
     def options(self, arguments: Sequence[str]) -> list[Option]:
         """Of all methods."""
         found = dict[str, Option]()
-        for method in SAMPLERS:
-            hints = hints_of(SAMPLERS[method])
-            for name, (_, setting) in _fields(method).items():
+        for sampler in SAMPLERS.values():
+            hints = hints_of(sampler)
+            for name, (_, setting) in _fields(sampler).items():
                 kind, choices = plain_kind(hints[name])
                 if kind is None or name in found:
                     continue
@@ -37,21 +38,24 @@ class SamplerOptions:
 
 def extending(method: str) -> tuple[str, ...]:
     """Settings of a method that merely make a run longer."""
-    return tuple(name for name, (_, one) in _fields(method).items() if one.extends)
+    return tuple(name for name, (_, one) in _fields(SAMPLERS[method]).items() if one.extends)
 
 
-def _fields(method: str) -> dict[str, tuple[Field, Setting]]:
-    """A sampler's fields, with what is said of them."""
-    hints = typing.get_type_hints(SAMPLERS[method], include_extras=True)
-    annotated = {one.name: getattr(hints[one.name], "__metadata__", ()) for one in fields(SAMPLERS[method])}  # type: ignore[arg-type]
+@functools.cache
+def _fields(sampler: type) -> dict[str, tuple[Field, Setting]]:
+    """Its fields, with what is said of them."""
+    hints = typing.get_type_hints(sampler, include_extras=True)
+    annotated = {one.name: getattr(hints[one.name], "__metadata__", ()) for one in fields(sampler)}
     return {
         one.name: (one, next((data for data in annotated[one.name] if isinstance(data, Setting)), Setting("")))
-        for one in fields(SAMPLERS[method])  # type: ignore[arg-type]
+        for one in fields(sampler)
     }
 
 
 def _defaults(name: str) -> str:
     """Methods that have a setting, with their defaults."""
-    owners = {method: _fields(method)[name][0].default for method in SAMPLERS if name in _fields(method)}
-    each = [method if one in (None, MISSING) else f"{method} {one}" for method, one in owners.items()]
+    having = {method: _fields(sampler)[name] for method, sampler in SAMPLERS.items() if name in _fields(sampler)}
+    each = [
+        method if one.default in (None, MISSING) else f"{method} {one.default}" for method, (one, _) in having.items()
+    ]
     return f"({', '.join(each)})"
