@@ -32,6 +32,7 @@ from yeastfit.inference.colony_simulator import COARSE
 from yeastfit.inference.fit.simulators import colonies_in
 from yeastfit.inference.models.algebraic import Algebraic
 from yeastfit.inference.simulator import names_of
+from yeastfit.model.model import BASES
 from yeastfit.offlattice.simulation import OfflatticeSimulation
 from yeastfit.simulation.recipe import Recipe
 from yeastfit.storage import write_table
@@ -284,7 +285,8 @@ def test_help_explains_rules_settings_and_parameters(leaning: list[str], capsys:
     for command in ("simulate", "synthesize", "fit", "infer", "design", "gradcheck"):
         assert cli.run([command, "--help"]) == 0
         text = " ".join(capsys.readouterr().out.replace("│", " ").split())
-        assert "In which direction a child appears: uniform, " in text
+        assert "In which direction a child appears. uniform – Any direction alike, " in text
+        assert "; leaning – Children to the right, more or less. Default: uniform." in text
         assert "How often the cosine is taken of the angle. Of --budding leaning." in text
         assert "κ, how closely children lie to the right. Plausible: 0.1 to 50. Of --budding leaning." in text
 
@@ -339,8 +341,13 @@ def test_numba_is_asked_for_where_it_is_missing(
     assert "pip install 'yeastfit[offlattice]'" in line
 
 
-def test_every_setting_of_a_rule_says_what_it_is() -> None:
+def test_every_rule_and_its_settings_say_what_they_are() -> None:
     """Those that a rule inherits included."""
     said = {option.name: option.help for option in rule_options()}
+    assert said["death"].startswith("What becomes of nodes. none – Nobody dies")
+    for question in BASES:
+        each = said[question].partition(". ")[2].rstrip(".").split("; ")
+        assert {one.partition(" – ")[0] for one in each} <= set(RULES[question])
+        assert not [one for one in each if len(one.partition(" – ")[2].split()) < 3]
     assert said["contact_boundary"].startswith("K, over what width the outline")
     assert not [name for name, text in said.items() if len(text.partition(" Of --")[0].split()) < 5]

@@ -14,7 +14,7 @@ from yeastfit.model.rules import Births, BuddingRule, Context
 
 
 class UniformBudding(BuddingRule):
-    """φ uniform on [0, 2π): the source's rule."""
+    """Any direction alike, φ uniform on [0, 2π): the source's rule."""
 
     name: ClassVar[str] = "uniform"
 

@@ -15,7 +15,10 @@ from yeastfit.model.rules import Context, MediumRule, UptakeRule
 
 
 class OneNutrient(MediumRule):
-    """∂c/∂t = λ1 ∇²c − b c, c = 1 on the boundary; nodes drift along λ5 ∇c and grow by c: the source's rule."""
+    """One nutrient, which diffuses and is eaten: the source's rule.
+
+    ∂c/∂t = λ1 ∇²c − b c, c = 1 on the boundary; nodes drift along λ5 ∇c and grow by c.
+    """
 
     name: ClassVar[str] = "nutrient"
 

@@ -47,7 +47,8 @@ def rule_options() -> list[Option]:
     found, defaults = dict[str, Option](), Model().rules
     for question, base in BASES.items():
         names, default = _choosable(question), defaults[question].name
-        text = f"{_first_line(base).rstrip('.')}: {', '.join(names)}."
+        each = "; ".join(f"{name} – {_first_clause(rule)}" for name, rule in names.items())
+        text = f"{_first_clause(base)}. {each}."
         found[question] = Option(question, str, text, PANEL, shown=default, choices=("RULE",))
         for name, rule in names.items():
             for setting, kind in _settings(rule).items():
@@ -146,8 +147,11 @@ def _owners(question: str) -> dict[str, list[str]]:
     return found
 
 
-def _first_line(kind: type) -> str:
-    return (inspect.getdoc(kind) or "").partition("\n")[0]
+@functools.cache
+def _first_clause(kind: type) -> str:
+    """Of its docstring."""
+    paragraph = (inspect.getdoc(kind) or "").partition("\n\n")[0]
+    return re.split(r"[.;](?: |$)", " ".join(paragraph.split()))[0]
 
 
 @functools.cache

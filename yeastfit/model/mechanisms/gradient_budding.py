@@ -29,7 +29,10 @@ BUDDING_BIAS = Parameter(
 
 
 class GradientBudding(BuddingRule):
-    """φ = arg ∇c(x_p), uniform where ∇c vanishes: no randomness but the first cell's angle. Differentiable in ∇c."""
+    """Up the gradient of the nutrient, φ = arg ∇c(x_p), and any direction alike where it vanishes.
+
+    Nothing is random but the first cell's angle. Differentiable in ∇c.
+    """
 
     name: ClassVar[str] = "gradient"
 
@@ -42,7 +45,10 @@ class GradientBudding(BuddingRule):
 
 
 class BiasedBudding(BuddingRule):
-    """φ von Mises about arg ∇c(x_p), of concentration κ. Differentiable in κ and ∇c."""
+    """Mostly up the gradient of the nutrient, φ von Mises about arg ∇c(x_p) of concentration κ.
+
+    Differentiable in κ and ∇c.
+    """
 
     name: ClassVar[str] = "biased"
     parameters: ClassVar[tuple[Parameter, ...]] = (BUDDING_BIAS,)

@@ -31,7 +31,10 @@ SHAPE_EXPONENT = Parameter(
 
 
 class SuperellipticalCells(ShapeRule):
-    """Superellipses; `shape_exponent` 2 is the source, to rounding. Differentiable in n."""
+    """Blockier than ellipses, |u/p|ⁿ + |v/q|ⁿ = 1.
+
+    `shape_exponent` 2 is the source, to rounding. Differentiable in n.
+    """
 
     name: ClassVar[str] = "superellipse"
     parameters: ClassVar[tuple[Parameter, ...]] = (SHAPE_EXPONENT,)
