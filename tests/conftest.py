@@ -1,5 +1,6 @@
 """For all tests: shapes are checked at run time, programs are compiled fast and kept, real micrographs are found."""
 
+import gc
 import os
 import shutil
 import tempfile
@@ -45,6 +46,13 @@ install_import_hook("yeastfit", "typechecking.check")
 def pytest_configure(config: pytest.Config) -> None:
     """jax writes its files in place: a process that reads half of one says so, and compiles."""
     config.addinivalue_line("filterwarnings", "ignore:Error reading persistent compilation cache entry")
+
+
+def pytest_collection_finish() -> None:
+    """What is imported stays, and tracing leaves little to collect: looking for it took a seventh of the time."""
+    gc.collect()
+    gc.freeze()
+    gc.set_threshold(100_000, 50, 100)
 
 
 @pytest.hookimpl(tryfirst=True)

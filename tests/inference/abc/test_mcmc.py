@@ -145,6 +145,7 @@ def test_calls_have_one_size_and_parameters_outside_the_prior_are_not_simulated(
     assert ((found.values > 0) & (found.values < 1)).all()
 
 
+@pytest.mark.usefixtures("unchecked")
 def test_a_data_set_is_a_mean_of_replicates_with_errors_of_measurement() -> None:
     """Of a simulator without noise the errors are all there is; with n replicates the sd falls by √n."""
     plain = replace(GAUSSIAN, simulator=replace(GAUSSIAN.simulator, draw=lambda values, rng: values))
