@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV ?= .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo test test-thorough test-arviz test-napari lint types docs data notebooks clean
+.PHONY: demo test test-thorough test-arviz test-napari lint types docs data movie notebooks clean
 
 demo: $(VENV)/.installed
 	$(BIN)/yeastfit demo
@@ -43,6 +43,11 @@ docs: $(VENV)/.installed-docs
 # the data sets, from their stated seeds and parameters
 data: $(VENV)/.installed
 	$(BIN)/yeastfit synthesize --recipe data/synthetic/recipes.toml --out data/synthetic
+
+# the movie on the home page of the site, about a minute
+movie: $(VENV)/.installed
+	$(BIN)/yeastfit simulate --members 1 --time 7 --mobility 2 --movie --out out/movie --overwrite
+	cp out/movie/movie.gif docs/growth.gif
 
 # the notebooks in full size, outputs and all, about 32 minutes on two cores
 notebooks: $(VENV)/.installed-test
