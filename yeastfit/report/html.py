@@ -73,6 +73,7 @@ dialog img { width: auto; max-height: 82vh; margin: 0 auto }
 dialog p { margin: .5rem 1rem }
 dialog form { text-align: right; padding: 0 1rem .75rem }
 dl { display: grid; grid-template-columns: max-content 1fr; gap: .25rem 1.25rem; margin: 0 }
+dt { color: var(--soft) }
 dd { margin: 0; overflow-wrap: anywhere }
 code { font-size: .875em; overflow-wrap: anywhere }
 summary { cursor: pointer }
@@ -80,7 +81,8 @@ details { margin: .75rem 0 }
 footer { padding: 2rem 1.25rem 3rem }
 :focus-visible { outline: 3px solid var(--accent); outline-offset: 2px }
 @media (max-width: 40rem) { tbody th { max-width: 9rem; overflow: hidden; text-overflow: ellipsis }
-  dl { display: block } }
+  dl { display: block }
+  dd { margin-bottom: .375rem } }
 @media print { .table { max-height: none } figure { break-inside: avoid } }
 """
 

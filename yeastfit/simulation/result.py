@@ -113,7 +113,8 @@ class Simulation:
         width = min(self.numerics.domain, width or 2 * reach)
         mask = mask_of(state, parameters, self.relaxation, width, 801, self.model.shape)
         time = float(state.step) * self.numerics.dt
-        title = f"{int(state.count) - 1} cells at {self.scales.hours(time):.1f} h (t = {time:.4g})"
+        cells = int(state.count) - 1
+        title = f"{cells} cell{'s' * (cells != 1)} at {self.scales.hours(time):.1f} h (t = {time:.4g})"
         half, edge = (0.5 * one * self.scales.length for one in (width, self.numerics.domain))
         return [
             Panel(title, mask, half, kinds=("nothing", "cells")),
