@@ -14,6 +14,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
+from yeastfit.model.numerics import largest_in_ensemble
 from yeastfit.model.relaxation import Relaxation
 from yeastfit.model.rules import BirthRule, Births, Context
 
@@ -27,8 +28,8 @@ class GlobalBirths(BirthRule):
     name: ClassVar[str] = "global"
 
     def due(self, context: Context) -> Bool[Array, ""]:
-        """Every Δn steps."""
-        return context.colony.step % context.numerics.steps_per_event == 0
+        """Every Δn steps, which all members of an ensemble have done at once."""
+        return largest_in_ensemble(context.colony.step) % context.numerics.steps_per_event == 0
 
     def births(self, context: Context) -> Births:
         """The best fed nodes."""

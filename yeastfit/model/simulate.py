@@ -18,7 +18,7 @@ from yeastfit.model.budding import bud
 from yeastfit.model.colony import Colony, Problems
 from yeastfit.model.forces import velocity
 from yeastfit.model.model import Model
-from yeastfit.model.numerics import Numerics
+from yeastfit.model.numerics import Numerics, largest_in_ensemble
 from yeastfit.model.parameters import Parameters
 from yeastfit.model.relaxation import Relaxation
 from yeastfit.model.rules import Context
@@ -137,7 +137,7 @@ def trajectory(
     rules = parameters, relaxation, numerics, model
     cells = model.shape.cells(colony, parameters)
     first = Snapshot(cells, jnp.zeros_like(colony.weights[0]), colony, parameters, relaxation)
-    begin = first, colony.step.astype(schedule.steps.dtype)
+    begin = first, largest_in_ensemble(colony.step.astype(schedule.steps.dtype))  # all members have done as many
     (snapshot, _), observed = jax.lax.scan(jax.checkpoint(to_sample), begin, schedule.steps)
     return snapshot.colony, observed
 
