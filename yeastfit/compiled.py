@@ -50,8 +50,13 @@ def _compiled(function: Callable[Arguments, Result], **options: Any) -> Callable
     plain = unwrap(function)  # of the tests' type checks, which numba cannot compile
     if njit is None:
         return _missing(plain)
-    plain.__qualname__ += f"_{_sources(Path(plain.__code__.co_filename).parent)}"
-    return njit(**options, cache=True, nogil=True)(plain)
+    return njit(**options, cache=True, nogil=True)(named_by_sources(plain))
+
+
+def named_by_sources(function: Callable[Arguments, Result]) -> Callable[Arguments, Result]:
+    """The function under a name by which numba finds what it has kept of it only while its folder is as it was."""
+    function.__qualname__ += f"_{_sources(Path(function.__code__.co_filename).parent)}"
+    return function
 
 
 def _missing(function: Callable[Arguments, Result]) -> Callable[Arguments, Result]:

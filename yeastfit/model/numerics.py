@@ -31,10 +31,12 @@ class Numerics:
         dt: Δt of forward Euler and Crank–Nicolson.
         capacity: Largest number of nodes; births beyond it are cut. None: as many as are born, while memory lasts.
         bud_distance: δ, how far from its parent a child appears.
+        compiled: Whether contacts of large colonies on a CPU are summed by loops that numba has compiled, where it is
+            installed: the same sums in another order. False is the plain calculation.
 
     Raises:
-        InputError: A value is not positive, domain / spacing is not a whole number, dt is beyond what
-            steps can be counted for, or a colony would not fit into memory.
+        InputError: A value is not positive, `compiled` neither True nor False, domain / spacing is not a whole number,
+            dt is beyond what steps can be counted for, or a colony would not fit into memory.
     """
 
     domain: float = 40.0
@@ -42,14 +44,17 @@ class Numerics:
     dt: float = 0.02
     capacity: int | None = None
     bud_distance: float = 0.01
+    compiled: bool = True
 
     def __post_init__(self) -> None:
         for field in fields(self):
             value = getattr(self, field.name)
-            if field.name == "capacity" and value is None:
+            if (field.name == "capacity" and value is None) or field.name == "compiled":
                 continue
             if isinstance(value, bool) or not isinstance(value, int | float) or not 0 < value < math.inf:
                 raise InputError(f"{field.name} is {value!r}, it must be a number above 0")
+        if not isinstance(self.compiled, bool):
+            raise InputError(f"compiled is {self.compiled!r}, it must be True or False")
         if self.room != int(self.room) or self.room < 2:
             raise InputError(f"capacity is {self.capacity!r}, it must be a whole number of nodes, at least 2")
         STEPS.read(self.dt, "dt")

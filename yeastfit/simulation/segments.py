@@ -4,6 +4,8 @@ A segment is compiled for the number of nodes that its arrays have room for. Whe
 nodes are allowed, the segment is grown again with twice the room, so that the work follows the nodes that live.
 Programs are compiled once for each size, of which there are few.
 
+On a CPU, contacts of nodes are summed by compiled loops (`with_compiled_contact`) unless `Numerics.compiled` is False.
+
 Who asks for a colony `until` something gets it at the first step at which that is reached: the segment that passes it
 is divided in two again and again.
 """
@@ -17,6 +19,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int, PyTree
 
 from yeastfit.model.colony import Colony, Problems, widened
+from yeastfit.model.compiled_contact import with_compiled_contact
 from yeastfit.model.model import Model
 from yeastfit.model.numerics import Numerics
 from yeastfit.model.parameters import Parameters
@@ -90,7 +93,8 @@ class Segments:
 
     def _segment(self, colony: Colony, last: int, seen: bool) -> tuple[Colony, PyTree]:
         """The colony at step `last`, and what is observed there, with as much room as that takes."""
-        rules = self.parameters, self.relaxation, self.numerics, self.observe, self.model
+        model = with_compiled_contact(self.model) if self.numerics.compiled else self.model
+        rules = self.parameters, self.relaxation, self.numerics, self.observe, model
         most = self.numerics.most_room
         while True:
             room = colony.parents.shape[0]

@@ -141,7 +141,7 @@ def simulate(
     check_count("members", members, kept)
     batched = _per_member(parameters, members)
     rules = schedule, relaxation, numerics, observe, model
-    if end is None and (traced or _is_small(float(np.asarray(schedule.steps)[-1] - since) * numerics.dt, numerics)):
+    if end is None and (traced or is_small(float(np.asarray(schedule.steps)[-1] - since) * numerics.dt, numerics)):
         colony, observed = on_one_device(_run(batched, began, *rules))
         outgrown = not traced and bool(np.asarray(colony.problems.capacity_reached).any())
         done = not outgrown or colony.parents.shape[-1] >= numerics.most_room
@@ -149,7 +149,7 @@ def simulate(
         done = False
     if not done:
         colony, observed = _in_segments(batched, began, *rules, end)
-    reached = None if end is None else _time_reached(end, colony, observed, numerics)
+    reached = None if end is None else end.times_reached(colony, observed, numerics)
     if throw and not traced:
         _check_steps(colony, batched, numerics, model)
     if not batch:
@@ -249,7 +249,7 @@ def _run(
     return map_members(one, parameters, began)
 
 
-def _is_small(time: float, numerics: Numerics) -> bool:
+def is_small(time: float, numerics: Numerics) -> bool:
     """Whether colonies are grown by one program first, whose arrays have one length."""
     return most_nodes(time) <= SHORT or (numerics.capacity is not None and numerics.capacity <= FIRST_ROOM)
 
@@ -277,12 +277,6 @@ def _in_segments(
 
     colonies, observed = zip(*on_all_devices(grown, parameters.diffusivity.shape[0]), strict=True)
     return together(list(colonies), model), stacked(list(observed))
-
-
-def _time_reached(until: Until, colony: Colony, observed: PyTree, numerics: Numerics) -> np.ndarray:
-    """When each member had grown so far; nan where it had not at the end."""
-    found = (until.passed(*member_of((colony, observed), member)) for member in range(colony.step.shape[0]))
-    return np.where(list(found), np.asarray(colony.step) * numerics.dt, np.nan)
 
 
 def _per_member(parameters: Parameters, members: int) -> Parameters:

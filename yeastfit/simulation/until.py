@@ -7,10 +7,12 @@ from typing import Any
 
 import jax
 import numpy as np
-from jaxtyping import PyTree
+from jaxtyping import Float, PyTree
 
 from yeastfit.errors import InputError
 from yeastfit.model.colony import Colony
+from yeastfit.model.numerics import Numerics
+from yeastfit.simulation.large_ensemble import member_of
 
 COUNTS = {"nodes": 0, "cells": -1}  # what is counted without being observed, and its difference from the nodes
 
@@ -51,6 +53,11 @@ class Until:
         if self.name not in seen:
             raise InputError(f"until is of {self.name!r}, expected one of {', '.join([*COUNTS, *seen])}")
         return bool(seen[self.name][0] >= self.value)
+
+    def times_reached(self, colony: Colony, observed: PyTree, numerics: Numerics) -> Float[np.ndarray, " member"]:
+        """When each member of an ensemble came so far; nan where it had not at the end."""
+        found = [self.passed(*member_of((colony, observed), member)) for member in range(colony.step.shape[0])]
+        return np.where(found, np.asarray(colony.step) * numerics.dt, np.nan)
 
     def __str__(self) -> str:
         return f"{self.name} = {self.value:g}"

@@ -108,6 +108,14 @@ class Algebraic(ForwardModel):
             commands=SIMULATE,
         ),
     ] = None
+    compiled: Annotated[
+        bool,
+        Setting(
+            "Sum contacts of colonies of more than 500 nodes by loops that numba has compiled, or plainly.",
+            commands=SIMULATE,
+            negative="plain",
+        ),
+    ] = True
     until_area: Annotated[
         float | None,
         Setting("Area in L0² at which a colony ends to grow, if it comes to it before --time.", commands=SIMULATE),
@@ -140,6 +148,11 @@ class Algebraic(ForwardModel):
         if len(found) > 1:
             raise InputError("--until-area and --until-cells are both given: growth ends at one of them")
         return found or None
+
+    @property
+    def _numerics(self) -> Numerics:
+        """Of `simulate`."""
+        return Numerics(self.domain, self.spacing, self.dt, self.capacity, compiled=self.compiled)
 
     @property
     def parameters(self) -> ParameterSet:
@@ -204,8 +217,7 @@ class Algebraic(ForwardModel):
 
     def movie(self, values: Mapping[str, float], seed: int, frames: int) -> Iterator[list[Panel]]:
         """Cells and nutrient of one colony; each frame goes on from the one before."""
-        chosen = self.rules.complete(Parameters(**values))
-        numerics = Numerics(domain=self.domain, spacing=self.spacing, dt=self.dt, capacity=self.capacity)
+        chosen, numerics = self.rules.complete(Parameters(**values)), self._numerics
         shared: dict[str, Any] = {
             **{"model": self.rules, "numerics": numerics, "scales": self.scales, "observe": Unmeasured()},
             "relaxation": HARD if self.hard else Relaxation(),
@@ -220,8 +232,7 @@ class Algebraic(ForwardModel):
 
     def grow(self, values: Mapping[str, float], members: int, seed: int, statistics: Sequence[str] = ()) -> Grown:
         """Colonies in an ensemble, seen at regular times and at the end; named statistics as `measure` takes them."""
-        chosen = self.rules.complete(Parameters(**values))
-        numerics = Numerics(domain=self.domain, spacing=self.spacing, dt=self.dt, capacity=self.capacity)
+        chosen, numerics = self.rules.complete(Parameters(**values)), self._numerics
         until = self.until
         return run_simulation(
             chosen,
