@@ -36,7 +36,26 @@ def test_a_dish_is_wide_enough_and_has_room_for_every_cell() -> None:
     roomy = ColonySimulator.of(targets(("radius",), [1.5, 3.2]), FREE, resolution=Resolution(0.02, 0.25, 64))
     assert roomy.curves.numerics.capacity == 64
     far = ColonySimulator.of(targets(("radius",), [20.0]), FREE, resolution=COARSE)
-    assert far.curves.numerics.capacity == 4096
+    assert far.curves.numerics.capacity is None
+
+
+@pytest.mark.parametrize("names", [("radius",), ("area", "compactness")])
+@pytest.mark.parametrize("estimator", ["smooth", "mask"])
+def test_colonies_that_could_outgrow_one_program_are_the_same_and_not_cut(
+    names: tuple[str, ...], estimator: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """By rows of different parameters; with room for six nodes at first, as those of any time grow."""
+    data = targets(names, [1.5, 3.2], estimator=estimator)
+    values, seeds = np.array([[1.0], [3.0]]), member_seeds(0, 2)
+    small = ColonySimulator.of(data, FREE, resolution=COARSE)(values, seeds)
+    monkeypatch.setattr("yeastfit.simulation.simulate.SHORT", 1)
+    monkeypatch.setattr("yeastfit.inference.colony_simulator.SHORT", 1)
+    monkeypatch.setattr("yeastfit.inference.colony_curves.SHORT", 1)
+    monkeypatch.setattr("yeastfit.simulation.simulate.FIRST_ROOM", 6)
+    grown = ColonySimulator.of(data, FREE, resolution=COARSE)
+    assert grown.curves.numerics.capacity is None
+    np.testing.assert_allclose(grown(values, seeds), small, rtol=2e-3)
+    assert not grown.problems
 
 
 def test_there_is_room_for_births_at_any_step() -> None:
@@ -47,7 +66,7 @@ def test_there_is_room_for_births_at_any_step() -> None:
     assert np.isfinite(made(np.tile(HERE, (8, 1)), member_seeds(0, 8))).all()
     assert not any("births were cut" in problem for problem in made.problems)
     made = ColonySimulator.of(targets(("radius",), [1.5]), FREE, resolution=COARSE, model=walkers)
-    assert made.curves.numerics.capacity == 4096
+    assert made.curves.numerics.capacity is None
 
 
 def test_times_closer_than_a_step_are_refused() -> None:

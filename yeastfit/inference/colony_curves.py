@@ -1,4 +1,7 @@
-"""Curves of single colonies as a function of log λ, in blocks of one size that compile once."""
+"""Curves of single colonies as a function of log λ, in blocks of one size that compile once.
+
+Colonies that could outgrow such a program grow one by one, in arrays as long as they need (`simulate`).
+"""
 
 from collections.abc import Iterator
 from functools import partial
@@ -13,10 +16,11 @@ from yeastfit.measure.statistics.model_as_mask import HardStatistics
 from yeastfit.measure.statistics.smooth_statistics import SmoothStatistics
 from yeastfit.model.colony import PROBLEMS, Colony
 from yeastfit.model.model import Model
-from yeastfit.model.numerics import Numerics, map_members, on_one_device
+from yeastfit.model.numerics import Numerics, map_members, most_nodes, on_one_device
 from yeastfit.model.parameters import Parameters
 from yeastfit.model.relaxation import Relaxation
 from yeastfit.model.simulate import Schedule, trajectory
+from yeastfit.simulation.simulate import SHORT, simulate
 
 BLOCK = 32  # members that run together
 TANGENTS = 8  # members that run together with their derivatives
@@ -37,6 +41,12 @@ class ColonyCurves(eqx.Module):
     model: Model = Model()
     block: int = eqx.field(static=True, default=BLOCK)
 
+    @property
+    def unlimited(self) -> bool:
+        """Whether nothing limits members to as many nodes as one program has room for."""
+        time = float(np.asarray(self.schedule.steps)[-1]) * self.numerics.dt
+        return self.numerics.capacity is None and most_nodes(time, self.model.births.doublings) > SHORT
+
     def grown(self, z: Float[Array, " parameter"], key: Array) -> tuple[Colony, dict[str, Array]]:
         """One colony at the end, and what was observed. z: log λ of all the model's parameters, in order."""
         rules = self.schedule, self.relaxation, self.numerics, self.observe, self.model
@@ -52,6 +62,8 @@ class ColonyCurves(eqx.Module):
 
     def members(self, z: Float[Array, "*member parameter"], keys: Array) -> Float[Array, "member value"]:
         """All members, with one z for all or one for each. Statistics of masks are taken on the host."""
+        if self.unlimited:
+            return _of_any_size(self, z, keys)
         run = _masked if isinstance(self.observe, HardStatistics) else _members
         return jnp.concatenate([run(self, *block)[:size] for *block, size in _blocks(z, keys, self.block)])
 
@@ -83,6 +95,24 @@ def _masked(curves: ColonyCurves, z: Float[Array, "member parameter"], keys: Arr
     found = curves.observe.finish(jax.tree.map(np.asarray, observed))
     problems = np.stack([np.asarray(getattr(colony.problems, name)) for name in PROBLEMS], axis=1)
     return jnp.asarray(np.concatenate([*(found[name] for name in curves.names), problems], axis=1, dtype=float))
+
+
+def _of_any_size(
+    curves: ColonyCurves, z: Float[Array, "*member parameter"], keys: Array
+) -> Float[Array, "member value"]:
+    names = curves.model.parameters.names
+    grown = simulate(
+        Parameters.from_array(names, jnp.exp(jnp.broadcast_to(z, (*keys.shape, len(names))))),
+        keys,
+        times=np.asarray(curves.schedule.steps) * curves.numerics.dt,
+        model=curves.model,
+        numerics=curves.numerics,
+        relaxation=curves.relaxation,
+        observe=curves.observe,
+        throw=False,
+    )
+    problems = np.stack([np.asarray(getattr(grown.colony.problems, name)) for name in PROBLEMS], axis=1)
+    return jnp.asarray(np.concatenate([*(grown.statistics[name] for name in curves.names), problems], axis=1))
 
 
 @eqx.filter_jit

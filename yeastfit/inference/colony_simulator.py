@@ -1,7 +1,7 @@
 """Colonies of the algebraic model as a `Simulator`: one colony a row, measured as the data were.
 
 Colonies are hard ones. They grow on a dish wide enough for the largest colony that was seen, with room for every cell
-that could be born by the last time.
+that is born.
 """
 
 from collections import Counter
@@ -34,11 +34,10 @@ from yeastfit.numbers import POSITIVE
 from yeastfit.observable import Observable
 from yeastfit.parameter_set import ParameterSet
 from yeastfit.seeds import keys_of
-from yeastfit.simulation.simulate import member_keys, schedule_of, simulate
+from yeastfit.simulation.simulate import SHORT, member_keys, schedule_of, simulate
 from yeastfit.specification import Specification, found_at, module_outside, path_of
 
 DEFAULT_FREE = ("mobility", "metabolic_rate", "aspect_ratio")
-MOST_NODES = 4096  # capacity, where colonies could in theory grow to more
 MARGIN = 3.0  # L0 between a colony and the edge of the dish: several diffusion lengths, nutrient is untouched there
 OUTLINE_PIXEL = 0.05  # L0, of `outlines`
 SMALLEST = 4.0  # L0: no colony's domain is narrower
@@ -114,7 +113,7 @@ class ColonySimulator:
         domain = 2 * spacing * np.ceil((1.3 * imaging.extent + MARGIN) / spacing)
         model = model or Model()
         most = most_nodes(float(times[-1]), model.births.doublings)
-        room = resolution.capacity or min(most, MOST_NODES)
+        room = resolution.capacity or (most if most <= SHORT else None)
         numerics = Numerics(domain=float(domain), spacing=spacing, dt=dt, capacity=room)
         seen = 2.6 * imaging.extent
         if imaging.estimator == "smooth":
