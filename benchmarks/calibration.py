@@ -65,7 +65,7 @@ from yeastfit.inference.neural_likelihood.emulator import Emulator
 from yeastfit.inference.posterior.calibration_ranks import joint_rank
 from yeastfit.inference.posterior.result import Posterior
 from yeastfit.inference.posterior.simulation_store import Store
-from yeastfit.inference.simulator import Replicates, Simulator, Stream, labels_of, stream_of
+from yeastfit.inference.simulator import Simulator, Stream, labels_of, stream_of
 from yeastfit.inference.workers.spread import Workers
 from yeastfit.processors import available_processors
 
@@ -142,15 +142,15 @@ def calibrated(part: Part, number: int, simulator: Simulator, seed: int, store: 
     """One data set: draw a truth, simulate data, infer the posterior, rank the truth."""
     rng = np.random.default_rng(stream_of(part.seed, Stream.TRUTH, number))
     truth = part.prior.sample(1, rng)
-    whole = Replicates(simulator, part.replicates) if part.emulator else simulator
-    observed = whole(truth, rng.integers(2**32, size=1))[0]
+    data = part.data(simulator, truth, rng)
+    observed = data.mean(axis=0) if part.limited else data
     began, kept = time.perf_counter(), len(store)
     record: Record = {
         "truth": dict(zip(part.prior.free, truth[0].tolist(), strict=True)),
         "observed": observed.tolist(),
     }
     try:
-        found = part.posterior(simulator, observed, seed, store)
+        found = part.posterior(simulator, data, seed, store)
     except InputError as error:
         return record | {"status": f"failed: {error}", "seconds": time.perf_counter() - began}
     count = part.replicates if part.emulator else 1

@@ -13,6 +13,7 @@ from yeastfit.inference.neural_likelihood.emulator import Emulator, train
 from yeastfit.inference.neural_likelihood.network import TrainingSettings
 from yeastfit.inference.neural_likelihood.sequential import SequentialEmulator
 from yeastfit.inference.posterior.cached_simulator import CachedSimulator
+from yeastfit.inference.posterior.limits import limits_around
 from yeastfit.inference.posterior.prior import Prior
 from yeastfit.inference.posterior.result import Posterior
 from yeastfit.inference.posterior.simulation_store import Store
@@ -29,7 +30,8 @@ class Part:
         groups: How many groups there are.
         each: Data sets of a group.
         model: What is simulated.
-        replicates: Colonies whose mean is a data set.
+        replicates: Colonies of a data set, which is their mean.
+        limited: Whether there are limits around the single colonies of a data set (`posterior.limits`).
         draws: L, the independent draws that a truth is ranked among.
         bins: Of the histograms.
         settings: Of the sampler.
@@ -47,6 +49,7 @@ class Part:
     settings: SequentialEmulator | AbcSmc
     judged: int = 512
     judge: TrainingSettings = field(default_factory=TrainingSettings)
+    limited: bool = False
 
     @property
     def emulator(self) -> bool:
@@ -82,11 +85,20 @@ class Part:
         colonies = colonies if spread is None else spread(colonies)
         return colonies if self.emulator else Replicates(colonies, self.replicates)
 
-    def posterior(self, simulator: Simulator, observed: np.ndarray, seed: int, store: Store) -> Posterior:
+    def data(self, simulator: Simulator, truth: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+        """A data set at a row of parameters: single colonies where there are limits around them, else their mean."""
+        if self.limited:
+            seeds = rng.integers(2**32, size=self.replicates).astype(np.uint64)
+            return simulator(np.repeat(truth, self.replicates, axis=0), seeds)
+        whole = Replicates(simulator, self.replicates) if self.emulator else simulator
+        return whole(truth, rng.integers(2**32, size=1))[0]
+
+    def posterior(self, simulator: Simulator, data: np.ndarray, seed: int, store: Store) -> Posterior:
         """The posterior of one data set."""
-        replicates = self.replicates if self.emulator else 1
-        how: dict[str, Any] = {"replicates": replicates, "seed": seed, "store": store}
-        return infer(simulator, self.prior, observed, method=self.settings, **how)
+        how: dict[str, Any] = {"method": self.settings, "seed": seed, "store": store}
+        if self.limited:
+            return infer(simulator, self.prior, data, limits=limits_around(data), **how)
+        return infer(simulator, self.prior, data, replicates=self.replicates if self.emulator else 1, **how)
 
     def judging(self, simulator: Simulator, seed: int, store: Store) -> Emulator:
         """An emulator trained on simulations from the prior alone, which no posterior uses."""
@@ -123,6 +135,7 @@ CELLS = Part(
     25,
     model=Small(),
     replicates=14,
+    limited=True,
     draws=99,
     bins=20,
     settings=SequentialEmulator(simulations=1024, first=512, each=256, batch=64),

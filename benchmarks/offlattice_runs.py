@@ -15,13 +15,13 @@ from jaxtyping import Float
 from yeastfit.inference.abc.smc import AbcSmc
 from yeastfit.inference.li2024 import LI2024, Li2024Colonies
 from yeastfit.inference.neural_likelihood.sequential import SequentialEmulator
+from yeastfit.inference.posterior.limits import Limits, limits_around
 from yeastfit.inference.posterior.result import Posterior
 from yeastfit.inference.posterior.sampler import Sampler
 from yeastfit.inference.posterior.simulation_store import Store
 from yeastfit.inference.samplers import infer
 from yeastfit.inference.simulator import Simulator, labels_of
 from yeastfit.offlattice.li2024_statistics import PUBLISHED
-from yeastfit.offlattice.simulator import limits_around
 from yeastfit.storage import read_json, write_json
 
 DATA = Path(__file__).parents[1] / "data" / "real"
@@ -93,12 +93,14 @@ class Run:
     def simulator(self) -> Simulator:
         """Of single colonies; those of the emulator no farther from the real ones than says something."""
         simulator = self.colonies.simulator(self.statistics, self.threads)
-        return replace(simulator, limits=self.limits) if self.method.startswith("emulator") else simulator
+        if self.limits is None:
+            return simulator
+        return replace(simulator, limits=tuple((low, high) for low, high in self.limits.tolist()))
 
     @property
-    def limits(self) -> tuple[tuple[float, float], ...] | None:
-        """Of the statistics, far beyond those of the real colonies."""
-        return limits_around(real_colonies(self.key, self.statistics))
+    def limits(self) -> Limits | None:
+        """Of the statistics, far beyond those of the real colonies, for an emulator."""
+        return limits_around(real_colonies(self.key, self.statistics)) if self.method.startswith("emulator") else None
 
     @property
     def observed(self) -> tuple[Float[np.ndarray, " statistic"], int]:
@@ -172,6 +174,7 @@ class Run:
                 observed,
                 method=self.sampler,
                 replicates=replicates if self.method.startswith("emulator") else 1,
+                limits=self.limits,
                 seed=SEED,
                 store=store,
                 progress=clock,
@@ -187,7 +190,7 @@ class Run:
                 with replace(self, method=method)._store() as other:
                     values, seeds, statistics = other.all()
                 theirs = statistics[:, : len(PUBLISHED)]
-                within = theirs if self.limits is None else np.clip(theirs, *np.transpose(self.limits))
+                within = theirs if self.limits is None else np.clip(theirs, *self.limits.T)
                 found.append((values, seeds, within))
         empty = np.zeros((0, len(self.simulator.parameters.names))), np.zeros(0, np.uint64), np.zeros((0, 3))
         values, seeds, statistics = (np.concatenate(each) for each in zip(empty, *found, strict=True))

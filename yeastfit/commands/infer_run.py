@@ -138,7 +138,8 @@ class InferRun:
         simulator = model.simulator(single, request.parameters.names, request.held)
         errors = model.measurement_errors(single, request.measurement_error)
         noise = measurement_covariance(single.observables, single.values, errors)
-        problem = Problem.of(simulator, prior, single, noise=noise, variation=request.variation)
+        limits = model.limits(single)
+        problem = Problem.of(simulator, prior, single, noise=noise, variation=request.variation, limits=limits)
         settings = {name: folder.configuration["settings"][name] for name in request.open_settings}
         sampler = replace(request.sampler, **settings)  # type: ignore[type-var]
         run = InferRun(request, source, folder, data, model, single, problem, sampler)

@@ -18,6 +18,7 @@ from yeastfit.inference.abc.mcmc import AbcMcmc
 from yeastfit.inference.abc.smc import AbcSmc
 from yeastfit.inference.neural_likelihood.sequential import SequentialEmulator
 from yeastfit.inference.posterior.diagnostics import plain
+from yeastfit.inference.posterior.limits import Limits
 from yeastfit.inference.posterior.prior import Prior
 from yeastfit.inference.posterior.problem import Problem
 from yeastfit.inference.posterior.result import Posterior
@@ -46,6 +47,7 @@ def infer(
     noise: Float[np.ndarray, "statistic statistic"] | None = None,
     colony_noise: Float[np.ndarray, "statistic statistic"] | None = None,
     variation: Variation | None = None,
+    limits: Limits | None = None,
     seed: int = 0,
     store: Simulations | str | Path | None = None,
     progress: Progress | None = None,
@@ -67,6 +69,9 @@ def infer(
             single replicates needs it, in means the scatter of replicates holds them.
         variation: That parameters scatter between replicates, by a τ which is inferred beside them (`Variation`); the
             likelihood is then that of the single replicates. By default all have the same parameters.
+        limits: Least and largest value of each statistic, a row each, with all single replicates of the data between
+            them. To a likelihood that is learnt, a simulation beyond counts as one that failed, which is exact whatever
+            they are, and keeps rare ones far from all others from widening it.
         seed: Same seed, same posterior.
         store: Where simulations are kept: a path, or an open `Store`. A run that was stopped is resumed by repeating it
             with the same store. By default they are kept in memory.
@@ -80,7 +85,8 @@ def infer(
     Raises:
         InputError: An argument is wrong, arguments do not belong together, or no simulation comes to anything.
     """
-    problem = Problem.of(simulator, prior, observed, replicates, noise, colony_noise=colony_noise, variation=variation)
+    rest: dict[str, Any] = {"colony_noise": colony_noise, "variation": variation, "limits": limits}
+    problem = Problem.of(simulator, prior, observed, replicates, noise, **rest)
     if isinstance(method, str):
         sampler = sampler_of(method, settings)
     elif settings:

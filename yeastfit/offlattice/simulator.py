@@ -26,9 +26,6 @@ from yeastfit.offlattice.status import Status
 from yeastfit.parameter_set import ParameterSet
 from yeastfit.specification import Specification, described, module_outside, path_of, undescribed
 
-BEYOND = 3.0
-"""Ranges of the data by which limits lie beyond them."""
-
 
 class Picture(Protocol):
     """Masks of a colony's first cells, such as `BinnedOutlines` and `Ellipses`."""
@@ -56,7 +53,7 @@ class OfflatticeSimulator:
         delay: See `grow`.
         most_attempts: See `grow`.
         threads: How many colonies grow at a time; None for as many as there are processors to use.
-        limits: Least and largest value of each column, to which those beyond are set (`limits_around`).
+        limits: Least and largest value of each column, to which those beyond are set (`posterior.limits`).
         problems: What colonies ran into, in words. A row is nan where its colony did not grow to the end; one whose
             area was missed is measured all the same.
     """
@@ -188,21 +185,6 @@ class OfflatticeSimulator:
         chosen = [entries[one.statistic] for one in self.observables]
         row = np.array([one.mask(pixels) * pixel_size**one.unit_power for one in chosen if one.mask])
         return (row if self.limits is None else np.clip(row, *np.transpose(self.limits))).tolist(), problem
-
-
-def limits_around(colonies: Float[np.ndarray, "colony statistic"]) -> tuple[tuple[float, float], ...] | None:
-    """Limits that reach beyond the colonies of data by `BEYOND` times their range; None of a single colony.
-
-    Values that were not measured are nan. No colony of the data lies at a limit, so that data are the same with and
-    without. Of simulations they hold back what says nothing but weighs much: once in a while a compact colony has its
-    CSR radius deep inside, and an I_R of up to 20 where real ones have 0.2. Where the mean and the scatter of
-    statistics are learnt from simulations, few such values hide how all others depend on the parameters.
-    """
-    if len(colonies) < 2:
-        return None
-    low, high = np.nanmin(colonies, axis=0), np.nanmax(colonies, axis=0)
-    reach = BEYOND * (high - low)
-    return tuple(zip((low - reach).tolist(), (high + reach).tolist(), strict=True))
 
 
 def offlattice_simulator_of(

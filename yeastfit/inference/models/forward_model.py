@@ -15,6 +15,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from yeastfit.errors import InputError
+from yeastfit.inference.posterior.limits import Limits
 from yeastfit.inference.posterior.prior import Prior
 from yeastfit.inference.posterior.settings import Setting
 from yeastfit.inference.sensitivity.result import Sensitivity
@@ -129,6 +130,10 @@ class ForwardModel(ABC):
             free: Names of the free parameters.
             fixed: Values of all others.
         """
+
+    def limits(self, targets: Targets) -> Limits | None:
+        """Beyond which a colony is none of the data's kind, for posteriors; None where there are no such limits."""
+        return None
 
     def fit_simulators(
         self, targets: Targets, free: Sequence[str], fixed: Mapping[str, float]

@@ -16,6 +16,7 @@ from jaxtyping import Float
 from yeastfit.errors import InputError
 from yeastfit.inference.models.forward_model import ForwardModel, Outlines, Row, Seen
 from yeastfit.inference.posterior.distributions import Distribution
+from yeastfit.inference.posterior.limits import Limits, limits_around
 from yeastfit.inference.posterior.prior import Prior
 from yeastfit.inference.posterior.settings import Setting
 from yeastfit.inference.sensitivity.estimate import sensitivity as estimate_sensitivity
@@ -120,12 +121,15 @@ class Offlattice(ForwardModel):
         return tuple(dict.fromkeys(found))
 
     def simulator(self, targets: Targets, free: Sequence[str], fixed: Mapping[str, float]) -> "OfflatticeSimulator":
-        """Colonies that are seen as the data are, and no farther from them than says something (`limits_around`)."""
-        from yeastfit.offlattice.simulator import limits_around
-
-        limits = None if targets.curves is None else limits_around(targets.curves[:, targets.measured])
+        """Colonies that are seen as the data are, and no farther from them than their limits."""
+        limits = self.limits(targets)
+        held = None if limits is None else tuple((low, high) for low, high in limits.tolist())
         simulator = self._simulator(targets.names, free, fixed)
-        return replace(simulator, observables=targets.observables, limits=limits)
+        return replace(simulator, observables=targets.observables, limits=held)
+
+    def limits(self, targets: Targets) -> Limits | None:
+        """Around single colonies, as the model has some that are far from all others."""
+        return None if targets.curves is None else limits_around(targets.curves[:, targets.measured])
 
     def seen(self, rows: Sequence[Row], folder: Path, condition: str | None, statistics: Sequence[str]) -> Seen:
         """Statistics of the last image of each colony, with their mean area and pixel size.

@@ -184,6 +184,7 @@ class _Rounds:
 
     def _round(self, values: Values, statistics: Statistics, before: Round | None) -> Round:
         values, statistics = self._with_reused(values, statistics)
+        statistics = self.problem.of_their_kind(statistics)
         emulator = train(
             values,
             statistics,

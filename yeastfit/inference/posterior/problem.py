@@ -11,6 +11,9 @@ the scatter of their λ, is inferred beside λ:
     p(λ, τ | o_1 … o_R) ∝ π(λ) π(τ) ∫ N(e; 0, N) Π_r p(o_r | λ, τ, e) de,    o_r = s_r + e + e_r,    e_r ~ N(0, M)
 
 with M the covariance of errors of measurement that every colony has for itself.
+
+Where there are `limits`, a colony beyond them is none of the data's kind: to samplers that learn the likelihood it is
+one that failed (`posterior.limits`). Others compare it like any other.
 """
 
 from collections.abc import Sequence
@@ -22,6 +25,7 @@ from jaxtyping import Float
 from yeastfit.errors import InputError
 from yeastfit.inference.curve_covariance import measurement_covariance
 from yeastfit.inference.polynomial import sobol_points
+from yeastfit.inference.posterior.limits import Limits, check_limits, within
 from yeastfit.inference.posterior.prior import Prior
 from yeastfit.inference.posterior.variation import ColonyCoordinates, Variation
 from yeastfit.inference.simulator import Mismeasured, Replicates, Simulator, Stream, labels_of, root_of, stream_of
@@ -46,6 +50,7 @@ class Problem:
         colonies: Statistics of the single replicates, where they are known; nan where one is missing.
         colony_noise: M; None where there are no such errors.
         variation: That λ scatters between colonies; None where all are of one λ.
+        limits: Least and largest value of each statistic, beyond which a colony is none of the data's kind.
 
     Raises:
         InputError: They do not belong together.
@@ -59,6 +64,7 @@ class Problem:
     colonies: Float[np.ndarray, "colony statistic"] | None = None
     colony_noise: Square | None = None
     variation: Variation | None = None
+    limits: Limits | None = None
 
     def __post_init__(self) -> None:
         names, labels = self.simulator.parameters.names, self.labels
@@ -78,6 +84,8 @@ class Problem:
                     f"{name} must be a covariance of {len(labels)} statistics, got one of shape {noise.shape}"
                 )
         self._check_colonies()
+        if self.limits is not None:
+            check_limits(self.limits, self.observed[None] if self.colonies is None else self.colonies, labels)
 
     def _check_colonies(self) -> None:
         """Raise `InputError` where single colonies are of other statistics, or missing where they are needed."""
@@ -104,6 +112,7 @@ class Problem:
         *,
         colony_noise: Square | None = None,
         variation: Variation | None = None,
+        limits: Limits | None = None,
     ) -> "Problem":
         """Of data as an array, of one row for each colony, or of `Targets`.
 
@@ -113,15 +122,15 @@ class Problem:
         if not isinstance(observed, Targets):
             data = np.asarray(observed, dtype=float)
             if data.ndim != 2:
-                return Problem(simulator, prior, data, replicates, noise, None, colony_noise, variation)
+                return Problem(simulator, prior, data, replicates, noise, None, colony_noise, variation, limits)
             each = _seen(data)
-            return Problem(simulator, prior, *_means(each), noise, each, colony_noise, variation)
+            return Problem(simulator, prior, *_means(each), noise, each, colony_noise, variation, limits)
         rows = None if observed.curves is None else _seen(observed.curves[:, observed.measured])
         fewest = int(observed.replicates[observed.measured].min())
         if noise is None:
             errors = observed.measurement_errors(None)
             noise = measurement_covariance(observed.observables, observed.values, errors)
-        return Problem(simulator, prior, observed.values, fewest, noise, rows, colony_noise, variation)
+        return Problem(simulator, prior, observed.values, fewest, noise, rows, colony_noise, variation, limits)
 
     @property
     def inferred_prior(self) -> Prior:
@@ -146,6 +155,10 @@ class Problem:
     def prior_values(self, count: int, seed: int) -> Float[np.ndarray, "draw free"]:
         """λ of simulations 0..count−1 of a run, the same for every method: scrambled Sobol' points of the prior."""
         return self.prior.quantile(sobol_points(count, len(self.prior.free), stream_of(seed, Stream.PRIOR, 0)))
+
+    def of_their_kind(self, statistics: Float[np.ndarray, "draw statistic"]) -> Float[np.ndarray, "draw statistic"]:
+        """Statistics of simulated colonies, nan throughout for one beyond the limits."""
+        return within(statistics, self.limits)
 
     def unreached(self, statistics: Float[np.ndarray, "draw statistic"]) -> list[str]:
         """Observations outside the range of all simulations from the prior, in words."""

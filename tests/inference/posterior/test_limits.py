@@ -1,0 +1,95 @@
+"""Limits around data: where they lie, what they do to a posterior, and what is refused."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+from helpers import wrong_types
+from known_likelihoods import Known, fragile, linear
+
+from yeastfit import InputError
+from yeastfit.inference.neural_likelihood.network import TrainingSettings
+from yeastfit.inference.neural_likelihood.sequential import SequentialEmulator
+from yeastfit.inference.posterior.limits import limits_around, within
+from yeastfit.inference.samplers import infer
+from yeastfit.inference.simulator import seed_of
+
+FEW = TrainingSettings(members=2, width=16, steps=200)
+SMALL = SequentialEmulator(first=64, simulations=128, settle=1e-6, walkers=32, most_steps=500, training=FEW)
+SETTINGS = SequentialEmulator(first=1024, simulations=6144, batch=1024, training=TrainingSettings(members=4))
+AWAY = 300.0
+
+
+@dataclass(frozen=True)
+class Outlying(Known):
+    """A simulator whose failures are not seen: they come out far from all others, here and there."""
+
+    def __call__(self, values: np.ndarray, seeds: np.ndarray) -> np.ndarray:
+        """With an outlier in the place of each failure."""
+        found = super().__call__(values, seeds)
+        far = AWAY * np.random.default_rng(seeds[0]).standard_exponential(found.shape) + AWAY
+        return np.where(np.isfinite(found), found, far)
+
+
+def outlying(known: Known) -> Outlying:
+    return Outlying(known.prior, known.labels, known.moments, known.fails)
+
+
+def colonies_of(known: Known, values: tuple[float, ...], count: int) -> np.ndarray:
+    """Colonies that did not fail."""
+    rows = known(np.repeat(np.array([values]), 20 * count, axis=0), seed_of(3, range(20 * count)))
+    return rows[np.isfinite(rows).all(axis=1)][:count]
+
+
+def test_limits_lie_beyond_the_data() -> None:
+    """Three times the range of the data beyond it on either side; columns that were not measured for a colony count."""
+    data = np.array([[0.1, 5.0, 1.0], [0.2, np.nan, 1.0], [0.15, 7.0, 1.0]])
+    limits = limits_around(data)
+    np.testing.assert_allclose(limits, [(-0.2, 0.5), (-1.0, 13.0), (-np.inf, np.inf)])
+    assert limits_around(data[:1]) is None
+    rows = np.array([[0.49, 12.0, 5.0], [0.5, 12.0, 5.0], [0.1, -1.5, 5.0], [0.1, np.nan, 5.0]])
+    np.testing.assert_array_equal(within(rows, limits), [rows[0], *np.full((3, 3), np.nan)])
+    assert within(rows, None) is rows
+
+
+@pytest.mark.usefixtures("unchecked")
+def test_what_lies_beyond_counts_as_failed() -> None:
+    """The same draws as of a simulator whose outliers come to nothing; others without limits."""
+    known = fragile()
+    rows = colonies_of(known, (2.4, 0.8), 4)
+    limits = limits_around(rows)
+    failing = infer(known, known.prior, rows, method=SMALL, seed=7, limits=limits)
+    seen = infer(outlying(known), known.prior, rows, method=SMALL, seed=7, limits=limits)
+    np.testing.assert_array_equal(seen.values, failing.values)
+    blind = infer(outlying(known), known.prior, rows, method=SMALL, seed=7)
+    assert (blind.values[:, :10] != seen.values[:, :10]).all()
+
+
+@pytest.mark.thorough
+@pytest.mark.usefixtures("unchecked")
+def test_outliers_do_not_move_a_posterior() -> None:
+    """Within limits it is the exact one, in which outliers tell against λ where they occur."""
+    known = fragile()
+    rows = colonies_of(known, (2.4, 0.8), 6)
+    limits = np.stack([rows.min(axis=0) - 40.0, rows.max(axis=0) + 40.0], axis=1)
+    found = infer(outlying(known), known.prior, rows, method=SETTINGS, seed=0, limits=limits)
+    mean, covariance = known.posterior(rows.mean(axis=0), len(rows))
+    x, sd = np.log(found.flat), np.sqrt(np.diag(covariance))
+    np.testing.assert_allclose((x.mean(axis=0) - mean) / sd, 0.0, atol=0.3)
+    np.testing.assert_allclose(x.std(axis=0) / sd, 1.0, atol=0.15)
+    assert found.sentences() == []
+
+
+def test_limits_that_are_refused() -> None:
+    known = linear()
+    rows = colonies_of(known, (1.3, 0.8), 3)
+    limits = limits_around(rows)
+    assert limits is not None
+    with wrong_types(), pytest.raises(InputError, match=r"limits have shape \(3, 2\), two for each of 4 statistics"):
+        infer(known, known.prior, rows, method=SMALL, limits=limits[:3])
+    tight = limits.copy()
+    tight[1, 1] = rows[:, 1].max()
+    with pytest.raises(InputError, match=r"limits of s1 are .* all data must lie between them: they are from"):
+        infer(known, known.prior, rows, method=SMALL, limits=tight)
+    with pytest.raises(InputError, match="simulations came to something"):
+        infer(known, known.prior, rows + 1e4, method=SMALL, limits=limits + 1e4)
