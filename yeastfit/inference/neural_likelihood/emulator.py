@@ -1,7 +1,7 @@
 """An emulator of a simulator: the mean and the scatter of the statistics of one simulated data set, given λ.
 
 Statistics s are whitened to u = L⁻¹(s − c), with L Lᵀ the scatter about a quadratic in x, and x the standardised
-coordinates of the prior. Networks (`network`) give u | x ~ N(m(x), C(x)).
+coordinates of λ (`coordinates`). Networks (`network`) give u | x ~ N(m(x), C(x)).
 
 **Ensemble.** The simulations are dealt into as many folds as there are networks; each network, its baseline included,
 is trained without one fold. So every simulation is held out once, and its standardised residual e = P(u − m) should be
@@ -34,6 +34,7 @@ from jaxtyping import Array, Bool, Float
 
 from yeastfit.errors import InputError
 from yeastfit.inference.curve_covariance import ROUNDING, correlation_root
+from yeastfit.inference.neural_likelihood.coordinates import Coordinates
 from yeastfit.inference.neural_likelihood.cross_validation import CrossValidation
 from yeastfit.inference.neural_likelihood.ensemble import (
     ROWS,
@@ -59,29 +60,6 @@ ROOM = 1024  # simulations: programs are compiled for multiples of as many
 Values = Float[np.ndarray, "simulation free"]
 Statistics = Float[np.ndarray, "simulation statistic"]
 Square = Float[np.ndarray, "statistic statistic"]
-
-
-@dataclass(frozen=True)
-class Coordinates:
-    """x, the prior's coordinates, log λ where its distribution is one of log λ, standardised."""
-
-    prior: Prior
-    shift: Float[np.ndarray, " free"]
-    scale: Float[np.ndarray, " free"]
-
-    @staticmethod
-    def of(prior: Prior, values: Values) -> "Coordinates":
-        """Standardised over these values."""
-        plain = prior.coordinates(values)
-        return Coordinates(prior, plain.mean(axis=0), plain.std(axis=0))
-
-    def of_values(self, values: Float[np.ndarray, "row free"]) -> Float[np.ndarray, "row free"]:
-        """x of λ."""
-        return (self.prior.coordinates(values) - self.shift) / self.scale
-
-    def slopes(self, values: Float[np.ndarray, "row free"]) -> Float[np.ndarray, "row free"]:
-        """dx/dλ of each λ."""
-        return self.prior.coordinate_slopes(values) / self.scale
 
 
 @dataclass(frozen=True)
@@ -225,7 +203,7 @@ def train(
     Raises:
         InputError: Simulations are too few, a parameter or a statistic does not vary, or statistics repeat one another.
     """
-    settings = settings or TrainingSettings()
+    settings = (settings or TrainingSettings()).resolved(len(prior.free))
     came = np.isfinite(statistics).all(axis=1)
     _check(values, statistics, came, prior.free, tuple(labels), settings)
     rng = np.random.default_rng(seed)

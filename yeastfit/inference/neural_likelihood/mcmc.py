@@ -75,10 +75,11 @@ class LogPosterior:
         of_colonies, tau = likelihood_of_colonies(self.emulator, problem), problem.variation.tau
         return lambda values, z: of_colonies(values, tau(z[:, 0]))
 
-    @property
+    @cached_property
     def _somewhere(self) -> Float[np.ndarray, "1 free"]:
         """A place inside the prior, for walkers that are outside."""
-        return self.emulator.coordinates.shift[None]
+        prior = self.problem.prior
+        return prior.coordinates(prior.quantile(np.full((1, len(prior.free)), 0.5)))
 
 
 @dataclass(frozen=True)

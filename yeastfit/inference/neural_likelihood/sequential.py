@@ -103,9 +103,9 @@ class SequentialEmulator:
         return self.simulations
 
     def resolved(self, free: int) -> "SequentialEmulator":
-        """With `first` and `each` for so many free parameters."""
+        """With `first`, `each` and steps of training for so many free parameters."""
         first, each = self.round_sizes(free)
-        return replace(self, first=first, each=each)
+        return replace(self, first=first, each=each, training=self.training.resolved(free))
 
     def round_sizes(self, free: int) -> tuple[int, int]:
         """`first` and `each` for so many free parameters.
