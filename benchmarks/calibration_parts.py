@@ -9,9 +9,10 @@ import numpy as np
 from benchmarks.calibration_models import Small, Young
 from benchmarks.recovery import SEED
 from yeastfit.inference.abc.smc import AbcSmc
-from yeastfit.inference.neural_likelihood.emulator import Emulator, train
+from yeastfit.inference.neural_likelihood.emulator import Emulator
 from yeastfit.inference.neural_likelihood.network import TrainingSettings
 from yeastfit.inference.neural_likelihood.sequential import SequentialEmulator
+from yeastfit.inference.neural_likelihood.training import train
 from yeastfit.inference.posterior.cached_simulator import CachedSimulator
 from yeastfit.inference.posterior.limits import limits_around
 from yeastfit.inference.posterior.prior import Prior

@@ -15,7 +15,8 @@ from yeastfit.inference.comparison import cross_validation
 from yeastfit.inference.comparison.cross_validation import cross_validate, without
 from yeastfit.inference.comparison.left_out import LeftOut, scale_of
 from yeastfit.inference.comparison.predictive_mixture import PredictiveMixture
-from yeastfit.inference.neural_likelihood.emulator import Coordinates, Emulator
+from yeastfit.inference.neural_likelihood.coordinates import Coordinates
+from yeastfit.inference.neural_likelihood.emulator import Emulator
 from yeastfit.inference.neural_likelihood.mcmc import LogDensity
 from yeastfit.inference.neural_likelihood.network import TrainingSettings
 from yeastfit.inference.neural_likelihood.sequential import SequentialEmulator

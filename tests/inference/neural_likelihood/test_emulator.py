@@ -8,8 +8,9 @@ from known_likelihoods import Known, curved, fragile, linear, simulations
 from yeastfit import InputError
 from yeastfit.inference.neural_likelihood import emulator as emulator_module
 from yeastfit.inference.neural_likelihood.cross_validation import CrossValidation
-from yeastfit.inference.neural_likelihood.emulator import Emulator, train
+from yeastfit.inference.neural_likelihood.emulator import Emulator
 from yeastfit.inference.neural_likelihood.network import TrainingSettings
+from yeastfit.inference.neural_likelihood.training import train
 
 QUICK = TrainingSettings(members=3)
 

@@ -12,7 +12,7 @@ from scipy.stats import multivariate_normal
 from benchmarks import variation as study
 from benchmarks.variation_models import ClosedForm, Studied, closed_form_prior
 from yeastfit import InputError, Posterior, infer
-from yeastfit.inference.neural_likelihood.emulator import Emulator, train
+from yeastfit.inference.neural_likelihood.emulator import Emulator
 from yeastfit.inference.neural_likelihood.mcmc import LogPosterior
 from yeastfit.inference.neural_likelihood.network import TrainingSettings
 from yeastfit.inference.neural_likelihood.sequential import SequentialEmulator
@@ -21,6 +21,7 @@ from yeastfit.inference.neural_likelihood.single_colonies import (
     excess_scatter,
     likelihood_of_colonies,
 )
+from yeastfit.inference.neural_likelihood.training import train
 from yeastfit.inference.posterior.problem import Problem
 from yeastfit.inference.posterior.variation import ColonyCoordinates, Variation, Varied, absent
 from yeastfit.inference.simulator import Simulator

@@ -15,9 +15,10 @@ from jaxtyping import Float
 from yeastfit.errors import InputError
 from yeastfit.inference.comparison.left_out import SHARES, LeftOut, scale_of
 from yeastfit.inference.comparison.predictive_mixture import PredictiveMixture
-from yeastfit.inference.neural_likelihood.emulator import Emulator, Statistics, Values, train
+from yeastfit.inference.neural_likelihood.emulator import Emulator
 from yeastfit.inference.neural_likelihood.mcmc import ROUGHLY, LogPosterior, Walk
 from yeastfit.inference.neural_likelihood.sequential import SequentialEmulator
+from yeastfit.inference.neural_likelihood.training import Statistics, Values, train
 from yeastfit.inference.neural_likelihood.training_rounds import near
 from yeastfit.inference.posterior.problem import Problem
 from yeastfit.inference.posterior.result import Posterior

@@ -28,11 +28,12 @@ import numpy as np
 from jaxtyping import Float
 
 from yeastfit.errors import InputError
-from yeastfit.inference.neural_likelihood.emulator import Emulator, fewest, train
+from yeastfit.inference.neural_likelihood.emulator import Emulator
 from yeastfit.inference.neural_likelihood.mcmc import BRIEFLY, ROUGHLY, LogPosterior, Walk
 from yeastfit.inference.neural_likelihood.network import TrainingSettings
 from yeastfit.inference.neural_likelihood.rounds import EmulatorDiagnostics, RoundDiagnostics
 from yeastfit.inference.neural_likelihood.single_colonies import between_colonies, excess_scatter
+from yeastfit.inference.neural_likelihood.training import fewest, train
 from yeastfit.inference.neural_likelihood.training_rounds import Round, far_draws, near, proposed, unsettled
 from yeastfit.inference.posterior.cached_simulator import CachedSimulator
 from yeastfit.inference.posterior.problem import Problem
