@@ -144,6 +144,7 @@ CELLS = Part(
 FEW_CELLS = replace(
     QUICK[0],
     model=Small(cells=600, area=9_000),
+    limited=True,
     settings=SequentialEmulator(256, first=128, most_steps=500, batch=64, training=TINY),
     judged=128,
 )
