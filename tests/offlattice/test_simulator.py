@@ -13,7 +13,7 @@ from yeastfit.offlattice.ellipse_mask import Ellipses
 from yeastfit.offlattice.li2024_mask import BinnedOutlines
 from yeastfit.offlattice.li2024_statistics import ENTRIES, li2024_statistics
 from yeastfit.offlattice.parameters import PARAMETERS
-from yeastfit.offlattice.simulator import OfflatticeSimulator, limits_around, offlattice_simulator_of
+from yeastfit.offlattice.simulator import OfflatticeSimulator, offlattice_simulator_of
 
 PUBLISHED = ("li2024_filament_area_index", "li2024_filament_radius_index", "li2024_branch_index")
 VALUES = np.array([[0.6, 0.5, 0.3, 0.2, 0.1], [0.4, 0.6, 0.4, 0.1, 0.3], [0.6, 0.5, 0.3, 0.2, 0.1]])
@@ -104,13 +104,7 @@ def test_photographs_are_measured_by_the_same_entries(monkeypatch: pytest.Monkey
         del STATISTICS[entry.name]
 
 
-def test_limits_lie_beyond_the_data_and_hold_back_what_is_farther() -> None:
-    """Three times the range of the data beyond it on either side; columns that were not measured for a colony count."""
-    data = np.array([[0.1, 5.0], [0.2, np.nan], [0.15, 7.0]])
-    limits = limits_around(data)
-    assert limits is not None
-    np.testing.assert_allclose(limits, [(-0.2, 0.5), (-1.0, 13.0)])
-    assert limits_around(data[:1]) is None
+def test_limits_hold_back_what_is_farther() -> None:
     names = ("compactness", "area")
     plain = OfflatticeSimulator.of(names, cells=300)
     values, seeds = np.tile([0.6, 0.5, 0.3, 0.2, 0.2], (3, 1)), np.arange(3)

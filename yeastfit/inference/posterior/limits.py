@@ -53,5 +53,5 @@ def within(statistics: Float[np.ndarray, "row statistic"], limits: Limits | None
     """The rows, nan throughout where one of their values is not between the limits; all of them without limits."""
     if limits is None:
         return statistics
-    inside = ((statistics > limits[:, 0]) & (statistics < limits[:, 1])).all(axis=1)
-    return np.where(inside[:, None], statistics, np.nan)
+    inside = np.all((statistics > limits[:, 0]) & (statistics < limits[:, 1]), axis=1, keepdims=True)
+    return np.where(inside, statistics, np.nan)
