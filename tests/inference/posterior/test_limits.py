@@ -45,10 +45,11 @@ def test_limits_lie_beyond_the_data() -> None:
     """Three times the range of the data beyond it on either side; columns that were not measured for a colony count."""
     data = np.array([[0.1, 5.0, 1.0], [0.2, np.nan, 1.0], [0.15, 7.0, 1.0]])
     limits = limits_around(data)
-    np.testing.assert_allclose(limits, [(-0.2, 0.5), (-1.0, 13.0), (-np.inf, np.inf)])
+    assert limits is not None
+    np.testing.assert_allclose(limits, np.array([[-0.2, 0.5], [-1.0, 13.0], [-np.inf, np.inf]]))
     assert limits_around(data[:1]) is None
     rows = np.array([[0.49, 12.0, 5.0], [0.5, 12.0, 5.0], [0.1, -1.5, 5.0], [0.1, np.nan, 5.0]])
-    np.testing.assert_array_equal(within(rows, limits), [rows[0], *np.full((3, 3), np.nan)])
+    np.testing.assert_array_equal(within(rows, limits), np.array([rows[0], *np.full((3, 3), np.nan)]))
     assert within(rows, None) is rows
 
 
