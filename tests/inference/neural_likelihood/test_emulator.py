@@ -10,6 +10,7 @@ from yeastfit.inference.neural_likelihood import emulator as emulator_module
 from yeastfit.inference.neural_likelihood.cross_validation import CrossValidation
 from yeastfit.inference.neural_likelihood.emulator import Emulator
 from yeastfit.inference.neural_likelihood.network import TrainingSettings
+from yeastfit.inference.neural_likelihood.sequential import SequentialEmulator
 from yeastfit.inference.neural_likelihood.training import train
 
 QUICK = TrainingSettings(members=3)
@@ -161,3 +162,10 @@ def test_what_is_refused() -> None:
     refused("shapes", statistics=statistics[:, :2])
     with pytest.raises(InputError, match="members is 1, it must be at least 2"):
         TrainingSettings(members=1)
+
+
+def test_more_coordinates_are_trained_for_longer() -> None:
+    """1000 steps for up to three, and 1000 for each one more; what is asked for otherwise."""
+    assert [TrainingSettings().resolved(free).steps for free in (1, 3, 4, 5)] == [1000, 1000, 2000, 3000]
+    assert TrainingSettings(steps=200).resolved(5).steps == 200
+    assert SequentialEmulator().resolved(5).training.steps == 3000

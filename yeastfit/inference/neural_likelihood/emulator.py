@@ -1,7 +1,7 @@
 """An emulator of a simulator: the mean and the scatter of the statistics of one simulated data set, given λ.
 
 Statistics s are whitened to u = L⁻¹(s − c), with L Lᵀ the scatter about a quadratic in x, and x the standardised
-coordinates of λ (`coordinates`). Networks (`network`) give u | x ~ N(m(x), C(x)).
+coordinates of the prior. Networks (`network`) give u | x ~ N(m(x), C(x)).
 
 **Ensemble.** The simulations are dealt into as many folds as there are networks; each network, its baseline included,
 is trained without one fold. So every simulation is held out once, and its standardised residual e = P(u − m) should be

@@ -75,11 +75,10 @@ class LogPosterior:
         of_colonies, tau = likelihood_of_colonies(self.emulator, problem), problem.variation.tau
         return lambda values, z: of_colonies(values, tau(z[:, 0]))
 
-    @cached_property
+    @property
     def _somewhere(self) -> Float[np.ndarray, "1 free"]:
         """A place inside the prior, for walkers that are outside."""
-        prior = self.problem.prior
-        return prior.coordinates(prior.quantile(np.full((1, len(prior.free)), 0.5)))
+        return self.emulator.coordinates.shift[None]
 
 
 @dataclass(frozen=True)
