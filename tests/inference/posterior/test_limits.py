@@ -15,7 +15,7 @@ from yeastfit.inference.samplers import infer
 from yeastfit.inference.simulator import seed_of
 
 FEW = TrainingSettings(members=2, width=16, steps=200)
-SMALL = SequentialEmulator(first=64, simulations=128, settle=1e-6, walkers=32, most_steps=500, training=FEW)
+SMALL = SequentialEmulator(first=64, simulations=64, walkers=32, most_steps=500, training=FEW)
 SETTINGS = SequentialEmulator(first=1024, simulations=6144, batch=1024, training=TrainingSettings(members=4))
 AWAY = 300.0
 
@@ -55,21 +55,19 @@ def test_limits_lie_beyond_the_data() -> None:
 
 @pytest.mark.usefixtures("unchecked")
 def test_what_lies_beyond_counts_as_failed() -> None:
-    """The same draws as of a simulator whose outliers come to nothing; others without limits."""
+    """The same draws as of a simulator whose outliers come to nothing."""
     known = fragile()
     rows = colonies_of(known, (2.4, 0.8), 4)
     limits = limits_around(rows)
     failing = infer(known, known.prior, rows, method=SMALL, seed=7, limits=limits)
     seen = infer(outlying(known), known.prior, rows, method=SMALL, seed=7, limits=limits)
     np.testing.assert_array_equal(seen.values, failing.values)
-    blind = infer(outlying(known), known.prior, rows, method=SMALL, seed=7)
-    assert (blind.values[:, :10] != seen.values[:, :10]).all()
 
 
 @pytest.mark.thorough
 @pytest.mark.usefixtures("unchecked")
 def test_outliers_do_not_move_a_posterior() -> None:
-    """Within limits it is the exact one, in which outliers tell against λ where they occur."""
+    """Within limits it is the exact one, in which outliers tell against λ where they occur; without it is far off."""
     known = fragile()
     rows = colonies_of(known, (2.4, 0.8), 6)
     limits = np.stack([rows.min(axis=0) - 40.0, rows.max(axis=0) + 40.0], axis=1)
@@ -79,6 +77,8 @@ def test_outliers_do_not_move_a_posterior() -> None:
     np.testing.assert_allclose((x.mean(axis=0) - mean) / sd, 0.0, atol=0.3)
     np.testing.assert_allclose(x.std(axis=0) / sd, 1.0, atol=0.15)
     assert found.sentences() == []
+    blind = infer(outlying(known), known.prior, rows, method=SMALL, seed=0)
+    assert (blind.sd > 2.0 * found.sd).any()
 
 
 def test_limits_that_are_refused() -> None:
