@@ -2,6 +2,8 @@
 
 import json
 import math
+import os
+from collections.abc import Callable
 from pathlib import Path
 
 import jax.numpy as jnp
@@ -10,7 +12,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from yeastfit.storage import as_json, from_json, read_json, write_json
+from yeastfit import Fit, InputError, Posterior, Sensitivity, Simulation
+from yeastfit.commands.run_folder import read_run
+from yeastfit.commands.watched_simulator import Met
+from yeastfit.inference.comparison.left_out import LeftOut
+from yeastfit.inference.information.design_result import Design
+from yeastfit.inference.information.result import Information
+from yeastfit.inference.posterior.predictive_check import Predictive
+from yeastfit.offlattice.simulation import OfflatticeSimulation
+from yeastfit.storage import as_json, from_json, read_json, reads_saved, write_json
 
 PLAIN = st.recursive(
     st.none() | st.booleans() | st.integers() | st.floats(allow_nan=False) | st.text(alphabet="abc"),
@@ -41,3 +51,50 @@ def test_what_is_not_finite_is_strict_json_and_comes_back(tmp_path: Path) -> Non
 @pytest.mark.parametrize("one", [np.float64(0.1), np.float32(0.1), jnp.float32(0.1), np.int64(3), np.bool_(True)])
 def test_numbers_of_numpy_and_jax_keep_all_digits(one: np.generic) -> None:
     assert from_json(as_json({"value": one})) == {"value": one.item()}
+
+
+LOADERS = (
+    *(Fit.load, Posterior.load, Sensitivity.load, Simulation.load, LeftOut.load, Design.load, Information.load),
+    *(Predictive.load, OfflatticeSimulation.load, read_run, Met.load),
+)
+NONE = (
+    b"",
+    b"[",
+    b"null",
+    b"[]",
+    b"{}",
+    b'"x"',
+    b"1",
+    b"[" * 20_000,
+    b"PK\x03\x04" + bytes(60),
+    b"\x93NUMPY",
+    b"\xff" * 9,
+)
+
+
+@pytest.mark.parametrize("load", LOADERS, ids=lambda load: load.__qualname__)
+def test_what_is_no_result_is_refused_by_the_name_of_its_file(load: Callable[[Path], object], tmp_path: Path) -> None:
+    file = tmp_path / "a.file"
+    for content in NONE:
+        file.write_bytes(content)
+        with pytest.raises(InputError, match=r"a\.file: this is no [a-z ]+ that was saved whole \(\w+: ") as refused:
+            load(file)
+        assert "\n" not in str(refused.value)
+        assert len(str(refused.value)) < 300 + len(str(tmp_path))
+    with pytest.raises(InputError, match="No such file"):
+        load(tmp_path / "nowhere")
+    with pytest.raises(InputError, match="this is no file"):
+        load(tmp_path)
+    if hasattr(os, "mkfifo"):
+        os.mkfifo(tmp_path / "pipe")
+        with pytest.raises(InputError, match="pipe: this is no file"):
+            load(tmp_path / "pipe")
+
+
+def test_too_little_memory_is_not_the_fault_of_a_file(tmp_path: Path) -> None:
+    @reads_saved("thing")
+    def load(path: str | Path) -> None:
+        raise MemoryError
+
+    with pytest.raises(MemoryError):
+        load(tmp_path / "a")

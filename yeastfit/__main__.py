@@ -11,6 +11,7 @@ from yeastfit.processors import available_processors
 
 def main() -> None:
     """Entry point of `yeastfit`."""
+    _open_closed_streams()
     # one JAX device per processor, over which ensembles are shared out
     os.environ.setdefault("JAX_NUM_CPU_DEVICES", str(available_processors()))
     gc.set_threshold(
@@ -28,6 +29,17 @@ def main() -> None:
         if signals.current.received:
             signals.current.end()  # Python's own end would wait for compiled programs, and crash among their threads
     sys.exit(code)
+
+
+def _open_closed_streams() -> None:
+    """Where the shell closed standard streams (`>&-`), read and write nothing; files would get their numbers."""
+    for number, (name, mode) in enumerate({"stdin": "r", "stdout": "w", "stderr": "w"}.items()):
+        try:
+            os.fstat(number)
+        except OSError:
+            os.open(os.devnull, os.O_RDWR)  # takes the lowest number that is free
+        if getattr(sys, name) is None:
+            setattr(sys, name, io.TextIOWrapper(io.FileIO(number, mode, closefd=False), encoding="utf-8"))
 
 
 if __name__ == "__main__":

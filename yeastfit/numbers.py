@@ -131,6 +131,8 @@ PIXEL_SIZES = Range(1e-3, 1e3, "µm")
 """Of micrographs: from 1 nm to 1 mm."""
 HOURS = Range(0.0, 1e5, "hours", above=True)
 """Since a colony was one cell; 1e5 are eleven years."""
+CONTRASTS = Range(0.0, 1e38, "grey levels", above=True)
+"""Of a colony with its background: images are of single precision."""
 CELL_LENGTHS = Range(1e-2, 1e3, "µm")
 """Of one cell: bacteria and eggs lie within."""
 GROWTH_RATES = Range(1e-4, 1e2, "per hour")

@@ -12,6 +12,8 @@ import numpy as np
 
 from yeastfit.errors import InputError
 
+SMALLEST, LARGEST = float(np.finfo(np.float32).tiny), float(np.finfo(np.float32).max)  # simulations compute with
+
 
 @dataclass(frozen=True)
 class Parameter:
@@ -66,6 +68,11 @@ class Parameter:
     def check(self, value: float | np.ndarray) -> None:
         """Raise `InputError` where a value is not admissible."""
         values = np.asarray(value, dtype=float)
+        size = np.abs(values)
+        beyond = np.isfinite(size) & (size != 0) & ((size > LARGEST) | (size < SMALLEST))
+        if beyond.any():
+            one = f"{self.name} ({self.symbol}) is {values[beyond].flat[0]:g}"
+            raise InputError(f"{one}, it must be 0 or of single precision, from {SMALLEST:.2g} to {LARGEST:.2g}")
         bad = ~self.admissible(values)
         if bad.any():
             raise InputError(f"{self.name} ({self.symbol}) is {values[bad].flat[0]:g}, it must be {self.limits}")

@@ -79,6 +79,24 @@ def check_finished(folder: Path) -> None:
         )
 
 
+def check_unchanged(folder: Path, names: Sequence[str]) -> None:
+    """Check that files of a finished run are those that it wrote, neither damaged nor another run's.
+
+    Arguments:
+        folder: Of the run.
+        names: Of files in it; those that its manifest does not list are not looked at.
+
+    Raises:
+        InputError: A listed file is gone, or its SHA-256 is not the listed one.
+    """
+    listed = {name: known for name, known in Contents.of(folder).listed.items() if name in names}
+    changed = changed_files(folder, listed)
+    for name in listed:
+        if name in changed or not (folder / name).exists():
+            what = "has changed since yeastfit wrote it" if name in changed else "is gone"
+            raise InputError(f"{folder / name}: {what}, need the file whose SHA-256 {MANIFEST} lists")
+
+
 def misplaced_files(folder: Path, listed: Listed) -> list[str]:
     """Find listed files in whose places there are folders, or which lie behind links that lead elsewhere.
 

@@ -24,7 +24,7 @@ from filelock import FileLock, Timeout
 
 from yeastfit.errors import InputError
 from yeastfit.processors import device_used
-from yeastfit.results_contents import LOCK, MANIFEST, OWNER, Contents, Listed, changed_files, misplaced_files
+from yeastfit.results_contents import LOCK, MANIFEST, OWNER, RUN, Contents, Listed, changed_files, misplaced_files
 from yeastfit.storage import WORK, check_room, sha256_of, versions, write_json
 
 RESULTS = "results"
@@ -192,8 +192,7 @@ def results_folder(
     Raises:
         InputError: The folder cannot be made or written, holds something else, or another run is in it.
     """
-    path = Path(path)
-    work = path / WORK
+    path, work = Path(path), Path(path) / WORK
     check_folder(path, command, reads=reads, overwrite=overwrite, resume=resume)
     made = [one for one in (path, *path.parents) if not os.path.lexists(one)]
     lock = FileLock(work / LOCK)
@@ -246,7 +245,8 @@ def check_folder(
         state = "a finished run" if found.finished else "a run that was not finished"
         raise InputError(f"--out: {path} holds {state}: give --resume to go on with it, or another folder")
     if not found.command:
-        what, way = f"{_listing(found.others)}, which yeastfit did not write", ""
+        damaged = f"a damaged {RUN}" if resume and RUN in found.others else ""
+        what, way = damaged or f"{_listing(found.others)}, which yeastfit did not write", ""
     elif found.endless:
         what, way = "results of an earlier version of yeastfit, whose manifest.json lists no files", ""
     elif not own and not found.finished:

@@ -2,6 +2,7 @@
 
 import csv
 import errno
+import functools
 import hashlib
 import json
 import math
@@ -10,20 +11,23 @@ import platform
 import re
 import shutil
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from importlib.metadata import version
 from io import BytesIO
 from pathlib import Path
-from typing import Any
+from typing import Any, Concatenate, ParamSpec, TypeVar
 
 import numpy as np
 
-from yeastfit.text import shown
+from yeastfit.errors import InputError
+from yeastfit.text import short, shown
 
 PACKAGES = ("yeastfit", "jax", "equinox", "optimistix", "numpy", "scipy", "scikit-image", "matplotlib", "tifffile")
 NOT_FINITE = {"NaN": math.nan, "Infinity": math.inf, "-Infinity": -math.inf}
 WORK = ".yeastfit"  # folder inside that of a run's results, for what is on its way (`results_folder`)
+Options = ParamSpec("Options")
+Saved = TypeVar("Saved")
 BOOKKEEPING = 1 << 21  # bytes: a chunk of every dataset fits in
 
 
@@ -160,9 +164,44 @@ def read_json(path: str | Path) -> Any:
     return from_json(Path(path).read_text())
 
 
+def reads_saved(
+    what: str,
+) -> Callable[[Callable[Concatenate[str | Path, Options], Saved]], Callable[Concatenate[str | Path, Options], Saved]]:
+    """Let a function that reads a file of results refuse whatever is none: damaged, of another kind or version.
+
+    Arguments:
+        what: The file holds, as in "fit".
+
+    Returns:
+        A decorator. Whatever the function raises becomes an `InputError` that names the file, unless memory is short.
+    """
+
+    def decorated(
+        load: Callable[Concatenate[str | Path, Options], Saved],
+    ) -> Callable[Concatenate[str | Path, Options], Saved]:
+        @functools.wraps(load)
+        def checked(path: str | Path, *options: Options.args, **named: Options.kwargs) -> Saved:
+            if Path(path).exists() and not Path(path).is_file():  # a pipe would be waited for
+                raise InputError(f"{path}: this is no file, need one with a {what}")
+            try:
+                return load(path, *options, **named)
+            except (InputError, MemoryError):
+                raise
+            except Exception as error:  # what a damaged file comes to, nobody knows
+                why = os.strerror(error.errno) if isinstance(error, OSError) and error.errno else short(error)
+                raise InputError(
+                    f"{path}: this is no {what} that was saved whole ({type(error).__name__}: {why})"
+                ) from error
+
+        return checked
+
+    return decorated
+
+
 def sha256_of(path: str | Path) -> str:
     """Compute the SHA-256 of a file's bytes, in hexadecimal."""
-    return hashlib.sha256(Path(path).read_bytes()).hexdigest()
+    with Path(path).open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def _plain(data: Any) -> Any:

@@ -86,6 +86,32 @@ def test_a_posterior_that_has_not_settled(tmp_path: Path, capsys: pytest.Capture
     assert (tmp_path / "out" / "index.html").is_file()
 
 
+def test_damaged_runs_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Cut, of other bytes, nested too deeply, another run's: one line that names the file, and nothing is written."""
+    one, other = (run(tmp_path / name, "m", name, 1.0, -3.0) for name in ("one", "other"))
+    third = Path(run(tmp_path / "third", "m", "third", 2.0, -2.0))
+    for name in ("run.json", "posterior.npz", "left_out.npz"):
+        file = tmp_path / "one" / name
+        whole = file.read_bytes()
+        middle = len(whole) // 2
+        flipped = whole[:middle] + bytes([whole[middle] ^ 255]) + whole[middle + 1 :]
+        for damaged in (b"", whole[:middle], flipped, b"[" * 20_000, b"null", (third / name).read_bytes()):
+            file.write_bytes(damaged)
+            assert cli.run(["compare", one, other, "--out", str(tmp_path / "out")]) == 2
+            (said,) = capsys.readouterr().err.splitlines()
+            assert said.startswith(f"error: {file}: has changed since yeastfit wrote it")
+            assert not (tmp_path / "out").exists()
+        file.unlink()
+        assert cli.run(["compare", one, other, "--out", str(tmp_path / "out")]) == 2
+        said = capsys.readouterr().err
+        assert said in (
+            f"error: {file}: is gone, need the file whose SHA-256 manifest.json lists\n",
+            f"error: {one} holds no run.json, need the folder of a run of yeastfit infer\n",
+        )
+        file.write_bytes(whole)
+    assert cli.run(["compare", one, other, "--out", str(tmp_path / "out")]) == 0
+
+
 def test_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """One line each, and nothing is written."""
     one = run(tmp_path / "one", "m", "x", 1.0)

@@ -81,6 +81,25 @@ def test_a_full_output_is_one_line(buffered: str) -> None:
     assert (done.returncode, done.stderr) == (2, "error: standard output: No space left on device\n")
 
 
+@pytest.mark.parametrize(
+    ("closed", "command", "code", "stdout", "stderr"),
+    [
+        (">&-", "--version", 0, "", ""),
+        ("2>&-", "--version", 0, "yeastfit", ""),
+        (">&- 2>&- <&-", "--version", 0, "", ""),
+        ("2>&-", "nothing", 2, "", ""),
+        (">&-", "nothing", 2, "", "error: No such command 'nothing'"),
+    ],
+)
+def test_closed_streams_take_nothing(closed: str, command: str, code: int, stdout: str, stderr: str) -> None:
+    """What one stream does not take does not go to the other, nor into the next file that is opened."""
+    line = f"{sys.executable} -m yeastfit {command} {closed}"
+    done = subprocess.run(["bash", "-c", line], capture_output=True, text=True, check=False)
+    assert done.returncode == code
+    assert done.stdout.startswith(stdout) if stdout else done.stdout == ""
+    assert done.stderr.startswith(stderr) if stderr else done.stderr == ""
+
+
 def test_a_closed_pipe_is_quiet() -> None:
     command = f"{sys.executable} -m yeastfit --help | true; echo ${{PIPESTATUS[0]}}"
     done = subprocess.run(["bash", "-c", command], capture_output=True, text=True, check=False)

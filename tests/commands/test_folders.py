@@ -15,7 +15,7 @@ from yeastfit.commands import app as cli
 from yeastfit.commands import fit, gradcheck, infer, measure
 from yeastfit.errors import InputError, SimulationError
 from yeastfit.inference.models.algebraic import Algebraic
-from yeastfit.results_folder import results_folder
+from yeastfit.results_folder import check_folder, results_folder
 from yeastfit.simulation import synthetic_data
 from yeastfit.simulation.recipe import read_recipes
 from yeastfit.storage import WORK, write_json
@@ -152,6 +152,16 @@ def test_other_folders_are_refused_in_one_line_before_anything_is_computed(
     assert words in line
     assert contents(tmp_path) == before
     assert case.computed == 0
+
+
+@pytest.mark.parametrize("content", [b"", b"{", b"[]", b"[" * 20_000, bytes(9)])
+def test_a_damaged_run_is_not_taken_up(content: bytes, tmp_path: Path) -> None:
+    (tmp_path / "curves.csv").write_text("mine")
+    (tmp_path / "run.json").write_bytes(content)
+    with pytest.raises(InputError, match=r"holds a damaged run\.json: give another folder"):
+        check_folder(tmp_path, "infer", resume=True)
+    with pytest.raises(InputError, match=r"holds curves\.csv, run\.json, which yeastfit did not write"):
+        check_folder(tmp_path, "infer", resume=False)
 
 
 def test_a_folder_in_use_is_refused(case: Case, capsys: pytest.CaptureFixture[str]) -> None:

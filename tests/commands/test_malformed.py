@@ -73,6 +73,16 @@ CASES: list[tuple[str, str]] = [
     # --- simulate
     *((f"simulate --out OUT --time {one}", "--time is") for one in NOT_A_NUMBER),
     *((f"simulate --out OUT --mobility {one}", "--mobility is") for one in NOT_A_NUMBER[:4]),
+    *(
+        (
+            f"{command} --{name} {one}",
+            f"is {float(one):g}, it must be 0 or of single precision, from 1.2e-38 to 3.4e+38",
+        )
+        for command in ("simulate --out OUT", "design --out OUT", "gradcheck")
+        for name, one in (("diffusivity", "1e300"), ("elasticity", "1e39"), ("metabolic-rate", "1e-300"))
+    ),
+    ("simulate --out OUT --pixel-size 0", "pixel_size is 0"),
+    ("simulate --out OUT --pixel-size 1e300", "pixel_size is 1e+300"),
     ("simulate --out OUT --mobility 1e-400", "--mobility is '1e-400'"),
     *((f"simulate --out OUT --length {one}", "length is from 0.01 to 1000 µm") for one in ("1e300", "1e-300")),
     *((f"simulate --out OUT --rate {one}", "rate is from 0.0001 to 100 per hour") for one in ("1e300", "1e-300")),
@@ -136,6 +146,7 @@ CASES: list[tuple[str, str]] = [
     ("measure folder --out OUT", "folder"),
     ("measure a.png nowhere --out OUT", "nowhere"),
     *((f"measure a.png --out OUT --pixel-size {one}", "pixel") for one in ("0", "-1", "nan", "1e-200", "1e9", "1_0")),
+    ("measure a.png --out OUT --threshold 1e300", "threshold is 1e+300, it must be a number above 0, up to 1e+38"),
     ("measure a.png --out OUT --threshold nan", "--threshold is 'nan'"),
     ("measure a.png --out OUT --seed-point 1", "seed_point is '1'"),
     ("measure a.png --out OUT --seed-point 1,a", "seed_point is '1,a'"),
@@ -191,6 +202,17 @@ CASES: list[tuple[str, str]] = [
     ("fit table --out OUT --dt inf", "--dt is 'inf'"),
     ("fit table --out OUT --spacing 0", "spacing is 0"),
     ("fit table --out OUT --spacing 1e-9", f"spacing is 1e-09 {MEMORY}"),
+    ("fit table --out OUT --bounds mobility=1e-300:1", "mobility is 1e-300, it must be 0 or of single precision"),
+    ("fit table --out OUT --bounds mobility=1:1e300", "mobility is 1e+300, it must be 0 or of single precision"),
+    *(
+        (f"fit table --out OUT --prior mobility={one}", "prior of mobility is as width of log λ a number from 1e-06 to")
+        for one in ("1:1e300", "1:1e-300", "1e300:1")
+    ),
+    *(
+        (f"{command} --out OUT --measurement-error {one}", f"--measurement-error is '{one}' a number from 0 to 1")
+        for command in ("fit table", "infer table", "design")
+        for one in ("1e300", "2")
+    ),
     ("fit table --out OUT --measurement-error -1", "--measurement-error is '-1'"),
     ("fit table --out OUT --measurement-error nan", "--measurement-error is 'nan'"),
     ("fit table --out OUT --bootstrap -1", "--bootstrap is '-1'"),

@@ -1,5 +1,7 @@
 """`yeastfit manifest`: names that say what images show, and names that do not."""
 
+import errno
+import os
 from pathlib import Path
 
 import pytest
@@ -81,6 +83,9 @@ def test_one_time_and_one_size(tmp_path: Path) -> None:
         (["--pattern", PATTERN, *SIZES, "--pixel-size", "1.6"], "one size for all images"),
         (["--pattern", PATTERN, "--pixel-size", "4X=1e9"], "0.001 to 1000"),
         (["--pattern", PATTERN, "--pixel-size", "4X"], "--pixel-size '4X'"),
+        (["--pattern", PATTERN, "--pixel-size", "=1.55"], "--pixel-size is '=1.55', it must be a number, or like"),
+        (["--pattern", PATTERN, "--pixel-size", "4X=1=2"], "--pixel-size is '4X=1=2', it must be a number, or like"),
+        (["--pattern", "{}a{}b{}c{}d{}e{replicate}"], "has {} 5 times, need it at most 4 times"),
         (["--pattern", "{condition} s{replicate} {}", "--hours", "0"], "--hours"),
     ],
 )
@@ -91,6 +96,22 @@ def test_what_is_ambiguous_is_refused(
     error = capsys.readouterr().err
     assert message in " ".join(error.split())
     assert not (folder / "manifest.csv").exists()
+
+
+def test_a_full_disk_leaves_no_half_manifest(
+    folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(*arguments: object) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr("yeastfit.commands.manifest.os.path.relpath", full)
+    assert cli.run(["manifest", str(folder), "--pattern", PATTERN, *SIZES]) == 2
+    assert capsys.readouterr().err == f"error: {folder / 'manifest.csv'}: No space left on device\n"
+    assert not (folder / "manifest.csv").exists()
+
+
+def test_any_text_behind_any_text_takes_no_time() -> None:
+    assert NamePattern.of("{}" * 30 + "{replicate}{hours}").readings("a" * 100) == []
 
 
 def test_a_name_is_read_in_one_way_or_refused() -> None:

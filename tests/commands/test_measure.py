@@ -1,6 +1,7 @@
 """Many files at once: which are measured, under what names, in how many processes, and what is left in the folder."""
 
 import csv
+import errno
 import json
 import os
 import signal
@@ -222,6 +223,21 @@ def test_a_folder_of_bad_files_costs_only_themselves(tmp_path: Path, capsys: pyt
     assert all(row["file"] in row["error"] and "fault" not in row["error"] for row in failures)
     errors = capsys.readouterr().err.splitlines()
     assert errors == [f"error: {row['error']}" for row in failures]
+
+
+def test_a_full_disk_is_not_the_fault_of_an_image(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(path: Path, *more: object) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))  # as a write does: without the file's name
+
+    monkeypatch.setattr("yeastfit.commands.measure_batch.write_mask", full)
+    write_disc(tmp_path / "a.png")
+    out = tmp_path / "out"
+    assert cli.run(["measure", str(tmp_path / "a.png"), "--pixel-size", "1", "--out", str(out)]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line == f"error: {out / '.yeastfit' / 'results' / 'masks' / 'a.png'}: No space left on device"
+    assert not out.exists()
 
 
 def test_a_region_and_a_seed_point_choose_the_colony(tmp_path: Path) -> None:

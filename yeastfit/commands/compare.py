@@ -14,7 +14,7 @@ from yeastfit.inference.comparison.left_out import LeftOut
 from yeastfit.inference.comparison.runs import ComparedRun, Comparison
 from yeastfit.inference.posterior.result import Posterior
 from yeastfit.report.comparison_files import write_comparison
-from yeastfit.results_contents import MANIFEST, RUN, check_finished
+from yeastfit.results_contents import MANIFEST, RUN, check_finished, check_unchanged
 from yeastfit.results_folder import results_folder
 
 OF_THE_RUN = ("settings", "prior", "draws", "condition", "model", "reuse", "method", "leave_out", "further", "free")
@@ -68,6 +68,7 @@ def _read(path: Path, name: str) -> ComparedRun:
     if not (path / RUN).is_file():
         raise InputError(f"{path} holds no {RUN}, need the folder of a run of yeastfit infer")
     check_finished(path)
+    check_unchanged(path, (RUN, POSTERIOR, LEFT_OUT))
     known: dict[str, Any] = read_run(path / RUN)
     configuration = known["configuration"]
     left_out = LeftOut.load(path / LEFT_OUT) if (path / LEFT_OUT).is_file() else None

@@ -65,6 +65,7 @@ def design(
         float,
         typer.Option(
             min=0,
+            max=1,
             help="Relative error of measuring a mean curve (0.02 is 2 %), in addition to the variation between "
             "colonies.",
         ),
@@ -155,8 +156,5 @@ def _read(path: Path) -> Sensitivity:
     check_finished(path.parent)
     try:
         return Sensitivity.load(path)
-    except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
-        raise InputError(
-            f"--sensitivity: {path} cannot be read as one ({type(error).__name__}: {error}), "
-            "need the sensitivity.json of an earlier run"
-        ) from error
+    except InputError as error:
+        raise InputError(f"--sensitivity: {error}, need the sensitivity.json of an earlier run") from error

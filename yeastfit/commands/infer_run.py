@@ -17,7 +17,7 @@ from yeastfit.commands.infer_doubts import doubts_of
 from yeastfit.commands.leave_out import predicted_from_others, single_colonies
 from yeastfit.commands.measured_source import Measurements, measure_source, recorded_warnings
 from yeastfit.commands.run_folder import RunFolder, inputs_of, read_run, run_versions
-from yeastfit.commands.watched_simulator import Watched
+from yeastfit.commands.watched_simulator import Met, Watched
 from yeastfit.errors import InputError
 from yeastfit.inference.comparison.left_out import LeftOut
 from yeastfit.inference.curve_covariance import measurement_covariance
@@ -48,7 +48,7 @@ from yeastfit.report.posterior_files import photographs, with_arviz, write_resul
 from yeastfit.report.posterior_summary import Summary
 from yeastfit.results_contents import RUN, check_finished
 from yeastfit.results_folder import ResultsFolder
-from yeastfit.storage import read_json, written_whole
+from yeastfit.storage import written_whole
 
 SIMULATIONS, REUSED, PROBLEMS_MET = "simulations.h5", "reused.h5", "problems.json"
 POSTERIOR, CHAINS, MEASURED = "posterior.npz", "chains.h5", "measured"
@@ -144,10 +144,10 @@ class InferRun:
         sampler = replace(request.sampler, **settings)  # type: ignore[type-var]
         run = InferRun(request, source, folder, data, model, single, problem, sampler)
         if (path / PROBLEMS_MET).is_file():
-            met = read_json(path / PROBLEMS_MET)
-            run.tally.simulated = met["simulated"]
-            problems_of(simulator).update(met["problems"])
-            run.unlike.extend(met.get("unlike", []))
+            met = Met.load(path / PROBLEMS_MET)
+            run.tally.simulated = met.simulated
+            problems_of(simulator).update(met.problems)
+            run.unlike.extend(met.unlike)
         run._copy_reused()
         return run
 
@@ -268,7 +268,7 @@ class InferRun:
             return []
         earlier, now = read_run(reuse / RUN), {**self.folder.configuration, "seed": self.folder.seed}
         before = {**earlier["configuration"], "seed": earlier["seed"]}
-        different = [name for name in ("seed", "prior") if before[name] != now[name]]
+        different = [name for name in ("seed", "prior") if before.get(name) != now[name]]
         count, counts = now["settings"].get("replicates", 1), before["settings"].get("replicates", 1)
         different += ["replicates"] if count != counts else []
         if not different:

@@ -76,7 +76,9 @@ def _sizes(given: list[str]) -> dict[str, float]:
     """Sizes of pixels by objective, "" for all."""
     sizes: dict[str, float] = {}
     for text in given:
-        objective, _, number = text.rpartition("=")
+        objective, sign, number = text.rpartition("=")
+        if sign and (not objective or "=" in objective):
+            raise InputError(f"--pixel-size is {quoted(text)}, it must be a number, or like 4X=1.55 for one objective")
         if objective in sizes:
             raise InputError(f"--pixel-size: {quoted(text)} is the second for {quoted(objective) or 'all images'}")
         sizes[objective] = PIXEL_SIZES.read(number, f"--pixel-size {quoted(text)}:")
@@ -88,17 +90,20 @@ def _sizes(given: list[str]) -> dict[str, float]:
 def _write(path: Path, images: list[NamedImage], sizes: list[float | None]) -> None:
     """Write the manifest, and take it away again unless it can be read."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    with path.open("x", newline="", encoding="utf-8") as file:
-        table = csv.writer(file, lineterminator="\n")
-        table.writerow(COLUMNS)
-        for image, size in zip(images, sizes, strict=True):
-            name = Path(os.path.relpath(image.path, path.parent)).as_posix()
-            written = "" if size is None else f"{size:.15g}"
-            table.writerow([name, image.replicate, f"{image.hours:.15g}", written, image.condition])
+    file = path.open("x", newline="", encoding="utf-8")
     try:
+        with file:
+            table = csv.writer(file, lineterminator="\n")
+            table.writerow(COLUMNS)
+            for image, size in zip(images, sizes, strict=True):
+                name = Path(os.path.relpath(image.path, path.parent)).as_posix()
+                written = "" if size is None else f"{size:.15g}"
+                table.writerow([name, image.replicate, f"{image.hours:.15g}", written, image.condition])
         read_dataset(path.parent)
-    except InputError:
+    except BaseException as error:  # a full disk, which names no file, and Ctrl-C among others
         path.unlink()
+        if isinstance(error, OSError) and error.errno:
+            error.filename = error.filename or path
         raise
 
 

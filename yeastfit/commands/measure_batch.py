@@ -21,6 +21,7 @@ from pathlib import Path
 import numpy as np
 
 from yeastfit import plot
+from yeastfit.commands.failures import reason
 from yeastfit.commands.worker_processes import begin
 from yeastfit.errors import InputError, PixelSizeError
 from yeastfit.measure.measure_images import measure_file, outlined
@@ -136,6 +137,9 @@ def measure_image(image: InputImage, folder: Path) -> Outcome:
 
     Returns:
         The outcome, whatever goes wrong; a file that only lacks the size of a pixel is outlined all the same.
+
+    Raises:
+        OSError: The mask or the overlay cannot be written.
     """
     try:
         digest = sha256_of(image.path) if image.path.is_file() else ""
@@ -148,10 +152,19 @@ def measure_image(image: InputImage, folder: Path) -> Outcome:
         return _outlined(replace(outcome, error=str(error)), folder)
     except InputError as error:
         return replace(outcome, error=str(error))
+    except OSError as error:
+        if _below(error.filename, folder):  # a full disk is not the image's fault, and costs all of them
+            raise
+        return replace(outcome, error=f"{image.path}: {reason(error)}")
     except Exception as error:  # a bug met in one file must not cost the others; it is reported with its place
         place = traceback.extract_tb(error.__traceback__)[-1]
         fault = f"{type(error).__name__}: {' '.join(str(error).split())} ({Path(place.filename).name}:{place.lineno})"
         return replace(outcome, error=f"{image.path}: a fault of yeastfit, please report it: {fault}")
+
+
+def _below(name: object, folder: Path) -> bool:
+    """Whether an error is of a file in this folder."""
+    return isinstance(name, str | os.PathLike) and Path(name).is_relative_to(folder)
 
 
 def _measured(outcome: Outcome, folder: Path) -> Outcome:

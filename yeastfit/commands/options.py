@@ -45,6 +45,7 @@ MeasurementError = Annotated[
     float | None,
     typer.Option(
         min=0,
+        max=1,
         help="Relative error of measuring a mean curve (0.02 is 2 %), in addition to the variation between colonies. "
         f"By default {_ERRORS} and {Statistic.measurement_error:g} for other statistics.",
         show_default=False,

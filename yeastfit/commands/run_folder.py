@@ -21,9 +21,11 @@ from yeastfit.inference.workers.arithmetic import xla_threads
 from yeastfit.measure.reading.dataset import dataset_folder, read_dataset
 from yeastfit.results_contents import RUN
 from yeastfit.results_folder import ResultsFolder
-from yeastfit.storage import as_json, from_json, read_json, sha256_of, versions, write_json
+from yeastfit.storage import as_json, from_json, read_json, reads_saved, sha256_of, versions, write_json
+from yeastfit.text import quoted
 
 PACKAGES = ("emcee", "optax", "h5py")
+PARTS = {"configuration": dict, "inputs": dict, "seed": int, "versions": dict, "device": str}  # of run.json
 
 
 @dataclass(frozen=True)
@@ -92,9 +94,10 @@ class RunFolder:
             notes = ["there is nothing to resume, a new run begins"] if resume else []
             return RunFolder(results, plain, hashes, seed, notes, new=True)
         earlier = read_run(file)
-        before, now = earlier["configuration"].get("settings", {}), plain["settings"]
+        before, now = earlier["configuration"]["settings"], plain["settings"]
         now |= {name: before[name] for name in kept if name in before}
         different = _differences(earlier["configuration"], plain, leave_out=extents)
+        different += [f"{name} of its settings is lost" for name in extents if not isinstance(before.get(name), int)]
         different += [f"seed was {earlier['seed']}, now it is {seed}"] if earlier["seed"] != seed else []
         changed = [f"{name} has changed" for name in hashes if earlier["inputs"].get(name) != hashes[name]]
         changed += [f"{name} is gone" for name in earlier["inputs"] if name not in hashes]
@@ -142,17 +145,21 @@ def run_versions() -> dict[str, str]:
     return {**versions(), **{name: version(name) for name in PACKAGES}}
 
 
-def read_run(file: Path) -> dict[str, Any]:
+@reads_saved("run")
+def read_run(file: str | Path) -> dict[str, Any]:
     """Read what `RunFolder.begin` wrote.
 
     Raises:
-        InputError: The file is something else.
+        InputError: The file is something else, or damaged.
     """
-    try:
-        found = read_json(file)
-        return {**found, **{name: found[name] for name in ("configuration", "inputs", "seed", "versions", "device")}}
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise InputError(f"{file}: this is no run that can be taken up: {error}") from error
+    found = read_json(file)
+    for name, kind in PARTS.items():
+        if not isinstance(found[name], kind):
+            raise TypeError(f"{name} is {quoted(found[name])}")
+    configuration = {"settings": {}, **found["configuration"]}
+    if not isinstance(configuration["settings"], dict):
+        raise TypeError(f"settings is {quoted(configuration['settings'])}")
+    return {**found, "configuration": configuration}
 
 
 def _differences(

@@ -6,7 +6,34 @@ from pathlib import Path
 from typing import Any
 
 from yeastfit.inference.simulator import Tally, Wrapper, once, rows_in_blocks
-from yeastfit.storage import write_json
+from yeastfit.storage import read_json, reads_saved, write_json
+
+
+@dataclass(frozen=True)
+class Met:
+    """What a run has met so far.
+
+    Attributes:
+        simulated: Simulations since it began.
+        problems: How many of them ran into what.
+        unlike: Workers of other arithmetic, in words.
+    """
+
+    simulated: int
+    problems: dict[str, int]
+    unlike: list[str]
+
+    @staticmethod
+    @reads_saved("record of problems")
+    def load(path: str | Path) -> "Met":
+        """Read what `Watched` keeps.
+
+        Raises:
+            InputError: The file is something else, or damaged.
+        """
+        met = read_json(path)
+        problems = {str(what): int(count) for what, count in met["problems"].items()}
+        return Met(int(met["simulated"]), problems, [str(one) for one in met.get("unlike", [])])
 
 
 @dataclass(frozen=True)

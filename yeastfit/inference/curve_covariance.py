@@ -66,12 +66,12 @@ def measurement_covariance(
         relative: The error: one number, or one for each statistic.
 
     Raises:
-        InputError: An error is below 0.
+        InputError: An error is below 0 or above 1.
     """
     statistics = [one.statistic for one in observables]
     shares = np.array([relative[name] if isinstance(relative, Mapping) else relative for name in statistics])
-    if not (shares >= 0).all():
-        raise InputError(f"measurement_error is {relative}, it must be at least 0")
+    if not ((shares >= 0) & (shares <= 1)).all():
+        raise InputError(f"measurement_error is {relative}, it must be at least 0, and at most 1, which is 100 %")
     error = shares * mean
     same = np.array([[one == other for other in statistics] for one in statistics], dtype=float)
     return 0.5 * same.reshape(len(error), -1) * np.outer(error, error) + 0.5 * np.diag(error**2)

@@ -182,4 +182,5 @@ def _range(parameter: Parameter, bounds: tuple[float, float] | None) -> tuple[fl
     if not (0 < low < high <= most and low >= least and np.isfinite(high)):
         below = f"at least {least:g}" if least > 0 else "above 0"
         raise InputError(f"bounds of {name} are {low:g}, {high:g}: they must rise, from {below} to at most {most:g}")
+    parameter.check(np.array(bounds))
     return float(low), float(high)

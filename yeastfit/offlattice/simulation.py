@@ -26,7 +26,7 @@ from yeastfit.offlattice.parameters import PARAMETERS, Rates
 from yeastfit.offlattice.simulator import Picture, known_statistics
 from yeastfit.offlattice.status import Status
 from yeastfit.panel import Panel
-from yeastfit.storage import as_json, from_json, written_whole
+from yeastfit.storage import as_json, from_json, reads_saved, written_whole
 
 SHARE = "pseudohyphal_share"
 THEIRS = {entry.name for entry in ENTRIES}
@@ -125,9 +125,14 @@ class OfflatticeSimulation:
             np.savez_compressed(file, cells=self.cells, about=as_json(about), **arrays)
 
     @staticmethod
+    @reads_saved("simulation")
     def load(path: str | Path) -> "OfflatticeSimulation":
-        """Read what `save` wrote."""
-        with np.load(path) as archive:
+        """Read what `save` wrote.
+
+        Raises:
+            InputError: The file is something else, or damaged.
+        """
+        with Path(path).open("rb") as opened, np.load(opened) as archive:
             arrays = {name: archive[name] for name in archive.files}
         about = from_json(str(arrays["about"]))
         rates = Rates(**about["parameters"])

@@ -18,7 +18,7 @@ from yeastfit.model.numerics import Numerics
 from yeastfit.model.parameters import Parameters, Scales
 from yeastfit.model.relaxation import Relaxation
 from yeastfit.panel import Panel
-from yeastfit.storage import as_json, from_json, written_whole
+from yeastfit.storage import as_json, from_json, reads_saved, written_whole
 
 _COLONY_ARRAYS = ("positions", "parents", "weights", "lineages", "count", "nutrient", "step")
 
@@ -174,6 +174,7 @@ class Simulation:
             np.savez_compressed(file, times=self.times, configuration=as_json(configuration), **arrays)
 
     @staticmethod
+    @reads_saved("simulation")
     def load(path: str | Path, model: Model | None = None) -> "Simulation":
         """What `save` wrote.
 
@@ -182,9 +183,10 @@ class Simulation:
             model: The model itself where it holds rules that are not registered (`yeastfit.RULES`).
 
         Raises:
-            InputError: The file names a rule that is unknown, or `model` has other rules than the file names.
+            InputError: The file is something else, or damaged; it names a rule that is unknown, or `model` has other
+                rules than the file names.
         """
-        with np.load(path) as archive:
+        with Path(path).open("rb") as opened, np.load(opened) as archive:
             groups: dict[str, dict[str, np.ndarray]] = {}
             for key in archive.files:
                 group, _, name = key.partition("/")

@@ -140,7 +140,11 @@ def test_files_of_something_else_are_refused(tmp_path: Path) -> None:
     path.write_bytes(path.read_bytes()[:-100])
     (tmp_path / "text.npz").write_text("mobility")
     np.savez(tmp_path / "other.npz", x=np.zeros(3))
-    for name in ("posterior.npz", "text.npz", "other.npz", "nowhere.npz"):
+    made_up(walk(0.5, 2, 50)).save(tmp_path / "flipped.npz")
+    whole = bytearray((tmp_path / "flipped.npz").read_bytes())
+    whole[100:110] = b"\xff" * 10  # amid what is compressed
+    (tmp_path / "flipped.npz").write_bytes(whole)
+    for name in ("posterior.npz", "text.npz", "other.npz", "nowhere.npz", "flipped.npz"):
         with pytest.raises(InputError, match=f"{name}: this is no posterior that was saved whole"):
             Posterior.load(tmp_path / name)
 

@@ -11,7 +11,6 @@ estimates the expected log predictive density of as many further colonies, with 
 half of them lie in the predicted interval of 50 %.
 """
 
-import zipfile
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -21,8 +20,7 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.stats import binom, norm
 
-from yeastfit.errors import InputError
-from yeastfit.storage import as_json, from_json, written_whole
+from yeastfit.storage import as_json, from_json, reads_saved, written_whole
 
 SHARES = (0.05, 0.25, 0.5, 0.75, 0.95)
 RARE = 0.01  # probability below which a count of colonies inside an interval is no chance
@@ -167,20 +165,18 @@ class LeftOut:
             np.savez_compressed(file, allow_pickle=False, words=words, **arrays)
 
     @staticmethod
+    @reads_saved("prediction of colonies left out")
     def load(path: str | Path) -> "LeftOut":
         """What `save` wrote.
 
         Raises:
             InputError: The file is something else, or damaged.
         """
-        try:
-            with Path(path).open("rb") as opened, np.load(opened, allow_pickle=False) as file:
-                words = from_json(str(file["words"]))
-                arrays = {one.name: file[one.name] for one in fields(LeftOut) if one.name not in WORDS}
-            labels, colonies, doubts = (tuple(words[name]) for name in WORDS)
-            return LeftOut(labels=labels, colonies=colonies, doubts=doubts, **arrays)
-        except (OSError, KeyError, ValueError, EOFError, TypeError, zipfile.BadZipFile) as error:
-            raise InputError(f"{path}: these are no predictions of colonies left out: {error}") from error
+        with Path(path).open("rb") as opened, np.load(opened, allow_pickle=False) as file:
+            words = from_json(str(file["words"]))
+            arrays = {one.name: file[one.name] for one in fields(LeftOut) if one.name not in WORDS}
+        labels, colonies, doubts = (tuple(words[name]) for name in WORDS)
+        return LeftOut(labels=labels, colonies=colonies, doubts=doubts, **arrays)
 
 
 def scale_of(observed: Float[np.ndarray, "colony statistic"]) -> Float[np.ndarray, " statistic"]:

@@ -37,11 +37,13 @@ from yeastfit.inference.parameter_space import ONLY, Bounds, ParameterSpace
 from yeastfit.inference.simulator import Simulator
 from yeastfit.inference.targets import Targets
 from yeastfit.model.model import Model
-from yeastfit.parameter_set import ParameterSet
+from yeastfit.numbers import Range
+from yeastfit.parameter_set import LARGEST, ParameterSet
 from yeastfit.progress import Progress, silent
 
 GaussianPriors = Mapping[str, tuple[float, float]]
 """By name: λ at the centre, and the standard deviation of log λ."""
+WIDTHS = Range(1e-6, 1e3)  # of log λ; beyond, sums with the data lose one of the two
 
 
 def fit(
@@ -148,8 +150,11 @@ def _priors(prior: GaussianPriors, space: ParameterSpace) -> dict[str, tuple[flo
     """Centre and width in θ of every entry that has one."""
     space.check_names("prior", prior)
     for name, (centre, width) in prior.items():
-        if not (np.isfinite([centre, width]).all() and centre > 0 and width > 0):
-            raise InputError(f"prior of {name} is {centre:g}, {width:g}: need λ above 0 and a width of log λ above 0")
+        if not (0 < centre <= LARGEST and width in WIDTHS):
+            raise InputError(
+                f"prior of {name} is {centre:g}, {width:g}: need λ above 0, of single precision, and as width of log λ "
+                f"{WIDTHS}"
+            )
     found = {entry.name: prior.get(entry.name, prior.get(entry.parameter)) for entry in space.entries}
     return {name: (float(np.log(one[0])), float(one[1])) for name, one in found.items() if one is not None}
 

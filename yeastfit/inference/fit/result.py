@@ -17,7 +17,7 @@ from yeastfit.inference.fit.settings import FitSettings
 from yeastfit.inference.information.result import Information
 from yeastfit.inference.parameter_space import Entry, ParameterSpace, Vector
 from yeastfit.inference.targets import Targets
-from yeastfit.storage import read_json, versions, write_json
+from yeastfit.storage import read_json, reads_saved, versions, write_json
 
 WORST = 3  # data that a misfit names
 MISFIT = 4.0  # standard deviations of χ², √(2 ν), above its mean ν: by chance 1 fit in 10 000 for ν = 20
@@ -227,8 +227,13 @@ class Fit:
         write_json(path, self.asdict())
 
     @staticmethod
+    @reads_saved("fit")
     def load(path: str | Path) -> "Fit":
-        """Read what `save` wrote."""
+        """Read what `save` wrote.
+
+        Raises:
+            InputError: The file is something else, or damaged.
+        """
         data = read_json(path)
         settings: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in data["settings"].items()}
         return Fit(

@@ -9,7 +9,7 @@ from jaxtyping import Float
 
 from yeastfit.inference.information.identifiability import percent
 from yeastfit.inference.information.result import Information
-from yeastfit.storage import read_json, write_json
+from yeastfit.storage import read_json, reads_saved, write_json
 
 Criterion = Literal["mean", "volume"]
 
@@ -113,8 +113,13 @@ class Design:
         write_json(path, self.asdict())
 
     @staticmethod
+    @reads_saved("design")
     def load(path: str | Path) -> "Design":
-        """Read what `save` wrote."""
+        """Read what `save` wrote.
+
+        Raises:
+            InputError: The file is something else, or damaged.
+        """
         data = read_json(path)
 
         def candidates(name: str) -> tuple[Candidate, ...]:

@@ -21,7 +21,7 @@ from jaxtyping import Float
 
 from yeastfit.inference.curve_covariance import ROUNDING
 from yeastfit.inference.information.identifiability import LOADING, blind_sentence, combination, percent, sparse_basis
-from yeastfit.storage import read_json, write_json
+from yeastfit.storage import read_json, reads_saved, write_json
 
 SIGNIFICANT = 2.0  # standard deviations of what the noise of J alone makes of an eigenvalue: 95 % of noise is below
 
@@ -194,8 +194,13 @@ class Information:
         write_json(path, self.asdict())
 
     @staticmethod
+    @reads_saved("account of what data determine")
     def load(path: str | Path) -> "Information":
-        """Read what `save` wrote."""
+        """Read what `save` wrote.
+
+        Raises:
+            InputError: The file is something else, or damaged.
+        """
         return Information.fromdict(read_json(path))
 
     @staticmethod

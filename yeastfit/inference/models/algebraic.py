@@ -135,6 +135,7 @@ class Algebraic(ForwardModel):
     def __post_init__(self) -> None:
         Scales(self.length, self.rate)
         Resolution(self.dt, self.spacing)
+        PIXEL_SIZES.read(self.pixel_size, "pixel_size")
 
     @property
     def until(self) -> dict[str, float] | None:
@@ -252,7 +253,7 @@ class Algebraic(ForwardModel):
         Raises:
             InputError: A pixel is larger than a cell, or a name is not a statistic of images or nodes.
         """
-        pixel = PIXEL_SIZES.read(self.pixel_size, "pixel_size") / self.length
+        pixel = self.pixel_size / self.length
         if pixel > 1:
             raise InputError(
                 f"--pixel-size is {self.pixel_size:g} µm, which is more than a cell's length, {self.length:g} µm"

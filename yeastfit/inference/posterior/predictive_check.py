@@ -33,7 +33,7 @@ from yeastfit.inference.simulator import (
     stream_of,
 )
 from yeastfit.memory import check_count
-from yeastfit.storage import written_whole
+from yeastfit.storage import reads_saved, written_whole
 
 LEAST_P = 0.025  # below, a warning says that the model does not make such data; 40 draws resolve just that
 FEWEST = 10  # draws of a band
@@ -116,9 +116,14 @@ class Predictive:
             np.savez_compressed(file, allow_pickle=False, **vars(self))
 
     @staticmethod
+    @reads_saved("predictive check")
     def load(path: str | Path) -> "Predictive":
-        """What `save` wrote."""
-        with np.load(path, allow_pickle=False) as file:
+        """What `save` wrote.
+
+        Raises:
+            InputError: The file is something else, or damaged.
+        """
+        with Path(path).open("rb") as opened, np.load(opened, allow_pickle=False) as file:
             read = {name: file[name] for name in Predictive.__dataclass_fields__}
         plain = {name: tuple(read[name].tolist()) for name in ("free", "labels")}
         plain |= {name: read[name].item() for name in ("replicates", "failed")}

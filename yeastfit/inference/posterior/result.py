@@ -1,6 +1,5 @@
 """A posterior: draws from it, whichever method they come from, with all it takes to judge and to repeat them."""
 
-import zipfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
@@ -10,7 +9,6 @@ import numpy as np
 from emcee.backends import Backend
 from jaxtyping import Float
 
-from yeastfit.errors import InputError
 from yeastfit.inference.posterior.arviz import Beside, inference_data, write_netcdf
 from yeastfit.inference.posterior.calibration_ranks import Calibration
 from yeastfit.inference.posterior.diagnostics import Diagnostics
@@ -20,7 +18,7 @@ from yeastfit.inference.posterior.prior import Prior
 from yeastfit.inference.posterior.problem import Problem
 from yeastfit.inference.posterior.status import Status
 from yeastfit.inference.simulator import Simulator
-from yeastfit.storage import as_json, from_json, written_whole
+from yeastfit.storage import as_json, from_json, reads_saved, written_whole
 
 ARRAYS = ("values", "weights", "log_probability", "acceptance", "statistics", "observed")
 LIKELIHOOD = "log_likelihood"  # an array of the file only where the method has one
@@ -174,21 +172,19 @@ class Posterior(Draws):
             np.savez_compressed(file, allow_pickle=False, rest=as_json(rest), **arrays)
 
     @staticmethod
+    @reads_saved("posterior")
     def load(path: str | Path) -> "Posterior":
         """Read what `save` wrote.
 
         Raises:
             InputError: The file is something else, or damaged.
         """
-        try:
-            with Path(path).open("rb") as opened, np.load(opened, allow_pickle=False) as file:
-                arrays = {name: file[name] for name in (*ARRAYS, *({LIKELIHOOD} & set(file.files)))}
-                rest = from_json(str(file["rest"]))
-            rest |= {name: tuple(rest[name]) for name in ("labels", "warnings")}
-            arrays |= {name: np.array(rest.pop(name)) for name in ("noise", "worth") if rest[name] is not None}
-            rest |= {"prior": Prior.of(rest["prior"]), "status": Status[rest["status"]]}
-        except (OSError, KeyError, ValueError, EOFError, zipfile.BadZipFile) as error:
-            raise InputError(f"{path}: this is no posterior that was saved whole: {error}") from error
+        with Path(path).open("rb") as opened, np.load(opened, allow_pickle=False) as file:
+            arrays = {name: file[name] for name in (*ARRAYS, *({LIKELIHOOD} & set(file.files)))}
+            rest = from_json(str(file["rest"]))
+        rest |= {name: tuple(rest[name]) for name in ("labels", "warnings")}
+        arrays |= {name: np.array(rest.pop(name)) for name in ("noise", "worth") if rest[name] is not None}
+        rest |= {"prior": Prior.of(rest["prior"]), "status": Status[rest["status"]]}
         return Posterior(**rest | {"diagnostics": Diagnostics.restored(rest["diagnostics"])}, **arrays)
 
     def warned(self, *sentences: str) -> "Posterior":

@@ -9,7 +9,7 @@ from jaxtyping import Float
 
 from yeastfit.inference.curve_covariance import Square
 from yeastfit.observable import Observable
-from yeastfit.storage import read_json, write_json
+from yeastfit.storage import read_json, reads_saved, write_json
 
 EstimatorName = Literal["combined", "regression", "pathwise"]
 Jacobian = Float[np.ndarray, "observable free"]
@@ -120,8 +120,13 @@ class Sensitivity:
         write_json(path, self.asdict())
 
     @staticmethod
+    @reads_saved("sensitivity")
     def load(path: str | Path) -> "Sensitivity":
-        """Read what `save` wrote."""
+        """Read what `save` wrote.
+
+        Raises:
+            InputError: The file is something else, or damaged.
+        """
         data = read_json(path)
         arrays = ("mean", "mean_error", "jacobian", "error", "pathwise_share", "tails", "scatter", "correlation")
         changed = {

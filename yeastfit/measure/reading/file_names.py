@@ -24,6 +24,7 @@ FIELDS = {
 }
 """What each field of a pattern may be, as a regular expression."""
 
+MOST_UNREAD = 4  # {} in a pattern; with more, a name that does not match takes too long to say so
 REST = r"(?P<rest>[ _-].*)?"
 
 
@@ -67,6 +68,12 @@ class NamePattern:
         Raises:
             InputError: A field is unknown or stands twice, a brace is open, or {replicate} is missing.
         """
+        text = re.sub(r"(\{\}){2,}", "{}", text)  # any text behind any text is any text
+        if text.count("{}") > MOST_UNREAD:
+            raise InputError(
+                f"pattern {quoted(text)}: has {{}} {text.count('{}')} times, need it at most {MOST_UNREAD} times: one "
+                "may stand for several words"
+            )
         literal = re.sub(r"\{[^{}]*\}", "", text)
         if "{" in literal or "}" in literal:
             raise InputError(f"pattern {quoted(text)}: a brace is open, fields are written {{hours}}")

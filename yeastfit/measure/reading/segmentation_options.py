@@ -8,7 +8,7 @@ from typing import Any
 
 from yeastfit.errors import InputError
 from yeastfit.measure.reading.images import MIN_SIDE
-from yeastfit.numbers import POSITIVE, number_of
+from yeastfit.numbers import CONTRASTS, number_of
 from yeastfit.text import quoted
 
 
@@ -35,8 +35,8 @@ class SegmentationOptions:
     def check(self, shape: tuple[int, int], name: str) -> None:
         """Raise `InputError` where an option does not fit an image of `shape` [rows, columns]."""
         size = f"image of {shape[1]} x {shape[0]}"
-        if self.threshold is not None and not (_is_number(self.threshold) and self.threshold > 0):
-            raise InputError(f"{name}: threshold is {self.threshold!r}, need a contrast above 0 in grey levels")
+        if self.threshold is not None and not (_is_number(self.threshold) and self.threshold in CONTRASTS):
+            raise InputError(f"{name}: threshold is {self.threshold!r}, need {CONTRASTS}")
         if self.colonies not in (None, *COLONIES):
             raise InputError(f"{name}: colonies is {self.colonies!r}, it must be {' or '.join(COLONIES)}")
         if self.colonies == "all" and self.seed_point is not None:
@@ -101,7 +101,7 @@ def read_options(values: Mapping[str, Any], where: str) -> SegmentationOptions:
         raise InputError(f"{where}: colonies is {quoted(colonies)}, it must be {' or '.join(COLONIES)}")
     return SegmentationOptions(
         None if point is None else (point[0], point[1]),
-        None if threshold is None else POSITIVE.read(threshold, f"{where}: threshold"),
+        None if threshold is None else CONTRASTS.read(threshold, f"{where}: threshold"),
         None if roi is None else (round(roi[0]), round(roi[1]), round(roi[2]), round(roi[3])),
         colonies,
     )
