@@ -328,6 +328,12 @@ def test_what_cannot_be_reused_is_refused(data: Path, tmp_path: Path, capsys: py
     assert "--reuse: " in said
     assert "holds other simulations: about is" in said
     assert "dt 0.01" in said
+    (tmp_path / "other" / "run.json").write_text("{")
+    assert (
+        cli.run(arguments(data, tmp_path / "two", "abc-smc", "--dt", "0.01", "--reuse", str(tmp_path / "other"))) == 2
+    )
+    assert "run.json: this is no run that was saved whole" in capsys.readouterr().err
+    assert not (tmp_path / "two").exists()  # nor reused.h5, which the next run would find in its way
 
 
 @pytest.mark.thorough

@@ -80,7 +80,7 @@ def ended(program: str, *numbers: int) -> tuple[int, str, float]:
 @pytest.mark.parametrize(
     "program", ["IMPORTING", "INTERPRETED", "COMPILED", "SWALLOWED", "IGNORED", "STUCK_AT_ITS_END"]
 )
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", signals.ANSWERED)
 def test_a_signal_ends_the_process_with_one_line(program: str, number: int) -> None:
     code, errors, seconds = ended(globals()[program], number)
     assert code == 128 + number

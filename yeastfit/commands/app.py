@@ -115,7 +115,7 @@ def run(arguments: list[str] | None = None) -> int:
 
     Returns:
         The exit code: 0; 1 where a result is to be doubted or a computation came to nothing; 2 for what the user gave;
-        70 for a fault of yeastfit; 130 and 143 after Ctrl-C and SIGTERM.
+        70 for a fault of yeastfit; 130, 143 and 129 after Ctrl-C, SIGTERM and SIGHUP.
     """
     signals.forget()
     running, given = Running(), sys.argv[1:] if arguments is None else arguments

@@ -5,7 +5,9 @@ versions and device. Only the same configuration and the same inputs resume it; 
 goes on may rise.
 """
 
+import os
 import shlex
+import shutil
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -38,7 +40,7 @@ class RunFolder:
         inputs: SHA-256 by file.
         seed: Of the run.
         notes: What a user should know about resuming it, in words.
-        new: Whether it begins now.
+        new: What it may have made in the folder since it began, if that is now.
     """
 
     results: ResultsFolder
@@ -46,7 +48,7 @@ class RunFolder:
     inputs: dict[str, str]
     seed: int
     notes: list[str]
-    new: bool = False
+    new: tuple[str, ...] = ()
 
     @property
     def path(self) -> Path:
@@ -89,10 +91,11 @@ class RunFolder:
         if results.finished and not file.is_file():
             raise InputError(f"--resume: {path} has lost its {RUN}, give another folder")
         if not file.is_file():
+            new = tuple(name for name in stored if not os.path.lexists(path / name))
             made = {"arguments": sys.argv[1:], "versions": run_versions(), **_machine()}
             write_json(file, {"command": "infer", "seed": seed, "configuration": plain, "inputs": hashes, **made})
             notes = ["there is nothing to resume, a new run begins"] if resume else []
-            return RunFolder(results, plain, hashes, seed, notes, new=True)
+            return RunFolder(results, plain, hashes, seed, notes, new)
         earlier = read_run(file)
         before, now = earlier["configuration"]["settings"], plain["settings"]
         now |= {name: before[name] for name in kept if name in before}
@@ -117,8 +120,11 @@ class RunFolder:
 
     def take_back(self) -> None:
         """Leave no trace of a run that could not begin, so that the next one is not taken for it."""
-        if self.new:
-            (self.path / RUN).unlink()
+        for made in (self.path / name for name in self.new):
+            if made.is_dir() and not made.is_symlink():
+                shutil.rmtree(made)
+            else:
+                made.unlink(missing_ok=True)
 
     def resume_hint(self) -> str:
         """How to go on."""

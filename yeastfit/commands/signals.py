@@ -1,4 +1,4 @@
-"""Ctrl-C and SIGTERM: one line that says what remains, within two seconds whatever the process is doing.
+"""Ctrl-C, SIGTERM and SIGHUP: one line that says what remains, within two seconds whatever the process is doing.
 
 Python runs a signal's handler between two of its own instructions, and a compiled call may keep it from doing so for
 minutes. So the signal also wakes a thread (`signal.set_wakeup_fd`): where the main thread has not ended the process
@@ -22,7 +22,7 @@ from typing import NoReturn
 
 GRACE = 1.0  # seconds that the main thread has for an orderly end; a busy machine may add one
 AGAIN = 0.05  # seconds
-ANSWERED = (signal.SIGINT, signal.SIGTERM)
+ANSWERED = tuple(getattr(signal, one) for one in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, one))
 SHOW_CURSOR = "\x1b[?25h\n"  # a progress bar hides it
 
 
@@ -44,7 +44,7 @@ class Interruption:
 
     @property
     def code(self) -> int:
-        """The exit code: 130 after Ctrl-C, 143 after SIGTERM."""
+        """The exit code: 130 after Ctrl-C, 143 after SIGTERM, 129 after SIGHUP."""
         return 128 + self.number
 
     @property
