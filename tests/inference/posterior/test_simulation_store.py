@@ -225,6 +225,10 @@ def test_files_that_are_something_else_are_refused(tmp_path: Path) -> None:
         file["x"] = 3
     with pytest.raises(InputError, match=r"other\.h5: no simulations can be read, the file is damaged"):
         Store(tmp_path / "other.h5", FREE, LABELS)
+    (tmp_path / "link.h5").symlink_to("nowhere")
+    with pytest.raises(InputError, match=r"link\.h5: is a link to nothing, need a file of simulations, or none"):
+        Store(tmp_path / "link.h5", FREE, LABELS)
+    assert (tmp_path / "link.h5").is_symlink()
 
 
 @pytest.mark.parametrize("left", [0, 30, 90, 700, 2000])

@@ -59,6 +59,8 @@ class Store(Simulations):
         super().__init__(free, labels)
         self.path, self.about = Path(path), about
         self._file: h5py.File | None = None
+        if self.path.is_symlink() and not self.path.exists():
+            raise InputError(f"{self.path}: is a link to nothing, need a file of simulations, or none")
         if self.path.exists():
             self._open()
         else:
