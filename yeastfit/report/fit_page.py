@@ -99,7 +99,7 @@ def _parameters(result: Fit, model: ForwardModel, truth: Mapping[str, float] | N
                 *([row["condition"]] if several else []),
                 value,
                 shown,
-                100 * known_to / value,
+                100 * known_to / value if value else float("nan"),  # what is fixed may be 0
                 page.in_units(value, factor, unit, known_to),
                 *([truth.get(name)] if truth else []),
                 meaning,
