@@ -45,6 +45,13 @@ def test_a_page_of_a_fit_begins_with_doubts_and_has_parameters_in_units(result: 
     assert {"Data with their standard errors, the fitted curves, and the residuals below"} < set(alts)
 
 
+def test_what_is_fixed_at_0_is_shown(result: Fit, tmp_path: Path) -> None:
+    (seen,) = result.conditions
+    held = replace(result, conditions=(replace(seen, parameters={**seen.parameters, "repulsivity": 0.0}),))
+    write_fit(tmp_path, held)
+    assert "repulsivity" in fit_page(held, Algebraic(), tmp_path, {})
+
+
 def test_what_a_fit_does_not_determine_is_said(result: Fit) -> None:
     best = min(result.free, key=result.log_standard_errors.__getitem__).replace("_", " ")
     assert learnt_by_fit(result).startswith(f"The data determine {best} to ")
