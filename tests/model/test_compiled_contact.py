@@ -1,7 +1,11 @@
 """Compiled contact: the sum of `contact` in another order, on any configuration, and colonies that grow by it."""
 
+import time
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from functools import cache
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -11,6 +15,7 @@ import pytest
 from helpers import colony_of, random_tree
 from jaxtyping import Array
 
+from yeastfit.model import compiled_contact as compiled_contact_module
 from yeastfit.model.colony import Colony
 from yeastfit.model.compiled_contact import CompiledNodeContact, compiled_contact, with_compiled_contact
 from yeastfit.model.contact import contact
@@ -73,6 +78,23 @@ def test_nodes_that_are_nowhere_push_nobody(double: None) -> None:
     found, expected = (compiled(colony, jnp.asarray(0.5), Relaxation()) for colony in (crowd(lost), without))
     np.testing.assert_allclose(np.asarray(found)[kept], np.asarray(expected)[kept], atol=1e-12)
     assert (np.asarray(found)[7:10] == 0).all()
+
+
+def test_it_is_registered_once_whatever_the_number_of_threads(monkeypatch: pytest.MonkeyPatch) -> None:
+    """XLA takes a name once, and each device traces its colony in a thread of its own."""
+    registered = list[str]()
+
+    def register(name: str, function: Callable[[Any], int]) -> None:
+        time.sleep(0.05)
+        registered.append(name)
+
+    monkeypatch.setattr("yeastfit.model.foreign_call.register", register)
+    monkeypatch.setattr(compiled_contact_module, "_operation", cache(compiled_contact_module._operation.__wrapped__))
+    colony = crowd(np.zeros((NODES, 2)))
+    with ThreadPoolExecutor(4) as pool:
+        for _ in pool.map(lambda _: jax.eval_shape(compiled_contact, colony, jnp.asarray(0.5), HARD), range(4)):
+            pass
+    assert registered == ["yeastfit_contact_float32"]
 
 
 def test_colonies_without_nodes_or_with_one_are_at_rest() -> None:

@@ -4,6 +4,7 @@ The same sum as that of `contact`, in another order, so that its last bits diffe
 """
 
 import dataclasses
+import threading
 from functools import cache
 from importlib.util import find_spec
 from typing import Any
@@ -20,6 +21,7 @@ from yeastfit.model.relaxation import Relaxation
 from yeastfit.model.rules import Context
 
 WIDER = 1.001  # of the bins than the contact: rounding moves no node that touches another two bins away
+_REGISTERING = threading.Lock()  # colonies on several devices are traced by a thread each, and XLA takes a name once
 
 
 class CompiledNodeContact(NodeContact):
@@ -49,7 +51,9 @@ def compiled_contact(colony: Colony, radius: Float[Array, ""], relaxation: Relax
     widths = jnp.stack([jnp.asarray(length, dtype) for length in lengths])
     sizes = jnp.stack([jnp.asarray(colony.parents.shape[0]), colony.count]).astype(jnp.int32)
     shape = jax.ShapeDtypeStruct(colony.positions.shape, dtype)
-    return jax.ffi.ffi_call(_operation(dtype.name), shape)(colony.positions, colony.weights, sizes, widths)
+    with _REGISTERING:
+        operation = _operation(dtype.name)
+    return jax.ffi.ffi_call(operation, shape)(colony.positions, colony.weights, sizes, widths)
 
 
 @cache
