@@ -218,5 +218,5 @@ def test_saved_and_loaded(tmp_path: Path) -> None:
     np.testing.assert_array_equal(again.scale, scale_of(found.observed))
     assert again.colony_rows() == found.colony_rows()
     (tmp_path / "other.npz").write_text("nothing")
-    with pytest.raises(InputError, match=r"other.npz: these are no predictions"):
+    with pytest.raises(InputError, match=r"other.npz: this is no prediction of colonies left out that was saved"):
         LeftOut.load(tmp_path / "other.npz")
