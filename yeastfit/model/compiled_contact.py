@@ -51,13 +51,17 @@ def compiled_contact(colony: Colony, radius: Float[Array, ""], relaxation: Relax
     widths = jnp.stack([jnp.asarray(length, dtype) for length in lengths])
     sizes = jnp.stack([jnp.asarray(colony.parents.shape[0]), colony.count]).astype(jnp.int32)
     shape = jax.ShapeDtypeStruct(colony.positions.shape, dtype)
+    return jax.ffi.ffi_call(operation(dtype.name), shape)(colony.positions, colony.weights, sizes, widths)
+
+
+def operation(dtype_name: str) -> str:
+    """The name of the operation in this precision, which is registered at the first call, of whatever thread."""
     with _REGISTERING:
-        operation = _operation(dtype.name)
-    return jax.ffi.ffi_call(operation, shape)(colony.positions, colony.weights, sizes, widths)
+        return _registered(dtype_name)
 
 
 @cache
-def _operation(dtype_name: str) -> str:
+def _registered(dtype_name: str) -> str:
     """The name of the operation in this precision, compiled and registered."""
     from yeastfit.model.foreign_call import NULL, argument, is_question, register, result
     from yeastfit.model.pushes import push_apart
