@@ -156,7 +156,7 @@ def summary(rows: list[Record]) -> list[Record]:
                 "parameter": name,
                 "determined": f"{len(pulls)} of {len(of)}",
                 "rms pull": float(np.sqrt(np.mean(np.square(pulls)))) if pulls else None,
-                "largest |pull|": max(map(abs, pulls), default=None),
+                "largest pull": max(map(abs, pulls), default=None),
                 "median error %": float(np.median(errors)) if errors else None,
             }
         )
