@@ -45,7 +45,7 @@ class Snapshot(eqx.Module):
 
     @property
     def cell_count(self) -> Float[Array, ""]:
-        """Number of cells: one less than nodes, as long as they all hang together and nobody is dying."""
+        """Number of cells, one less than nodes as long as they all hang together and nobody is dying."""
         weights, parents = self.colony.weights, self.colony.parents
         without_cell = jnp.where(parents < 0, weights, 0.0)
         unjoined = weights[1:] - weights_of_cells(weights, parents) - without_cell[1:]
