@@ -30,7 +30,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from yeastfit.inference.neural_likelihood.coordinates import Coordinates
+from yeastfit.inference.neural_likelihood.coordinates import Coordinates, Values
 from yeastfit.inference.neural_likelihood.cross_validation import CrossValidation
 from yeastfit.inference.neural_likelihood.ensemble import (
     ROWS,
@@ -39,11 +39,8 @@ from yeastfit.inference.neural_likelihood.ensemble import (
     moments_of_rows,
     slopes_of_rows,
 )
-from yeastfit.inference.neural_likelihood.network import (
-    TrainingSettings,
-)
+from yeastfit.inference.neural_likelihood.network import TrainingSettings
 
-Values = Float[np.ndarray, "row free"]
 Square = Float[np.ndarray, "statistic statistic"]
 
 

@@ -28,6 +28,7 @@ import numpy as np
 from jaxtyping import Float
 
 from yeastfit.errors import InputError
+from yeastfit.inference.neural_likelihood.coordinates import Values
 from yeastfit.inference.neural_likelihood.emulator import Emulator
 from yeastfit.inference.neural_likelihood.mcmc import BRIEFLY, ROUGHLY, LogPosterior, Walk
 from yeastfit.inference.neural_likelihood.network import TrainingSettings
@@ -49,7 +50,6 @@ from yeastfit.progress import Progress
 CHAIN = 32  # bytes of a step of a chain, at least
 FIRST = 512  # simulations of the first round, where many are allowed
 
-Values = Float[np.ndarray, "row free"]
 Statistics = Float[np.ndarray, "row statistic"]
 
 

@@ -25,6 +25,7 @@ import numpy as np
 from jaxtyping import Array, Float
 from scipy.stats import chi2
 
+from yeastfit.inference.neural_likelihood.coordinates import Values
 from yeastfit.inference.neural_likelihood.emulator import Emulator
 from yeastfit.inference.neural_likelihood.ensemble import ROWS, Ensemble
 from yeastfit.inference.posterior.problem import Problem
@@ -32,7 +33,6 @@ from yeastfit.inference.posterior.variation import ColonyCoordinates
 
 MUCH, CHANCE = 1.5, 1e-3  # times the expected χ², and probability of it, from where a scatter is told of
 
-Values = Float[np.ndarray, "row free"]
 Square = Float[np.ndarray, "statistic statistic"]
 
 
