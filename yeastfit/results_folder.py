@@ -24,12 +24,12 @@ from filelock import FileLock, Timeout
 
 from yeastfit.errors import InputError
 from yeastfit.processors import device_used
-from yeastfit.results_contents import LOCK, MANIFEST, OWNER, RUN, Contents, Listed, changed_files, misplaced_files
+from yeastfit.results_check import check_folder, listing, unwritable
+from yeastfit.results_contents import LOCK, MANIFEST, OWNER, Contents, Listed, changed_files, misplaced_files
 from yeastfit.storage import WORK, check_room, sha256_of, versions, write_json
 
 RESULTS = "results"
 PATIENCE = 0.5  # seconds: a run that is just ending lets go of its lock
-NAMED = 3  # files in the way that an error names
 
 
 @dataclass
@@ -89,7 +89,7 @@ class ResultsFolder:
         if in_the_way := self._in_the_way(new, replaced):
             self._stays = True
             raise InputError(
-                f"--out: {_listing(in_the_way)} in {self.path} came or changed while the command ran: its results are "
+                f"--out: {listing(in_the_way)} in {self.path} came or changed while the command ran: its results are "
                 f"in {self.partial} until the next run"
             )
         both = {name: (*replaced.get(name, ()), *([new[name]] if name in new else [])) for name in {**replaced, **new}}
@@ -193,9 +193,14 @@ def results_folder(
         InputError: The folder cannot be made or written, holds something else, or another run is in it.
     """
     path, work = Path(path), Path(path) / WORK
-    check_folder(path, command, reads=reads, overwrite=overwrite, resume=resume)
-    made = [one for one in (path, *path.parents) if not os.path.lexists(one)]
     lock = FileLock(work / LOCK)
+    try:
+        check_folder(path, command, reads=reads, overwrite=overwrite, resume=resume)
+    except InputError:  # what another run has made so far is in no command's way: it is in use
+        if _held(lock):
+            raise _in_use(path) from None
+        raise
+    made = [one for one in (path, *path.parents) if not os.path.lexists(one)]
     try:
         work.mkdir(parents=True, exist_ok=True)
         lock.acquire(timeout=PATIENCE)
@@ -206,10 +211,10 @@ def results_folder(
         folder._own(found.listed)
         folder.partial.mkdir()
     except Timeout:
-        raise InputError(f"--out: {path} is in use: {Contents.of(path).holder} writes there") from None
+        raise _in_use(path) from None
     except (OSError, InputError) as error:
         _let_go(lock, made)
-        raise error if isinstance(error, InputError) else _unwritable(path, error) from error
+        raise error if isinstance(error, InputError) else unwritable(path, error) from error
     try:
         yield folder
     finally:
@@ -217,52 +222,22 @@ def results_folder(
         _let_go(lock, made)
 
 
-def check_folder(
-    path: Path, command: str, *, reads: Sequence[Path] = (), overwrite: bool = False, resume: bool | None = None
-) -> Contents:
-    """Check that a command may write into a folder, as it is now; for arguments and errors see `results_folder`."""
+def _held(lock: FileLock) -> bool:
+    """Whether another process holds the lock."""
+    file = Path(lock.lock_file)
+    if file.is_symlink() or not file.is_file():
+        return False
     try:
-        where = os.path.realpath(path)  # unlike `Path.resolve` not raising for an input that links to itself
-        inside = [one for one in reads if Path(os.path.realpath(one)).is_relative_to(where)]
-        found = Contents.of(path)
-        misplaced = misplaced_files(path, found.listed)
-        changed = [] if overwrite or resume else changed_files(path, found.listed)
-    except (OSError, RuntimeError, ValueError) as error:
-        raise _unwritable(path, error) from error
-    if inside:
-        raise InputError(f"--out: {path} holds the data, need another folder for the results")
-    if (path / WORK).is_symlink():
-        raise InputError(f"--out: {path / WORK} is a link, which yeastfit does not make: remove it")
-    if misplaced:
-        raise InputError(
-            f"--out: {path} holds {_listing(misplaced)} in place of a file that yeastfit wrote: move it away, or give "
-            "another folder"
-        )
-    own = found.command == command
-    if (own and resume) or not (found.command or found.others):
-        return found
-    if own and resume is not None and not (overwrite and found.finished):
-        state = "a finished run" if found.finished else "a run that was not finished"
-        raise InputError(f"--out: {path} holds {state}: give --resume to go on with it, or another folder")
-    if not found.command:
-        damaged = f"a damaged {RUN}" if resume and RUN in found.others else ""
-        what, way = damaged or f"{_listing(found.others)}, which yeastfit did not write", ""
-    elif found.endless:
-        what, way = "results of an earlier version of yeastfit, whose manifest.json lists no files", ""
-    elif not own and not found.finished:
-        what, way = f"an unfinished run of yeastfit {found.command}", ", or repeat that command"
-    elif not own and not overwrite:
-        what = f"results of yeastfit {found.command}"
-        way = f", or --overwrite to replace its {len(found.listed)} files"
-    elif changed:
-        what, way = f"{_listing(changed)}, changed since yeastfit wrote it", ", or --overwrite to replace it"
-    else:
-        return found
-    raise InputError(f"--out: {path} holds {what}: give another folder{way}")
+        with lock.acquire(timeout=0):
+            return False
+    except Timeout:
+        return True
+    except OSError:  # a place without locks, or none of ours to write
+        return False
 
 
-def _unwritable(path: Path, error: Exception) -> InputError:
-    return InputError(f"--out: cannot write to {path}: {getattr(error, 'strerror', None) or error}")
+def _in_use(path: Path) -> InputError:
+    return InputError(f"--out: {path} is in use: {Contents.of(path).holder} writes there")
 
 
 def _hashes(folder: Path, part: str = "") -> dict[str, str]:
@@ -270,11 +245,6 @@ def _hashes(folder: Path, part: str = "") -> dict[str, str]:
     inside = folder / part
     found = [inside] if inside.is_file() else [one for one in inside.rglob("*") if not one.is_dir()]
     return {one.relative_to(folder).as_posix(): sha256_of(one) for one in sorted(found)}
-
-
-def _listing(names: Sequence[str]) -> str:
-    more = f" and {len(names) - NAMED} more" if len(names) > NAMED else ""
-    return ", ".join(names[:NAMED]) + more
 
 
 def _clear_work(work: Path) -> None:

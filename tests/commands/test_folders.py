@@ -15,7 +15,8 @@ from yeastfit.commands import app as cli
 from yeastfit.commands import fit, gradcheck, infer, measure
 from yeastfit.errors import InputError, SimulationError
 from yeastfit.inference.models.algebraic import Algebraic
-from yeastfit.results_folder import check_folder, results_folder
+from yeastfit.results_check import check_folder
+from yeastfit.results_folder import results_folder
 from yeastfit.simulation import synthetic_data
 from yeastfit.simulation.recipe import read_recipes
 from yeastfit.storage import WORK, write_json
@@ -167,6 +168,8 @@ def test_a_damaged_run_is_not_taken_up(content: bytes, tmp_path: Path) -> None:
 def test_a_folder_in_use_is_refused(case: Case, capsys: pytest.CaptureFixture[str]) -> None:
     with results_folder(case.out, case.command, resume=True):
         assert case.run(*(["--resume"] if case.command == "infer" else [])) == 2
+        assert "is in use: process " in capsys.readouterr().err
+        assert case.run() == 2  # not: holds a run that was not finished
     assert "is in use: process " in capsys.readouterr().err
     assert case.computed == 0
 

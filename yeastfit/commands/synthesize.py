@@ -13,7 +13,7 @@ from yeastfit.commands.options import Out, Overwrite
 from yeastfit.commands.terminal import out, shown_progress
 from yeastfit.errors import InputError
 from yeastfit.numbers import SEEDS
-from yeastfit.results_folder import check_folder
+from yeastfit.results_check import check_folder
 from yeastfit.simulation.recipe import Recipe, read_recipes
 from yeastfit.simulation.synthetic_data import synthesize as make_dataset
 
