@@ -93,6 +93,9 @@ def test_a_result_is_whole(found: Sensitivity, tmp_path: Path) -> None:
     assert again.rows() == rows
     assert (again.at, again.plausible, again.observables) == (found.at, found.plausible, found.observables)
     assert again.warnings == found.warnings
+    replace(found, jacobian=np.where(np.arange(7) == 3, np.nan, found.jacobian)).save(tmp_path / "damaged.json")
+    with pytest.raises(InputError, match=r"damaged\.json.*jacobian holds NaN"):
+        Sensitivity.load(tmp_path / "damaged.json")
 
 
 @pytest.mark.thorough

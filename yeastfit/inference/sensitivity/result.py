@@ -140,4 +140,6 @@ class Sensitivity:
             "warnings": tuple(data["warnings"]),
             **{name: np.array(data[name], dtype=float) for name in arrays},
         }
+        if broken := [name for name in arrays if np.isnan(changed[name]).any()]:
+            raise ValueError(f"{broken[0]} holds NaN")
         return Sensitivity(**{**data, **changed})
