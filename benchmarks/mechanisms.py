@@ -1,9 +1,10 @@
 """What each rule beyond the source's costs: the time of a step beside that of the plain model.
 
 A colony of 250 nodes, grown by the source's rules, takes further steps by each rule in turn, and by the source's again
-before and after; every rule has parameters with which it is at work. Then stars of 125, 250, 500 and 1000 nodes take
-further steps, in a dish that grows with them: the cost is linear in nodes where the exponent of the last table is
-about 1.
+before and after; every rule has parameters with which it is at work. Walkers are 5000, spread evenly; nodes that were
+collocated are taken when all groups are parted, as many as the next power of two. Then stars of 125, 250, 500 and 1000
+nodes take further steps, in a dish that grows with them: the cost is linear in nodes where the exponent of the last
+table is about 1.
 
 Targets: no rule takes above 1.5 times as long as the plain model, contact between cells at most 10 times at 500 cells.
 
@@ -12,10 +13,12 @@ Targets: no rule takes above 1.5 times as long as the plain model, contact betwe
 --quick: shorter runs, without the larger stars. --docs DIR writes DIR/mechanisms-cost.md.
 """
 
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 
 from benchmarks.programs import LAMBDA, MIDDLE, SOURCE, STATISTICS, Program, numerics_for, placed, samples
@@ -47,6 +50,8 @@ CASES: dict[str, tuple[Rules, dict[str, float]]] = {
     "nitrogen": ({"medium": {"rule": "nitrogen"}}, {}),
     "morphogen": ({"medium": {"rule": "morphogen"}}, {"morphogen_secretion": 1.0, "morphogen_repulsion": 1.0}),
     "superellipse": ({"shape": {"rule": "superellipse"}}, {"shape_exponent": 4.0}),
+    "walkers": ({"medium": {"rule": "walkers"}, "births": {"rule": "walkers"}}, {}),
+    "collocated": ({"births": {"rule": "collocated"}, "springs": {"rule": "collocated"}}, {}),
     "contact of cells": ({"contact": {"rule": "cells"}}, {}),
     "constrained contact": ({"contact": {"rule": "constraint"}}, {}),
 }
@@ -56,8 +61,21 @@ BETWEEN_CELLS = ("contact of cells", "constrained contact")
 SIZES = (125, 250, 500, 1000)
 
 
-def further(model: Model, values: dict[str, float], colony: Colony, numerics: Numerics, steps: int) -> float:
+def taken_over(rules: Rules, colony: Colony, numerics: Numerics) -> tuple[Model, Colony]:
+    """The rules, and the source's colony with what they keep of it."""
+    if "springs" in rules:  # every node alone in its group
+        nodes = 1 << (int(colony.count) - 1).bit_length()
+        model = Model.of({question: {**rule, "nodes": nodes} for question, rule in rules.items()})
+        alone = jnp.ones_like(colony.weights)
+        state = {"group_size": alone, "group_first": jnp.cumsum(alone) - 1}
+        return model, replace(colony, node_state=state)
+    model = Model.of(rules)
+    return model, model.resumed(replace(colony, medium=model.medium.store(jax.random.key(0), numerics)))
+
+
+def further(rules: Rules, values: dict[str, float], colony: Colony, numerics: Numerics, steps: int) -> float:
     """Milliseconds a step of a colony, statistics at the end alone; the median of five runs."""
+    model, colony = taken_over(rules, colony, numerics)
     parameters = model.complete(Parameters(**LAMBDA, **values))
     observe = STATISTICS if numerics == SOURCE else SmoothStatistics(numerics.domain, numerics.spacing)
 
@@ -66,7 +84,7 @@ def further(model: Model, values: dict[str, float], colony: Colony, numerics: Nu
         return trajectory(parameters, colony, at, Relaxation(), numerics, observe, model)
 
     since = colony.step
-    program = Program.of(run, parameters, model.resumed(colony))
+    program = Program.of(run, parameters, colony)
     program.timed(1)
     program.timed(5)
     return 1e3 * program.wall / steps
@@ -86,12 +104,12 @@ def beside_the_plain_model(report: Report, quick: bool) -> list[dict[str, Any]]:
     """A row for each rule at 250 nodes; the plain model is timed before and after all of them."""
     colony, steps = grown(MIDDLE), 25 if quick else 100
     report.stage(f"{int(colony.count)} nodes: plain")
-    plain = [further(Model(), {}, colony, SOURCE, steps)]
+    plain = [further({}, {}, colony, SOURCE, steps)]
     rows: list[dict[str, Any]] = []
     for name, (rules, values) in CASES.items():
         report.stage(f"{int(colony.count)} nodes: {name}")
-        rows.append({"rule": name, "ms a step": further(Model.of(rules), values, colony, SOURCE, steps)})
-    plain.append(further(Model(), {}, colony, SOURCE, steps))
+        rows.append({"rule": name, "ms a step": further(rules, values, colony, SOURCE, steps)})
+    plain.append(further({}, {}, colony, SOURCE, steps))
     return [
         {"rule": "plain", "ms a step": float(np.mean(plain)), "times plain": 1.0},
         *({**row, "times plain": float(row["ms a step"] / np.mean(plain))} for row in rows),
@@ -107,7 +125,7 @@ def against_nodes(report: Report, sizes: tuple[int, ...]) -> list[dict[str, Any]
         row: dict[str, Any] = {"rule": name}
         for nodes in sizes:
             colony, numerics = placed(nodes, 3.0, 1.0, 0.7, nutrient), numerics_for(nodes)
-            row[f"{nodes} nodes"] = further(Model.of(rules), values, colony, numerics, 15)
+            row[f"{nodes} nodes"] = further(rules, values, colony, numerics, 15)
         times = np.log([row[f"{nodes} nodes"] for nodes in sizes])
         rows.append({**row, "exponent": float(np.polyfit(np.log(sizes), times, 1)[0])})
     return rows
