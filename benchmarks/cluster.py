@@ -53,15 +53,15 @@ CROWDS, BLOCKS = (10, 100, 300, 1000, 3000), (8, 32, 128)
 
 
 def offlattice() -> tuple[Simulator, np.ndarray]:
-    """Colonies of 120 000 cells, and their parameters."""
+    """Colonies of 200 000 cells, and their parameters."""
     free = ("transition", "fork")
-    simulator = OfflatticeSimulator.of(("compactness", "area"), cells=120_000, free=free, threads=1)
+    simulator = OfflatticeSimulator.of(("compactness", "area"), cells=200_000, free=free, threads=1)
     return simulator, np.random.default_rng(1).uniform(0.1, 0.5, (256, 2))
 
 
 def algebraic() -> tuple[Simulator, np.ndarray]:
     """Colonies of some hundred cells, and their parameters."""
-    times = np.array([3.0, 5.0, 6.5])
+    times = np.array([3.0, 5.0, 7.0])
     curves = {name: np.ones(len(times)) for name in ("compactness", "radius")}
     targets = Targets.from_means(curves, times, imaging=Imaging(extent=8.0))
     simulator = ColonySimulator.of(targets, ("mobility", "aspect_ratio"), resolution=Resolution(dt=0.01, spacing=0.1))
