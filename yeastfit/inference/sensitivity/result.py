@@ -129,6 +129,9 @@ class Sensitivity:
         """
         data = read_json(path)
         arrays = ("mean", "mean_error", "jacobian", "error", "pathwise_share", "tails", "scatter", "correlation")
+        read = {name: np.array(data[name], dtype=float) for name in arrays}
+        if broken := [name for name, values in read.items() if np.isnan(values).any()]:
+            raise ValueError(f"{broken[0]} holds NaN")
         changed = {
             "free": tuple(data["free"]),
             "plausible": {name: tuple(ends) for name, ends in data["plausible"].items()},
@@ -138,8 +141,6 @@ class Sensitivity:
                 for name, part in data["parts"].items()
             },
             "warnings": tuple(data["warnings"]),
-            **{name: np.array(data[name], dtype=float) for name in arrays},
+            **read,
         }
-        if broken := [name for name in arrays if np.isnan(changed[name]).any()]:
-            raise ValueError(f"{broken[0]} holds NaN")
         return Sensitivity(**{**data, **changed})
