@@ -3,14 +3,17 @@
 import gc
 import io
 import os
+import signal
 import sys
-
-from yeastfit.commands import signals
-from yeastfit.processors import available_processors
 
 
 def main() -> None:
     """Entry point of `yeastfit`."""
+    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+        signal.signal(signal.SIGINT, signal.SIG_DFL)  # until it is answered, it ends the process without a traceback
+    from yeastfit.commands import signals
+    from yeastfit.processors import available_processors
+
     _open_closed_streams()
     # one JAX device per processor, over which ensembles are shared out
     os.environ.setdefault("JAX_NUM_CPU_DEVICES", str(available_processors()))

@@ -27,6 +27,7 @@ from yeastfit.__main__ import main
 sys.argv = ["yeastfit", "simulate", "--out", "nowhere"]
 main()
 """
+QUICKLY = IMPORTING.replace("time.sleep(60)", "time.sleep(0.4); sys.stderr.write('imported, ')")
 ANSWERING = """
 import hashlib, time
 from yeastfit.commands import signals
@@ -93,6 +94,14 @@ def test_a_second_signal_ends_the_process_at_once() -> None:
     assert code == 130
     assert errors.count("\n") == 1
     assert seconds < 1.5
+
+
+def test_an_import_is_not_broken_off() -> None:
+    """Compiled modules crash of an exception that comes while they begin."""
+    code, errors, seconds = ended(QUICKLY, signal.SIGINT)
+    assert code == 130
+    assert errors == "imported, interrupted: what stands in the folder without a manifest.json is not a result\n"
+    assert seconds < 2.5
 
 
 def test_a_process_that_is_done_may_take_its_time_to_end() -> None:

@@ -108,11 +108,23 @@ def answered_signals() -> Iterator[None]:
 
 
 def _interrupt(number: int, frame: FrameType | None) -> None:
-    """The handler."""
+    """The handler. An import is not broken off: compiled modules crash of an exception that comes while they begin."""
     if current.received:
         current.end()
+    if _importing(frame):
+        threading.Timer(AGAIN, os.kill, (os.getpid(), number)).start()
+        return
     current.received, current.number = True, number
     raise KeyboardInterrupt
+
+
+def _importing(frame: FrameType | None) -> bool:
+    """Whether a frame, or one that called it, is a module's import."""
+    while frame is not None:
+        if frame.f_code.co_filename.startswith("<frozen importlib"):
+            return True
+        frame = frame.f_back
+    return False
 
 
 def _interrupt_again(ignored: "sys.UnraisableHookArgs") -> None:
