@@ -2,9 +2,11 @@
 
 import gc
 import io
+import logging
 import os
 import signal
 import sys
+import warnings
 
 
 def main() -> None:
@@ -22,6 +24,9 @@ def main() -> None:
     )  # imports and traced programs leave hardly a cycle: looking for some takes a tenth of a run
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="backslashreplace")  # as standard error does, where a terminal has no µ
+    warnings.showwarning = _in_one_line
+    if logging.lastResort is not None:
+        logging.lastResort.setFormatter(logging.Formatter("warning: %(message)s"))
     with signals.answered_signals():
         try:
             from yeastfit.commands.app import run
@@ -32,6 +37,12 @@ def main() -> None:
         if signals.current.received:
             signals.current.end()  # Python's own end would wait for compiled programs, and crash among their threads
     sys.exit(code)
+
+
+def _in_one_line(message: Warning | str, *where: object, **more: object) -> None:
+    """Write a library's warning as the commands write theirs, without the line of code that gave it."""
+    if sys.stderr is not None:
+        sys.stderr.write(f"warning: {' '.join(str(message).split())}\n")
 
 
 def _open_closed_streams() -> None:

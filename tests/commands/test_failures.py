@@ -48,6 +48,31 @@ def test_an_exception_is_one_line_and_an_exit_code(
     assert not output.out
 
 
+@pytest.mark.parametrize(
+    ("variable", "value", "words"),
+    [
+        ("JAX_PLATFORMS", "cuda", "error: JAX_PLATFORMS is 'cuda': JAX has no such device here"),
+        ("JAX_PLATFORMS", "none", "error: JAX_PLATFORMS is 'none': JAX has no such device here"),
+        ("JAX_ENABLE_X64", "maybe", "error: invalid truth value 'maybe' for environment 'JAX_ENABLE_X64'"),
+        ("MPLBACKEND", "odd", "error: Key backend: 'odd' is not a valid value for backend"),
+    ],
+)
+def test_a_variable_that_a_library_refuses_is_named(variable: str, value: str, words: str, tmp_path: Path) -> None:
+    if value == "cuda" and jax.devices()[0].platform != "cpu":
+        pytest.skip("there is such a device")
+    command = [sys.executable, "-m", "yeastfit", "simulate", "--members", "1", "--time", "1"]
+    ran = subprocess.run(
+        [*command, "--out", str(tmp_path / "out")],
+        env={**os.environ, variable: value},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert ran.returncode == 2
+    (line,) = ran.stderr.splitlines()
+    assert line.startswith(words)
+
+
 def test_nobody_is_told_that_nobody_reads(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     assert raised(BrokenPipeError(errno.EPIPE, "x"), monkeypatch) == 141
     assert capsys.readouterr() == ("", "")

@@ -20,6 +20,7 @@ COMPUTATION, GIVEN, FAULT = 1, 2, 70
 REPORT = "yeastfit-error.txt"  # the traceback, beside the results of a run
 MANIFEST, RUN = "manifest.json", "run.json"  # of `results_contents`, which imports what failed, perhaps
 NO_ROOM = "RESOURCE_EXHAUSTED"  # XLA's word in the message of an exception of jax
+OF_VARIABLES = ("for environment 'JAX_", "not a valid value for backend")  # of jax, and of matplotlib: MPLBACKEND
 UsageError = typer.BadParameter.__base__ or Exception  # what typer says of options; it does not export the name
 
 
@@ -46,6 +47,11 @@ def explained(error: Exception, folder: Path | None) -> tuple[int, str]:
         return GIVEN, shown(f"not enough memory: {_in_one_line(error) or 'give smaller sizes'}")
     if isinstance(error, UnicodeError):
         return GIVEN, shown(f"text that cannot be read or written: {_in_one_line(error)}")
+    if isinstance(error, ValueError) and any(words in str(error) for words in OF_VARIABLES):
+        return GIVEN, shown(_in_one_line(error))
+    if _without_device():
+        named = f"JAX_PLATFORMS is {os.environ['JAX_PLATFORMS']!r}"
+        return GIVEN, shown(f"{named}: JAX has no such device here; unset the variable, or set it to cpu")
     what = f"{type(error).__name__}: {_in_one_line(error)}" if str(error) else type(error).__name__
     return FAULT, shown(f"a fault of yeastfit, please report it with the file {_reported(error, folder)}: {what}")
 
@@ -56,6 +62,16 @@ def reason(error: OSError) -> str:
     if error.filename is None:
         return what
     return f"{error.filename if isinstance(error.filename, str | os.PathLike) else quoted(error.filename)}: {what}"
+
+
+def _without_device() -> bool:
+    """Whether JAX cannot begin on the devices that the user asked for; it says so by errors of many kinds."""
+    if not os.environ.get("JAX_PLATFORMS") or "jax" not in sys.modules:
+        return False
+    try:
+        return not sys.modules["jax"].devices()
+    except Exception:
+        return True
 
 
 def _in_one_line(error: object) -> str:
