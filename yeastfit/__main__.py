@@ -17,6 +17,8 @@ def main() -> None:
     from yeastfit.processors import available_processors
 
     _open_closed_streams()
+    if len(os.environ.get("COLUMNS", "")) > 4:
+        del os.environ["COLUMNS"]  # no terminal is that wide, and text would be padded
     # one JAX device per processor, over which ensembles are shared out
     os.environ.setdefault("JAX_NUM_CPU_DEVICES", str(available_processors()))
     gc.set_threshold(

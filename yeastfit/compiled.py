@@ -12,10 +12,15 @@ from typing import Any, ParamSpec, TypeVar
 
 from yeastfit.errors import InputError
 
+MISSING = "numba, which is not installed: pip install 'yeastfit[offlattice]'"
 try:
-    from numba import njit
+    from numba import config, njit
 except ImportError:
     njit = None  # type: ignore[assignment]
+else:
+    if config.DISABLE_JIT:  # type: ignore[attr-defined]
+        njit = None  # type: ignore[assignment]
+        MISSING = "numba's compiler, which NUMBA_DISABLE_JIT switches off: unset that variable"
 
 Arguments = ParamSpec("Arguments")
 Result = TypeVar("Result")
@@ -62,7 +67,7 @@ def named_by_sources(function: Callable[Arguments, Result]) -> Callable[Argument
 def _missing(function: Callable[Arguments, Result]) -> Callable[Arguments, Result]:
     @wraps(function)
     def call(*args: Arguments.args, **kwargs: Arguments.kwargs) -> Result:
-        raise InputError("this needs numba, which is not installed: pip install 'yeastfit[offlattice]'")
+        raise InputError(f"this needs {MISSING}")
 
     return call
 

@@ -54,7 +54,7 @@ def test_an_exception_is_one_line_and_an_exit_code(
         ("JAX_PLATFORMS", "cuda", "error: JAX_PLATFORMS is 'cuda': JAX has no such device here"),
         ("JAX_PLATFORMS", "none", "error: JAX_PLATFORMS is 'none': JAX has no such device here"),
         ("JAX_ENABLE_X64", "maybe", "error: invalid truth value 'maybe' for environment 'JAX_ENABLE_X64'"),
-        ("MPLBACKEND", "odd", "error: Key backend: 'odd' is not a valid value for backend"),
+        ("MPLBACKEND", "odd", "error: MPLBACKEND: Key backend: 'odd' is not a valid value for backend"),
     ],
 )
 def test_a_variable_that_a_library_refuses_is_named(variable: str, value: str, words: str, tmp_path: Path) -> None:

@@ -20,7 +20,11 @@ COMPUTATION, GIVEN, FAULT = 1, 2, 70
 REPORT = "yeastfit-error.txt"  # the traceback, beside the results of a run
 MANIFEST, RUN = "manifest.json", "run.json"  # of `results_contents`, which imports what failed, perhaps
 NO_ROOM = "RESOURCE_EXHAUSTED"  # XLA's word in the message of an exception of jax
-OF_VARIABLES = ("for environment 'JAX_", "not a valid value for backend")  # of jax, and of matplotlib: MPLBACKEND
+OF_VARIABLES = {  # by words of libraries that refuse a variable's value; jax names it
+    "for environment 'JAX_": "",
+    "not a valid value for backend": "MPLBACKEND: ",
+    "Number of threads specified must be > 0": "NUMBA_NUM_THREADS: ",
+}
 UsageError = typer.BadParameter.__base__ or Exception  # what typer says of options; it does not export the name
 
 
@@ -47,8 +51,9 @@ def explained(error: Exception, folder: Path | None) -> tuple[int, str]:
         return GIVEN, shown(f"not enough memory: {_in_one_line(error) or 'give smaller sizes'}")
     if isinstance(error, UnicodeError):
         return GIVEN, shown(f"text that cannot be read or written: {_in_one_line(error)}")
-    if isinstance(error, ValueError) and any(words in str(error) for words in OF_VARIABLES):
-        return GIVEN, shown(_in_one_line(error))
+    for words, variable in OF_VARIABLES.items():
+        if isinstance(error, ValueError) and words in str(error):
+            return GIVEN, shown(variable + _in_one_line(error))
     if _without_device():
         named = f"JAX_PLATFORMS is {os.environ['JAX_PLATFORMS']!r}"
         return GIVEN, shown(f"{named}: JAX has no such device here; unset the variable, or set it to cpu")

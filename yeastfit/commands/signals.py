@@ -105,6 +105,8 @@ def answered_signals() -> Iterator[None]:
         sys.unraisablehook = ignoring
         for each in ours:
             signal.signal(each, signal.SIG_DFL)
+        signal.set_wakeup_fd(-1)
+        writer.close()
 
 
 def _interrupt(number: int, frame: FrameType | None) -> None:
@@ -141,6 +143,7 @@ def _watch(reader: socket.socket) -> None:
     number = 0
     while number not in ANSWERED:
         if not (received := reader.recv(1)):
+            reader.close()
             return  # signals are answered no longer, the process is done
         (number,) = received
     time.sleep(GRACE)
