@@ -95,7 +95,7 @@ def _make(recipe: Recipe, folder: Path, name: str, progress: Progress) -> None:
     rows, curves = [], []
     total = recipe.replicates * len(recipe.hours)
     for member in range(recipe.replicates):
-        for k, hours in enumerate(map(float, recipe.hours)):
+        for k, hours in enumerate(recipe.hours):
             photo = photograph_name(member, hours)
             shape = _photograph(recipe, run.statistics, member, k, folder, photo)
             units = {key: recipe.scales.length ** STATISTICS[key].unit_power for key in OF_NODES}
