@@ -9,10 +9,11 @@ from importlib.metadata import version
 from pathlib import Path
 
 import jax
+import jaxtyping
 import pytest
-from jaxtyping import install_import_hook
 from PIL import Image
 from threadpoolctl import threadpool_limits
+from typechecking import check_when_called
 
 # Half of what the tests take is compiling, and most programs run once: XLA's older code generator, its first level of
 # optimisation, modules in one part and loops that are not vectorised compile faster. What users run is tested by those
@@ -23,7 +24,8 @@ QUICK = (
 )
 if version("jaxlib").startswith("0.10."):  # with a flag that it does not know, jaxlib ends the process
     os.environ.setdefault("XLA_FLAGS", QUICK)
-ONCE = ("measure", "model", "simulation")  # folders of tests whose programs run a second or less: not optimised at all
+# Folders and files of tests whose programs run a second or less: not optimised at all.
+ONCE = ("measure", "model", "simulation", "report", "test_app.py", "test_models.py", "test_extending.py")
 
 # Either core has its own tests: further threads for matrices as small as these mostly wait, and waiting takes a core.
 os.environ["OPENBLAS_NUM_THREADS"] = "1"  # of processes that are started from here
@@ -40,7 +42,8 @@ jax.config.update("jax_compilation_cache_dir", PROGRAMS)
 jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
 jax.config.update("jax_num_cpu_devices", 2)
 jax.config.update("jax_debug_nans", False)
-install_import_hook("yeastfit", "typechecking.check")
+jaxtyping.jaxtyped = check_when_called  # type: ignore[assignment]  # what the hook decorates functions with
+jaxtyping.install_import_hook("yeastfit", "typechecking.check")
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -58,7 +61,7 @@ def pytest_collection_finish() -> None:
 @pytest.hookimpl(tryfirst=True)
 def pytest_runtest_setup(item: pytest.Item) -> None:
     """Without optimisation programs compile in half the time and run five times as long."""
-    here = any(Path(__file__).parent / folder in item.path.parents for folder in ONCE)
+    here = not set(ONCE).isdisjoint(item.path.relative_to(Path(__file__).parent).parts)
     once = here and item.get_closest_marker("runs_long") is None
     jax.config.update("jax_disable_most_optimizations", once and os.environ.get("XLA_FLAGS") == QUICK)
 
