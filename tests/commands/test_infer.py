@@ -30,6 +30,7 @@ from yeastfit.errors import InputError
 from yeastfit.inference.abc.distances import LiDistance
 from yeastfit.inference.abc.pilot import DistanceName, distance_of, pilot_of
 from yeastfit.inference.comparison.left_out import LeftOut
+from yeastfit.inference.neural_likelihood import network
 from yeastfit.inference.neural_likelihood.rounds import EmulatorDiagnostics
 from yeastfit.inference.neural_likelihood.sequential import SequentialEmulator
 from yeastfit.inference.posterior.cached_simulator import CachedSimulator
@@ -125,8 +126,11 @@ def test_a_table_becomes_a_posterior(
 
 
 @pytest.mark.usefixtures("unchecked")
-def test_colonies_are_left_out(data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_colonies_are_left_out(
+    data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     """They are predicted by the others, from the simulations of the run; more groups than colonies are refused."""
+    monkeypatch.setattr(network, "STEPS", 100)  # what networks learn is not the matter
     out = tmp_path / "out"
     finished(arguments(data, out, "emulator", "--leave-out", "2"))
     assert "colonies left out in 2 groups" in " ".join(capsys.readouterr().out.split())

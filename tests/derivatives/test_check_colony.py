@@ -29,12 +29,14 @@ from yeastfit import (
 from yeastfit.commands import app as cli
 from yeastfit.commands import gradcheck as command
 from yeastfit.derivatives import check_colony as gradients
+from yeastfit.measure.statistics.smooth_statistics import SmoothStatistics
 from yeastfit.model.colony import Colony
 from yeastfit.model.parameters import PARAMETERS
 
 TINY = Numerics(domain=6.0, spacing=0.2, dt=0.02, capacity=10)
 SIZE = ["--domain", "6", "--spacing", "0.2", "--capacity", "10", "--time", "2.2"]  # the command line of the same
 TIMES = (1.1, 2.2)
+FEW = SmoothStatistics(extent=6.0, spacing=0.2, statistics=("area", "radius"))  # those below that are thorough take all
 
 
 @pytest.fixture(autouse=True, scope="module")
@@ -131,7 +133,7 @@ def test_a_derivative_that_is_lost_on_the_way_is_found(monkeypatch: pytest.Monke
         return true(parameters, start=eqx.tree_at(lambda c: c.nutrient, start, less(start.nutrient, 0.01)), **more)
 
     monkeypatch.setattr(gradients, "simulate", simulate)
-    check = check_gradients(times=TIMES, numerics=TINY)
+    check = check_gradients(times=TIMES, numerics=TINY, observe=FEW)
     assert not check.passed
     wrong = [c for c in check.comparisons if c.verdict == "differs"]
     assert {c.along for c in wrong} == {"log mobility", "nutrient 1", "nutrient 2"}
@@ -143,7 +145,7 @@ def test_a_derivative_that_is_lost_on_the_way_is_found(monkeypatch: pytest.Monke
 def test_a_tie_between_parents_is_reported_and_never_passed() -> None:
     """Hungry, not both of the first two nodes bud, and which does any displacement decides."""
     hungry = Parameters(metabolic_rate=20.0, diffusivity=0.02)
-    check = check_gradients(hungry, times=TIMES, numerics=TINY)
+    check = check_gradients(hungry, times=TIMES, numerics=TINY, observe=FEW)
     crossed = {c.along for c in check.comparisons if c.verdict == "crossed"}
     assert {"positions 1", "positions 2", "nutrient 1", "nutrient 2"} <= crossed
     assert not check.passed
@@ -153,7 +155,7 @@ def test_a_tie_between_parents_is_reported_and_never_passed() -> None:
 
 def test_chattering_contacts_are_reported_with_what_to_do() -> None:
     stiff = Parameters(repulsivity=30.0)
-    check = check_gradients(stiff, times=TIMES, numerics=TINY, steps=(1e-6,))
+    check = check_gradients(stiff, times=TIMES, numerics=TINY, observe=FEW, steps=(1e-6,))
     (line,) = (line for line in check.warnings() if "chatter" in line)
     assert "dt · repulsivity / contact is 3" in line
     assert "5-fold in every step" in line
