@@ -14,6 +14,7 @@ from PIL import Image
 from yeastfit import (
     RULES,
     BuddingRule,
+    ColonySimulator,
     Context,
     Fit,
     Imaging,
@@ -268,6 +269,18 @@ def test_a_parameter_of_a_rule_may_be_free(leaning: list[str], capsys: pytest.Ca
     assert resolutions == (COARSE, Resolution())
     assert rules is not None
     assert rules["budding"] == {"rule": "leaning", "power": 1}
+
+
+@pytest.mark.parametrize("command", ["simulate", "fit", "infer"])
+def test_a_capacity_limits_colonies_of_every_command(command: str) -> None:
+    chosen = ModelOptions(command).read({"capacity": 20_000})
+    assert chosen.configuration(command)["capacity"] == 20_000
+    targets = Targets.from_means({"radius": [1.0, 9.0]}, times=[1.0, 15.0], replicates=5, imaging=Imaging(extent=9.0))
+    for one in (chosen.forward.simulator(targets, ["mobility"], {}), *chosen.forward.fit_simulators(targets, [], {})):
+        assert isinstance(one, ColonySimulator)
+        assert one.curves.numerics.capacity == 20_000
+    with pytest.raises(InputError, match="capacity is 1, it must be a whole number of nodes, at least 2"):
+        ModelOptions(command).read({"capacity": 1})
 
 
 def test_rules_take_the_place_of_those_of_a_recipe(leaning: list[str]) -> None:

@@ -39,6 +39,31 @@ def test_a_dish_is_wide_enough_and_has_room_for_every_cell() -> None:
     assert far.curves.numerics.capacity is None
 
 
+def test_a_capacity_is_a_limit_and_no_length_of_arrays() -> None:
+    """Colonies that cannot come to it have room for what they can; those that could grow in arrays as they need."""
+    limit = Resolution(0.02, 0.25, 20_000)
+    short = ColonySimulator.of(targets(("radius",), [1.5, 3.2]), FREE, resolution=limit).curves
+    assert short.numerics.capacity == 2**4
+    assert not short.unlimited
+    far = ColonySimulator.of(targets(("radius",), [20.0]), FREE, resolution=limit).curves
+    assert far.numerics.capacity == 20_000
+    assert far.unlimited
+    cut = ColonySimulator.of(targets(("radius",), [20.0]), FREE, resolution=Resolution(0.02, 0.25, 100)).curves
+    assert cut.numerics.capacity == 100
+    assert not cut.unlimited
+
+
+def test_a_colony_beyond_the_capacity_is_cut_and_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As those of any time are, which grow from room for six nodes."""
+    for room in ("simulation.simulate", "inference.colony_simulator", "inference.colony_curves"):
+        monkeypatch.setattr(f"yeastfit.{room}.SHORT", 1)
+    monkeypatch.setattr("yeastfit.simulation.simulate.FIRST_ROOM", 6)
+    made = ColonySimulator.of(targets(("cell_count",), [1.5, 4.2]), FREE, resolution=Resolution(0.02, 0.25, 9))
+    rows = made(np.repeat(HERE, 2, axis=0), member_seeds(0, 2))
+    np.testing.assert_array_equal(rows[:, 1], 8.0)  # an edge fewer than nodes
+    assert dict(made.problems) == {PROBLEMS["capacity_reached"]: 2}
+
+
 @pytest.mark.parametrize("names", [("radius",), ("area", "compactness")])
 @pytest.mark.parametrize("estimator", ["smooth", "mask"])
 def test_colonies_that_could_outgrow_one_program_are_the_same_and_not_cut(
@@ -85,6 +110,9 @@ def test_resolutions_are_checked() -> None:
     for name in ("dt", "spacing"):
         with pytest.raises(InputError, match=f"{name} is 0, it must be a number (from|above)"):
             Resolution(**{name: 0})
+    for wrong in (0, 1):
+        with pytest.raises(InputError, match=f"capacity is {wrong}, it must be a whole number of nodes, at least 2"):
+            Resolution(capacity=wrong)
 
 
 def test_free_and_held_parameters_are_told_in_the_order_of_the_model() -> None:

@@ -85,12 +85,15 @@ def test_a_limit_cuts_births_and_says_so() -> None:
     assert on.problems == {"capacity_reached": 1}
 
 
-def test_a_short_colony_that_outgrows_its_first_arrays_is_grown_again(fixed: Simulation) -> None:
+@pytest.mark.parametrize("capacity", [None, 5000])
+def test_a_short_colony_that_outgrows_its_first_arrays_is_grown_again(fixed: Simulation, capacity: int | None) -> None:
+    """Those are no longer because more nodes are allowed than one program has room for."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("yeastfit.simulation.simulate.SHORT", 4096)
         patch.setattr("yeastfit.model.numerics.FIRST_ROOM", 6)
-        outgrown = simulate(Parameters(), member_keys(3, 1), times=TIMES, numerics=OPEN)
+        outgrown = simulate(Parameters(), member_keys(3, 1), times=TIMES, numerics=replace(OPEN, capacity=capacity))
     assert_same_colonies(outgrown, fixed)
+    assert outgrown.colony.positions.shape[1] < 100
     assert not outgrown.problems
 
 

@@ -45,7 +45,8 @@ class ColonyCurves(eqx.Module):
     def unlimited(self) -> bool:
         """Whether nothing limits members to as many nodes as one program has room for."""
         time = float(np.asarray(self.schedule.steps)[-1]) * self.numerics.dt
-        return self.numerics.capacity is None and most_nodes(time, self.model.births.doublings) > SHORT
+        limited = self.numerics.capacity is not None and self.numerics.capacity <= SHORT
+        return not limited and most_nodes(time, self.model.births.doublings) > SHORT
 
     def grown(self, z: Float[Array, " parameter"], key: Array) -> tuple[Colony, dict[str, Array]]:
         """One colony at the end, and what was observed. z: log λ of all the model's parameters, in order."""

@@ -26,7 +26,7 @@ from yeastfit.measure.statistics.smooth_statistics import SmoothStatistics
 from yeastfit.memory import check_memory
 from yeastfit.model.colony import PROBLEMS
 from yeastfit.model.model import RULES, Model
-from yeastfit.model.numerics import POINT, STEPS, Numerics, most_nodes
+from yeastfit.model.numerics import POINT, STEPS, Numerics, check_capacity, most_nodes
 from yeastfit.model.parameters import PARAMETERS, Parameters
 from yeastfit.model.relaxation import HARD, Relaxation
 from yeastfit.model.simulate import Schedule
@@ -45,7 +45,13 @@ SMALLEST = 4.0  # L0: no colony's domain is narrower
 
 @dataclass(frozen=True)
 class Resolution:
-    """Time step in 1/μ*, spacing of the nutrient's grid in L0, and most nodes of a colony (None: as many as needed)."""
+    """Time step in 1/μ*, spacing of the nutrient's grid in L0, and most nodes of a colony.
+
+    Births beyond a capacity are cut, which `ColonySimulator.problems` counts; with None, where memory ends.
+
+    Raises:
+        InputError: A value is not admissible.
+    """
 
     dt: float = 0.005
     spacing: float = 0.1
@@ -55,6 +61,8 @@ class Resolution:
         STEPS.read(self.dt, "dt")
         side = SMALLEST / POSITIVE.read(self.spacing, "spacing")
         check_memory(POINT * side * side, f"spacing is {self.spacing:g}, which over {SMALLEST:g} L0")
+        if self.capacity is not None:
+            check_capacity(self.capacity)
 
 
 COARSE = Resolution(dt=0.01, spacing=0.2)
@@ -112,8 +120,9 @@ class ColonySimulator:
         check_memory(POINT * side * side, f"spacing is {spacing:g}, which over {2.6 * imaging.extent:.3g} L0")
         domain = 2 * spacing * np.ceil((1.3 * imaging.extent + MARGIN) / spacing)
         model = model or Model()
-        most = most_nodes(float(times[-1]), model.births.doublings)
-        room = resolution.capacity or (most if most <= SHORT else None)
+        most, room = most_nodes(float(times[-1]), model.births.doublings), resolution.capacity
+        if most <= SHORT and (room is None or room > SHORT):  # arrays have room for what can be, not for what may
+            room = most
         numerics = Numerics(domain=float(domain), spacing=spacing, dt=dt, capacity=room)
         seen = 2.6 * imaging.extent
         if imaging.estimator == "smooth":

@@ -55,13 +55,11 @@ class Numerics:
                 raise InputError(f"{field.name} is {value!r}, it must be a number above 0")
         if not isinstance(self.compiled, bool):
             raise InputError(f"compiled is {self.compiled!r}, it must be True or False")
-        if self.room != int(self.room) or self.room < 2:
-            raise InputError(f"capacity is {self.capacity!r}, it must be a whole number of nodes, at least 2")
+        check_capacity(self.room)
         STEPS.read(self.dt, "dt")
         intervals = self.domain / self.spacing
         what = f"domain / spacing is {self.domain:g} / {self.spacing:g}: a grid of {intervals + 1:.5g}² points"
         check_memory(POINT * (intervals + 1) * (intervals + 1), what)
-        check_count("capacity", self.room, NODE)
         if abs(intervals - round(intervals)) > 1e-6 * intervals or round(intervals) < 4:
             raise InputError(
                 f"domain / spacing is {self.domain:g} / {self.spacing:g} = {intervals:g}, "
@@ -108,6 +106,13 @@ class Numerics:
     def step_of(self, time: float) -> int:
         """The step that ends at (or nearest to) a time."""
         return round(time / self.dt)
+
+
+def check_capacity(capacity: int) -> None:
+    """Raise `InputError` where a capacity is not a whole number of nodes, at least 2, or is more than memory holds."""
+    if capacity != int(capacity) or capacity < 2:
+        raise InputError(f"capacity is {capacity!r}, it must be a whole number of nodes, at least 2")
+    check_count("capacity", capacity, NODE)
 
 
 def most_nodes(time: float, doublings: float = 1.0) -> int:

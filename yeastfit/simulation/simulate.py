@@ -142,7 +142,8 @@ def simulate(
     batched = _per_member(parameters, members)
     rules = schedule, relaxation, numerics, observe, model
     if end is None and (traced or is_small(float(np.asarray(schedule.steps)[-1] - since) * numerics.dt, numerics)):
-        colony, observed = on_one_device(_run(batched, began, *rules))
+        short = numerics if traced or numerics.room <= SHORT else replace(numerics, capacity=None)
+        colony, observed = on_one_device(_run(batched, began, schedule, relaxation, short, observe, model))
         outgrown = not traced and bool(np.asarray(colony.problems.capacity_reached).any())
         done = not outgrown or colony.parents.shape[-1] >= numerics.most_room
     else:

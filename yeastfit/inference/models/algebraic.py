@@ -104,8 +104,9 @@ class Algebraic(ForwardModel):
     capacity: Annotated[
         int | None,
         Setting(
-            "Largest possible number of nodes in a colony (cells + 1). Growth beyond it is cut; without it none is.",
-            commands=SIMULATE,
+            "Largest possible number of nodes in a colony (cells + 1). Growth beyond it is cut, which results tell; "
+            "without it, where memory ends.",
+            commands=DATA,
         ),
     ] = None
     compiled: Annotated[
@@ -134,7 +135,7 @@ class Algebraic(ForwardModel):
 
     def __post_init__(self) -> None:
         Scales(self.length, self.rate)
-        Resolution(self.dt, self.spacing)
+        Resolution(self.dt, self.spacing, self.capacity)
         PIXEL_SIZES.read(self.pixel_size, "pixel_size")
 
     @property
@@ -172,13 +173,13 @@ class Algebraic(ForwardModel):
 
     def simulator(self, targets: Targets, free: Sequence[str], fixed: Mapping[str, float]) -> Simulator:
         """Colonies that are seen as the data are."""
-        return ColonySimulator.of(targets, free, fixed, Resolution(self.dt, self.spacing), self.rules)
+        return ColonySimulator.of(targets, free, fixed, Resolution(self.dt, self.spacing, self.capacity), self.rules)
 
     def fit_simulators(
         self, targets: Targets, free: Sequence[str], fixed: Mapping[str, float]
     ) -> tuple[Simulator, Simulator]:
         """Colonies in time steps as long as asked for, and at the default resolution."""
-        fine = ColonySimulator.of(targets, free, fixed, Resolution(), self.rules)
+        fine = ColonySimulator.of(targets, free, fixed, Resolution(capacity=self.capacity), self.rules)
         return self.simulator(targets, free, fixed), fine
 
     def seen(self, rows: Sequence[Row], folder: Path, condition: str | None, statistics: Sequence[str]) -> Seen:
