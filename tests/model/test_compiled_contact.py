@@ -15,11 +15,15 @@ import pytest
 from helpers import colony_of, random_tree
 from jaxtyping import Array
 
-from yeastfit.model import compiled_contact as compiled_contact_module
+from yeastfit.model import operations
 from yeastfit.model.colony import Colony
-from yeastfit.model.compiled_contact import CompiledNodeContact, compiled_contact, with_compiled_contact
+from yeastfit.model.compiled_contact import CompiledNodeContact, compiled_contact
+from yeastfit.model.compiled_medium import CompiledOneNutrient
+from yeastfit.model.compiled_rules import with_compiled_rules
+from yeastfit.model.compiled_springs import CompiledTreeSprings
 from yeastfit.model.contact import contact
 from yeastfit.model.mechanisms.cell_contact import CellContact
+from yeastfit.model.mechanisms.nitrogen_medium import NitrogenMedium
 from yeastfit.model.model import Model
 from yeastfit.model.numerics import Numerics
 from yeastfit.model.parameters import Parameters
@@ -89,9 +93,10 @@ def test_it_is_registered_once_whatever_the_number_of_threads(monkeypatch: pytes
         registered.append(name)
 
     monkeypatch.setattr("yeastfit.model.foreign_call.register", register)
-    monkeypatch.setattr(compiled_contact_module, "_registered", cache(compiled_contact_module._registered.__wrapped__))
+    monkeypatch.setattr(operations, "_registered", cache(operations._registered.__wrapped__))
+    name, args = "yeastfit_contact_float32", ("contact", np.dtype("float32"), lambda dtype: lambda frame: 0)
     with ThreadPoolExecutor(4) as pool:
-        assert set(pool.map(compiled_contact_module.operation, 4 * ["float32"])) == {"yeastfit_contact_float32"}
+        assert set(pool.map(lambda _: operations.operation(*args), range(4))) == {name}
     assert registered == ["yeastfit_contact_float32"]
 
 
@@ -111,11 +116,13 @@ def test_colonies_on_two_devices_at_once_are_the_same_as_one_after_the_other() -
         np.testing.assert_array_equal(one, other)
 
 
-def test_only_contact_of_nodes_is_replaced(monkeypatch: pytest.MonkeyPatch) -> None:
-    assert isinstance(with_compiled_contact(Model()).contact, CompiledNodeContact)
-    assert isinstance(with_compiled_contact(Model(contact=CellContact())).contact, CellContact)
-    monkeypatch.setattr("yeastfit.model.compiled_contact.find_spec", lambda _: None)  # no numba
-    assert with_compiled_contact(Model()) == Model()
+def test_only_rules_that_have_been_compiled_are_replaced(monkeypatch: pytest.MonkeyPatch) -> None:
+    every = Model(contact=CompiledNodeContact(), medium=CompiledOneNutrient(), springs=CompiledTreeSprings())
+    assert with_compiled_rules(Model()) == every
+    others = Model(contact=CellContact(), medium=NitrogenMedium())
+    assert with_compiled_rules(others) == replace(others, springs=CompiledTreeSprings())
+    monkeypatch.setattr(operations, "find_spec", lambda _: None)  # no numba
+    assert with_compiled_rules(Model()) == Model()
 
 
 def test_it_has_no_derivative() -> None:
@@ -148,7 +155,7 @@ def test_a_large_colony_moves_as_the_plain_reading_has_it(large: tuple[Colony, N
         np.asarray(colony.positions, float), np.asarray(colony.parents), np.asarray(colony.nutrient, float), 1
     )
     same = reference.Numerics(numerics.domain, numerics.spacing, numerics.dt, numerics.room, numerics.bud_distance)
-    parameters, rules = Parameters(**values), with_compiled_contact(Model())
+    parameters, rules = Parameters(**values), with_compiled_rules(Model())
     ours = jax.tree.map(lambda leaf: leaf.astype(float) if jnp.issubdtype(leaf.dtype, jnp.inexact) else leaf, colony)
     advance = eqx.filter_jit(lambda c: step(c, parameters, HARD, numerics, rules)[0])
     for _ in range(3):
@@ -164,16 +171,16 @@ def _defaults() -> dict[str, float]:
     return {name: float(value) for name, value in Parameters().values.items()}
 
 
-def test_plain_contact_can_be_asked_for(large: tuple[Colony, Numerics], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_plain_rules_can_be_asked_for(large: tuple[Colony, Numerics], monkeypatch: pytest.MonkeyPatch) -> None:
     from yeastfit.simulation import segments
 
     asked: list[bool] = []
 
     def noticed(model: Model) -> Model:
         asked.append(choice)
-        return with_compiled_contact(model)
+        return with_compiled_rules(model)
 
-    monkeypatch.setattr(segments, "with_compiled_contact", noticed)
+    monkeypatch.setattr(segments, "with_compiled_rules", noticed)
     colony, numerics = large
     rules = Model().complete(Parameters()), Relaxation()
     walked: list[Array] = []

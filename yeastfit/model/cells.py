@@ -90,8 +90,7 @@ def level_set(
     Returns:
         g, negative inside the colony; `FAR` where no cell reaches.
     """
-    s, coarse = union, isinstance(spacing, int | float) and spacing >= COARSE  # a traced one is taken for a fine one
-    patch = PATCH // 2 if coarse else PATCH
+    s, patch = union, patch_of(spacing)
     first, counts = _patches(cells, reach, origin, spacing, points, patch)
     ends = jnp.cumsum(counts[:, 0] * counts[:, 1])
     chunk = min(CHUNK * (PATCH // patch) ** 2, max(64, cells.weights.shape[0]))
@@ -122,6 +121,12 @@ def level_set(
     total = sum_of_terms(add_chunk, trips, grid, args)[margin:-margin, margin:-margin]
     reached = total > 0
     return jnp.where(reached, -s * jnp.log(jnp.where(reached, total, 1.0)), FAR)
+
+
+def patch_of(spacing: Scalar) -> int:
+    """Grid points along a patch."""
+    coarse = isinstance(spacing, int | float) and spacing >= COARSE  # a traced one is taken for a fine one
+    return PATCH // 2 if coarse else PATCH
 
 
 _WINDOWS = jax.lax.ScatterDimensionNumbers(

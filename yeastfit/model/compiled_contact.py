@@ -3,10 +3,6 @@
 The same sum as that of `contact`, in another order, so that its last bits differ. It has no derivative.
 """
 
-import dataclasses
-import threading
-from functools import cache
-from importlib.util import find_spec
 from typing import Any
 
 import jax
@@ -16,12 +12,11 @@ from jaxtyping import Array, Float
 
 from yeastfit.model.colony import Colony
 from yeastfit.model.contact import SMALLEST, NodeContact
-from yeastfit.model.model import Model
+from yeastfit.model.operations import Call, operation
 from yeastfit.model.relaxation import Relaxation
 from yeastfit.model.rules import Context
 
 WIDER = 1.001  # of the bins than the contact: rounding moves no node that touches another two bins away
-_REGISTERING = threading.Lock()  # colonies on several devices are traced by a thread each, and XLA takes a name once
 
 
 class CompiledNodeContact(NodeContact):
@@ -34,14 +29,6 @@ class CompiledNodeContact(NodeContact):
         return parameters.repulsivity * push
 
 
-def with_compiled_contact(model: Model) -> Model:
-    """The same rules; contact between nodes is compiled, where numba is installed and colonies grow on a CPU."""
-    possible = jax.default_backend() == "cpu" and find_spec("numba") is not None
-    if not possible or type(model.contact) is not NodeContact:
-        return model
-    return dataclasses.replace(model, contact=CompiledNodeContact())
-
-
 def compiled_contact(colony: Colony, radius: Float[Array, ""], relaxation: Relaxation) -> Float[Array, "node 2"]:
     """`contact` of one colony."""
     dtype = colony.positions.dtype
@@ -51,22 +38,13 @@ def compiled_contact(colony: Colony, radius: Float[Array, ""], relaxation: Relax
     widths = jnp.stack([jnp.asarray(length, dtype) for length in lengths])
     sizes = jnp.stack([jnp.asarray(colony.parents.shape[0]), colony.count]).astype(jnp.int32)
     shape = jax.ShapeDtypeStruct(colony.positions.shape, dtype)
-    return jax.ffi.ffi_call(operation(dtype.name), shape)(colony.positions, colony.weights, sizes, widths)
+    name = operation("contact", np.dtype(dtype), _call_of)
+    return jax.ffi.ffi_call(name, shape)(colony.positions, colony.weights, sizes, widths)
 
 
-def operation(dtype_name: str) -> str:
-    """The name of the operation in this precision, which is registered at the first call, of whatever thread."""
-    with _REGISTERING:
-        return _registered(dtype_name)
-
-
-@cache
-def _registered(dtype_name: str) -> str:
-    """The name of the operation in this precision, compiled and registered."""
-    from yeastfit.model.foreign_call import NULL, argument, is_question, register, result
+def _call_of(dtype: Any) -> Call:
+    from yeastfit.model.foreign_call import NULL, argument, is_question, result
     from yeastfit.model.pushes import push_apart
-
-    dtype = np.dtype(dtype_name).type
 
     def call(frame: Any) -> int:
         if is_question(frame):
@@ -77,6 +55,4 @@ def _registered(dtype_name: str) -> str:
         push_apart(positions, weights, count, reach, ramp, side, result(frame, 0, (room, 2), dtype))
         return NULL
 
-    name = f"yeastfit_contact_{dtype_name}"
-    register(name, call)
-    return name
+    return call

@@ -31,8 +31,8 @@ class Numerics:
         dt: Δt of forward Euler and Crank–Nicolson.
         capacity: Largest number of nodes; births beyond it are cut. None: as many as are born, while memory lasts.
         bud_distance: δ, how far from its parent a child appears.
-        compiled: Whether contacts of large colonies on a CPU are summed by loops that numba has compiled, where it is
-            installed: the same sums in another order. False is the plain calculation.
+        compiled: Whether contact, springs and nutrient of large colonies on a CPU are computed by loops that numba has
+            compiled, where it is installed: the same sums in another order. False is the plain calculation.
 
     Raises:
         InputError: A value is not positive, `compiled` neither True nor False, domain / spacing is not a whole number,

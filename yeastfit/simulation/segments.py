@@ -4,7 +4,8 @@ A segment is compiled for the number of nodes that its arrays have room for. Whe
 nodes are allowed, the segment is grown again with twice the room, so that the work follows the nodes that live.
 Programs are compiled once for each size, of which there are few.
 
-On a CPU, contacts of nodes are summed by compiled loops (`with_compiled_contact`) unless `Numerics.compiled` is False.
+On a CPU, colonies with room for more than `FIRST_ROOM` nodes grow by compiled loops (`with_compiled_rules`) unless
+`Numerics.compiled` is False; smaller ones have the bits that those of one program have.
 
 Who asks for a colony `until` something gets it at the first step at which that is reached: the segment that passes it
 is divided in two again and again.
@@ -19,9 +20,9 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int, PyTree
 
 from yeastfit.model.colony import Colony, Problems, widened
-from yeastfit.model.compiled_contact import with_compiled_contact
+from yeastfit.model.compiled_rules import with_compiled_rules
 from yeastfit.model.model import Model
-from yeastfit.model.numerics import Numerics
+from yeastfit.model.numerics import FIRST_ROOM, Numerics
 from yeastfit.model.parameters import Parameters
 from yeastfit.model.relaxation import Relaxation
 from yeastfit.model.simulate import Observe, problems_of, step
@@ -93,13 +94,14 @@ class Segments:
 
     def _segment(self, colony: Colony, last: int, seen: bool) -> tuple[Colony, PyTree]:
         """The colony at step `last`, and what is observed there, with as much room as that takes."""
-        model = with_compiled_contact(self.model) if self.numerics.compiled else self.model
-        rules = self.parameters, self.relaxation, self.numerics, self.observe, model
+        rules = self.parameters, self.relaxation, self.numerics, self.observe
         most = self.numerics.most_room
         while True:
             room = colony.parents.shape[0]
+            compiled = self.numerics.compiled and room > FIRST_ROOM
+            model = with_compiled_rules(self.model) if compiled else self.model
             after, found, cut = _advanced(
-                colony, jnp.asarray(last), jnp.asarray(seen), jnp.asarray(room < most), *rules
+                colony, jnp.asarray(last), jnp.asarray(seen), jnp.asarray(room < most), *rules, model
             )
             if not bool(cut):
                 return after, found

@@ -112,7 +112,8 @@ class Algebraic(ForwardModel):
     compiled: Annotated[
         bool,
         Setting(
-            "Sum contacts of colonies of more than 500 nodes by loops that numba has compiled, or plainly.",
+            "Compute contact, springs and nutrient of colonies of more than 500 nodes by loops that numba has "
+            "compiled, or plainly.",
             commands=SIMULATE,
             negative="plain",
         ),

@@ -1,0 +1,137 @@
+"""The compiled step of the nutrient: the numbers of `eaten`, and work at the rim only."""
+
+from collections.abc import Callable
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from helpers import colony_of, context_of, random_tree
+from jaxtyping import Array
+
+from yeastfit.model.cells import cells_of
+from yeastfit.model.colony import Colony
+from yeastfit.model.compiled_medium import CompiledOneNutrient
+from yeastfit.model.eating import TILE
+from yeastfit.model.medium import OneNutrient
+from yeastfit.model.numerics import Numerics
+from yeastfit.model.parameters import Parameters
+from yeastfit.model.relaxation import HARD, Relaxation
+from yeastfit.model.rules import UptakeRule
+from yeastfit.model.uptake import BiomassUptake
+
+pytest.importorskip("numba")
+
+NODES, ROOM = 200, 220
+GRIDS = {"coarse": Numerics(40.0, 0.4, 0.025, ROOM), "fine": Numerics(24.0, 0.15, 0.02, ROOM)}
+LAWS = pytest.mark.parametrize("relaxation", [HARD, Relaxation(), Relaxation(union=0.3)], ids=["hard", "soft", "wide"])
+PARAMETERS = Parameters(mobility=1.3, metabolic_rate=3.0, aspect_ratio=0.65)
+PLACES: dict[str, Callable[[np.random.Generator], np.ndarray]] = {
+    "one heap": lambda rng: rng.normal(0.0, 0.8, (NODES, 2)),
+    "spread, and beyond the dish": lambda rng: rng.uniform(-21.0, 21.0, (NODES, 2)),
+    "filaments": lambda rng: np.linspace(0.0, 9.0, NODES)[:, None] * rng.choice([-1.0, 0.3, 1.0], (NODES, 2)),
+}
+
+
+def crowd(positions: np.ndarray, numerics: Numerics, seed: int = 0) -> Colony:
+    """A chain of cells, some of them long, of random weights and some of none, in nutrient with a hole."""
+    rng = np.random.default_rng(seed)
+    tree = np.where(rng.uniform(size=NODES) < 0.8, np.arange(NODES) - 1, random_tree(rng, NODES))
+    weights = rng.choice([0.0, 0.3, 1.0], NODES)
+    axis = np.abs(np.linspace(-20.0, 20.0, numerics.points))
+    nutrient = np.clip(np.maximum(axis[:, None], axis) - 5.0, 0.0, 1.0) * rng.uniform(0.9, 1.0)
+    nutrient[np.maximum(axis[:, None], axis) > 11.0] = 1.0
+    return colony_of(positions, tree, weights, nutrient, numerics=numerics)
+
+
+@eqx.filter_jit
+def fed(colony: Colony, relaxation: Relaxation, numerics: Numerics, medium: OneNutrient, uptake: UptakeRule) -> Array:
+    """The nutrient after three steps."""
+    for _ in range(3):
+        context = context_of(colony, numerics, relaxation, PARAMETERS)
+        colony = medium.stepped(context, cells_of(colony, PARAMETERS.aspect_ratio), uptake)
+    return colony.nutrient
+
+
+def compare(colony: Colony, relaxation: Relaxation, numerics: Numerics, tolerance: float) -> None:
+    ours, plain = (
+        fed(colony, relaxation, numerics, medium, BiomassUptake()) for medium in (CompiledOneNutrient(), OneNutrient())
+    )
+    assert ours.dtype == plain.dtype == colony.nutrient.dtype
+    np.testing.assert_allclose(ours, plain, atol=tolerance)
+    assert np.abs(ours - colony.nutrient).max() > 0.01
+
+
+@LAWS
+@pytest.mark.parametrize("grid", GRIDS)
+def test_it_is_the_step_of_the_medium(grid: str, relaxation: Relaxation, double: None) -> None:
+    numerics = GRIDS[grid]
+    for seed, places in enumerate(PLACES.values()):
+        compare(crowd(places(np.random.default_rng(seed)), numerics, seed), relaxation, numerics, 1e-10)
+
+
+@LAWS
+def test_in_single_precision_the_last_bits_differ(relaxation: Relaxation) -> None:
+    numerics = GRIDS["coarse"]
+    for seed, places in enumerate(PLACES.values()):
+        compare(crowd(places(np.random.default_rng(seed)), numerics, seed), relaxation, numerics, 2e-5)
+
+
+def test_nothing_is_done_where_nutrient_is_gone_or_untouched() -> None:
+    """A disc of cells that have eaten all inside: there nutrient keeps its bits, and it is what the plain step has."""
+    numerics, rng = Numerics(120.0, 0.4, 0.025, ROOM), np.random.default_rng(3)
+    axis = np.linspace(-60.0, 60.0, numerics.points)
+    distance = np.hypot(axis[:, None], axis)
+    nutrient = np.maximum(np.clip((distance - 32.0) / 8.0, 0.0, 1.0), 1e-12).astype(np.float32)
+    angle, radius = rng.uniform(0.0, 2.0 * np.pi, NODES), 39.0 * np.sqrt(rng.uniform(size=NODES))
+    at = np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=-1)
+    colony = colony_of(at, np.arange(NODES) - 1, nutrient=nutrient, numerics=numerics)
+    compare(colony, Relaxation(), numerics, 2e-6)
+    ours = np.asarray(fed(colony, Relaxation(), numerics, CompiledOneNutrient(), BiomassUptake()))
+    far = (2.0 * np.sqrt(2.0) * TILE + 8) * numerics.spacing  # two tiles along their diagonal, and what three steps see
+    quiet = (distance < 32.0 - far) | (distance > 40.0 + far)
+    assert quiet.mean() > 0.2
+    np.testing.assert_array_equal(ours[quiet], nutrient[quiet])
+    assert (ours != nutrient)[(distance > 33.0) & (distance < 39.0)].mean() > 0.9
+
+
+def test_cells_that_are_nowhere_eat_nothing() -> None:
+    """Where positions are not finite the colony is lost, and is said to be; the process is not."""
+    numerics = GRIDS["coarse"]
+    colony = crowd(PLACES["one heap"](np.random.default_rng(4)), numerics)
+    lost = eqx.tree_at(lambda one: one.positions, colony, colony.positions.at[7:9].set(jnp.array([jnp.nan, jnp.inf])))
+    without = eqx.tree_at(lambda one: one.weights, colony, colony.weights.at[7:9].set(0.0))
+    found, expected = (
+        fed(one, Relaxation(), numerics, CompiledOneNutrient(), BiomassUptake()) for one in (lost, without)
+    )
+    np.testing.assert_array_equal(found, expected)
+
+
+class HalfUptake(BiomassUptake):
+    """Another rule, which eats half as much."""
+
+    name = "half"
+
+    def rate(self, context, level_set, nutrient):
+        return 0.5 * super().rate(context, level_set, nutrient)
+
+
+def test_another_uptake_is_asked() -> None:
+    numerics = GRIDS["coarse"]
+    colony = crowd(PLACES["spread, and beyond the dish"](np.random.default_rng(5)), numerics)
+    ours, plain = (fed(colony, HARD, numerics, one, HalfUptake()) for one in (CompiledOneNutrient(), OneNutrient()))
+    np.testing.assert_array_equal(ours, plain)
+    assert np.abs(ours - fed(colony, HARD, numerics, OneNutrient(), BiomassUptake())).max() > 0.01
+
+
+def test_it_has_no_derivative() -> None:
+    numerics = GRIDS["coarse"]
+    colony = crowd(PLACES["one heap"](np.random.default_rng(5)), numerics)
+
+    def eaten(nutrient: Array) -> Array:
+        changed = eqx.tree_at(lambda one: one.nutrient, colony, nutrient)
+        return fed(changed, Relaxation(), numerics, CompiledOneNutrient(), BiomassUptake())
+
+    with pytest.raises(ValueError, match="cannot be differentiated"):
+        jax.grad(lambda nutrient: eaten(nutrient).sum())(colony.nutrient)

@@ -1,0 +1,87 @@
+"""One nutrient as an operation that numba has compiled, for large colonies on a CPU.
+
+The same step as that of `medium`, on the tiles of the grid where there is anything to do (`eating`); the last bits
+differ. It has no derivative.
+"""
+
+import dataclasses
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from yeastfit.model.cells import Cells, patch_of, weights_of_cells
+from yeastfit.model.colony import Colony
+from yeastfit.model.compiled_reading import compiled_gradient_at, compiled_nutrient_at
+from yeastfit.model.medium import OneNutrient
+from yeastfit.model.numerics import Numerics
+from yeastfit.model.nutrient import sweeps
+from yeastfit.model.operations import Call, operation
+from yeastfit.model.parameters import Parameters
+from yeastfit.model.relaxation import Relaxation
+from yeastfit.model.rules import Context, UptakeRule
+from yeastfit.model.uptake import BiomassUptake
+
+
+class CompiledOneNutrient(OneNutrient):
+    """The same rule, by a function that numba has compiled, where ellipses eat by the source's rule."""
+
+    def stepped(self, context: Context, cells: Cells, uptake: UptakeRule) -> Colony:
+        """With the nutrient one step later. Not differentiable."""
+        if type(uptake) is not BiomassUptake or cells.exponents is not None:
+            return super().stepped(context, cells, uptake)
+        return dataclasses.replace(context.colony, nutrient=compiled_step(context, cells))
+
+    def supply(
+        self, colony: Colony, parameters: Parameters, relaxation: Relaxation, numerics: Numerics
+    ) -> Float[Array, " node"]:
+        """The nutrient where nodes are. Not differentiable."""
+        return compiled_nutrient_at(colony, numerics)
+
+    def drift(self, context: Context) -> Float[Array, "node 2"]:
+        """λ5 ∇c. Not differentiable."""
+        return context.parameters.mobility * compiled_gradient_at(context.colony, context.numerics)
+
+
+def compiled_step(context: Context, cells: Cells) -> Float[Array, "x y"]:
+    """`eaten` of one colony."""
+    colony, numerics, relaxation = context.colony, context.numerics, context.relaxation
+    dtype = colony.nutrient.dtype
+    alpha = context.parameters.diffusivity * numerics.dt / numerics.spacing**2
+    count, rho = sweeps(alpha)
+    union = 0.0 if relaxation.union is None else relaxation.union, relaxation.union_reach
+    rate = context.parameters.metabolic_rate * numerics.dt
+    numbers = -0.5 * numerics.domain, numerics.spacing, *union, rate, alpha, rho
+    sizes = numerics.points, cells.weights.shape[0], patch_of(numerics.spacing), count
+    name = operation("eating", np.dtype(dtype), _call_of)
+    return jax.ffi.ffi_call(name, jax.ShapeDtypeStruct(colony.nutrient.shape, dtype), input_output_aliases={0: 0})(
+        colony.nutrient,
+        cells.centres,
+        cells.directions,
+        cells.half_lengths,
+        cells.half_widths,
+        weights_of_cells(context.living, colony.parents),
+        jnp.stack([jnp.asarray(number, dtype) for number in numbers]),
+        jnp.stack([jnp.asarray(size, jnp.int32) for size in sizes]),
+    )
+
+
+def _call_of(dtype: Any) -> Call:
+    from yeastfit.model.eating import eat
+    from yeastfit.model.foreign_call import NULL, argument, is_question, result
+
+    def call(frame: Any) -> int:
+        if is_question(frame):
+            return NULL
+        origin, spacing, union, reach, metabolic, alpha, rho = argument(frame, 6, 7, dtype)
+        points, cells, patch, count = argument(frame, 7, 4, np.int32)
+        nutrient = result(frame, 0, (points, points), dtype)  # where the argument was
+        centres, directions = argument(frame, 1, (cells, 2), dtype), argument(frame, 2, (cells, 2), dtype)
+        halves = argument(frame, 3, cells, dtype), argument(frame, 4, cells, dtype)
+        weights, grid = argument(frame, 5, cells, dtype), (origin, spacing, patch)
+        eat(nutrient, centres, directions, halves, weights, grid, (union, reach), metabolic, (alpha, rho, count))
+        return NULL
+
+    return call

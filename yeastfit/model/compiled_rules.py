@@ -1,0 +1,30 @@
+"""Rules of a model as operations that numba has compiled, for colonies that are grown and not differentiated."""
+
+import dataclasses
+from typing import Any
+
+from yeastfit.model import operations
+from yeastfit.model.compiled_contact import CompiledNodeContact
+from yeastfit.model.compiled_medium import CompiledOneNutrient
+from yeastfit.model.compiled_springs import CompiledTreeSprings
+from yeastfit.model.contact import NodeContact
+from yeastfit.model.forces import TreeSprings
+from yeastfit.model.medium import OneNutrient
+from yeastfit.model.model import Model
+from yeastfit.model.rules import Rule
+
+COMPILED: dict[type[Rule], type[Rule]] = {
+    NodeContact: CompiledNodeContact,
+    OneNutrient: CompiledOneNutrient,
+    TreeSprings: CompiledTreeSprings,
+}
+"""What takes the place of a rule."""
+
+
+def with_compiled_rules(model: Model) -> Model:
+    """The same rules, compiled as far as they can be, where numba is installed and colonies grow on a CPU."""
+    if not operations.are_possible():
+        return model
+    known = {question: COMPILED.get(type(rule)) for question, rule in model.rules.items()}
+    found: dict[str, Any] = {question: compiled() for question, compiled in known.items() if compiled}
+    return dataclasses.replace(model, **found)

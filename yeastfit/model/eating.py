@@ -1,0 +1,296 @@
+"""The nutrient one step later, compiled by numba, where there is anything to do: the numbers of `medium`.
+
+The grid is cut into tiles of `TILE`² points. A tile is at work if it, or one of the eight around it, holds nutrient
+that is neither 1 nor 0, or nutrient and a cell; a difference below the precision of 1 is none. In all others a step
+would change nothing: outside nothing eats, and inside nothing is left. So the work follows the rim of a colony and not
+its area.
+
+Uptake is λ6 s log max(Σ_k w_k exp(−f_k / s), 1), or hard λ6 max(−f_k, 0), f and the sum as in `cells`; the step is that
+of `nutrient`, by as many sweeps.
+"""
+
+from math import ceil, exp, floor, inf, log, sqrt
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from yeastfit.compiled import array_kernel
+
+TILE = 8  # grid points along a side: wider than a step carries what can be seen
+
+
+@array_kernel
+def eat(
+    nutrient: Float[np.ndarray, "x y"],
+    centres: Float[np.ndarray, "cell 2"],
+    directions: Float[np.ndarray, "cell 2"],
+    halves: tuple[Float[np.ndarray, " cell"], Float[np.ndarray, " cell"]],
+    weights: Float[np.ndarray, " cell"],
+    grid: tuple[float, float, int],
+    union: tuple[float, float],
+    metabolic: float,
+    diffusion: tuple[float, float, int],
+) -> None:
+    """Advance c by one time step, in place.
+
+    Arguments:
+        nutrient: c.
+        centres: Of cells, as in `Cells`.
+        directions: Likewise.
+        halves: Half lengths and half widths.
+        weights: Cells of weight 0 are none.
+        grid: Coordinate of the first point along either axis, spacing, and points along a side of the patches on which
+            a cell is evaluated.
+        union: s, 0 for the hard union, and r² up to which a cell counts.
+        metabolic: Δt λ6.
+        diffusion: α, ρ and the number of sweeps.
+    """
+    boxes = _boxes(nutrient.shape[0], centres, directions, halves, weights, grid, union)
+    work = _at_work(nutrient, boxes)
+    rows = _runs(work, nutrient.shape[0])
+    if len(rows) == 0:
+        return
+    low_x, low_y = rows[:, 0].min() - 1, rows[:, 2].min() - 1
+    shape = rows[:, 1].max() + 1 - low_x, rows[:, 3].max() + 1 - low_y
+    rows[:, :2] -= low_x
+    rows[:, 2:] -= low_y
+    eaten = np.zeros(shape, nutrient.dtype)
+    _cover(eaten, (low_x, low_y), work, boxes, centres, directions, halves, weights, grid, union)
+    _solve(nutrient, (low_x, low_y), eaten, rows, union[0], metabolic, diffusion)
+
+
+@array_kernel
+def _boxes(
+    points: int,
+    centres: Float[np.ndarray, "cell 2"],
+    directions: Float[np.ndarray, "cell 2"],
+    halves: tuple[Float[np.ndarray, " cell"], Float[np.ndarray, " cell"]],
+    weights: Float[np.ndarray, " cell"],
+    grid: tuple[float, float, int],
+    union: tuple[float, float],
+) -> Int[np.ndarray, "cell 4"]:
+    """First and last grid point of each cell along x and along y; none where last is below first.
+
+    These are the points of its patches in `level_set`, as far as they enter its sum.
+    """
+    origin, spacing, patch = grid
+    furthest = 1.0 + union[0] * _beyond(centres.dtype)
+    boxes = np.empty((len(weights), 4), np.int32)
+    for k in range(len(weights)):
+        boxes[k, 0], boxes[k, 1], boxes[k, 2], boxes[k, 3] = 0, -1, 0, -1
+        if not (weights[k] > 0 and abs(centres[k, 0]) < inf and abs(centres[k, 1]) < inf):
+            continue
+        for axis in range(2):
+            along, over = halves[0][k] * directions[k, axis], halves[1][k] * directions[k, 1 - axis]
+            extent = sqrt(along * along + over * over)
+            middle = (centres[k, axis] - origin) / spacing
+            counted, seen = sqrt(union[1]) * extent / spacing, sqrt(furthest) * extent / spacing
+            first = ceil(_clipped(middle - counted, 0, points))
+            last = floor(_clipped(middle + counted, -1, points - 1))
+            last = min(first + patch * ((max(last - first + 1, 0) + patch - 1) // patch), points) - 1
+            boxes[k, 2 * axis] = max(first, ceil(_clipped(middle - seen, 0, points)))
+            boxes[k, 2 * axis + 1] = min(last, floor(_clipped(middle + seen, -1, points - 1)))
+    return boxes
+
+
+@array_kernel
+def _at_work(nutrient: Float[np.ndarray, "x y"], boxes: Int[np.ndarray, "cell 4"]) -> Bool[np.ndarray, "i j"]:
+    """Which tiles are at work."""
+    points, precision = nutrient.shape[0], np.finfo(nutrient.dtype).eps
+    count = (points + TILE - 1) // TILE
+    some, changed = np.zeros((count, count), np.bool_), np.zeros((count, count), np.bool_)
+    full = nutrient.dtype.type(1)
+    for i in range(points):
+        row = nutrient[i]
+        for tile in range(points // TILE):  # whole ones, with a length that the compiler knows
+            here, other = 0, 0
+            for j in range(TILE):
+                c = row[tile * TILE + j]
+                there = abs(c) > precision
+                here += there
+                other += there & (abs(full - c) > precision)
+            some[i // TILE, tile] |= here > 0
+            changed[i // TILE, tile] |= other > 0
+        for j in range(points // TILE * TILE, points):
+            there = abs(row[j]) > precision
+            some[i // TILE, count - 1] |= there
+            changed[i // TILE, count - 1] |= there & (abs(full - row[j]) > precision)
+    for first_x, last_x, first_y, last_y in boxes:
+        for i in range(first_x // TILE, last_x // TILE + 1):
+            for j in range(first_y // TILE, last_y // TILE + 1):
+                changed[i, j] |= some[i, j]
+    work = np.zeros((count, count), np.bool_)
+    for i in range(count):
+        for j in range(count):
+            if changed[i, j]:
+                work[max(i - 1, 0) : i + 2, max(j - 1, 0) : j + 2] = True
+    return work
+
+
+@array_kernel
+def _runs(work: Bool[np.ndarray, "i j"], points: int) -> Int[np.ndarray, "run 4"]:
+    """Tiles at work as rectangles, each a row of tiles side by side: first and last + 1 in x and y, no boundary."""
+    runs = np.empty((work.size, 4), np.int64)
+    found = 0
+    for i in range(work.shape[0]):
+        j = 0
+        while j < work.shape[1]:
+            first = j
+            while j < work.shape[1] and work[i, j]:
+                j += 1
+            if j > first:
+                runs[found, 0], runs[found, 1] = max(i * TILE, 1), min((i + 1) * TILE, points - 1)
+                runs[found, 2], runs[found, 3] = max(first * TILE, 1), min(j * TILE, points - 1)
+                found += runs[found, 0] < runs[found, 1] and runs[found, 2] < runs[found, 3]
+            j += 1
+    return runs[:found]
+
+
+@array_kernel
+def _cover(
+    covered: Float[np.ndarray, "i j"],
+    low: tuple[int, int],
+    work: Bool[np.ndarray, "tile tile"],
+    boxes: Int[np.ndarray, "cell 4"],
+    centres: Float[np.ndarray, "cell 2"],
+    directions: Float[np.ndarray, "cell 2"],
+    halves: tuple[Float[np.ndarray, " cell"], Float[np.ndarray, " cell"]],
+    weights: Float[np.ndarray, " cell"],
+    grid: tuple[float, float, int],
+    union: tuple[float, float],
+) -> None:
+    """Σ_k w_k exp(−f_k / s), or hard max_k max(−f_k, 0), at the points of tiles at work; `low` is the first of them."""
+    origin, spacing, _ = grid
+    s, one = covered.dtype.type(union[0]), covered.dtype.type(1)
+    hard = s == 0
+    furthest = covered.dtype.type(union[0] * _beyond(covered.dtype))
+    axis = np.empty(low[0] + low[1] + covered.shape[0] + covered.shape[1], covered.dtype)
+    for i in range(len(axis)):
+        axis[i] = origin + spacing * i
+    for k in range(len(weights)):
+        first_x, last_x, first_y, last_y = boxes[k]
+        if not _any_of(work, first_x // TILE, last_x // TILE, first_y // TILE, last_y // TILE):
+            continue
+        first_x, last_x = max(first_x, low[0]), min(last_x, low[0] + covered.shape[0] - 1)
+        first_y, last_y = max(first_y, low[1]), min(last_y, low[1] + covered.shape[1] - 1)
+        cos, sin, w = directions[k, 0], directions[k, 1], weights[k]
+        along, across = one / (halves[0][k] * halves[0][k]), one / (halves[1][k] * halves[1][k])
+        xx, yy = cos * cos * along + sin * sin * across, sin * sin * along + cos * cos * across
+        xy = cos * sin * (along - across)
+        xy, twice = xy + xy, yy + yy
+        for i in range(first_x, last_x + 1):
+            dx, row = axis[i] - centres[k, 0], covered[i - low[0]]
+            here, slope = xx * dx * dx - one, xy * dx
+            within = slope * slope - (twice + twice) * (here - furthest)  # f < furthest between two roots
+            if within <= 0:
+                continue
+            middle, half = centres[k, 1] - origin - slope / twice, sqrt(within) / twice
+            first = max(first_y, ceil(_clipped((middle - half) / spacing, 0, last_y + 1)))
+            last = min(last_y, floor(_clipped((middle + half) / spacing, -1, last_y)))
+            for j in range(first, last + 1):
+                dy = axis[j] - centres[k, 1]
+                f = here + dy * (slope + yy * dy)
+                if hard:
+                    row[j - low[1]] = max(row[j - low[1]], -f)
+                else:
+                    row[j - low[1]] += w * exp(-f / s)
+
+
+@array_kernel
+def _any_of(work: Bool[np.ndarray, "i j"], first_x: int, last_x: int, first_y: int, last_y: int) -> bool:
+    """Whether one of these tiles is at work."""
+    for i in range(first_x, last_x + 1):
+        for j in range(first_y, last_y + 1):
+            if work[i, j]:
+                return True
+    return False
+
+
+@array_kernel
+def _solve(
+    nutrient: Float[np.ndarray, "x y"],
+    low: tuple[int, int],
+    eaten: Float[np.ndarray, "i j"],
+    rows: Int[np.ndarray, "run 4"],
+    union: float,
+    metabolic: float,
+    diffusion: tuple[float, float, int],
+) -> None:
+    """The step of `nutrient_step` by Chebyshev's iteration, in place, given what covers the points."""
+    scaled, share = np.zeros(eaten.shape, nutrient.dtype), eaten  # (1/diagonal) rhs, and ½α / diagonal
+    increment, before = np.zeros(eaten.shape, nutrient.dtype), np.zeros(eaten.shape, nutrient.dtype)
+    for first, last, left, right in rows:
+        for i in range(first, last):
+            row = nutrient[i + low[0]]
+            beside = nutrient[i + low[0] - 1], nutrient[i + low[0] + 1]
+            _right_side(scaled[i], share[i], row, beside, union, metabolic, diffusion[0], left, right, low[1])
+            increment[i, left:right] = scaled[i, left:right]
+    weight = 2.0
+    for _ in range(1, diffusion[2]):
+        weight = 1.0 / (1.0 - 0.25 * diffusion[1] * diffusion[1] * weight)
+        for first, last, left, right in rows:
+            for i in range(first, last):
+                _sweep(before, increment, scaled, share, nutrient.dtype.type(weight), i, left, right)
+        increment, before = before, increment
+    for first, last, left, right in rows:
+        for i in range(first, last):
+            nutrient[i + low[0], left + low[1] : right + low[1]] += increment[i, left:right]
+
+
+@array_kernel
+def _right_side(
+    scaled: Float[np.ndarray, " j"],
+    share: Float[np.ndarray, " j"],
+    row: Float[np.ndarray, " y"],
+    beside: tuple[Float[np.ndarray, " y"], Float[np.ndarray, " y"]],
+    union: float,
+    metabolic: float,
+    alpha: float,
+    left: int,
+    right: int,
+    low: int,
+) -> None:
+    """(1/diagonal) rhs and ½α / diagonal of one row, in whose `share` stands what covers it."""
+    kind = row.dtype.type
+    half, resting, rate, deep = kind(0.5 * alpha), kind(1.0 + 2.0 * alpha), kind(metabolic), kind(metabolic * union)
+    diffusing, nothing, one, four = kind(alpha), kind(0), kind(1), kind(4)
+    for j in range(left, right):
+        covered, c = share[j], row[j + low]
+        b = rate * covered
+        if union > 0:
+            b = deep * log(covered) if covered > one else nothing
+        around = beside[0][j + low] + beside[1][j + low] + row[j + low - 1] + row[j + low + 1]
+        inverse = one / (resting + kind(0.5) * b)
+        scaled[j] = inverse * (diffusing * (around - four * c) - b * c)
+        share[j] = inverse * half
+
+
+@array_kernel
+def _sweep(
+    before: Float[np.ndarray, "i j"],
+    x: Float[np.ndarray, "i j"],
+    scaled: Float[np.ndarray, "i j"],
+    share: Float[np.ndarray, "i j"],
+    weight: float,
+    i: int,
+    left: int,
+    right: int,
+) -> None:
+    """One row of the next iterate, which takes the place of the one before the last."""
+    old, up, down = before[i, left:right], x[i - 1, left:right], x[i + 1, left:right]
+    across, fixed, part = x[i, left - 1 : right + 1], scaled[i, left:right], share[i, left:right]
+    for j in range(right - left):
+        around = up[j] + down[j] + across[j] + across[j + 2]
+        old[j] += weight * (fixed[j] + part[j] * around - old[j])
+
+
+@array_kernel
+def _beyond(dtype: np.dtype) -> float:
+    """f / s from which a term is below a hundredth of the precision of 1, the least sum that counts."""
+    return 5.0 - log(np.finfo(dtype).eps)
+
+
+@array_kernel
+def _clipped(value: float, low: int, high: int) -> float:
+    """Between two bounds; what is no number is at the lower one."""
+    return min(max(value, float(low)), float(high)) if value == value else float(low)
