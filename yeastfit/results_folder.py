@@ -2,7 +2,8 @@
 
     OUT/manifest.json    what made the results, and the SHA-256 of each of their files
     OUT/…                the results
-    OUT/.yeastfit/       while a run is in the folder: its lock, owner.json, and results/, what it has made so far
+    OUT/.yeastfit/       while a run is in the folder: its lock, owner.json, results/, what it has made so far, and
+                         unfinished/, what the same command goes on with after a kill
 
 Results take their places when all of them are ready: the manifest of an earlier run is removed, then its files, then
 the new files are renamed into place, the manifest last. Before that owner.json lists the files of both, so that a run
@@ -28,7 +29,7 @@ from yeastfit.results_check import check_folder, listing, unwritable
 from yeastfit.results_contents import LOCK, MANIFEST, OWNER, Contents, Listed, changed_files, misplaced_files
 from yeastfit.storage import WORK, check_room, sha256_of, versions, write_json
 
-RESULTS = "results"
+RESULTS, UNFINISHED = "results", "unfinished"
 PATIENCE = 0.5  # seconds: a run that is just ending lets go of its lock
 
 
@@ -57,6 +58,11 @@ class ResultsFolder:
     def partial(self) -> Path:
         """Where results are written until all are ready."""
         return self.path / WORK / RESULTS
+
+    @property
+    def unfinished(self) -> Path:
+        """A folder for what the same command goes on with after it was broken off; removed by the command."""
+        return self.path / WORK / UNFINISHED
 
     def finish(
         self, *, inputs: Sequence[str | Path], seed: int | None = None, kept: Iterable[str] = (), **more: Any
@@ -133,7 +139,7 @@ class ResultsFolder:
         """Leave nothing behind but results, and what says that they are unfinished."""
         if not self._stays:
             _clear_work(self.path / WORK)
-            if self.finished or not self.earlier:
+            if self.finished or not (self.earlier or self.unfinished.exists()):
                 (self.path / WORK / OWNER).unlink(missing_ok=True)
 
     def _own(self, files: Listed) -> None:

@@ -1,5 +1,6 @@
 """`yeastfit simulate`: grow colonies, write their statistics as they grow and draw them."""
 
+import shutil
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
@@ -80,7 +81,8 @@ def simulate(
         results_folder(folder, "simulate", reads=reads, overwrite=overwrite) as results,
         shown_progress("growing colonies") as progress,
     ):
-        result = chosen.forward.grow(chosen.values, members, seed, named)
+        result = chosen.forward.keeping(results.unfinished).grow(chosen.values, members, seed, named)
+        shutil.rmtree(results.unfinished, ignore_errors=True)
         write_table(results.partial / "curves.csv", result.rows())
         result.save(results.partial / "simulation.npz")
         plot.save(plot.curves(result), results.partial / "curves.png")

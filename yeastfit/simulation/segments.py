@@ -29,6 +29,7 @@ from yeastfit.model.simulate import Observe, problems_of, step
 from yeastfit.model.snapshot import Snapshot
 
 Passed = Callable[[Colony, PyTree], bool]
+Keep = Callable[[Colony, Sequence[PyTree]], None]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -50,7 +51,12 @@ class Segments:
     model: Model
 
     def grown(
-        self, colony: Colony, samples: Sequence[int], passed: Passed | None = None
+        self,
+        colony: Colony,
+        samples: Sequence[int],
+        passed: Passed | None = None,
+        observed: Sequence[PyTree] = (),
+        keep: Keep | None = None,
     ) -> tuple[Colony, list[PyTree]]:
         """Grow a colony. Not differentiable.
 
@@ -59,11 +65,13 @@ class Segments:
             samples: Steps to observe, rising; the last ends the growth.
             passed: Whether the colony, with what was observed of it, has grown as far as it should. It is then
                 observed at the first step of which that holds, and grows no further.
+            observed: What was observed at the samples that the colony is beyond.
+            keep: Called after each segment with the colony, and what has been observed.
 
         Returns:
             The last state, and what was observed.
         """
-        observed: list[PyTree] = []
+        observed = list(observed)
         for sample in samples:
             while (done := int(colony.step)) < sample:
                 last = min(sample, self._before_event(done))
@@ -74,7 +82,14 @@ class Segments:
                     return colony, [*observed, found]
                 if last == sample:
                     observed.append(found)
+                if keep is not None:
+                    keep(colony, observed)
         return colony, observed
+
+    def shapes(self, colony: Colony) -> PyTree:
+        """Of what is observed of a colony."""
+        rules = self.parameters, self.relaxation, self.model
+        return jax.eval_shape(lambda one: self.observe(_before_steps(one, *rules)), colony)
 
     def _before_event(self, done: int) -> int:
         """The last step before the next division event, which begins a segment: few steps are lost where it is cut."""
@@ -133,9 +148,7 @@ def _advanced(
         return (snapshot.colony.step < last) & ~(snapshot.colony.problems.capacity_reached & widens)
 
     colony = dataclasses.replace(colony, problems=marked(colony.problems, jnp.zeros_like(earlier)))
-    first = Snapshot(
-        model.shape.cells(colony, parameters), jnp.zeros_like(colony.weights[0]), colony, parameters, relaxation
-    )
+    first = _before_steps(colony, parameters, relaxation, model)
     rules = parameters, relaxation, numerics, model
     snapshot = jax.lax.while_loop(goes_on, lambda one: step(one.colony, *rules)[1], first)
     problems = problems_of(snapshot.colony, parameters, numerics, model)
@@ -143,6 +156,11 @@ def _advanced(
     problems = marked(problems, problems.capacity_reached | earlier)
     snapshot = eqx.tree_at(lambda one: one.colony.problems, snapshot, problems)
     return snapshot.colony, _seen_if(seen, observe, snapshot), cut
+
+
+def _before_steps(colony: Colony, parameters: Parameters, relaxation: Relaxation, model: Model) -> Snapshot:
+    cells, nothing = model.shape.cells(colony, parameters), jnp.zeros_like(colony.weights[0])
+    return Snapshot(cells, nothing, colony, parameters, relaxation)
 
 
 def _seen_if(seen: Bool[Array, ""], observe: Observe, snapshot: Snapshot) -> PyTree:

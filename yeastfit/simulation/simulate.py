@@ -4,6 +4,7 @@ import time as clock
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
+from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
 
 import equinox as eqx
@@ -25,9 +26,8 @@ from yeastfit.model.relaxation import Relaxation
 from yeastfit.model.simulate import Schedule, trajectory
 from yeastfit.model.snapshot import Snapshot
 from yeastfit.seeds import key_of
-from yeastfit.simulation.large_ensemble import member_of, on_all_devices, stacked, together
+from yeastfit.simulation.ensemble_in_segments import grown_in_segments
 from yeastfit.simulation.result import Simulation
-from yeastfit.simulation.segments import Segments
 from yeastfit.simulation.until import Until
 
 SHORT = 4096  # nodes: a colony that cannot come to more is grown by one program
@@ -65,6 +65,7 @@ def simulate(
     observe: Observer | None = None,
     scales: Scales | None = None,
     throw: bool = True,
+    keep: str | Path | None = None,
 ) -> Simulation:
     """Grow one colony, or an ensemble of them.
 
@@ -103,6 +104,8 @@ def simulate(
         scales: Units of the result's tables.
         throw: Whether a time step too large for the springs, or a state that is not finite, is an error. Otherwise
             they are among the result's warnings.
+        keep: Folder in which colonies that grow in segments are kept as they grow, every half minute. If the process is
+            ended, the same call goes on from there. Files are removed when all colonies have grown.
 
     Returns:
         A `Simulation`; show its `warnings()` to users.
@@ -140,7 +143,6 @@ def simulate(
     kept = numerics.state_size + len(schedule.steps) * getattr(observe, "sample_size", 0.0)
     check_count("members", members, kept)
     batched = _per_member(parameters, members)
-    rules = schedule, relaxation, numerics, observe, model
     if end is None and (traced or is_small(float(np.asarray(schedule.steps)[-1] - since) * numerics.dt, numerics)):
         short = numerics if traced or numerics.room <= SHORT else replace(numerics, capacity=None)
         colony, observed = on_one_device(_run(batched, began, schedule, relaxation, short, observe, model))
@@ -149,7 +151,11 @@ def simulate(
     else:
         done = False
     if not done:
-        colony, observed = _in_segments(batched, began, *rules, end)
+        few = replace(numerics, capacity=min(FIRST_ROOM, numerics.most_room))
+        samples = np.asarray(schedule.steps).tolist()
+        colony, observed = grown_in_segments(
+            batched, began, samples, relaxation, numerics, few, observe, model, end, keep
+        )
     reached = None if end is None else end.times_reached(colony, observed, numerics)
     if throw and not traced:
         _check_steps(colony, batched, numerics, model)
@@ -253,31 +259,6 @@ def _run(
 def is_small(time: float, numerics: Numerics) -> bool:
     """Whether colonies are grown by one program first, whose arrays have one length."""
     return most_nodes(time) <= SHORT or (numerics.capacity is not None and numerics.capacity <= FIRST_ROOM)
-
-
-def _in_segments(
-    parameters: Parameters,
-    began: Array | Colony,
-    schedule: Schedule,
-    relaxation: Relaxation,
-    numerics: Numerics,
-    observe: Observer,
-    model: Model,
-    until: Until | None,
-) -> tuple[Colony, PyTree]:
-    """Each member on its own, by `Segments`."""
-    samples = np.asarray(schedule.steps).tolist()
-    few = replace(numerics, capacity=min(FIRST_ROOM, numerics.most_room))
-
-    def grown(member: int) -> tuple[Colony, PyTree]:
-        how = Segments(member_of(parameters, member), relaxation, numerics, observe, model)
-        first = began[member] if not isinstance(began, Colony) else member_of(began, member)
-        colony = first if isinstance(first, Colony) else model.start(first, few)
-        colony, observed = how.grown(colony, samples, None if until is None else until.passed)
-        return colony, stacked(observed)
-
-    colonies, observed = zip(*on_all_devices(grown, parameters.diffusivity.shape[0]), strict=True)
-    return together(list(colonies), model), stacked(list(observed))
 
 
 def _per_member(parameters: Parameters, members: int) -> Parameters:

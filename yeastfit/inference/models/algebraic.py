@@ -1,7 +1,7 @@
 """The algebraic model (docs/model.md), composed of rules, as commands see it."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any, ClassVar
 
@@ -130,6 +130,9 @@ class Algebraic(ForwardModel):
         float,
         Setting("Maximal growth rate μ* of the cells, per hour. Model time is in units of 1/μ*.", commands=DATA),
     ] = Scales.rate
+    kept: Annotated[
+        Path | None, Setting("Folder in which large colonies are kept as they grow.", commands=("python",))
+    ] = None
     length: Annotated[
         float, Setting("Mean length L0 of a cell, in µm. Model lengths are in units of L0.", commands=DATA)
     ] = Scales.length
@@ -247,7 +250,12 @@ class Algebraic(ForwardModel):
             relaxation=HARD if self.hard else Relaxation(),
             observe=self._photographed(statistics) if statistics else None,
             scales=self.scales,
+            keep=self.kept,
         )
+
+    def keeping(self, folder: Path) -> "Algebraic":
+        """The same, keeping colonies that grow in segments."""
+        return replace(self, kept=folder)
 
     def _photographed(self, statistics: Sequence[str]) -> HardStatistics:
         """Statistics of black-and-white images of the whole dish.

@@ -216,6 +216,10 @@ class ForwardModel(ABC):
         """
         raise InputError(f"--model: {type(self).__name__} has no `grow`, which simulate needs: use fit or infer")
 
+    def keeping(self, folder: Path) -> "ForwardModel":
+        """The same model, whose `grow` keeps in a folder what it goes on from when it is broken off, if it can."""
+        return self
+
     def movie(self, values: Mapping[str, float], seed: int, frames: int) -> Iterator[list[Panel]]:
         """What the first colony of `grow` looks like at so many moments from its beginning to its end.
 
