@@ -276,7 +276,10 @@ def test_a_capacity_limits_colonies_of_every_command(command: str) -> None:
     chosen = ModelOptions(command).read({"capacity": 20_000})
     assert chosen.configuration(command)["capacity"] == 20_000
     targets = Targets.from_means({"radius": [1.0, 9.0]}, times=[1.0, 15.0], replicates=5, imaging=Imaging(extent=9.0))
-    for one in (chosen.forward.simulator(targets, ["mobility"], {}), *chosen.forward.fit_simulators(targets, ["mobility"], {})):
+    for one in (
+        chosen.forward.simulator(targets, ["mobility"], {}),
+        *chosen.forward.fit_simulators(targets, ["mobility"], {}),
+    ):
         assert isinstance(one, ColonySimulator)
         assert one.curves.numerics.capacity == 20_000
     with pytest.raises(InputError, match="capacity is 1, it must be a whole number of nodes, at least 2"):
