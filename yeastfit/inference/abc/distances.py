@@ -11,18 +11,18 @@ than 5 % off the observed one, and compare by the other statistics. Kernels K_ε
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
 from jaxtyping import Float
-from scipy.linalg import solve_triangular
 
 from yeastfit.errors import InputError
+from yeastfit.inference.curve_covariance import Square, correlation_root, whitened
 
 KernelName = Literal["indicator", "gaussian"]
 KERNELS: tuple[KernelName, ...] = ("indicator", "gaussian")
 NEAR_AREA = 0.05  # of the observed one
-ROUNDING = 1e-10  # of the largest eigenvalue of correlations: smaller ones are rounding errors
 
 Statistics = Float[np.ndarray, "draw statistic"]
 Vector = Float[np.ndarray, " statistic"]
@@ -91,9 +91,7 @@ class Mahalanobis:
             raise InputError(f"covariance has shape {self.covariance.shape}, it must be symmetric, {count} by {count}")
         if (variances <= 0).any():
             raise InputError(f"covariance: statistic {np.argmin(variances)} does not vary, leave it out")
-        correlation = self.covariance / np.sqrt(np.outer(variances, variances))
-        if np.linalg.eigvalsh(correlation)[0] <= ROUNDING:
-            raise InputError("covariance is singular: estimate it from more simulations than there are statistics")
+        _ = self._root
 
     @staticmethod
     def of(observed: Vector, simulated: Statistics) -> "Mahalanobis":
@@ -108,11 +106,15 @@ class Mahalanobis:
 
     def __call__(self, simulated: Statistics) -> Float[np.ndarray, " draw"]:
         """d of Mahalanobis."""
-        scale = np.sqrt(np.diag(self.covariance))
-        root = np.linalg.cholesky(self.covariance / np.outer(scale, scale))
+        scale, root = self._root
         differences, whole = _differences(simulated, self.observed, scale)
-        white = solve_triangular(root, differences.T, lower=True).T
-        return np.where(whole, np.linalg.norm(white, axis=1), np.inf)
+        return np.where(whole, np.linalg.norm(whitened(root, differences.T).T, axis=1), np.inf)
+
+    @cached_property
+    def _root(self) -> tuple[Vector, Square]:
+        """Standard deviations, and the root of the correlations. Raise `InputError` where these are singular."""
+        of, advice = f"{len(self.observed)} statistics", "estimate it from more simulations than there are statistics"
+        return correlation_root(self.covariance, argument="covariance", of=of, advice=advice)
 
 
 def log_kernel(kernel: KernelName, distance: Float[np.ndarray, " draw"], epsilon: float) -> Float[np.ndarray, " draw"]:
