@@ -25,7 +25,7 @@ import numpy as np
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, PyTree
 
-from yeastfit.derivatives.result import Comparison, GradientCheck
+from yeastfit.derivatives.result import AGREES, DerivativeComparison, GradientCheck
 from yeastfit.errors import InputError
 from yeastfit.progress import Progress, silent
 
@@ -85,7 +85,7 @@ def compare(
     seed: int,
     progress: Progress = silent,
     of: Callable[[PyTree], PyTree] = lambda outputs: outputs,
-) -> tuple[tuple[Comparison, ...], dict[str, PyTree]]:
+) -> tuple[tuple[DerivativeComparison, ...], dict[str, PyTree]]:
     """Comparisons of `of(outputs)`, where `pair` gives outputs and decisions; and J d of all outputs, by direction."""
 
     def flat(x: PyTree) -> tuple[Array, PyTree]:
@@ -111,7 +111,7 @@ def compare(
         numbers = np.stack([forward[name], other, uncertainty + np.abs(noise[name]), scale], axis=-1)
         for (output, index), (f, o, u, s) in zip(labels, numbers.tolist(), strict=True):
             verdict = _verdict(f, o, u, tolerance * s, crossed)
-            found.append(Comparison("differences", name, output, index, f, o, u, s, verdict))
+            found.append(DerivativeComparison("differences", name, output, index, f, o, u, s, verdict))
     progress("reverse mode", 1.0)
     # every output counts alike
     largest = np.max([np.abs(tangent) for tangent in forward.values()], axis=0, initial=0.0)
@@ -123,7 +123,7 @@ def compare(
         f, o, s = float(terms.sum()), float(back.sum()), float(np.abs(terms).sum())
         u = abs(float((v * noise[name]).sum())) if f != o else 0.0
         verdict = _verdict(f, o, u, TRANSPOSE * s, crossed=not _same(decided, chosen[name]))
-        found.append(Comparison("transpose", name, "all", (), f, o, u, s, verdict))
+        found.append(DerivativeComparison("transpose", name, "all", (), f, o, u, s, verdict))
     return tuple(found), tangents
 
 
@@ -163,7 +163,7 @@ def _verdict(forward: float, other: float, uncertainty: float, slack: float, cro
     if not np.isfinite(gap):
         return "not finite"
     if gap <= slack and uncertainty <= 10 * slack:
-        return "agrees"
+        return AGREES
     return "differs" if gap > slack + 2 * uncertainty and uncertainty < 0.1 * abs(other) + slack else "uncertain"
 
 

@@ -100,7 +100,8 @@ def check_gradients(
                 curves, origin, along, tolerance, steps, 0, progress, of=lambda outputs: outputs[0]
             )
             growth = {name: np.linalg.norm(tangent[1], axis=-1).max(axis=-1) for name, tangent in tangents.items()}
-    remarks += _useless(growth, float(seen[-1] * numerics.dt))
+    kinds = {name: _kind(move) for name, move in along.items()}
+    remarks += _useless(growth, kinds, float(seen[-1] * numerics.dt))
     return GradientCheck(
         comparisons, tolerance, tuple(wanted * numerics.dt), tuple(seen * numerics.dt), growth, tuple(remarks)
     )
@@ -164,6 +165,11 @@ def _directions(origin: Moves, names: Iterable[str], numerics: Numerics, draws: 
             d = rng.normal(size=origin[name].shape) * where
             found[f"{name} {k + 1}"] = zero | {name: jnp.asarray(d / np.abs(d).max())}
     return found | {f"budding {k + 1}": zero | {"budding": jnp.eye(draws)[k]} for k in range(draws)}
+
+
+def _kind(move: Moves) -> str:
+    """What a direction moves."""
+    return next(kind for kind, amounts in move.items() if np.any(amounts))
 
 
 def _check_scalars(parameters: Parameters) -> None:
@@ -237,13 +243,13 @@ def _chatter(values: Parameters, relaxation: Relaxation, numerics: Numerics) -> 
     ]
 
 
-def _useless(growth: dict[str, np.ndarray], time: float) -> list[str]:
-    """Whether derivatives of this colony have outgrown any change one could make."""
+def _useless(growth: dict[str, np.ndarray], kinds: dict[str, str], time: float) -> list[str]:
+    """Whether derivatives of this colony have outgrown any change one could make; `kinds` of the directions."""
     sizes = {name: float(np.nan_to_num(values[-1], nan=np.inf)) for name, values in growth.items()}
-    worst = max((name for name in sizes if name.startswith("log ")), key=sizes.__getitem__)
+    worst = max((name for name in sizes if kinds[name] in ("λ", "widths")), key=sizes.__getitem__)
     if sizes[worst] <= LARGEST:
         return []
-    rate = np.log(max(size for name, size in sizes.items() if name.startswith("positions"))) / time
+    rate = np.log(max(size for name, size in sizes.items() if kinds[name] == "positions")) / time
     return [
         f"by t = {time:g} a change of {worst} by 0.01 moves a node by {sizes[worst] / 100:.3g} L0 to first order, and "
         f"displacements have grown as exp({rate:.2g} t): exact for this colony, but useless for any change, and not "

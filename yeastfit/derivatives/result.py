@@ -7,8 +7,9 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+AGREES = "agrees"
 VERDICTS = {
-    "agrees": "agree",
+    AGREES: "agree",
     "crossed": "were not compared: every step crosses a change of the order of parents, or another discrete decision",
     "uncertain": "could not be compared: differences are all kinks, curvature and rounding",
     "differs": "differ",
@@ -17,7 +18,7 @@ VERDICTS = {
 
 
 @dataclass(frozen=True)
-class Comparison:
+class DerivativeComparison:
     """One derivative by JAX and by another method.
 
     Attributes:
@@ -62,7 +63,7 @@ class GradientCheck:
         remarks: On the model itself.
     """
 
-    comparisons: tuple[Comparison, ...]
+    comparisons: tuple[DerivativeComparison, ...]
     tolerance: float
     times: tuple[float, ...] = ()
     growth_times: tuple[float, ...] = ()
@@ -72,7 +73,7 @@ class GradientCheck:
     @property
     def passed(self) -> bool:
         """Whether all comparisons agree; what could not be compared has not passed."""
-        return bool(self.comparisons) and all(c.verdict == "agrees" for c in self.comparisons)
+        return bool(self.comparisons) and all(c.verdict == AGREES for c in self.comparisons)
 
     @property
     def counts(self) -> dict[str, int]:
@@ -82,8 +83,10 @@ class GradientCheck:
 
     def warnings(self) -> list[str]:
         """What does not agree, and what makes derivatives of one colony useless though they are right."""
-        bad = [f"{n} of {len(self.comparisons)} derivatives {VERDICTS[v]}" for v, n in self.counts.items()]
-        return [line for line in bad if not line.endswith(" agree")] + list(self.remarks)
+        bad = {verdict: count for verdict, count in self.counts.items() if verdict != AGREES}
+        return [f"{n} of {len(self.comparisons)} derivatives {VERDICTS[v]}" for v, n in bad.items()] + list(
+            self.remarks
+        )
 
     def rows(self) -> list[dict[str, Any]]:
         """Tidy table: one row per comparison."""
@@ -104,7 +107,7 @@ class GradientCheck:
                     "worst": self._of(worst),
                     "derivative": f"{worst.forward:.4g}",
                     "error": "" if np.isnan(worst.error) else f"{worst.error:.0e}",
-                    "verdict": worst.verdict + ("" if reverse.verdict == "agrees" else f", reverse {reverse.verdict}"),
+                    "verdict": worst.verdict + ("" if reverse.verdict == AGREES else f", reverse {reverse.verdict}"),
                 }
             )
         return lines
@@ -122,9 +125,9 @@ class GradientCheck:
         table = ["  ".join(map(str.ljust, line, widths)).rstrip() for line in lines]
         return "\n".join([*table, self.status, *(f"warning: {line}" for line in self.warnings())])
 
-    def _time(self, c: Comparison) -> float | None:
+    def _time(self, c: DerivativeComparison) -> float | None:
         return float(self.times[c.index[0]]) if self.times and c.index else None
 
-    def _of(self, c: Comparison) -> str:
+    def _of(self, c: DerivativeComparison) -> str:
         time = self._time(c)
         return c.output + (f" t={time:g}" if time is not None else f" {list(c.index)}" if c.index else "")
