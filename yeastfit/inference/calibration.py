@@ -31,7 +31,7 @@ from yeastfit.progress import Progress, silent
 
 
 @dataclass(frozen=True)
-class Pairs(Wrapper):
+class PairedDataSets(Wrapper):
     """A simulator of two independent data sets at each λ, beside each other in a row."""
 
     @property
@@ -93,7 +93,7 @@ def calibrate(
         replicates, noise = near.replicates, near.noise
     blank = np.zeros(len(simulator.observables)) if near is None else near.observed
     one = Problem.of(simulator, prior, blank, replicates, noise)  # type: ignore[arg-type]
-    make, both = one.data_sets(simulator, replicates), simulator if near is None else Pairs(simulator)
+    make, both = one.data_sets(simulator, replicates), simulator if near is None else PairedDataSets(simulator)
     if near is not None and noise is not None:
         noise = block_diag(noise, noise)
     truths, ranks, failed, warned = [], [], list[str](), 0

@@ -35,6 +35,6 @@ class Descent:
     correction: Correction | None = None
 
 
-def apart(first: Vector, second: Vector) -> bool:
+def are_different(first: Vector, second: Vector) -> bool:
     """Whether two points are not the same place."""
     return bool((np.abs(first - second) > APART).any())

@@ -57,7 +57,7 @@ FEWEST_FINE = 4  # fine simulations that tell a covariance at all
 
 
 @dataclass(frozen=True)
-class Ensemble:
+class EnsembleRows:
     """Rows of one ensemble's simulations, and the rows of the design that its pairs were simulated at."""
 
     rows: Rows
@@ -84,7 +84,7 @@ class JointModel:
     error: Float[np.ndarray, "observable entry"]
     correlation: Square
     conditions: dict[str, LocalModel]
-    ensembles: dict[str, Ensemble]
+    ensembles: dict[str, EnsembleRows]
 
 
 @dataclass(frozen=True)
@@ -168,7 +168,7 @@ class Ensembles:
         Returns:
             For each place its model, or an error where simulations came to nothing.
         """
-        found: list[dict[str, Ensemble]] = [{} for _ in places]
+        found: list[dict[str, EnsembleRows]] = [{} for _ in places]
         for condition, simulator in self.simulators.items():
             columns, count = self.space.columns(condition), self.pairs(condition, members, full)
             units = hadamard_design(count, len(columns), np.random.default_rng(self.seed))
@@ -177,7 +177,7 @@ class Ensembles:
             seeds = np.tile(member_seeds(self.seed, count), 2 * len(places))
             rows = self._simulate(simulator, self.space.values(condition, points), seeds)
             for each, some in zip(found, np.split(rows, len(places)), strict=True):
-                each[condition] = Ensemble(some, units)
+                each[condition] = EnsembleRows(some, units)
         models: list[JointModel | SimulationError] = []
         for place, each in zip(places, found, strict=True):
             try:
@@ -255,7 +255,7 @@ class Ensembles:
     def _simulate(self, simulator: Simulator, values: np.ndarray, seeds: np.ndarray) -> Rows:
         return Counted(simulator, self.tally)(values, seeds)
 
-    def _joint(self, theta: Vector, ensembles: Sequence[dict[str, Ensemble]], spread: float) -> JointModel:
+    def _joint(self, theta: Vector, ensembles: Sequence[dict[str, EnsembleRows]], spread: float) -> JointModel:
         """Of ensembles at one place, or at several close to θ."""
         entries, conditions = len(self.space.entries), dict[str, LocalModel]()
         jacobians, errors = list[np.ndarray](), list[np.ndarray]()

@@ -9,7 +9,7 @@ import numpy as np
 from yeastfit.errors import SimulationError
 from yeastfit.inference.colony_simulator import Resolution
 from yeastfit.inference.curve_covariance import Square, whitened
-from yeastfit.inference.fit.descent import Descent, apart
+from yeastfit.inference.fit.descent import Descent, are_different
 from yeastfit.inference.fit.ensemble import Ensembles, JointModel
 from yeastfit.inference.fit.evaluations import Start, Step
 from yeastfit.inference.fit.final_estimate import conditions, last_step, verdict
@@ -93,7 +93,7 @@ class Fitter:
         ranked = points[np.argsort(np.where(np.isfinite(cost), cost, np.inf))][: int(np.isfinite(cost).sum())]
         chosen: list[Vector] = []
         for point in ranked:
-            if len(chosen) < settings.starts and all(apart(point, other) for other in chosen):
+            if len(chosen) < settings.starts and all(are_different(point, other) for other in chosen):
                 chosen.append(point)
         if not chosen:
             met = "".join(f"; {problem}" for problem in self.ensembles.problems)
@@ -203,7 +203,7 @@ class Fitter:
             raise SimulationError("no start led anywhere: " + "; ".join(one.ended for one in descents))
         chosen = alive[:1]
         for one in alive[1:]:
-            elsewhere = all(apart(one.theta, other.theta) for other in chosen)
+            elsewhere = all(are_different(one.theta, other.theta) for other in chosen)
             if len(chosen) < CARRIED and elsewhere and one.cost < alive[0].cost + margin:
                 chosen.append(one)
         return chosen
@@ -267,7 +267,7 @@ class Fitter:
             said.append(f"{entry.name} ran to an end of its range, {low:g} to {high:g}: its error is not to be trusted")
         said += result.misfit()
         for one in descents[1:]:
-            if apart(one.theta, result.theta):
+            if are_different(one.theta, result.theta):
                 where, more = self.space.described(one.theta), one.cost - descents[0].cost
                 said.append(f"another start ended at {where}, where χ² is only {more:.1f} higher")
         return (*said, *(f"{count} simulations of the last stage: {problem}" for problem, count in met.items()))

@@ -50,7 +50,7 @@ class Micrograph:
     path: Path
 
 
-class Contents(NamedTuple):
+class ImageContents(NamedTuple):
     """What a file holds.
 
     Attributes:
@@ -124,7 +124,7 @@ def read_micrograph(path: str | Path, pixel_size: float | None = None, frame: in
     return Micrograph(contents.pixels, sqrt(x * y), source, path)
 
 
-def _read(path: Path, frame: int | None = None) -> Contents:
+def _read(path: Path, frame: int | None = None) -> ImageContents:
     if path.is_dir():
         raise InputError(f"{path}: is a directory, need a TIFF, PNG or JPEG file")
     if path.exists() and not path.is_file():  # a pipe would be waited for
@@ -143,10 +143,10 @@ def _read(path: Path, frame: int | None = None) -> Contents:
     except Exception as error:  # a damaged file makes readers raise anything at all
         reason = getattr(error, "strerror", None) or " ".join(str(error).split()) or type(error).__name__
         raise InputError(f"{path}: cannot be read ({reason[:200]}), need an intact TIFF, PNG or JPEG file") from error
-    return Contents(_finite(pixels, path), sizes, remark)
+    return ImageContents(_finite(pixels, path), sizes, remark)
 
 
-def _reader(path: Path, start: bytes) -> Callable[[Path, BinaryIO, int | None], Contents]:
+def _reader(path: Path, start: bytes) -> Callable[[Path, BinaryIO, int | None], ImageContents]:
     if not start:
         raise InputError(f"{path}: is empty (0 bytes), need a TIFF, PNG or JPEG file")
     if start[:4] in (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+"):
@@ -211,7 +211,7 @@ def _to_grey(values: npt.NDArray[Any], path: Path) -> Grey:
         return values.astype(np.float32)
 
 
-def _read_tiff(path: Path, file: BinaryIO, frame: int | None = None) -> Contents:
+def _read_tiff(path: Path, file: BinaryIO, frame: int | None = None) -> ImageContents:
     import tifffile
 
     with tifffile.TiffFile(file) as tif:
@@ -229,7 +229,7 @@ def _read_tiff(path: Path, file: BinaryIO, frame: int | None = None) -> Contents
             raise InputError(f"{path}: is cut short at {held} bytes of {max(ends)}, need the whole file")
         _check_stored(path, page)
         sizes, remark = tiff_sizes(tif, page)
-        return Contents(_tiff_pixels(page, path, file), sizes, remark)
+        return ImageContents(_tiff_pixels(page, path, file), sizes, remark)
 
 
 def _tiff_pixels(page: Any, path: Path, file: BinaryIO) -> Grey:
@@ -252,7 +252,7 @@ def _tiff_pixels(page: Any, path: Path, file: BinaryIO) -> Grey:
     return _to_grey(values, path)
 
 
-def _read_pillow(path: Path, file: BinaryIO, frame: int | None = None) -> Contents:
+def _read_pillow(path: Path, file: BinaryIO, frame: int | None = None) -> ImageContents:
     from PIL import Image, UnidentifiedImageError
 
     with catch_warnings():
@@ -277,4 +277,4 @@ def _read_pillow(path: Path, file: BinaryIO, frame: int | None = None) -> Conten
             converted = image
         else:
             raise InputError(f"{path}: colour mode {image.mode}, need greyscale, palette, RGB or RGBA")
-        return Contents(_to_grey(np.asarray(converted), path), sizes, remark)
+        return ImageContents(_to_grey(np.asarray(converted), path), sizes, remark)
