@@ -38,8 +38,12 @@ from yeastfit.simulation.simulate import SHORT, member_keys, schedule_of, simula
 from yeastfit.specification import Specification, found_at, module_outside, path_of
 
 DEFAULT_FREE = ("mobility", "metabolic_rate", "aspect_ratio")
+FARTHER = 1.3  # times as far as any colony of the data: simulated ones that reach farther are not measured whole
 MARGIN = 3.0  # L0 between a colony and the edge of the dish: several diffusion lengths, nutrient is untouched there
-OUTLINE_PIXEL = 0.05  # L0, of `outlines`
+OUTLINE_PIXEL, AROUND = (
+    0.05,
+    1.5,
+)  # L0, of `outlines`: a pixel, and what is shown around the farthest node
 SMALLEST = 4.0  # L0: no colony's domain is narrower
 
 
@@ -116,15 +120,15 @@ class ColonySimulator:
         dt, spacing, times = resolution.dt, resolution.spacing, targets.times
         if times[0] < dt or (np.diff(times) < dt).any():
             raise InputError(f"targets: times are {times}, they must be at least dt = {dt:g} apart: lower dt")
-        side = 2.6 * imaging.extent / spacing
-        check_memory(POINT * side * side, f"spacing is {spacing:g}, which over {2.6 * imaging.extent:.3g} L0")
-        domain = 2 * spacing * np.ceil((1.3 * imaging.extent + MARGIN) / spacing)
+        farthest = FARTHER * imaging.extent
+        seen = 2 * farthest
+        check_memory(POINT * (seen / spacing) ** 2, f"spacing is {spacing:g}, which over {seen:.3g} L0")
+        domain = 2 * spacing * np.ceil((farthest + MARGIN) / spacing)
         model = model or Model()
         most, room = most_nodes(float(times[-1]), model.births.doublings), resolution.capacity
         if most <= SHORT and (room is None or room > SHORT):  # arrays have room for what can be, not for what may
             room = most
         numerics = Numerics(domain=float(domain), spacing=spacing, dt=dt, capacity=room)
-        seen = 2.6 * imaging.extent
         if imaging.estimator == "smooth":
             observe: SmoothStatistics | HardStatistics = SmoothStatistics(
                 seen, imaging.spacing, imaging.smoothing, statistics=targets.names
@@ -191,7 +195,16 @@ class ColonySimulator:
         return found
 
     def outlines(self, values: Values, time: float, seed: int = 0) -> list[Bool[np.ndarray, "x y"]]:
-        """Where the cells of one colony are, grown to `time`, at each row; `OUTLINE_PIXEL` a pixel."""
+        """Draw one colony at each row.
+
+        Arguments:
+            values: Free parameters.
+            time: At which, in 1/μ*.
+            seed: Of the colonies.
+
+        Returns:
+            Where the cells of each colony are; `OUTLINE_PIXEL` a pixel.
+        """
         numerics = self.curves.numerics
         model, logs = self.curves.model, jnp.asarray(self.logarithms(values), jnp.result_type(float))
         parameters = Parameters.from_array(model.parameters.names, jnp.exp(logs))
@@ -201,7 +214,7 @@ class ColonySimulator:
         grown = simulate(parameters, keys, times=[time], **how).colony  # type: ignore[arg-type]
         places = np.abs(np.asarray(grown.positions)[np.asarray(grown.alive)])
         farthest = places.max(where=np.isfinite(places), initial=0.0)  # what is not finite is not in the picture
-        points = 2 * int(np.ceil((float(farthest) + 1.5) / OUTLINE_PIXEL)) + 1
+        points = 2 * int(np.ceil((float(farthest) + AROUND) / OUTLINE_PIXEL)) + 1
         each = (jax.tree.map(itemgetter(k), (grown, parameters)) for k in range(len(values)))
         width = OUTLINE_PIXEL * (points - 1)
         return [mask_of(colony, its, HARD, width, points, model.shape) for colony, its in each]

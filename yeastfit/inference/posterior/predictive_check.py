@@ -153,7 +153,7 @@ def predict(
     if len(labels) != len(observed):
         raise InputError(f"simulator is of {len(labels)} statistics, the data of {len(observed)}")
     simulator = simulator_of_draws(simulator, draws_of.free)
-    drawn, simulated = (2, 3) if prior else (0, 1)
+    drawn, simulated = (2, 3) if prior else (0, 1)  # numbers of the streams of draws and of their simulations
     rng = np.random.default_rng(stream_of(seed, Stream.PREDICTIVE, drawn))
     values = draws_of.prior.sample(draws, rng) if prior else draws_of.drawn(draws, rng)
     seeds = np.array(

@@ -5,8 +5,8 @@ when λ changes a little says nothing about another. Two estimators:
 
 **Regression** (`paired_regression`) simulates away from λ, in pairs at log λ ± spread · ε, and needs no derivative, so
 any simulator will do. Its bias, of order spread², is two or three standard errors of 256 colonies at spread 0.2 and a
-fraction of one at 0.1. Were all simulations independent, n of them would tell seven parameters with a seventh of the
-variance of n simulations of central differences; common seeds help those more.
+fraction of one at 0.1. Were all simulations independent, n of them would tell p parameters with 1/p of the variance of
+n simulations of central differences; common seeds help those more.
 
 **Pathwise** (`pathwise`) differentiates single simulations, where the simulator can: colonies, by forward mode.
 
@@ -21,6 +21,7 @@ import time as clock
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from enum import IntEnum
 from typing import get_args
 
 import jax
@@ -46,7 +47,13 @@ from yeastfit.observable import Observable
 from yeastfit.progress import Progress
 from yeastfit.seeds import key_of
 
-REGRESSION, MEAN, PATHS = range(3)  # streams of seeds
+
+class Part(IntEnum):
+    """What simulations are for: each part has seeds of its own."""
+
+    REGRESSION = 0
+    MEAN = 1
+    PATHS = 2
 
 
 @dataclass
@@ -142,7 +149,7 @@ class Estimator:
         self.progress("the mean", 0.0)
         began = clock.perf_counter()
         self.spent["mean"] = max(8, self.runs // 4)
-        seeds = self._seeds(MEAN, self.spent["mean"])
+        seeds = self._seeds(Part.MEAN, self.spent["mean"])
         rows = self.simulator(np.tile(self.values, (len(seeds), 1)), seeds)
         if np.isfinite(rows).all(axis=1).sum() < 2:
             raise SimulationError(f"{len(rows)} simulations at {self._where()} came to nothing (not finite)")
@@ -153,7 +160,7 @@ class Estimator:
         """Mean and derivative from pairs around λ."""
         self.progress("regression", 0.1)
         began = clock.perf_counter()
-        seeds = self._seeds(REGRESSION, self.runs // 2)
+        seeds = self._seeds(Part.REGRESSION, self.runs // 2)
         units = hadamard_design(len(seeds), len(self.values), np.random.default_rng(self.seed))
         points = paired_points(np.log(self.values), units, self.spread)
         rows = self.simulator(np.exp(points), np.concatenate([seeds, seeds]))
@@ -165,7 +172,7 @@ class Estimator:
         """Add the pathwise part, where there is use for one; how much outliers weigh in it."""
         self.progress("pathwise", 0.7)
         began = clock.perf_counter()
-        found = pathwise(self.values, self._seeds(PATHS, self.paths), rows, whole=self.method == "pathwise")
+        found = pathwise(self.values, self._seeds(Part.PATHS, self.paths), rows, whole=self.method == "pathwise")
         if found is None:
             return np.ones(len(self.observables))
         parts["pathwise"] = found.estimate
@@ -182,8 +189,8 @@ class Estimator:
         share = np.full(len(self.observables), float(name == "pathwise"))
         return parts[name].jacobian, parts[name].error, share
 
-    def _seeds(self, stream: int, count: int) -> Seeds:
-        return member_seeds(jax.random.fold_in(key_of(self.seed), stream), count)
+    def _seeds(self, part: Part, count: int) -> Seeds:
+        return member_seeds(jax.random.fold_in(key_of(self.seed), int(part)), count)
 
     def _say(self, part: str, met: Counter[str]) -> None:
         self.warnings += [f"{part}: {count} simulations: {problem}" for problem, count in met.items()]
