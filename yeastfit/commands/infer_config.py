@@ -12,7 +12,7 @@ from yeastfit.inference.posterior.predictive_check import FEWEST
 from yeastfit.inference.posterior.prior import Prior
 from yeastfit.inference.posterior.sampler import Sampler
 from yeastfit.inference.posterior.variation import Variation
-from yeastfit.inference.samplers import SAMPLERS, name_of, sampler_of, settings_of
+from yeastfit.inference.samplers import SAMPLERS, check_variation, name_of, sampler_of, settings_of
 from yeastfit.memory import check_count
 from yeastfit.parameter_set import ParameterSet
 
@@ -38,7 +38,7 @@ class Request:
         measurement_error: Relative, of the means; by default as the registry of statistics has it.
         variation: That parameters scatter between colonies.
         leave_out: Groups into which colonies are dealt, each left out once and predicted by the others; 0 for none.
-        reuse: Folder of another run whose simulations serve again.
+        reuse: Folder of another run whose simulations are used again.
         seed: Same seed, same posterior.
 
     Raises:
@@ -64,10 +64,10 @@ class Request:
 
     def __post_init__(self) -> None:
         check_count("draws", self.draws)
-        if self.variation is not None and not getattr(self.sampler, "varies", False):
-            raise InputError(
-                f"--variation: {name_of(self.sampler)} takes all colonies for those of one λ: leave it out"
-            )
+        try:
+            check_variation(self.sampler, self.variation)
+        except InputError as error:
+            raise InputError(f"--{error}") from None
         if self.prior_draws and self.prior_draws < FEWEST:
             raise InputError(f"--prior-draws is {self.prior_draws}, it must be 0 or at least {FEWEST}")
         if self.leave_out < 0 or self.leave_out == 1:

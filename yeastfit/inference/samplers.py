@@ -99,11 +99,7 @@ def infer(
 
 def sample(problem: Problem, sampler: Sampler, store: Simulations, seed: int, progress: Progress) -> Posterior:
     """`infer` for a problem and a sampler that are made already."""
-    if problem.variation is not None and not getattr(sampler, "varies", False):
-        able = ", ".join(name for name, kind in SAMPLERS.items() if getattr(kind, "varies", False))
-        raise InputError(
-            f"variation: {name_of(sampler)} takes all colonies for those of one λ: leave it out, or use {able}"
-        )
+    check_variation(sampler, problem.variation)
     began = time.perf_counter()
     posterior = sampler.run(problem, store, seed, progress)
     seconds = time.perf_counter() - began
@@ -124,6 +120,15 @@ def sampler_of(method: str, settings: Mapping[str, Any]) -> Sampler:
             what = f"a setting of {' and '.join(owners)}, not of {method}" if owners else "no setting of any method"
             raise InputError(f"{name} is {what}: leave it out")
     return SAMPLERS[method](**settings)
+
+
+def check_variation(sampler: Sampler, variation: Variation | None) -> None:
+    """Raise `InputError` where parameters may scatter between colonies and a sampler does not know of that."""
+    if variation is not None and not getattr(sampler, "varies", False):
+        able = ", ".join(name for name, kind in SAMPLERS.items() if getattr(kind, "varies", False))
+        raise InputError(
+            f"variation: {name_of(sampler)} takes all colonies for those of one λ: leave it out, or use {able}"
+        )
 
 
 def setting_names(method: str) -> tuple[str, ...]:

@@ -1,13 +1,14 @@
 """What fits and samplers ask of a forward model: rows of parameters and seeds in, rows of statistics out.
 
-Anything with `parameters`, `observables` and this call is a `Simulator`; nothing has to inherit from it. Three further
+Anything with `parameters`, `observables` and this call is a `Simulator`; nothing has to inherit from it. Further
 attributes are read where they exist:
 
-    fixed      values of parameters that are held, by name: for tables
-    names      all parameters, free and held, in the order of tables
-    problems   how often simulations ran into what, in words: for warnings (a `collections.Counter`)
+    fixed           values of parameters that are held, by name: for tables
+    names           all parameters, free and held, in the order of tables
+    problems        how often simulations ran into what, in words: for warnings (a `collections.Counter`)
+    blocks          rows in blocks, each as soon as it is there, with the arguments of `rows_in_blocks`: for stores
     specification   how other processes make the same simulator (a `Specification`): for workers
-    blocks     rows in blocks, each as soon as it is there, with the arguments of `rows_in_blocks`: for stores
+    in_blocks_of    the same simulator for calls with so many rows, where it wants to know: for workers
 
 Wrappers count what is simulated, average replicates and add errors of measurement.
 """

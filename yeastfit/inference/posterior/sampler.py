@@ -12,11 +12,12 @@ from yeastfit.progress import Progress
 class Sampler(Protocol):
     """A method of sampling posteriors: a frozen dataclass whose fields are its settings, checked when it is made.
 
-    Three further attributes are read where they exist:
+    Further attributes are read where they exist:
 
         resolved(free)         the sampler with settings that were left open (None) filled in, for so many parameters
         simulations_at_most    upper bound on single simulations, for progress bars
         learns                 whether it trains on all simulations that another run made (`Simulations.reused`)
+        varies                 whether it knows of parameters that scatter between colonies (`Variation`)
     """
 
     def run(self, problem: Problem, store: Simulations, seed: int, progress: Progress) -> Posterior:
@@ -28,6 +29,9 @@ class Sampler(Protocol):
                 what it holds. So a run that was stopped is resumed by repeating it.
             seed: All random numbers come from it: same seed, same posterior.
             progress: Called with what is being done and the share that is done.
+
+        Returns:
+            Draws with their status, diagnostics and warnings (`Posterior.of`).
 
         Raises:
             InputError: The settings do not suit the problem.
