@@ -22,7 +22,8 @@ from .inference.information.experiment import information_of
 from .inference.information.fisher import information
 from .inference.information.result import Information
 from .inference.li2024 import LI2024
-from .inference.models.forward_model import ForwardModel, Grown, Seen
+from .inference.models.forward_model import ForwardModel, Seen
+from .inference.models.grown import Grown
 from .inference.models.registry import FORWARD_MODELS
 from .inference.posterior.cached_simulator import CachedSimulator
 from .inference.posterior.calibration_ranks import Calibration

@@ -13,7 +13,7 @@ from yeastfit.commands.generated.options import generated
 from yeastfit.commands.options import Out, Overwrite, Seed, names_in
 from yeastfit.commands.terminal import out, shown_progress, warn
 from yeastfit.errors import InputError
-from yeastfit.inference.models.forward_model import Grown
+from yeastfit.inference.models.grown import Grown
 from yeastfit.measure.photograph_panels import TimedPhotograph, panel_at, photographs_of_first_colony
 from yeastfit.measure.reading.dataset import read_dataset
 from yeastfit.measure.reading.outline_files import write_mask

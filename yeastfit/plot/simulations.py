@@ -7,7 +7,7 @@ import numpy as np
 from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 
-from yeastfit.inference.models.forward_model import Grown
+from yeastfit.inference.models.grown import Grown
 from yeastfit.measure.statistics.registry import most_telling_first, title_of
 from yeastfit.panel import Panel
 from yeastfit.plot.style import COLONY

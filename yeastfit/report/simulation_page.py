@@ -6,7 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from yeastfit.inference.models.forward_model import ForwardModel, Grown
+from yeastfit.inference.models.forward_model import ForwardModel
+from yeastfit.inference.models.grown import Grown
 from yeastfit.measure.statistics.registry import STATISTICS, most_telling_first
 from yeastfit.report import html as page
 from yeastfit.report.pictures import as_words, figures

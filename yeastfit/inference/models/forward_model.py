@@ -9,12 +9,13 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Any, ClassVar, Protocol, get_type_hints, runtime_checkable
+from typing import Any, ClassVar, get_type_hints
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
 from yeastfit.errors import InputError
+from yeastfit.inference.models.grown import Grown, Outlines
 from yeastfit.inference.posterior.limits import Limits
 from yeastfit.inference.posterior.prior import Prior
 from yeastfit.inference.posterior.settings import Setting
@@ -27,53 +28,7 @@ from yeastfit.model.model import Model
 from yeastfit.panel import Panel
 from yeastfit.parameter_set import ParameterSet
 
-Outlines = tuple[list[Bool[np.ndarray, "x y"]], float]
-"""Masks of simulated colonies, and µm per pixel."""
-
 Row = Mapping[str, Any]
-
-
-@runtime_checkable
-class Grown(Protocol):
-    """Simulated colonies as `yeastfit simulate` writes and draws them."""
-
-    @property
-    def statistics(self) -> Mapping[str, np.ndarray]:
-        """By name, members first, then samples."""
-
-    @property
-    def clock(self) -> Float[np.ndarray, " sample"]:
-        """When the samples were taken."""
-
-    @property
-    def clock_label(self) -> str:
-        """What `clock` counts."""
-
-    @property
-    def length_unit(self) -> str:
-        """Of the statistics."""
-
-    @property
-    def seconds(self) -> float:
-        """What it took."""
-
-    def rows(self) -> list[dict[str, Any]]:
-        """Tidy table: one row per member and sample."""
-
-    def panels(self, member: int) -> list[Panel]:
-        """What a picture of one colony at its end shows, at least one panel."""
-
-    def masks(self) -> Outlines | None:
-        """Of all members at their end, as a camera would see them, with µm per pixel; None where there are none."""
-
-    def warnings(self) -> list[str]:
-        """What is to be doubted, in words."""
-
-    def sentence(self) -> str:
-        """What has been grown, in words."""
-
-    def save(self, path: str | Path) -> None:
-        """Save everything as a NumPy archive."""
 
 
 @dataclass(frozen=True)
@@ -129,6 +84,9 @@ class ForwardModel(ABC):
             targets: The data; the columns of the simulator are in the order of `Targets.values`.
             free: Names of the free parameters.
             fixed: Values of all others.
+
+        Returns:
+            A simulator of one replicate a row.
         """
 
     def limits(self, targets: Targets) -> Limits | None:
@@ -138,7 +96,16 @@ class ForwardModel(ABC):
     def fit_simulators(
         self, targets: Targets, free: Sequence[str], fixed: Mapping[str, float]
     ) -> tuple[Simulator, Simulator]:
-        """The simulator of a fit, and a finer one that corrects it; by default the same."""
+        """The simulator of a fit, and a finer one that corrects it.
+
+        Arguments:
+            targets: As of `simulator`, like the others.
+            free: Likewise.
+            fixed: Likewise.
+
+        Returns:
+            Both; by default twice the same.
+        """
         simulator = self.simulator(targets, free, fixed)
         return simulator, simulator
 
@@ -164,20 +131,47 @@ class ForwardModel(ABC):
             folder: Where it lies, and masks with it.
             condition: Which; may be left out where there is one.
             statistics: Which curves.
+
+        Returns:
+            The data, the model that goes with them, and notes for the user.
         """
         return Seen(self, targets_in_hours(rows, condition=condition, statistics=statistics))
 
     def measurement_errors(self, targets: Targets, given: float | None) -> dict[str, float]:
-        """Relative error of measurement of each statistic; `given` is one number for all, by default their own."""
+        """Relative error of measurement of each statistic.
+
+        Arguments:
+            targets: The data.
+            given: One number for all; by default each has its own.
+
+        Returns:
+            Errors by statistic.
+        """
         errors = {name: STATISTICS[name].measurement_error if name in STATISTICS else 0.0 for name in targets.names}
         return errors if given is None else dict.fromkeys(targets.names, given)
 
     def prior(self, parameters: ParameterSet, *, bounded: str = "log-uniform") -> Prior:
-        """The prior where a user gives none; see `Prior.default`."""
+        """The prior where a user gives none.
+
+        Arguments:
+            parameters: The free ones.
+            bounded: As `Prior.default` has it.
+
+        Returns:
+            A prior of these parameters.
+        """
         return Prior.default(parameters, bounded=bounded)
 
     def check(self, prior: Prior, fixed: Mapping[str, float]) -> None:  # noqa: B027 - most models compute anything
-        """Raise `InputError` where a prior and held parameters ask for more than the settings can compute."""
+        """Check that the settings can compute what is asked for; by default anything.
+
+        Arguments:
+            prior: Of the free parameters.
+            fixed: Values of the others.
+
+        Raises:
+            InputError: They cannot.
+        """
 
     def unit_of(self, name: str) -> tuple[float, str]:
         """What a parameter is multiplied by to have units, and the unit; 1 and "" where it has none."""
@@ -186,7 +180,17 @@ class ForwardModel(ABC):
     def outlines(
         self, simulator: Any, values: Float[np.ndarray, "row free"], targets: Targets, seed: int
     ) -> Outlines | None:
-        """Masks of what is simulated at the data's last time, by `simulator`; None where there is nothing to draw."""
+        """Masks of what is simulated at the data's last time.
+
+        Arguments:
+            simulator: Made by `simulator`.
+            values: Its free parameters, one colony a row.
+            targets: The data.
+            seed: Of the colonies.
+
+        Returns:
+            Masks and µm per pixel; None where there is nothing to draw.
+        """
         return None
 
     def sensitivity(self, statistics: Sequence[str], values: Mapping[str, float], **how: Any) -> Sensitivity:
@@ -196,6 +200,9 @@ class ForwardModel(ABC):
             statistics: Names.
             values: Of parameters, as far as they are given.
             **how: `runs`, `seed`, `progress` and, where workers simulate, `elsewhere`: see `yeastfit.sensitivity`.
+
+        Returns:
+            As `yeastfit.sensitivity` does.
 
         Raises:
             InputError: The model has no such thing.
@@ -211,6 +218,9 @@ class ForwardModel(ABC):
             seed: Of their random numbers.
             statistics: Names of those to record; by default the model's own choice.
 
+        Returns:
+            The colonies, as `simulate` writes and draws them.
+
         Raises:
             InputError: The model has no such thing.
         """
@@ -222,6 +232,14 @@ class ForwardModel(ABC):
 
     def movie(self, values: Mapping[str, float], seed: int, frames: int) -> Iterator[list[Panel]]:
         """What the first colony of `grow` looks like at so many moments from its beginning to its end.
+
+        Arguments:
+            values: Of parameters, as far as they are given.
+            seed: As of `grow`.
+            frames: How many moments.
+
+        Yields:
+            Panels of each moment.
 
         Raises:
             InputError: The model has no such thing.

@@ -14,7 +14,8 @@ import numpy as np
 from jaxtyping import Float
 
 from yeastfit.errors import InputError
-from yeastfit.inference.models.forward_model import ForwardModel, Outlines, Row, Seen
+from yeastfit.inference.models.forward_model import ForwardModel, Row, Seen
+from yeastfit.inference.models.grown import Outlines
 from yeastfit.inference.posterior.distributions import Distribution
 from yeastfit.inference.posterior.limits import Limits, limits_around
 from yeastfit.inference.posterior.prior import Prior
