@@ -360,7 +360,7 @@ def test_numba_is_asked_for_where_it_is_missing(
 def test_every_rule_and_its_settings_say_what_they_are() -> None:
     """Those that a rule inherits included."""
     said = {option.name: option.help for option in rule_options()}
-    assert said["death"].startswith("What becomes of nodes. none – Nobody dies")
+    assert said["death"].startswith("What becomes of nodes. none – No node dies")
     for question in BASES:
         each = said[question].partition(". ")[2].rstrip(".").split("; ")
         assert {one.partition(" – ")[0] for one in each} <= set(RULES[question])

@@ -85,7 +85,7 @@ def test_what_a_posterior_has_learnt_is_against_its_prior() -> None:
     assert "over 100 times narrower than before" in said
     assert said.endswith("metabolic rate is as uncertain as before.")
     pair = np.stack([narrow, 1 / narrow], axis=2)
-    assert "make up for each other (correlation −1.00)" in learnt_by_posterior(
+    assert "compensate each other (correlation −1.00)" in learnt_by_posterior(
         made_posterior(pair, prior=prior), Algebraic()
     )
 

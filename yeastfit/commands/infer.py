@@ -53,13 +53,15 @@ def infer(
     condition: Annotated[
         str | None,
         typer.Option(
-            help="Whose colonies, where there are several conditions.", show_default=False, rich_help_panel=DATA
+            help="Condition whose colonies are used. Needed where the data have more than one.",
+            show_default=False,
+            rich_help_panel=DATA,
         ),
     ] = None,
     prior: Annotated[
         Path | None,
         typer.Option(
-            help="What is known of the parameters beforehand: a TOML file; by default all plausible values are alike.",
+            help="What is known of the parameters beforehand, a TOML file. By default plausible values count alike.",
             show_default=False,
             rich_help_panel=MODEL,
         ),
@@ -67,7 +69,9 @@ def infer(
     print_prior: Annotated[
         bool,
         typer.Option(
-            "--print-prior", help="Print such a file for the free parameters, and end.", rich_help_panel=MODEL
+            "--print-prior",
+            help="Print a file for --prior to start from, for the free parameters, and end.",
+            rich_help_panel=MODEL,
         ),
     ] = False,
     li: Annotated[
@@ -96,18 +100,18 @@ def infer(
         typer.Option(
             "--variation/--no-variation",
             help="Whether parameters may differ from colony to colony: their scatter is inferred too, from the single "
-            "colonies. Without it all colonies are taken for those of one parameter set, and compared by their mean.",
+            "colonies. Without it all colonies have the same parameters, and are compared by their mean.",
             rich_help_panel=MODEL,
         ),
     ] = False,
     variation_zero: Annotated[
         float,
-        typer.Option(help="Probability before the data that parameters do not scatter.", rich_help_panel=MODEL),
+        typer.Option(help="Prior probability that parameters do not scatter.", rich_help_panel=MODEL),
     ] = Variation.zero,
     variation_sd: Annotated[
         float,
         typer.Option(
-            help="How much they do otherwise: sd of the half-normal prior of their scatter, in log λ or logit λ.",
+            help="Prior of the scatter where they do: sd of a half-normal distribution, in log λ or logit λ.",
             rich_help_panel=MODEL,
         ),
     ] = Variation.sd,
@@ -123,14 +127,14 @@ def infer(
     reuse: Annotated[
         Path | None,
         typer.Option(
-            help="Folder of another run of these data, whose simulations serve again.",
+            help="Folder of another run on the same data, whose simulations are used again.",
             show_default=False,
             rich_help_panel=RUN,
         ),
     ] = None,
     truth: Truth = False,
     resume: Annotated[
-        bool, typer.Option("--resume", help="Go on with the run in the folder.", rich_help_panel=RUN)
+        bool, typer.Option("--resume", help="Continue the run in the folder.", rich_help_panel=RUN)
     ] = False,
     overwrite: Overwrite = False,
     jobs: Jobs = None,

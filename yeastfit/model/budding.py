@@ -14,7 +14,7 @@ from yeastfit.model.rules import Births, BuddingRule, Context
 
 
 class UniformBudding(BuddingRule):
-    """Any direction alike, φ uniform on [0, 2π): the source's rule."""
+    """Any direction alike, φ uniform on [0, 2π), as in the original model."""
 
     name: ClassVar[str] = "uniform"
 

@@ -23,7 +23,7 @@ LANES = 4  # candidates of one row of bins looked at together
 
 
 class NodeContact(ContactRule):
-    """Nodes closer than λ4 push each other apart: the source's rule. Hard, it has no derivative in λ4."""
+    """Nodes closer than λ4 push each other apart, as in the original model. Hard, it has no derivative in λ4."""
 
     name: ClassVar[str] = "nodes"
 

@@ -1,4 +1,4 @@
-"""What becomes of nodes. In the source's model nobody dies (docs/model.md, section 8).
+"""What becomes of nodes. In the source's model none dies (docs/model.md, section 8).
 
 A rule of death takes weight from nodes. A node of weight 0 has no cell, pulls and pushes no other node and counts in no
 mean.
@@ -13,7 +13,7 @@ from yeastfit.model.rules import Context, DeathRule
 
 
 class NoDeath(DeathRule):
-    """Nobody dies: the source's rule."""
+    """No node dies, as in the original model."""
 
     name: ClassVar[str] = "none"
 

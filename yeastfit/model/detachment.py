@@ -8,7 +8,7 @@ from yeastfit.model.rules import Context, DetachmentRule
 
 
 class NoDetachment(DetachmentRule):
-    """The network stays in one piece: the source's rule."""
+    """The network stays in one piece, as in the original model."""
 
     name: ClassVar[str] = "none"
 

@@ -8,7 +8,7 @@ from yeastfit.model.rules import Context, FluctuationRule
 
 
 class NoFluctuation(FluctuationRule):
-    """The nutrient diffuses and is eaten, no more: the source's rule."""
+    """The nutrient diffuses and is eaten, no more, as in the original model."""
 
     name: ClassVar[str] = "none"
 

@@ -17,7 +17,7 @@ from yeastfit.model.rules import ContactRule, Context, MediumRule, SpringRule
 
 
 class TreeSprings(SpringRule):
-    """Each cell is a spring between a node and its parent: the source's rule."""
+    """Each cell is a spring between a node and its parent, as in the original model."""
 
     name: ClassVar[str] = "tree"
 

@@ -20,7 +20,7 @@ from yeastfit.model.rules import BirthRule, Births, Context
 
 
 class GlobalBirths(BirthRule):
-    """All nodes at once, as many as the colony's mean nutrient allows: the source's rule.
+    """All nodes at once, as many as the colony's mean nutrient allows, as in the original model.
 
     Continuous in λ but for the order of parents.
     """

@@ -15,7 +15,7 @@ from yeastfit.model.rules import Context, MediumRule, UptakeRule
 
 
 class OneNutrient(MediumRule):
-    """One nutrient, which diffuses and is eaten: the source's rule.
+    """One nutrient, which diffuses and is eaten, as in the original model.
 
     ∂c/∂t = λ1 ∇²c − b c, c = 1 on the boundary; nodes drift along λ5 ∇c and grow by c.
     """

@@ -8,7 +8,7 @@ from yeastfit.model.rules import Context, MotionRule
 
 
 class DrivenMotion(MotionRule):
-    """By forces alone, x_i + Δt v_i, one step of forward Euler: the source's rule."""
+    """By forces alone, x_i + Δt v_i, one step of forward Euler, as in the original model."""
 
     name: ClassVar[str] = "driven"
 

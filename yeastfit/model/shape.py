@@ -9,7 +9,7 @@ from yeastfit.model.rules import ShapeRule
 
 
 class EllipticalCells(ShapeRule):
-    """Ellipses (u/p)² + (v/q)² = 1, q = λ7 p: the source's rule."""
+    """Ellipses (u/p)² + (v/q)² = 1, q = λ7 p, as in the original model."""
 
     name: ClassVar[str] = "ellipse"
 

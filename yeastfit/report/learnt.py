@@ -57,7 +57,7 @@ def _together(names: tuple[str, ...], covariance: np.ndarray) -> list[str]:
     value = float(correlation[row, column])
     if abs(value) < TOGETHER:
         return []
-    how = "rise and fall together" if value > 0 else "make up for each other"
+    how = "rise and fall together" if value > 0 else "compensate each other"
     return [f"{_words(names[row])} and {_words(names[column])} {how} (correlation {value:.2f})".replace("-", "−")]
 
 

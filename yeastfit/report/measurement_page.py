@@ -55,7 +55,7 @@ def measurement_sections(
         alt = "Statistics of every condition, with colonies and one standard deviation about their mean"
         words = (
             "<p>Thin lines or dots are colonies; thick lines or dashes their mean; "
-            "bands or bars one standard deviation. The numbers stand in <code>curves.csv</code>.</p>"
+            "bands or bars one standard deviation. The numbers are in <code>curves.csv</code>.</p>"
         )
         sections.append(("Curves", f'{words}<figure class="whole">{page.picture(curves, alt)}</figure>'))
     sections.append(("Micrographs", _micrographs(outcomes)))
@@ -98,7 +98,7 @@ def _link(number: int, outcome: Outcome) -> str:
 def _micrographs(outcomes: Sequence[Outcome]) -> str:
     """Cards in the order of the images, under the name of their condition where there are several."""
     conditions = list(dict.fromkeys(outcome.image.condition for outcome in outcomes))
-    parts = ["<p>What was taken for the colony is outlined. A picture grows when it is chosen.</p>"]
+    parts = ["<p>The outline is what was taken for the colony. Click a picture to enlarge it.</p>"]
     for condition in conditions:
         if conditions != [""]:
             parts.append(f"<h3>{page.text(condition or 'no condition')}</h3>")
@@ -116,7 +116,7 @@ def _card(number: int, outcome: Outcome) -> str:
     if row:
         lines.append(f"area {page.number(row['area'])} µm², compactness {page.number(row['compactness'])}")
     if image.options.as_arguments():
-        lines.append("overruled: " + page.text(", ".join(image.options.as_arguments()).replace("_", " ")))
+        lines.append("set by hand: " + page.text(", ".join(image.options.as_arguments()).replace("_", " ")))
     lines += [f'<span class="tag doubt">{page.text(doubt)}</span>' for doubt in outcome.doubts]
     lines += [] if row else ['<span class="tag bad">not measured</span>']
     alt = f"{_name(outcome)}, outlined" + (f"; in doubt: {', '.join(outcome.doubts)}" if outcome.doubts else "")
@@ -142,7 +142,7 @@ def _measurements(outcomes: Sequence[Outcome]) -> str:
         page.Column("warnings", words=True),
     ]
     cells = [[row[column.name] for column in columns] for row in rows]
-    words = "<p>A heading sorts by its column. The same table is <code>measurements.csv</code>.</p>"
+    words = "<p>Click a heading to sort by its column. The same table is <code>measurements.csv</code>.</p>"
     meanings = page.pairs((name.replace("_", " "), STATISTICS[name].meaning) for name in names_with("mask"))
     table = page.table("Measurements of every micrograph", columns, cells, list(measured))
     return f"{words}{table}<details><summary>What the columns mean</summary>{meanings}</details>"

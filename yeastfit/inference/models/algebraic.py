@@ -113,19 +113,19 @@ class Algebraic(ForwardModel):
     compiled: Annotated[
         bool,
         Setting(
-            "Compute contact, springs and nutrient of colonies of more than 500 nodes by loops that numba has "
-            "compiled, or plainly.",
+            "Compute contact, springs and nutrient of colonies of more than 500 nodes by loops compiled by numba, "
+            "or without them.",
             commands=SIMULATE,
             negative="plain",
         ),
     ] = True
     until_area: Annotated[
         float | None,
-        Setting("Area in L0² at which a colony ends to grow, if it comes to it before --time.", commands=SIMULATE),
+        Setting("Area in L0² at which a colony stops growing, if it reaches it before --time.", commands=SIMULATE),
     ] = None
     until_cells: Annotated[
         int | None,
-        Setting("Number of cells at which a colony ends to grow, if it comes to it before --time.", commands=SIMULATE),
+        Setting("Number of cells at which a colony stops growing, if it reaches it before --time.", commands=SIMULATE),
     ] = None
     rate: Annotated[
         float,

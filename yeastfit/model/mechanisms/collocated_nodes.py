@@ -30,7 +30,7 @@ from yeastfit.model.rules import BirthRule, Births, Context, Rule, SpringRule
 
 
 class CollocatedBirths(BirthRule):
-    """As many nodes as by the source's rule, the best fed first, each of which halves its group.
+    """As many nodes as by the rule global, the best fed first, each of which halves its group.
 
     Continuous in λ but for the order of parents, and for groups that can no longer be halved.
 

@@ -29,7 +29,7 @@ REPULSION = Parameter("morphogen_repulsion", "χ", "drift away from the morphoge
 
 
 class MorphogenMedium(MediumRule):
-    """The source's nutrient and one morphogen. Differentiable in all parameters."""
+    """The original nutrient and one morphogen, which cells secrete and flee. Differentiable in all parameters."""
 
     name: ClassVar[str] = "morphogen"
     parameters: ClassVar[tuple[Parameter, ...]] = (DIFFUSIVITY, DECAY, SECRETION, REPULSION)

@@ -40,7 +40,7 @@ class WalkerBirths(BirthRule):
     """A node that has taken up enough walkers buds.
 
     Attributes:
-        per_bud: How many pieces of nutrient, the walkers, become a child.
+        per_bud: How many walkers, pieces of nutrient, a node takes up for each child.
     """
 
     name: ClassVar[str] = "walkers"
@@ -80,7 +80,7 @@ class WalkerMedium(MediumRule):
     """Walkers that nodes take up. Not differentiable along a path.
 
     Attributes:
-        walkers: How many pieces of nutrient walk about at the start.
+        walkers: How many pieces of nutrient there are at the start.
         width: Over what distance their density is smoothed, in L0.
     """
 
