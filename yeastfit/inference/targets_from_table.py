@@ -136,9 +136,17 @@ def targets_of(
 ) -> Targets:
     """Curves of one condition's colonies, lengths in L0.
 
-    rows: of measurements.csv, `folder` where it lies. condition: which; may be left out where there is one. estimator:
-    by default "smooth" where it knows all the statistics and the masks are there, else "mask". Raises `InputError` for
-    a condition that is not there, rows without hours, and masks of different pixel sizes for the estimator "mask".
+    Arguments:
+        rows: Of measurements.csv.
+        folder: Where it lies, and masks with it.
+        condition: Which; may be left out where there is one.
+        statistics: Which curves.
+        estimator: By default "smooth" where it has all the statistics and the masks are there, else "mask".
+        scales: Of the species.
+
+    Raises:
+        InputError: The condition is not there, a row has no hours, a statistic is unknown, or masks for the estimator
+            "mask" have different pixel sizes.
     """
     chosen, scales = checked_rows(rows, condition), scales or Scales()
     masks = [folder / str(row["mask"]) for row in chosen]

@@ -9,6 +9,7 @@ from collections.abc import Sequence
 
 import numpy as np
 from jaxtyping import Float
+from scipy.linalg import qr
 
 LOADING = 0.1  # of a unit vector: smaller components are not named
 SMALL = 0.3  # of log λ, up to which an error is told in percent
@@ -45,8 +46,11 @@ def blind_sentence(
 ) -> str:
     """What data that do not see a direction leave open, and that something must be fixed.
 
-    error: of log λ along the direction, where there is one. hidden: where there is none, the smallest that could hide
-    in the noise of the derivatives.
+    Arguments:
+        names: Of the parameters.
+        direction: In log λ.
+        error: Of log λ along it; infinite where there is none.
+        hidden: Where there is none, the smallest error that the noise of the derivatives could hide.
     """
     kept = loaded(direction)
     chosen, v = [names[k] for k in kept], direction[kept]
@@ -65,8 +69,6 @@ def blind_sentence(
 
 def sparse_basis(directions: Float[np.ndarray, "direction free"]) -> Float[np.ndarray, "direction free"]:
     """Unit vectors that span the same, each with one parameter that no other has: echelon form by pivoted QR."""
-    from scipy.linalg import qr
-
     count = len(directions)
     if count < 2:
         return directions

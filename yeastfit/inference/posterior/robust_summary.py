@@ -1,23 +1,29 @@
 """How far two samples are from each other, and how wide one is, where a few draws may lie far from most.
 
-A posterior may have a trail: some per cent of the draws, many widths away from the others. Variances and outer
-quantiles follow it wherever it goes; shares of draws hardly do, nor what is made of them by Φ⁻¹, normal scores.
+A posterior may have a trail: a few per cent of the draws, many widths away from the others. It dominates variances and
+outer quantiles. Shares of draws, and the normal scores Φ⁻¹ of shares, hardly depend on it.
 """
 
 import numpy as np
 from jaxtyping import Bool, Float
 from scipy.stats import norm, rankdata
 
-CENTRAL = np.array([0.16, 0.5, 0.84])  # 68 % lie within a standard deviation of a normal law's mean
-FAR = 5.0  # standard deviations of a normal law, of which one draw in two million is farther off
+CENTRAL = np.array([0.16, 0.5, 0.84])  # of a normal distribution 68 % lie within one standard deviation of the mean
+FAR = 5.0  # standard deviations: of a normal distribution one draw in two million lies farther off
 
 
 def apart(one: Float[np.ndarray, "draw free"], other: Float[np.ndarray, "draw2 free"]) -> Float[np.ndarray, " free"]:
-    """How far two samples are from each other, for each parameter, in standard deviations of a normal law.
+    """How far two samples are from each other, for each parameter, in standard deviations.
 
-    max over p in `CENTRAL` of |Φ⁻¹(F(x_p)) − Φ⁻¹(p)|, where x_p is the p-quantile of one sample and F the share of the
-    other that is not above it; the larger value of both ways round. Of normal laws it is the shift of their means in
-    standard deviations, or by what share one is wider than the other. It is the same in all coordinates.
+        max over p in `CENTRAL` of |Φ⁻¹(F(x_p)) − Φ⁻¹(p)|,
+
+    x_p the p-quantile of one sample, F the share of the other that does not exceed it; the samples change places, and
+    the larger value counts. For two normal distributions it is the shift of the mean in standard deviations, or the
+    relative difference of their widths. It does not depend on the coordinates.
+
+    Arguments:
+        one: A sample.
+        other: Another one of the same parameters.
     """
     ways = []
     for first, second in ((one, other), (other, one)):
@@ -28,10 +34,9 @@ def apart(one: Float[np.ndarray, "draw free"], other: Float[np.ndarray, "draw2 f
 
 
 def covariance_of_most(draws: Float[np.ndarray, "draw free"]) -> Float[np.ndarray, "free free"]:
-    """Covariance of a normal law; of another that of a normal one with as wide a middle.
+    """Covariance of the normal distribution whose central 68 % are as wide as the sample's.
 
-    D R D, where D is half of what the central 68 % of each parameter span, and R the correlation of normal scores (van
-    der Waerden's).
+    D R D,    D half the width of the central 68 % of each parameter, R the correlation of van der Waerden's scores
     """
     low, _, high = np.quantile(draws, CENTRAL, axis=0)
     scores = norm.ppf((rankdata(draws, axis=0) - 0.5) / len(draws))
@@ -39,6 +44,6 @@ def covariance_of_most(draws: Float[np.ndarray, "draw free"]) -> Float[np.ndarra
 
 
 def far_off(draws: Float[np.ndarray, "draw free"], of: Float[np.ndarray, "draw2 free"]) -> Bool[np.ndarray, " draw"]:
-    """Which draws are in any parameter more than `FAR` halves of the central 68 % of a sample away from its median."""
+    """Which draws lie more than `FAR` half widths of the central 68 % of a sample from its median, in any parameter."""
     low, median, high = np.quantile(of, CENTRAL, axis=0)
     return (np.abs(draws - median) > FAR * 0.5 * (high - low)).any(axis=1)

@@ -10,9 +10,13 @@ from yeastfit.compiled import array_kernel
 def thin(image: Bool[np.ndarray, "row column"], removes: Bool[np.ndarray, "number code"]) -> None:
     """Thin, in place, an image with an empty margin of one pixel, until no pass in turn removes a pixel.
 
-    removes: Whether each pass removes a pixel whose neighbours have this code, clockwise from the north, lowest bit
-    first; none removes one without a neighbour that is off. `pixels` holds those that a pass may remove: at first all
-    with a neighbour that is off, later those that another pass would remove and the neighbours of removed ones.
+    `pixels` holds those that a pass may remove: at first all with a neighbour that is off, later those that another
+    pass would remove and the neighbours of removed ones.
+
+    Arguments:
+        image: True on the colony.
+        removes: Whether each pass removes a pixel whose neighbours have this code, clockwise from the north, lowest bit
+            first; none removes one without a neighbour that is off.
     """
     passes = removes.shape[0]
     removable = np.zeros(256, dtype=np.bool_)
