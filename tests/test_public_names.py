@@ -1,13 +1,17 @@
 """The public names of the package and of its rooms: whoever changes them decides to change these lists.
 
-Those of `yeastfit.plot` are pinned in plot/test_names.py.
+Those of `yeastfit.plot` are pinned in plot/test_names.py. What takes arguments says what each is.
 """
 
+import inspect
 import subprocess
 import sys
+from collections.abc import Callable, Iterator
+from typing import Any
 
 import yeastfit
-from yeastfit import measure, model, offlattice
+from yeastfit import measure, model, offlattice, plot
+from yeastfit.model.rules import Rule
 
 
 def test_the_package() -> None:
@@ -51,3 +55,52 @@ def test_the_off_lattice_model() -> None:
 def test_numba_is_imported_where_colonies_grow() -> None:
     said = "import sys, yeastfit.offlattice.parameters; print('numba' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", said], capture_output=True, text=True).stdout == "False\n"
+
+
+def callables() -> Iterator[tuple[str, Callable[..., Any], int]]:
+    """Public functions and methods, each with the number of arguments from which on its docstring has sections.
+
+    Methods of one argument say what it is in their first line, those of rules in what `Context` is.
+    """
+    for room in (yeastfit, measure, model, offlattice, plot):
+        for name in room.__all__:
+            thing = getattr(room, name)
+            if inspect.isfunction(thing):
+                yield name, thing, 1
+            elif inspect.isclass(thing) and not (issubclass(thing, Rule) or thing.__module__ == Rule.__module__):
+                for key, one in vars(thing).items():
+                    method = getattr(one, "__func__", one)
+                    if inspect.isfunction(method) and method.__module__.startswith("yeastfit") and key[0] != "_":
+                        yield f"{name}.{key}", method, 2
+
+
+def missing(function: Callable[..., Any], least: int) -> list[str]:
+    """What a docstring lacks: arguments by name, and whether it says what is returned."""
+    said, signature = inspect.getdoc(function) or "", inspect.signature(function)
+    names = [name for name in signature.parameters if name not in ("self", "cls")]
+    if len(names) < least:
+        return [] if said else ["a docstring"]
+    section = said.partition("Arguments:")[2].partition("\nR")[0]
+    lacks = [name for name in names if f"    {name}: " not in section.replace("*", "")]
+    constructs = isinstance(signature.return_annotation, str)  # an object of the class itself
+    silent = signature.return_annotation is None or constructs or "Returns:" in said or "Yields:" in said
+    return lacks + ([] if silent else ["Returns"])
+
+
+def test_public_names_say_what_they_take_and_return() -> None:
+    found = {name: missing(function, least) for name, function, least in callables()}
+    assert len(found) > 150
+    assert {name: lacks for name, lacks in found.items() if lacks} == {}
+
+
+def test_what_a_docstring_lacks_is_found() -> None:
+    def silent(a: int, *b: int) -> int:
+        """Sum.
+
+        Arguments:
+            a: One.
+        """
+        return a + sum(b)
+
+    assert missing(silent, 1) == ["b", "Returns"]
+    assert missing(silent, 3) == []

@@ -97,7 +97,18 @@ class Range:
         return number
 
     def check(self, value: Any, what: str) -> float:
-        """Like `read`, but text is no number."""
+        """Like `read`, but text is no number.
+
+        Arguments:
+            value: A number.
+            what: What the message begins with: where the value stands and what it is.
+
+        Returns:
+            The number.
+
+        Raises:
+            InputError: It is none, or not admissible.
+        """
         if isinstance(value, str):
             raise InputError(f"{what} is {quoted(value)}, it must be {self}, without quotation marks")
         return self.read(value, what)

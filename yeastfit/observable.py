@@ -6,7 +6,12 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Observable:
-    """A statistic, and the time at which it is taken where there is one."""
+    """What a column holds.
+
+    Attributes:
+        statistic: Its name.
+        time: At which it is taken, in the simulator's unit; nan where there is none.
+    """
 
     statistic: str
     time: float = math.nan

@@ -82,6 +82,9 @@ class Parameter:
 class ParameterSet(Mapping[str, Parameter]):
     """Parameters by name, in order. A mapping from names to `Parameter`.
 
+    Attributes:
+        parameters: In order.
+
     Raises:
         InputError: Two parameters have one name.
     """

@@ -44,8 +44,14 @@ class Cells(eqx.Module):
 def cells_of(colony: Colony, aspect_ratio: Float[Array, ""], shortest: float = 1e-3) -> Cells:
     """The cells of a colony. Differentiable.
 
-    Half lengths below `shortest` (L0) are raised to it. A newborn cell of length δ = 0.01 is longer; only the cell of
-    coincident nodes is not, and it has no direction.
+    Arguments:
+        colony: Its state.
+        aspect_ratio: λ7.
+        shortest: Half length, in L0, to which shorter ones are raised. A newborn cell of length δ = 0.01 is longer;
+            only the cell of coincident nodes is not, and it has no direction.
+
+    Returns:
+        One cell for each node but the first.
     """
     child = colony.positions[1:]
     parent = colony.positions[jnp.maximum(colony.parents[1:], 0)]

@@ -76,6 +76,9 @@ def start(
         numerics: Grid and capacity.
         node_state: Initial values of the state of nodes, by name.
         medium: What the medium holds besides the nutrient, by name.
+
+    Returns:
+        A colony of one cell.
     """
     capacity, points = int(numerics.room), numerics.points
     angle_key, *roots = jax.random.split(key, 3)

@@ -159,7 +159,15 @@ class Model(eqx.Module):
         return {name: value for rule in self.parts for name, value in rule.advance(context).items()}
 
     def start(self, key: Array, numerics: Numerics) -> Colony:
-        """A new colony of two nodes."""
+        """A new colony of two nodes.
+
+        Arguments:
+            key: Of the colony; all its random numbers derive from it.
+            numerics: Grid and capacity.
+
+        Returns:
+            The colony, with what the rules and the medium keep.
+        """
         grid = (numerics.points,) * 2
         fields = {name: jnp.full(grid, value, jnp.result_type(float)) for name, value in self.medium.fields().items()}
         return start(key, numerics, self.node_state(), {**fields, **self.medium.store(key, numerics)})

@@ -84,7 +84,15 @@ class Parameters:
 
     @staticmethod
     def from_array(names: Sequence[str], values: Float[Array, "*member parameter"]) -> "Parameters":
-        """Values in the order of `names`, along the last axis. Differentiable."""
+        """Parameters of an array. Differentiable.
+
+        Arguments:
+            names: Of the parameters along the last axis.
+            values: One set, or one for each member of an ensemble.
+
+        Returns:
+            The parameters; those of λ1 … λ7 that are not named have their defaults.
+        """
         return Parameters(**dict(zip(names, jnp.unstack(values, axis=-1), strict=True)))
 
     def to_array(self, names: Sequence[str]) -> Float[Array, "*member parameter"]:
@@ -143,7 +151,15 @@ class Parameters:
 
     @classmethod
     def tree_unflatten(cls, names_and_known: tuple[tuple[str, ...], ParameterSet], leaves: Iterable) -> "Parameters":
-        """For jax: what `tree_flatten_with_keys` took apart; not checked."""
+        """For jax: what `tree_flatten_with_keys` took apart; not checked.
+
+        Arguments:
+            names_and_known: Names of the values, and the parameters that were checked.
+            leaves: The values.
+
+        Returns:
+            The parameters.
+        """
         names, known = names_and_known
         return object.__new__(cls)._set(dict(zip(names, leaves, strict=True)), known)
 
@@ -163,7 +179,12 @@ class Parameters:
 class Scales:
     """Units of the model, data and not constants: another species has others (source section 2.6).
 
-    length: L0, mean cell length in µm. rate: μ*, maximal growth rate per hour; one time unit is 1/μ* hours.
+    Attributes:
+        length: L0, mean length of a cell, in µm.
+        rate: μ*, largest growth rate of cells, per hour; the unit of time is 1/μ*.
+
+    Raises:
+        InputError: A value is beyond what cells have.
     """
 
     length: float = 7.5

@@ -12,17 +12,25 @@ from yeastfit.model.rules import Context, UptakeRule
 
 
 class BiomassUptake(UptakeRule):
-    """In proportion to the biomass max(−g, 0): the source's rule."""
+    """In proportion to the biomass max(−g, 0), as in the original model."""
 
     name: ClassVar[str] = "biomass"
 
     def rate(
         self, context: Context, level_set: Float[Array, "x y"], nutrient: Float[Array, "x y"]
     ) -> Float[Array, "x y"]:
-        """B with λ6 = `metabolic_rate`."""
+        """Biomass b, with λ6 = `metabolic_rate`."""
         return biomass(level_set, context.parameters.metabolic_rate)
 
 
 def biomass(level_set: Float[Array, "x y"], metabolic_rate: Float[Array, ""]) -> Float[Array, "x y"]:
-    """B = λ6 max(−g, 0)."""
+    """Biomass b = λ6 max(−g, 0).
+
+    Arguments:
+        level_set: g.
+        metabolic_rate: λ6.
+
+    Returns:
+        b, at the points of g.
+    """
     return metabolic_rate * jnp.maximum(-level_set, 0.0)

@@ -162,7 +162,15 @@ class OfflatticeSimulator:
         return Specification(path_of(offlattice_simulator_of), arguments, tuple(imports))
 
     def colony(self, values: Sequence[float], seed: int) -> OfflatticeColony:
-        """The colony of one row."""
+        """The colony of one row.
+
+        Arguments:
+            values: Free parameters.
+            seed: Of the row.
+
+        Returns:
+            All its cells.
+        """
         rates = rates_of({**self.fixed, **dict(zip(self.parameters.names, values, strict=True))})
         return grow(rates, cells=self.cells, seed=seed, delay=self.delay, most_attempts=self.most_attempts)
 

@@ -22,6 +22,9 @@ def left_out(runs: Mapping[str, LeftOut]) -> Figure:
 
     Arguments:
         runs: On the same colonies, by name.
+
+    Returns:
+        A figure.
     """
     first = next(iter(runs.values()))
     count, several = len(first.labels), len(runs) > 1
@@ -50,7 +53,14 @@ def left_out(runs: Mapping[str, LeftOut]) -> Figure:
 
 
 def marginals(runs: Sequence[ComparedRun]) -> Figure:
-    """Density of every parameter in every run, one panel a parameter; the prior of the first dotted."""
+    """Density of every parameter in every run, one panel a parameter; the prior of the first dotted.
+
+    Arguments:
+        runs: Finished runs of `infer`.
+
+    Returns:
+        A figure.
+    """
     names = list(dict.fromkeys(name for one in runs for name in one.posterior.free))
     rows, columns = -(-len(names) // COLUMNS), min(COLUMNS, len(names))
     figure = Figure(figsize=(max(3.4 * columns, 6.0), 0.8 + 2.4 * rows), layout="constrained")

@@ -35,6 +35,9 @@ def corner(posterior: Posterior, truth: Mapping[str, float] | None = None) -> Fi
     Arguments:
         posterior: Draws and prior.
         truth: True λ by name, as green lines.
+
+    Returns:
+        A figure.
     """
     free, weights = posterior.free, posterior.weights.ravel()
     count = len(free)

@@ -23,7 +23,14 @@ TITLE = 32  # letters above the picture of a colony
 
 
 def traces(posterior: Posterior) -> Figure:
-    """Every parameter along the first `LINES` chains, or the weights of weighted draws."""
+    """Every parameter along the first `LINES` chains, or the weights of weighted draws.
+
+    Arguments:
+        posterior: Draws of it.
+
+    Returns:
+        A figure.
+    """
     count = len(posterior.free)
     figure = Figure(figsize=(9, 0.8 + 1.6 * count), layout="constrained")
     for k, panel in enumerate(figure.subplots(count, 1, sharex=not posterior.weighted, squeeze=False)[:, 0]):
@@ -44,7 +51,14 @@ def traces(posterior: Posterior) -> Figure:
 
 
 def ranks(chains: ChainDiagnostics) -> Figure:
-    """Shares of each chain's draws by rank over all draws; where chains agree they lie in the grey band of chance."""
+    """Shares of each chain's draws by rank over all draws; where chains agree they lie in the grey band of chance.
+
+    Arguments:
+        chains: Diagnostics of the chains, `Posterior.chains`.
+
+    Returns:
+        A figure.
+    """
     count, number, bins = chains.ranks.shape
     figure = Figure(figsize=(1.0 + 3.0 * count, 2.9), layout="constrained")
     edges, faint = np.linspace(0, 1, bins + 1), min(0.6, 6 / number)
@@ -70,6 +84,9 @@ def predictive(
         predicted: Result of `Posterior.predict`.
         targets: The data.
         noun: What one replicate is called, and several.
+
+    Returns:
+        A figure.
     """
     count = len(targets.names)
     figure = Figure(figsize=(max(5.2 * count, 6.5), 4.2), layout="constrained")
@@ -115,6 +132,9 @@ def colonies(
     Arguments:
         photographs: Title, grey values where there are some, mask, µm per pixel; the mask's outline is drawn.
         simulated: Title, mask, µm per pixel.
+
+    Returns:
+        A figure.
     """
     columns = max(len(photographs), len(simulated))
     figure = Figure(figsize=(1.9 * columns + 0.4, 4.4), layout="constrained")
@@ -140,7 +160,14 @@ def colonies(
 
 
 def cross_validation(diagnostics: EmulatorDiagnostics) -> Figure:
-    """Residuals of simulations held out from an emulator: their mean, ideally 0, and their variance, ideally 1."""
+    """Residuals of simulations held out from an emulator: their mean, ideally 0, and their variance, ideally 1.
+
+    Arguments:
+        diagnostics: Of a run of the emulator, `Posterior.diagnostics`.
+
+    Returns:
+        A figure.
+    """
     last = diagnostics.rounds[-1].cross_validation
     chance = 2 / np.sqrt(last.rows)
     figure = Figure(figsize=(max(6.0, 0.34 * len(last.labels) + 2.5), 4.6), layout="constrained")

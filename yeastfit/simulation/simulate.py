@@ -45,7 +45,18 @@ class Observer(Protocol):
 
 
 def member_keys(seed: int | Array, members: int) -> Array:
-    """Keys of an ensemble: member i's is the seed's folded with i, whatever the number of members."""
+    """Keys of an ensemble: member i's is the seed's folded with i, whatever the number of members.
+
+    Arguments:
+        seed: A whole number from 0 to 2⁶⁴ − 1, or one of jax's keys.
+        members: How many.
+
+    Returns:
+        One key for each member.
+
+    Raises:
+        InputError: The seed is none, or there is no member or more than can be counted.
+    """
     if members < 1:
         raise InputError(f"members is {members!r}, an ensemble needs at least 1")
     check_count("members", members)

@@ -64,6 +64,12 @@ class ConditionComparison:
     def of(first: str, a: Draws, second: str, b: Draws) -> "ConditionComparison":
         """Compare two posteriors.
 
+        Arguments:
+            first: Name of the first run.
+            a: Its draws.
+            second: Name of the second run.
+            b: Its draws.
+
         Raises:
             InputError: No parameter is free in both.
         """

@@ -61,7 +61,11 @@ class Scored:
 
 @dataclass(frozen=True)
 class ModelComparison:
-    """Runs on the same colonies, the best one first."""
+    """Which of several runs on the same colonies predicts colonies left out best.
+
+    Attributes:
+        runs: The best one first.
+    """
 
     runs: tuple[Scored, ...]
 

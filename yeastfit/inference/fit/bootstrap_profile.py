@@ -165,6 +165,9 @@ def explore(
         fine: Likewise.
         runs: Simulations of each condition.
 
+    Returns:
+        The fit with a response surface around its estimate.
+
     Raises:
         InputError: The fit is of a simulator that is not given, or there are too few runs.
         SimulationError: Most simulations came to nothing.
@@ -179,7 +182,18 @@ def explore(
 
 
 def profiles(explored: Explored, names: Sequence[str] | None = None) -> dict[str, Profile]:
-    """Profiles of several parameters, all free ones by default."""
+    """Profile several parameters.
+
+    Arguments:
+        explored: A fit with the surface around it.
+        names: Of the parameters; by default of all free ones.
+
+    Returns:
+        Profiles by name.
+
+    Raises:
+        InputError: A name is not free.
+    """
     return {name: explored.profile(name) for name in (explored.fit.free if names is None else names)}
 
 

@@ -74,6 +74,9 @@ def design(
         measurement_error: Relative, beside the scatter of replicates.
         prior: Standard deviation of log λ, by name.
 
+    Returns:
+        Every candidate with what it would achieve, and the best sequence of them.
+
     Raises:
         InputError: Arguments that make no sense.
     """
@@ -104,7 +107,17 @@ def design(
 
 @dataclass(frozen=True)
 class _Task:
-    """What stays the same from one candidate to the next. added: new replicates, None for the same ones."""
+    """What stays the same from one candidate to the next.
+
+    Attributes:
+        found: What every observable would tell.
+        free: Names of the parameters.
+        measurement_error: Relative.
+        prior: Standard deviation of log λ, by name.
+        criterion: What is minimised.
+        added: New replicates; None where the same ones are measured again.
+        replicates: That are measured already.
+    """
 
     found: Sensitivity
     free: tuple[str, ...]

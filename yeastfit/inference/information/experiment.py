@@ -40,6 +40,9 @@ def information_of(
         prior: Standard deviation of log λ, by name.
         limit: Error of log λ beyond which a direction is blind.
 
+    Returns:
+        What such data determine, direction by direction.
+
     Raises:
         InputError: As `information`; and names and times that `found` does not hold.
     """

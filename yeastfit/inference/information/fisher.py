@@ -50,6 +50,9 @@ def information(
         prior: Standard deviation of log λ, by name.
         limit: Error of log λ beyond which a direction is blind.
 
+    Returns:
+        What the means determine, direction by direction.
+
     Raises:
         InputError: Shapes disagree, values are not finite, a mean without variance depends on λ, or Σ is singular.
     """

@@ -113,7 +113,15 @@ class Prior:
         return np.stack([one.density.cdf(x) for one, x in columns], axis=1)
 
     def sample(self, count: int, rng: np.random.Generator) -> Values:
-        """Independent draws of λ."""
+        """Independent draws of λ.
+
+        Arguments:
+            count: How many.
+            rng: Draws them.
+
+        Returns:
+            Values, one row a draw.
+        """
         return self.quantile(rng.random((count, len(self.distributions))))
 
     def check(self, parameters: ParameterSet) -> None:
@@ -185,7 +193,11 @@ class Prior:
 
     @staticmethod
     def read(path: str | Path, parameters: ParameterSet) -> "Prior":
-        """From a TOML file with a table for each of `parameters`, in their order.
+        """From a TOML file with a table for each parameter.
+
+        Arguments:
+            path: The file.
+            parameters: Whose prior it is; the prior is in their order.
 
         Raises:
             InputError: The file cannot be read, lacks a parameter or has an unknown one, or a table is wrong.

@@ -118,6 +118,19 @@ class Problem:
 
         Rows and `Targets` bring their own replicates, `Targets` also their errors of measurement. Where points are
         means of different numbers of replicates, the fewest count.
+
+        Arguments:
+            simulator: Of one replicate a row.
+            prior: Of its parameters.
+            observed: The data.
+            replicates: How many replicates an array is the mean of.
+            noise: Covariance of the errors of measurement of the mean.
+            colony_noise: M, of those that every replicate has for itself.
+            variation: That λ scatters between colonies.
+            limits: Least and largest value of each statistic.
+
+        Raises:
+            InputError: They do not belong together.
         """
         if not isinstance(observed, Targets):
             data = np.asarray(observed, dtype=float)
@@ -148,12 +161,23 @@ class Problem:
         Arguments:
             simulator: Of one replicate: the problem's own, or a `CachedSimulator` around it.
             count: Replicates of a data set.
+
+        Returns:
+            A simulator of the same parameters and observables.
         """
         means = Replicates(simulator, count) if count > 1 else simulator
         return means if self.noise is None or not self.noise.any() else Mismeasured(means, root_of(self.noise))
 
     def prior_values(self, count: int, seed: int) -> Float[np.ndarray, "draw free"]:
-        """λ of simulations 0..count−1 of a run, the same for every method: scrambled Sobol' points of the prior."""
+        """λ of the first simulations of a run, the same for every method: scrambled Sobol' points of the prior.
+
+        Arguments:
+            count: How many.
+            seed: Of the run.
+
+        Returns:
+            Rows of λ.
+        """
         return self.prior.quantile(sobol_points(count, len(self.prior.free), stream_of(seed, Stream.PRIOR, 0)))
 
     def of_their_kind(self, statistics: Float[np.ndarray, "draw statistic"]) -> Float[np.ndarray, "draw statistic"]:

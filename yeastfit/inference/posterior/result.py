@@ -119,13 +119,28 @@ class Posterior(Draws):
             draws: How many data sets.
             seed: Same seed, same draws and simulations.
 
+        Returns:
+            The data sets beside the one observed.
+
         Raises:
             InputError: There are fewer than 10 draws, or the simulator has other parameters or statistics.
         """
         return predict(self, simulator, draws=draws, seed=seed)
 
     def predict_prior(self, simulator: Simulator, *, draws: int = 40, seed: int = 0) -> Predictive:
-        """Prior predictive check: the same at draws of the prior; arguments and errors are those of `predict`."""
+        """Prior predictive check: simulate data like those observed at draws of the prior.
+
+        Arguments:
+            simulator: As of `predict`, like the others.
+            draws: Likewise.
+            seed: Likewise.
+
+        Returns:
+            The data sets beside the one observed.
+
+        Raises:
+            InputError: As `predict`.
+        """
         return predict(self, simulator, draws=draws, seed=seed, prior=True)
 
     def to_arviz(
@@ -144,6 +159,9 @@ class Posterior(Draws):
             prior_predictive: Result of `predict_prior`, for the group of that name.
             calibration: Result of `yeastfit.calibrate`, for the group `prior_sbc` or `posterior_sbc`.
 
+        Returns:
+            What the installed ArviZ plots and summarises.
+
         Raises:
             InputError: ArviZ is not installed, or an argument is of other statistics or parameters.
         """
@@ -157,7 +175,17 @@ class Posterior(Draws):
         prior_predictive: Predictive | None = None,
         calibration: Calibration | None = None,
     ) -> None:
-        """`to_arviz` as a NetCDF file, which `arviz.from_netcdf` reads."""
+        """`to_arviz` as a NetCDF file, which `arviz.from_netcdf` reads.
+
+        Arguments:
+            path: The file, written whole or not at all.
+            predictive: As of `to_arviz`, like the others.
+            prior_predictive: Likewise.
+            calibration: Likewise.
+
+        Raises:
+            InputError: As `to_arviz`.
+        """
         write_netcdf(path, self, Beside(predictive, prior_predictive, calibration), self._about, self.seed)
 
     def save(self, path: str | Path) -> None:

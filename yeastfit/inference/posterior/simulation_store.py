@@ -68,7 +68,16 @@ class Store(Simulations):
 
     @full_disks_told()
     def append(self, values: Values, seeds: Seeds, statistics: Statistics) -> None:
-        """Add rows, but for those that are there already; on disk when this returns."""
+        """Add simulations, but for those that are there already; they are on disk when this returns.
+
+        Arguments:
+            values: Parameters, one row a simulation.
+            seeds: One each.
+            statistics: One row each.
+
+        Raises:
+            OSError: The disk is full, for instance.
+        """
         start, room = len(self), len(self._rows)
         super().append(values, seeds, statistics)
         if len(self._rows) > room:

@@ -77,6 +77,9 @@ def sensitivity(
         progress: Is told of every part.
         elsewhere: Has workers simulate (`Workers.spread`); colonies that are differentiated stay in this process.
 
+    Returns:
+        Means and their derivatives, with standard errors, the scatter of one simulation, and warnings.
+
     Raises:
         InputError: Arguments that make no sense, and parameters that are not above 0.
         SimulationError: Most simulations came to nothing.
@@ -105,7 +108,7 @@ def sensitivity(
         np.atleast_1d(np.asarray(times, dtype=float)),
         numerics,
         hard_but_smoothly_measured() if relaxation is None else relaxation,
-        observe or SmoothStatistics(numerics.domain, 0.1),
+        observe or SmoothStatistics(numerics.domain),
         model,
     )
     derivatives = ColonyPaths(

@@ -145,6 +145,12 @@ def robust_mean(values: Float[Array, "member *entry"]) -> RobustMean:
     """Mean of all members, each cut at `OUTLIER` times the scale of the nearest 95 % around the median.
 
     A single colony's derivative may grow without bound along a chaotic path while the ensemble's does not.
+
+    Arguments:
+        values: Of each member.
+
+    Returns:
+        The mean with its standard error, and what was cut.
     """
     finite = jnp.isfinite(values)
     middle = jnp.nanmedian(jnp.where(finite, values, jnp.nan), axis=0)

@@ -100,6 +100,9 @@ class Spread(Wrapper):
             seeds: Likewise.
             size: What the caller would take at a time; blocks have their own size.
 
+        Yields:
+            Rows of the next block.
+
         Raises:
             SimulationError: A block failed too often, or there is nobody to ask.
         """

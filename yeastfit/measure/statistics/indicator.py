@@ -32,7 +32,13 @@ class Indicator:
 
     @classmethod
     def blurred(cls, phi: Float[Array, "x y"], spacing: float, smoothing: float) -> "Indicator":
-        """φ, 0 outside the array, blurred by a Gaussian of width `smoothing`."""
+        """Blur an indicator by a Gaussian.
+
+        Arguments:
+            phi: φ, 0 outside the array.
+            spacing: Of its grid.
+            smoothing: Standard deviation of the blur, in the same unit.
+        """
         return cls(gaussian_blur(jnp.pad(phi, 1), smoothing / spacing), spacing)
 
     @cached_property

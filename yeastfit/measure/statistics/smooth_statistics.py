@@ -70,7 +70,15 @@ class SmoothStatistics(eqx.Module):
 
 
 def node_statistics(snapshot: Snapshot, names: Iterable[str] | None = None) -> dict[str, Float[Array, ""]]:
-    """Those of the named statistics that only nodes tell, in L0; by default those that simulations record."""
+    """Statistics that only nodes tell, of one step of a simulation.
+
+    Arguments:
+        snapshot: The step.
+        names: Of statistics; those that are not of nodes are left out. By default those that simulations record.
+
+    Returns:
+        Values by name, in L0.
+    """
     entries = (STATISTICS[name] for name in (recorded("smooth") if names is None else names))
     return {entry.name: entry.nodes(snapshot) for entry in entries if entry.nodes}
 
