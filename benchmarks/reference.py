@@ -72,7 +72,7 @@ class Case:
         """With data simulated at these λ."""
         data_set = Replicates(colonies, replicates)(truth[None], seed_of(DATA_SEED, [0]))[0]
         if not np.isfinite(data_set).all():
-            raise InputError(f"truth is {truth}, a colony there came to nothing")
+            raise InputError(f"truth is {truth}, a colony there failed")
         return Case(colonies, prior, data_set, replicates, truth)
 
     @property

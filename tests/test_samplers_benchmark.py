@@ -27,7 +27,7 @@ TRUTH = np.array([1.3, 0.8])
 
 @dataclass(frozen=True)
 class Noisy:
-    """λ + N(0, 1), of which those with a seed divisible by 5 come to nothing. batches: rows of every call."""
+    """λ + N(0, 1), of which those with a seed divisible by 5 fail. batches: rows of every call."""
 
     free: tuple[str, ...] = ("shift",)
     labels: tuple[str, ...] = ("seen",)
@@ -169,7 +169,7 @@ def test_pyabc_is_charged_for_what_it_judged_and_finds_the_posterior(pyabc_smc: 
         assert len(one.x) == 100
         assert (one.distances <= one.epsilon).all()
         np.testing.assert_allclose(DISTANCE(one.statistics), one.distances)
-    assert 110 < used[0] < 150, "a fifth of the simulations came to nothing, and was charged for"
+    assert 110 < used[0] < 150, "a fifth of the simulations failed, and was charged for"
     epsilons = [one.epsilon for one in populations]
     assert epsilons == sorted(epsilons, reverse=True)
     assert epsilons[-1] == 1.0

@@ -11,7 +11,7 @@ from yeastfit.specification import path_of
 
 
 class Wobble:
-    """Three statistics, of two parameters and noise. Some rows run into problems, and some come to nothing.
+    """Three statistics, of two parameters and noise. Some rows run into problems, and some fail.
 
     seconds: That a row takes. fails: a seed whose rows raise an error.
     """
@@ -42,7 +42,7 @@ class Wobble:
 
 
 class Steady(Wobble):
-    """One whose rows all come to something."""
+    """One whose rows all succeed."""
 
     def __call__(self, values: np.ndarray, seeds: np.ndarray) -> np.ndarray:
         return super().__call__(values, seeds - seeds % 11)

@@ -1,4 +1,4 @@
-"""What can go wrong: bad input, and computations that came to nothing."""
+"""What can go wrong: bad input, and computations that failed."""
 
 
 class InputError(ValueError):
@@ -10,4 +10,4 @@ class PixelSizeError(InputError):
 
 
 class SimulationError(RuntimeError):
-    """A computation that came to nothing with valid input: what failed, for which values, and what to try instead."""
+    """A computation that failed with valid input: what failed, for which values, and what to try instead."""

@@ -94,7 +94,7 @@ class ParameterSet(Mapping[str, Parameter]):
     def __post_init__(self) -> None:
         twice = {name for name in self.names if self.names.count(name) > 1}
         if twice:
-            raise InputError(f"parameters: the name {sorted(twice)[0]!r} stands twice")
+            raise InputError(f"parameters: the name {sorted(twice)[0]!r} appears twice")
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -59,7 +59,7 @@ def read_csv(
         by column, without those that are empty. Space around names and cells is left out.
 
     Raises:
-        InputError: It is no text file, no CSV, a column stands twice, or a row has more cells than there are columns.
+        InputError: It is no text file, no CSV, a column appears twice, or a row has more cells than there are columns.
     """
     reader = csv.reader(StringIO(read_text(path), newline=""), strict=True)
     rows = []
@@ -68,7 +68,7 @@ def read_csv(
         check(names)
         twice = next((name for name in names if name and names.count(name) > 1), None)
         if twice:
-            raise InputError(f"{path}, line 1: a column stands twice, {twice!r}")
+            raise InputError(f"{path}, line 1: a column appears twice, {twice!r}")
         for cells in reader:
             where = f"{path}, line {reader.line_num}"
             if len(cells) > len(names) and any(cell.strip() for cell in cells):

@@ -120,7 +120,7 @@ def test_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "unfinished" / "run.json").write_text((tmp_path / "one" / "run.json").read_text())
     cases = [
         ([one], "need at least two"),
-        ([one, one], "is there twice"),
+        ([one, one], "is given twice"),
         ([one, other], "one has left no colonies out"),
         ([one, str(tmp_path)], "holds no run.json"),
         ([one, str(tmp_path / "unfinished")], "holds an unfinished run"),

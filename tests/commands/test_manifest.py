@@ -75,7 +75,7 @@ def test_one_time_and_one_size(tmp_path: Path) -> None:
         (["--pattern", PATTERN, "--hours", "25"], "leave out hours"),
         (["--pattern", "{condition} {hours}h"], "no {replicate}"),
         (["--pattern", "{strain} s{replicate} {hours}h"], "{strain} is unknown"),
-        (["--pattern", "{hours} s{replicate} {hours}h"], "{hours} stands twice"),
+        (["--pattern", "{hours} s{replicate} {hours}h"], "{hours} appears twice"),
         (["--pattern", "{condition s{replicate} {hours}h"], "a brace is open"),
         (["--pattern", PATTERN, "--pixel-size", "4X=1.55"], "objective '10X'"),
         (["--pattern", PATTERN, *SIZES, "--pixel-size", "20X=0.3"], "no image has the objective '20X'"),

@@ -160,7 +160,7 @@ def test_pairs_that_came_to_nothing_are_left_out_until_most_do() -> None:
     assert local.pairs == 9
     np.testing.assert_allclose(local.jacobian, slopes, atol=1e-12)
     curves[20:25, 0] = np.inf
-    with pytest.raises(SimulationError, match="9 of 16 pairs of simulations came to nothing"):
+    with pytest.raises(SimulationError, match="9 of 16 pairs of simulations failed"):
         regress(curves, units, 0.1)
 
 

@@ -160,7 +160,7 @@ def test_rows_that_no_fit_can_use_are_refused_in_words(measured: Path, tmp_path:
         targets_of(rows, measured)
     rows = read_measurements(measured / TABLE)
     for twice in ([{**row, "replicate": ""} for row in rows], [*rows, {**rows[0], "file": "again.tif"}]):
-        with pytest.raises(InputError, match=r"at 6 hours stands twice, colony01_06\.0h\.tif is of it, too"):
+        with pytest.raises(InputError, match=r"at 6 hours appears twice, colony01_06\.0h\.tif is of it, too"):
             targets_of(twice, measured)
     with pytest.raises(InputError, match="'colour' is not in the table, which has"):
         targets_of(rows, measured, statistics=("colour",))

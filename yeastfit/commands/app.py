@@ -114,7 +114,7 @@ def run(arguments: list[str] | None = None) -> int:
         arguments: The command and its options; by default those on the command line.
 
     Returns:
-        The exit code: 0; 1 where a result is to be doubted or a computation came to nothing; 2 for what the user gave;
+        The exit code: 0; 1 where a result is to be doubted or a computation failed; 2 for what the user gave;
         70 for a fault of yeastfit; 130, 143 and 129 after Ctrl-C, SIGTERM and SIGHUP.
     """
     signals.forget()

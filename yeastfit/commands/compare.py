@@ -58,7 +58,7 @@ def _names(runs: list[Path]) -> list[str]:
     """Of each run, as short as tells them apart: names of folders, or whole paths."""
     where = [path.resolve() for path in runs]
     if len(set(where)) < len(where):
-        raise InputError(f"runs: {next(one for k, one in enumerate(runs) if where[k] in where[:k])} is there twice")
+        raise InputError(f"runs: {next(one for k, one in enumerate(runs) if where[k] in where[:k])} is given twice")
     short = [path.name for path in where]
     return short if len(set(short)) == len(short) else list(map(str, runs))
 

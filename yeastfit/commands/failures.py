@@ -1,6 +1,6 @@
 """What the command line says of an exception: one line, and an exit code.
 
-1    a computation came to nothing
+1    a computation failed
 2    what the user gave: arguments, files, permissions, room on the disk, sizes that no memory holds
 70   a fault of yeastfit, the traceback in a file
 """

@@ -175,7 +175,7 @@ def infer(
     if source is None or folder is None:
         raise InputError(f"{'SOURCE' if source is None else '--out'} is missing: yeastfit infer SOURCE --out FOLDER")
     if resume and overwrite:
-        raise InputError("--overwrite begins anew, --resume goes on: need one of the two")
+        raise InputError("--overwrite starts over, --resume continues: give one of the two")
     true_values = truth_of(source, request.forward_model.parameters) if truth else None
     check_source(source, [] if condition is None else [condition], request.forward_model.columns)
     reads = [*inputs_of(source), *([reuse / SIMULATIONS] if reuse else [])]

@@ -22,7 +22,7 @@ def _of_means(targets: Targets, nouns: tuple[str, str]) -> list[str]:
     counts = targets.replicates[targets.measured]
     if np.ptp(counts):
         doubts.append(
-            f"the curves' points are means of {counts.min()} to {counts.max()} {several}, all are taken for means "
+            f"the curves' points are means of {counts.min()} to {counts.max()} {several}, all are treated as means "
             f"of {counts.min()}"
         )
     if targets.curves is not None:
@@ -31,8 +31,8 @@ def _of_means(targets: Targets, nouns: tuple[str, str]) -> list[str]:
         if (shared < np.minimum.outer(counts, counts)).any():
             doubts.append(
                 f"not every {nouns[0]} is in all points of the curves, some two of them share "
-                f"{shared.min()}: all are taken for the same {several}, seen at every time, so that intervals may "
-                "be too narrow or too wide"
+                f"{shared.min()}: all are treated as the same {several}, seen at every time, so that intervals "
+                "may be too narrow or too wide"
             )
     return doubts
 

@@ -57,7 +57,7 @@ class LocalModel:
         error: Standard errors of its entries.
         between_pairs: Of c.
         within_pairs: Of h.
-        pairs: Pairs that came to something.
+        pairs: Pairs that succeeded.
         scatter: Of one simulation.
     """
 
@@ -113,7 +113,7 @@ def regress(rows: Rows, units: Units, spread: float) -> LocalModel:
     half, middle = 0.5 * (up - down), 0.5 * (up + down)
     good = np.isfinite(half).all(axis=1)
     if good.sum() < 0.5 * len(good):
-        raise SimulationError(f"{(~good).sum()} of {len(good)} pairs of simulations came to nothing (not finite)")
+        raise SimulationError(f"{(~good).sum()} of {len(good)} pairs of simulations failed (not finite)")
     steps = spread * units[good]
     slopes, _, rank, _ = np.linalg.lstsq(steps, half[good], rcond=None)
     if rank < units.shape[1]:

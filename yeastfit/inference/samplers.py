@@ -83,7 +83,7 @@ def infer(
         see `Posterior.status`.
 
     Raises:
-        InputError: An argument is wrong, arguments do not belong together, or no simulation comes to anything.
+        InputError: An argument is wrong, arguments do not belong together, or no simulation succeeds.
     """
     rest: dict[str, Any] = {"colony_noise": colony_noise, "variation": variation, "limits": limits}
     problem = Problem.of(simulator, prior, observed, replicates, noise, **rest)

@@ -54,7 +54,7 @@ class Simulator(Protocol):
             seeds: One per row. The same row and seed give the same result, whatever the batch.
 
         Returns:
-            One row of statistics per row; nan throughout where a simulation came to nothing.
+            One row of statistics per row; nan throughout where a simulation failed.
         """
 
 

@@ -36,7 +36,7 @@ class Targets:
         length_unit: Of statistics that are lengths, and squared of areas.
 
     Raises:
-        InputError: Shapes disagree, times do not rise, a name stands twice, a measured mean is not finite, or scatter
+        InputError: Shapes disagree, times do not rise, a name appears twice, a measured mean is not finite, or scatter
             is 0 over several replicates. With `imaging` also where the estimator does not have a statistic, or a size
             is not above 0.
     """

@@ -284,7 +284,7 @@ def _refuse_twice(rows: Sequence[Mapping[str, Any]]) -> None:
         key = (str(row["replicate"] or ""), float(row["hours"]))
         if key in first:
             raise InputError(
-                f"{row['file']}: replicate {key[0]!r} at {key[1]:g} hours stands twice, {first[key]} is of it, too: "
+                f"{row['file']}: replicate {key[0]!r} at {key[1]:g} hours appears twice, {first[key]} is of it, too: "
                 "every colony needs a replicate of its own"
             )
         first[key] = str(row["file"])

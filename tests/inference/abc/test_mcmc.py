@@ -292,7 +292,7 @@ def test_a_prior_that_excludes_the_data_is_said() -> None:
 
 def test_a_simulator_of_nothing_is_said() -> None:
     nothing = replace(GAUSSIAN.simulator, draw=lambda values, rng: values * np.nan)
-    with pytest.raises(InputError, match="all 60 simulations from the prior came to nothing"):
+    with pytest.raises(InputError, match="all 60 simulations from the prior failed"):
         run(replace(GAUSSIAN, simulator=nothing), SHORT)
 
 

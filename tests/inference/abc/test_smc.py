@@ -177,7 +177,7 @@ def test_a_sample_of_the_prior_is_said_to_be_one() -> None:
 
 def test_a_simulator_of_nothing_is_said() -> None:
     nothing = replace(GAUSSIAN.simulator, draw=lambda values, rng: values * np.nan)
-    with pytest.raises(InputError, match="population is 60, fewer of 992 simulations from the prior came to anything"):
+    with pytest.raises(InputError, match="population is 60, fewer of 992 simulations from the prior have a distance"):
         run(replace(GAUSSIAN, simulator=nothing), replace(SHORT, simulations=1000))
 
 

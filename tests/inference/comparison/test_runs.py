@@ -138,7 +138,7 @@ def test_doubts() -> None:
     ("runs", "words"),
     [
         ([run("a", "m", "p", 1.0)], "got a, need at least two"),
-        ([run("a", "m", "p", 1.0), run("a", "m", "q", 1.0)], "a is there twice"),
+        ([run("a", "m", "p", 1.0), run("a", "m", "q", 1.0)], "a is given twice"),
         ([run("a", "m", "p", 1.0), run("b", "n", "q", 1.0)], "other models and other data"),
         ([run("a", "m", "p", 1.0), run("b", "n", "p", 1.0)], "a has left no colonies out"),
     ],

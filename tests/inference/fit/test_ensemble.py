@@ -141,7 +141,7 @@ def test_a_start_whose_refinement_comes_to_nothing_ends_alone(targets: Targets) 
     assert good.model is not None
     assert good.correction is not None
     assert bad.model is None
-    assert "fine simulations came to nothing" in bad.ended
+    assert "fine simulations failed" in bad.ended
     assert any(note.startswith("start 2: ") for note in fitter.notes)
 
 

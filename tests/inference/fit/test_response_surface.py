@@ -95,7 +95,7 @@ def test_minima_that_the_optimiser_did_not_reach_are_told() -> None:
 def test_too_few_simulations_and_simulations_that_came_to_nothing_are_refused() -> None:
     with pytest.raises(InputError, match="runs is 8: a quadratic surface in 2 parameters needs at least 12"):
         response_surface(linear, CENTRE, REACH, 8, seed=0)
-    with pytest.raises(SimulationError, match="64 of 64 simulations around the estimate came to nothing"):
+    with pytest.raises(SimulationError, match="64 of 64 simulations around the estimate failed"):
         response_surface(lambda x: np.full((len(x), 4), np.nan), CENTRE, REACH, 64, seed=0)
 
 

@@ -93,7 +93,7 @@ def test_of_two_minima_the_lower_is_found_and_the_other_reported(tilt: float, sa
 
 
 class Dying(StandIn):
-    """Comes to nothing where mobility is below 1, once the box has been looked at."""
+    """Fails where mobility is below 1, once the box has been looked at."""
 
     everywhere = False
 
@@ -108,12 +108,12 @@ def test_a_start_that_comes_to_nothing_does_not_stop_the_others() -> None:
     settings = replace(SETTINGS, screened=128, starts=6)
     truth = TRUTH.replace(mobility=3.0)
     result = fitted(exact(truth, mean), Dying(mean, QUIET), bounds={"mobility": (0.1, 10.0)}, settings=settings)
-    lost = [start for start in result.starts if "came to nothing" in start.ended]
+    lost = [start for start in result.starts if "failed" in start.ended]
     assert lost
     assert not any(start.carried for start in lost)
     assert all(start.begin[0] < 0.3 for start in lost)
     assert result.values["mobility"] == pytest.approx(3.0, rel=0.05)
-    assert any("came to nothing" in warning for warning in result.warnings)
+    assert any("failed" in warning for warning in result.warnings)
 
 
 def test_simulations_that_come_to_nothing_everywhere_end_the_fit(targets: Targets) -> None:
@@ -121,7 +121,7 @@ def test_simulations_that_come_to_nothing_everywhere_end_the_fit(targets: Target
     simulator.everywhere = True
     with pytest.raises(SimulationError, match=r"no start led anywhere: mobility .* pairs of simulations came to"):
         fitted(targets, simulator)
-    with pytest.raises(SimulationError, match="32 simulations all over the box came to nothing"):
+    with pytest.raises(SimulationError, match="32 simulations all over the box failed"):
         fitted(targets, StandIn(lambda away: np.full((len(away), CURVES), np.nan)))
 
 

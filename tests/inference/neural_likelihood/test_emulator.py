@@ -153,9 +153,7 @@ def test_what_is_refused() -> None:
         with pytest.raises(InputError, match=match):
             train(values, statistics, prior=known.prior, labels=known.labels, seed=0, settings=QUICK)
 
-    refused(
-        "20 of 20 simulations came to something, an emulator of 2 parameters .* needs", values[:20], statistics[:20]
-    )
+    refused("20 of 20 simulations succeeded, an emulator of 2 parameters .* needs", values[:20], statistics[:20])
     refused("s1 is the same in all simulations", statistics=statistics * [1, 0, 1, 1])
     refused("leave out statistics that follow from others", statistics=statistics[:, [0, 1, 2, 2]])
     refused("a must be finite and vary", values=np.stack([np.ones(64), values[:, 1]], axis=1))

@@ -288,7 +288,7 @@ def test_what_is_refused() -> None:
         SequentialEmulator(first=100)
     with pytest.raises(InputError, match="simulations is 64, it must be at least those of the first round, 512"):
         SequentialEmulator(first=512, simulations=64)
-    with pytest.raises(InputError, match="simulations came to something"):
+    with pytest.raises(InputError, match="simulations succeeded"):
         emulated(replace(known, fails=lambda values: np.ones(len(values))), known, observed, SMALL)
     with pytest.raises(InputError, match=r"the first round has 16 simulations, .* needs at least 24"):
         emulated(known, known, observed, replace(SMALL, first=16))

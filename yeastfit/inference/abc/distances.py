@@ -4,7 +4,7 @@
     Mahalanobis:      d = √((s − o)ᵀ C⁻¹ (s − o)),   C a covariance of the simulator's statistics
     weighted curves:  d = √(1/K Σ_k ((s_k − o_k) / scale_k)²)
 
-o observed, s simulated. Where a simulation came to nothing, d = ∞. Li et al. accept no simulation whose area is more
+o observed, s simulated. Where a simulation failed, d = ∞. Li et al. accept no simulation whose area is more
 than 5 % off the observed one, and compare by the other statistics. Kernels K_ε(d), of which only ratios matter:
 
     indicator:  1 where d ≤ ε, else 0            Gaussian:  exp(−d² / 2ε²)
@@ -95,11 +95,11 @@ class Mahalanobis:
 
     @staticmethod
     def of(observed: Vector, simulated: Statistics) -> "Mahalanobis":
-        """With the covariance of simulated statistics, leaving out simulations that came to nothing."""
+        """With the covariance of simulated statistics, leaving out simulations that failed."""
         whole = simulated[np.isfinite(simulated).all(axis=1)]
         if len(whole) <= len(observed):
             raise InputError(
-                f"simulated holds {len(whole)} data sets that came to something, the covariance of {len(observed)} "
+                f"simulated holds {len(whole)} data sets that succeeded, the covariance of {len(observed)} "
                 f"statistics needs at least {len(observed) + 1}"
             )
         return Mahalanobis(observed, np.atleast_2d(np.cov(whole, rowvar=False)))

@@ -34,7 +34,7 @@ class Pilot:
         x: λ in the prior's coordinates.
         log_prior: Density in them.
         statistics: Simulated.
-        distances: From the data; inf where a simulation came to nothing.
+        distances: From the data; inf where a simulation failed.
         warnings: In words, of observations that the prior does not reach.
     """
 
@@ -80,9 +80,7 @@ class Pilot:
         if count > free:
             covariance = np.atleast_2d(np.cov(self.x[nearest], rowvar=False))
         if np.linalg.eigvalsh(covariance)[0] <= 0:
-            raise InputError(
-                f"{count} pilot simulations came to something, too few for a covariance: give a larger pilot"
-            )
+            raise InputError(f"{count} pilot simulations succeeded, too few for a covariance: give a larger pilot")
         return covariance
 
 
@@ -97,14 +95,14 @@ def pilot_of(problem: Problem, data_sets: Simulator, distance: Distance, count: 
         seed: Of the run.
 
     Raises:
-        InputError: All came to nothing, or none has a distance from the data.
+        InputError: All failed, or none has a distance from the data.
     """
     values = problem.prior_values(count, seed)
     statistics = data_sets(values, seed_of(seed, np.arange(count)))
     distances = distance(statistics)
     whole = np.isfinite(statistics).all(axis=1)
     if not whole.any():
-        raise InputError(f"all {count} simulations from the prior came to nothing: look at the simulator or the prior")
+        raise InputError(f"all {count} simulations from the prior failed: look at the simulator or the prior")
     x = problem.prior.coordinates(values)
     warnings = problem.unreached(statistics[whole])
     if not np.isfinite(distances).any():
@@ -150,7 +148,7 @@ def distance_of(name: DistanceName, problem: Problem, data_sets: Simulator, coun
     needed = terms.shape[1] + 2 * len(observed)
     if len(x) < needed:
         raise InputError(
-            f"pilot: {len(x)} of {count} simulations came to something, the scatter of {len(observed)} statistics "
+            f"pilot: {len(x)} of {count} simulations succeeded, the scatter of {len(observed)} statistics "
             f"needs at least {needed}"
         )
     covariance = PolynomialRegression.of(terms, statistics).covariance

@@ -3,7 +3,7 @@
 Toni et al. 2009, doi:10.1098/rsif.2008.0172; Beaumont et al. 2009, doi:10.1093/biomet/asp052. In the coordinates x of
 the prior π (log λ where its distribution is one of log λ), with the indicator kernel:
 
-    population 0:  x from the prior (scrambled Sobol'), the first N whose simulation came to something
+    population 0:  x from the prior (scrambled Sobol'), the first N whose simulation succeeded
     population t:  x* = x_j + z, j with probability w_j among those of population t − 1 with d_j ≤ ε_t, z ~ N(0, C_j);
                    simulated once; the first N with d ≤ ε_t, with weights w ∝ π(x*) / Σ_j w_j N(x*; x_j, C_j).
 
@@ -141,7 +141,7 @@ class AbcSmc:
         adjustment, `acceptance` that of each population.
 
         Raises:
-            InputError: The settings do not suit the problem, or no simulation comes to anything.
+            InputError: The settings do not suit the problem, or no simulation succeeds.
         """
         data_sets = problem.data_sets(CachedSimulator(problem.simulator, self.batch, store), self.replicates)
         distance = self.distance
@@ -229,7 +229,7 @@ class _Sequence:
         if not populations:
             raise InputError(
                 f"population is {self.settings.population}, fewer of {self.asked} simulations from the prior "
-                "came to anything that has a distance from the data (Li's has none where area is too far off): look at "
+                "have a distance from the data (Li's has none where area is too far off): look at "
                 "the simulator or the prior, or allow more simulations"
             )
         last, prior = populations[-1], self.problem.prior

@@ -1,8 +1,8 @@
 """Which of several runs on the same colonies predicts colonies that it has not seen best.
 
 ℓ_r of two runs differ by d_r on colony r, and by Σ d_r in all, with standard error √R sd(d): colonies are paired, as
-some are harder to predict than others for any model. They are told apart where |Σ d_r| is beyond the 97.5 % quantile of
-Student's t with R − 1 degrees of freedom, in standard errors.
+some are harder to predict than others for any model. They differ by more than chance where |Σ d_r| is beyond the 97.5 %
+quantile of Student's t with R − 1 degrees of freedom, in standard errors.
 """
 
 from collections.abc import Mapping, Sequence
@@ -105,7 +105,7 @@ class ModelComparison:
         said = []
         for one in others:
             how = "better than" if one.told_apart else "no worse than"
-            more = "" if one.told_apart else ": they are not told apart"
+            more = "" if one.told_apart else ": the difference is within chance"
             said.append(
                 f"{best.name} predicts colonies left out {how} {one.name}, log density {one.behind:+.1f} ± "
                 f"{one.error:.1f} over {one.colonies} colonies{more}"

@@ -62,7 +62,7 @@ class PredictiveMixture:
         return float(logsumexp(self.log_weight + normal))
 
     def below(self, values: Float[np.ndarray, "*row statistic"]) -> Float[np.ndarray, "*row statistic"]:
-        """Predicted probability of each statistic to be no larger than this, of colonies that came to something."""
+        """Predicted probability of each statistic to be no larger than this, of colonies whose simulation succeeded."""
         return np.einsum("d,...dk->...k", self._share, ndtr((values[..., None, :] - self.mean) / self._sd))
 
     def quantiles(self, shares: Float[np.ndarray, " share"]) -> Float[np.ndarray, "share statistic"]:

@@ -60,7 +60,7 @@ class Comparison:
         if len(runs) < 2:
             raise InputError(f"runs: got {', '.join(names) or 'none'}, need at least two to compare")
         if twice := [name for name in names if names.count(name) > 1]:
-            raise InputError(f"runs: {twice[0]} is there twice, need each once")
+            raise InputError(f"runs: {twice[0]} is given twice, need each once")
         doubts = [f"{one.name}: {one.posterior.status}" for one in runs if not one.posterior.settled]
         models, why = _models(runs)
         conditions, others = _conditions(runs)

@@ -170,7 +170,7 @@ def explore(
 
     Raises:
         InputError: The fit is of a simulator that is not given, or there are too few runs.
-        SimulationError: Most simulations came to nothing.
+        SimulationError: Most simulations failed.
     """
     targets = {each.name: each.targets for each in fit.conditions}
     both = _colonies_of(fit) if simulator is None else given_simulators(targets, simulator, fine)

@@ -166,7 +166,7 @@ class Ensembles:
             full: Whether to take enough for the covariance of all data.
 
         Returns:
-            For each place its model, or an error where simulations came to nothing.
+            For each place its model, or an error where simulations failed.
         """
         found: list[dict[str, EnsembleRows]] = [{} for _ in places]
         for condition, simulator in self.simulators.items():
@@ -195,7 +195,7 @@ class Ensembles:
         """What the fine simulators change at the point of a model; nothing where there are none.
 
         Raises:
-            SimulationError: Fine simulations came to nothing.
+            SimulationError: Fine simulations failed.
         """
         means, covariances = list[np.ndarray](), list[np.ndarray]()
         for condition, ensemble in model.ensembles.items():
@@ -210,7 +210,7 @@ class Ensembles:
             known = change[np.isfinite(change).all(axis=1)]
             if len(known) < FEWEST_FINE:
                 where = self.space.described(model.theta)
-                raise SimulationError(f"{where}: fine simulations came to nothing (not finite){self._why()}")
+                raise SimulationError(f"{where}: fine simulations failed (not finite){self._why()}")
             means.append(known.mean(axis=0))
             covariances.append(sample_scatter(known).covariance / len(known))
         return Correction(np.concatenate(means), block_diag(*covariances))

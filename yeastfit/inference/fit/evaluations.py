@@ -13,7 +13,7 @@ class Start:
         number: From 1.
         begin: θ where it began.
         end: θ where its first stage ended.
-        cost: χ² there, with the screening covariance; infinite where simulations came to nothing.
+        cost: χ² there, with the screening covariance; infinite where simulations failed.
         ended: Why, in words.
         carried: Whether it went on.
     """

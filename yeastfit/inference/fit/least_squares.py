@@ -85,14 +85,14 @@ def fit(
         model: Rules of the colonies; by default the source's.
         resolution: Of the colonies that ensembles are made of.
         fine_resolution: Of those that correct them.
-        progress: Is told of every step.
+        progress: Called with what is being done and the share that is done.
 
     Returns:
         A `Fit`, whose `status` says how it ended.
 
     Raises:
         InputError: Arguments that make no sense; parameters whose range reaches 0, where logarithms end.
-        SimulationError: Simulations came to nothing wherever the fit began.
+        SimulationError: Simulations failed wherever the fit began.
     """
     settings = settings or FitSettings()
     by_name = {ONLY: targets} if isinstance(targets, Targets) else dict(targets)

@@ -152,7 +152,7 @@ def response_surface(
 
     Raises:
         InputError: There are too few simulations.
-        SimulationError: Most of them came to nothing.
+        SimulationError: Most of them failed.
     """
     size = len(centre)
     needed = 2 * (1 + size) * (2 + size) // 2
@@ -164,9 +164,7 @@ def response_surface(
     values = simulate(centre + reach * units)
     good = np.isfinite(values).all(axis=1)
     if good.sum() < max(0.5 * runs, needed):
-        raise SimulationError(
-            f"{runs - good.sum()} of {runs} simulations around the estimate came to nothing (not finite)"
-        )
+        raise SimulationError(f"{runs - good.sum()} of {runs} simulations around the estimate failed (not finite)")
     terms = np.asarray(monomials(units[good]))
     found = PolynomialRegression.of(terms, values[good])
     scatter = Scatter(found.covariance, found.freedom)

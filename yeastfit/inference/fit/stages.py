@@ -26,7 +26,7 @@ NEAR_AT_FIRST = 9.0  # of χ², three standard errors: what a start may lag behi
 NEAR_LATER = 4.0  # two standard errors
 WITHIN_NOISE = 1.0  # of χ²: a fall by less is one standard error in one direction, at most
 CARRIED = 2  # starts that go on, at most: a second one tells of another minimum, more would cost as much again
-NOWHERE = 1e6  # a residual where simulations came to nothing: every optimiser rejects such a step
+NOWHERE = 1e6  # a residual where simulations failed: every optimiser rejects such a step
 CONVERGED = "converged"
 
 
@@ -37,7 +37,7 @@ class Fitter:
     Attributes:
         ensembles: Data and simulators.
         priors: Centre and width in θ, by entry.
-        progress: Is told of every step.
+        progress: Called with what is being done and the share that is done.
         colonies: Resolutions and rules, for the result; see `Fit`.
         history: All evaluations.
         starts: Where it began.
@@ -98,7 +98,7 @@ class Fitter:
         if not chosen:
             met = "".join(f"; {problem}" for problem in self.ensembles.problems)
             raise SimulationError(
-                f"{len(points)} simulations all over the box came to nothing (not finite): look at the simulator, or "
+                f"{len(points)} simulations all over the box failed (not finite): look at the simulator, or "
                 f"narrow the bounds{met}"
             )
         return [Descent(number, point) for number, point in enumerate(chosen, start=1)]
@@ -166,7 +166,7 @@ class Fitter:
         self.history.append(Step(name, descent.number, members, made, cost, taken, values))
 
     def _lost(self, descent: Descent, optimiser: Optimiser, error: SimulationError) -> None:
-        """A point where simulations came to nothing costs as good as infinitely much; a start there ends."""
+        """A point where simulations failed costs as good as infinitely much; a start there ends."""
         self.notes.append(f"start {descent.number}: {error}")
         if descent.model is None:
             descent.ended = str(error)

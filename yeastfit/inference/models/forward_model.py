@@ -113,14 +113,14 @@ class ForwardModel(ABC):
         """Names of statistics as `Targets` has them.
 
         Raises:
-            InputError: One is unknown, or stands twice, which would double its weight.
+            InputError: One is unknown, or appears twice, which would double its weight.
         """
         known = {*known_statistics("smooth"), *known_statistics("mask")}
         for name in names:
             if name not in known:
                 raise InputError(f"--statistics: {name!r} is unknown, expected some of {', '.join(sorted(known))}")
             if names.count(name) > 1:
-                raise InputError(f"--statistics: {name!r} stands twice, expected each once")
+                raise InputError(f"--statistics: {name!r} appears twice, expected each once")
         return tuple(names)
 
     def seen(self, rows: Sequence[Row], folder: Path, condition: str | None, statistics: Sequence[str]) -> Seen:

@@ -139,7 +139,7 @@ class Shape(eqx.Module):
 
 
 class Simulated(eqx.Module):
-    """Training data, padded to one length; `came` is 1 for simulations that came to something, 0 for failures."""
+    """Training data, padded to one length; `came` is 1 for simulations that succeeded, 0 for failures."""
 
     x: Float[Array, "row free"]
     u: Float[Array, "row statistic"]

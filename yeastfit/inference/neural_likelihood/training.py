@@ -161,7 +161,7 @@ def _check(
     least = fewest(len(free), len(labels), settings)
     if came.sum() < least:
         raise InputError(
-            f"values: {came.sum()} of {len(came)} simulations came to something, an emulator of {len(free)} parameters "
+            f"values: {came.sum()} of {len(came)} simulations succeeded, an emulator of {len(free)} parameters "
             f"and {len(labels)} statistics needs at least {least}"
         )
     for name, column in zip(free, values.T, strict=True):

@@ -50,7 +50,7 @@ class Predictive:
         statistics: Means over `replicates`.
         observed: The data.
         replicates: Replicates that a data set is the mean of.
-        failed: Further draws whose simulations came to nothing.
+        failed: Further draws whose simulations failed.
     """
 
     free: tuple[str, ...]
@@ -84,7 +84,7 @@ class Predictive:
 
     def sentences(self) -> list[str]:
         """What is wrong; empty where all is well."""
-        sentences = [] if not self.failed else [f"posterior predictive: {self.failed} of the draws came to nothing"]
+        sentences = [] if not self.failed else [f"posterior predictive: {self.failed} of the draws failed"]
         if (1 + len(self.values)) * LEAST_P < 1:
             sentences.append(
                 f"posterior predictive: {len(self.values)} draws are too few to tell data that the model does not "
@@ -143,7 +143,7 @@ def predict(
         prior: Whether λ is drawn from the prior instead.
 
     Raises:
-        InputError: There are fewer than `FEWEST` draws, or fewer came to something, or the simulator has other
+        InputError: There are fewer than `FEWEST` draws, or fewer succeeded, or the simulator has other
             parameters or statistics.
     """
     if draws < FEWEST:
@@ -165,6 +165,6 @@ def predict(
     statistics = means(values, seeds)
     whole = np.isfinite(statistics).all(axis=1)
     if whole.sum() < FEWEST:
-        raise InputError(f"draws: {whole.sum()} of {draws} came to something, a predictive check needs {FEWEST}")
+        raise InputError(f"draws: {whole.sum()} of {draws} succeeded, a predictive check needs {FEWEST}")
     failed = int(draws - whole.sum())
     return Predictive(draws_of.free, labels, values[whole], statistics[whole], observed, draws_of.replicates, failed)

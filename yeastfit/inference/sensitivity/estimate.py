@@ -74,7 +74,7 @@ def sensitivity(
         path_numerics: Of the model that is differentiated, by default at Δt = 0.01.
         path_relaxation: Likewise, by default `tame`.
         observe: Grid and blur of the statistics.
-        progress: Is told of every part.
+        progress: Called with what is being done and the share that is done.
         elsewhere: Has workers simulate (`Workers.spread`); colonies that are differentiated stay in this process.
 
     Returns:
@@ -82,7 +82,7 @@ def sensitivity(
 
     Raises:
         InputError: Arguments that make no sense, and parameters that are not above 0.
-        SimulationError: Most simulations came to nothing.
+        SimulationError: Most simulations failed.
     """
     settings: dict[str, Any] = {"runs": runs, "paths": paths, "spread": spread, "seed": seed}
     settings["progress"] = progress or silent

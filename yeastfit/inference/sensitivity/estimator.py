@@ -69,7 +69,7 @@ class Estimator:
         paths: Simulations that are differentiated.
         spread: Of log λ in the regression.
         seed: Of all random numbers.
-        progress: Is told of every part.
+        progress: Called with what is being done and the share that is done.
         pathwise: Derivatives of single simulations, where the simulator has them.
     """
 
@@ -152,7 +152,7 @@ class Estimator:
         seeds = self._seeds(Part.MEAN, self.spent["mean"])
         rows = self.simulator(np.tile(self.values, (len(seeds), 1)), seeds)
         if np.isfinite(rows).all(axis=1).sum() < 2:
-            raise SimulationError(f"{len(rows)} simulations at {self._where()} came to nothing (not finite)")
+            raise SimulationError(f"{len(rows)} simulations at {self._where()} failed (not finite)")
         self.seconds["mean"] = clock.perf_counter() - began
         return rows
 

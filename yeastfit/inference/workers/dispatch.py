@@ -255,7 +255,7 @@ class Dispatch:
         if self._failures[number] >= self.patience.tries:
             values, seeds = self._blocks[number]
             raise SimulationError(
-                f"{self._failures[number]} times {len(seeds)} simulations came to nothing, the last time {how}; the "
+                f"{self._failures[number]} times {len(seeds)} simulations failed, the last time {how}; the "
                 f"first has parameters {values[0].tolist()} and seed {int(seeds[0])}: {RESUME}"
             )
         if not said:

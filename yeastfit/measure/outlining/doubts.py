@@ -13,8 +13,7 @@ DOUBTS: dict[str, str] = {
     "missing.",
     "cut off from an object at the border": "The colony touches an object at the border and was cut off from it at "
     "the narrowest place: check the cut.",
-    "an object at the border is left out": "A larger object at the border was taken for something else than the "
-    "colony.",
+    "an object at the border is left out": "A larger object at the border was not taken for the colony.",
     "low contrast": "The colony is hardly darker than the noise: thin parts may be missing.",
     "saturated": "Many pixels are as dark or as bright as the file can say: what differed there is lost.",
     "uneven light": "The background is more than twice as bright at one place as at another: the fainter side is "

@@ -119,7 +119,7 @@ def read_dataset(folder: str | Path) -> Dataset:
 
     Raises:
         InputError: A column or key is unknown, missing or empty, a file does not exist, a number is none, or a colony
-            stands twice at one time. The message names the line or the image, the value and what would be right.
+            appears twice at one time. The message names the line or the image, the value and what would be right.
     """
     folder = Path(folder)
     check_finished(folder)
@@ -136,7 +136,7 @@ def read_dataset(folder: str | Path) -> Dataset:
         if first != k:
             condition = f" of condition {frame.condition!r}" if frame.condition else ""
             raise InputError(
-                f"{rows[k][0]}: replicate {frame.replicate}{condition} at {frame.hours:g} hours stands twice, "
+                f"{rows[k][0]}: replicate {frame.replicate}{condition} at {frame.hours:g} hours appears twice, "
                 f"{frames[first].path.name} and {frame.path.name}: a colony has one image at one time"
             )
     return Dataset(folder, frames)

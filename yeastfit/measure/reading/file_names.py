@@ -66,7 +66,7 @@ class NamePattern:
         """Read a pattern.
 
         Raises:
-            InputError: A field is unknown or stands twice, a brace is open, or {replicate} is missing.
+            InputError: A field is unknown or appears twice, a brace is open, or {replicate} is missing.
         """
         text = re.sub(r"(\{\}){2,}", "{}", text)  # any text behind any text is any text
         if text.count("{}") > MOST_UNREAD:
@@ -83,7 +83,7 @@ class NamePattern:
                 known = ", ".join(f"{{{one}}}" for one in FIELDS)
                 raise InputError(f"pattern {quoted(text)}: {{{name}}} is unknown, known are {known}")
             if fields.count(name) > 1:
-                raise InputError(f"pattern {quoted(text)}: {{{name}}} stands twice")
+                raise InputError(f"pattern {quoted(text)}: {{{name}}} appears twice")
         if "replicate" not in fields:
             raise InputError(f"pattern {quoted(text)}: has no {{replicate}}, which tells colonies of a condition apart")
         return NamePattern(text, fields)
