@@ -9,16 +9,16 @@ from yeastfit.report.comparison_page import comparison_page
 from yeastfit.storage import write_json, write_table, written_whole
 
 
-def write_comparison(folder: Path, found: Comparison, drawn: Mapping[str, bytes], made: Mapping[str, str]) -> None:
+def write_comparison(folder: Path, comparison: Comparison, drawn: Mapping[str, bytes], made: Mapping[str, str]) -> None:
     """Write models.csv, statistics.csv, colonies.csv, conditions.csv, comparison.json, pictures and index.html.
 
     Arguments:
         folder: Where to.
-        found: The comparison.
+        comparison: The comparison.
         drawn: PNG of observed and simulated colonies, by the name of the run.
         made: How it was made, for the page.
     """
-    numbered = list(enumerate(found.models, start=1))
+    numbered = list(enumerate(comparison.models, start=1))
     tables = {
         "models": [{"set": n, **row} for n, each in numbered for row in each.rows()],
         "statistics": [
@@ -34,19 +34,23 @@ def write_comparison(folder: Path, found: Comparison, drawn: Mapping[str, bytes]
             for name, density in row.items()
             if name != "colony"
         ],
-        "conditions": [row for each in found.conditions for row in each.rows()],
+        "conditions": [row for each in comparison.conditions for row in each.rows()],
     }
     for name, rows in tables.items():
         if rows:
             write_table(folder / f"{name}.csv", rows)
-    verdicts = {"runs": [one.name for one in found.runs], "verdicts": found.sentences(), "doubts": found.doubts}
+    verdicts = {
+        "runs": [one.name for one in comparison.runs],
+        "verdicts": comparison.sentences(),
+        "doubts": comparison.doubts,
+    }
     write_json(folder / "comparison.json", {**verdicts, **tables})
     pictures = {f"colonies_{name}": picture for name, picture in drawn.items()}
     figures = {
         f"left_out_{n}": plot.left_out({one.name: one.left_out for one in each.runs}) for n, each in numbered
-    } | ({"marginals": plot.marginals(found.runs)} if found.conditions else {})
+    } | ({"marginals": plot.marginals(comparison.runs)} if comparison.conditions else {})
     for name, figure in figures.items():
         plot.save(figure, folder / f"{name}.png")
         pictures[name] = (folder / f"{name}.png").read_bytes()
     with written_whole(folder / "index.html") as temporary:
-        temporary.write_text(comparison_page(found, pictures, made), encoding="utf-8")
+        temporary.write_text(comparison_page(comparison, pictures, made), encoding="utf-8")

@@ -19,54 +19,54 @@ CONDITIONS = (
 )
 
 
-def comparison_page(found: Comparison, pictures: Mapping[str, bytes], made: Mapping[str, str]) -> str:
+def comparison_page(comparison: Comparison, pictures: Mapping[str, bytes], made: Mapping[str, str]) -> str:
     """One HTML file.
 
     Arguments:
-        found: The comparison.
+        comparison: The comparison.
         pictures: PNG by name: `marginals`, `left_out_1` and so on, and `colonies_NAME` of a run.
         made: How it was made.
     """
     lead = page.facts(
         [
-            (page.number(len(found.runs)), "runs"),
-            (page.number(len(found.models)), "sets of colonies seen by several runs"),
-            (page.number(len(found.conditions)), "pairs of conditions"),
+            (page.number(len(comparison.runs)), "runs"),
+            (page.number(len(comparison.models)), "sets of colonies seen by several runs"),
+            (page.number(len(comparison.conditions)), "pairs of conditions"),
         ]
     )
-    verdicts = "".join(f"<li>{page.text(one)}</li>" for one in found.sentences())
-    sections = [("Doubts", page.doubts(found.doubts)), ("What differs", f"<ul>{verdicts}</ul>")]
-    if found.models:
-        sections.append(("Models on the same colonies", _models(found, pictures)))
-    if found.conditions:
-        sections.append(("Conditions under the same model", _conditions(found, pictures)))
-    if drawn := _drawn(found, pictures):
+    verdicts = "".join(f"<li>{page.text(one)}</li>" for one in comparison.sentences())
+    sections = [("Doubts", page.doubts(comparison.doubts)), ("What differs", f"<ul>{verdicts}</ul>")]
+    if comparison.models:
+        sections.append(("Models on the same colonies", _models(comparison, pictures)))
+    if comparison.conditions:
+        sections.append(("Conditions under the same model", _conditions(comparison, pictures)))
+    if drawn := _drawn(comparison, pictures):
         sections.append(("Colonies", drawn))
     sections.append(("How this was made", page.pairs(made.items())))
     foot = '<p class="soft">Numbers: models.csv, statistics.csv, colonies.csv, conditions.csv, comparison.json.</p>'
     return page.document("Comparison of runs", lead, sections, foot)
 
 
-def _models(found: Comparison, pictures: Mapping[str, bytes]) -> str:
+def _models(comparison: Comparison, pictures: Mapping[str, bytes]) -> str:
     parts = [f"<p>{page.text(MODELS)}</p>"]
-    for number, each in enumerate(found.models, start=1):
+    for number, each in enumerate(comparison.models, start=1):
         name = f"left_out_{number}"
         parts.append(_table("Models on the same colonies", each.rows(), name))
         parts.append(page.card(name, pictures[name], "Colonies left out", "Colonies left out, and their predictions"))
     return "".join(parts)
 
 
-def _conditions(found: Comparison, pictures: Mapping[str, bytes]) -> str:
+def _conditions(comparison: Comparison, pictures: Mapping[str, bytes]) -> str:
     parts = [f"<p>{page.text(CONDITIONS)}</p>"]
-    parts += [_table(f"{each.first} and {each.second}", each.rows(), "marginals") for each in found.conditions]
+    parts += [_table(f"{each.first} and {each.second}", each.rows(), "marginals") for each in comparison.conditions]
     parts.append(page.card("marginals", pictures["marginals"], MARGINALS, page.text(MARGINALS)))
     return "".join(parts)
 
 
-def _drawn(found: Comparison, pictures: Mapping[str, bytes]) -> str:
+def _drawn(comparison: Comparison, pictures: Mapping[str, bytes]) -> str:
     """Observed above simulated colonies of each run, where its folder has a picture of them."""
     cards = []
-    for one in found.runs:
+    for one in comparison.runs:
         name = f"colonies_{one.name}"
         if name in pictures:
             words = f"{one.name}: observed colonies above, where there are pictures of them; simulated ones below"

@@ -17,7 +17,7 @@ def write_design(
     folder: Path,
     result: Design,
     model: ForwardModel,
-    found: Sensitivity,
+    sensitivity: Sensitivity,
     settings: Mapping[str, Any],
 ) -> None:
     """Write design.csv, design.json, information.json, the figures and their page.
@@ -26,7 +26,7 @@ def write_design(
         folder: Where to.
         result: The design.
         model: What was simulated.
-        found: Sensitivities that the design was made from.
+        sensitivity: What the design was made from.
         settings: How, for the page.
     """
     write_table(folder / "design.csv", result.rows())
@@ -35,8 +35,8 @@ def write_design(
     plot.save(plot.design(result), folder / "design.png")
     plot.save(plot.spectrum(result.before), folder / "spectrum.png")
     plot.save(plot.ellipses(result.before), folder / "ellipses.png")
-    made = {**as_words(settings), "seed": str(found.seed)}
+    made = {**as_words(settings), "seed": str(sensitivity.seed)}
     made["versions"] = ", ".join(f"{name} {one}" for name, one in versions().items())
-    page = design_page(result, model, found.at, folder, made, found.warnings)
+    page = design_page(result, model, sensitivity.at, folder, made, sensitivity.warnings)
     with written_whole(folder / "index.html") as temporary:
         temporary.write_text(page, encoding="utf-8")

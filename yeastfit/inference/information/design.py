@@ -44,7 +44,7 @@ Groups = tuple[tuple[float, tuple[int, ...]], ...]
 
 
 def design(
-    found: Sensitivity,
+    sensitivity: Sensitivity,
     *,
     free: Sequence[str] | None = None,
     measured_times: Sequence[float] | np.ndarray | None = None,
@@ -61,7 +61,7 @@ def design(
     """What to measure next. Candidates are every statistic and time of a sensitivity.
 
     Arguments:
-        found: From `yeastfit.sensitivity`.
+        sensitivity: From `yeastfit.sensitivity`.
         free: Which of its parameters are free, by default all; what is not free is known.
         measured_times: What is measured already, by default all; an empty sequence is nothing.
         measured_statistics: Likewise.
@@ -81,18 +81,18 @@ def design(
         InputError: Arguments that make no sense.
     """
     check_arguments(replicates, added, steps, by, criterion)
-    names = chosen_free(found, free)
+    names = chosen_free(sensitivity, free)
     nothing = measured_times is not None and len(measured_times) == 0
-    known = () if nothing else tuple(chosen_observables(found, measured_statistics, measured_times).tolist())
+    known = () if nothing else tuple(chosen_observables(sensitivity, measured_statistics, measured_times).tolist())
     groups: Groups = ((float(replicates), known),) if known else ()
     further = added if new_replicates else None
-    task = _Task(found, names, measurement_error, dict(prior or {}), criterion, further, replicates)
+    task = _Task(sensitivity, names, measurement_error, dict(prior or {}), criterion, further, replicates)
     start = task.start(groups)
     images, singles = (task.candidates(groups, start, offered) for offered in (task.images, task.singles))
     return Design(
         free=names,
-        statistics=found.statistics,
-        times=found.times,
+        statistics=sensitivity.statistics,
+        times=sensitivity.times,
         criterion=criterion,
         added=float(added),
         new_replicates=new_replicates,
@@ -110,7 +110,7 @@ class _Task:
     """What stays the same from one candidate to the next.
 
     Attributes:
-        found: What every observable would tell.
+        sensitivity: What every observable would tell.
         free: Names of the parameters.
         measurement_error: Relative.
         prior: Standard deviation of log λ, by name.
@@ -119,7 +119,7 @@ class _Task:
         replicates: That are measured already.
     """
 
-    found: Sensitivity
+    sensitivity: Sensitivity
     free: tuple[str, ...]
     measurement_error: float
     prior: dict[str, float]
@@ -130,29 +130,31 @@ class _Task:
     @cached_property
     def images(self) -> list[tuple[int, ...]]:
         """Numbers of the observables of each time."""
-        times = np.array([one.time for one in self.found.observables])
-        seen = ((times == time) | (np.isnan(times) & np.isnan(time)) for time in self.found.times)
+        times = np.array([one.time for one in self.sensitivity.observables])
+        seen = ((times == time) | (np.isnan(times) & np.isnan(time)) for time in self.sensitivity.times)
         return [tuple(np.flatnonzero(rows).tolist()) for rows in seen]
 
     @cached_property
     def singles(self) -> list[tuple[int, ...]]:
         """Numbers of each observable."""
-        return [(number,) for number in range(len(self.found.observables))]
+        return [(number,) for number in range(len(self.sensitivity.observables))]
 
     @cached_property
     def error(self) -> Square:
         """Covariance of the measurement error of all observables."""
-        return measurement_covariance(self.found.observables, self.found.mean, self.measurement_error)
+        return measurement_covariance(self.sensitivity.observables, self.sensitivity.mean, self.measurement_error)
 
     def information(self, groups: Groups) -> Information:
         """In groups of replicates, without the plausible range."""
-        scatter, freedom = self.found.scatter, scatter_freedom(self.found)
+        scatter, freedom = self.sensitivity.scatter, scatter_freedom(self.sensitivity)
         blocks = [
             mean_covariance(scatter[np.ix_(seen, seen)], replicates=count, freedom=freedom) for count, seen in groups
         ]
         rows = np.array([number for _, seen in groups for number in seen], dtype=int)
         sigma = block_diag(*blocks) if blocks else np.zeros((0, 0))
-        return information_in(self.found, self.free, rows, sigma + self.error[np.ix_(rows, rows)], prior=self.prior)
+        return information_in(
+            self.sensitivity, self.free, rows, sigma + self.error[np.ix_(rows, rows)], prior=self.prior
+        )
 
     def start(self, groups: Groups) -> np.ndarray:
         """F of what is measured, with the plausible range."""
@@ -183,8 +185,8 @@ class _Task:
             values, vectors = np.linalg.eigh(self.information(larger).data - now)
             after = total + (vectors * np.maximum(values, 0.0)) @ vectors.T
             candidate = Candidate(
-                statistics=tuple(self.found.observables[row].statistic for row in new),
-                time=self.found.observables[new[0]].time,
+                statistics=tuple(self.sensitivity.observables[row].statistic for row in new),
+                time=self.sensitivity.observables[new[0]].time,
                 reduction=1.0 - self.typical_error(after) / before,
                 typical_error=self.typical_error(after),
                 log_standard_errors=self.errors(after),
@@ -212,7 +214,7 @@ class _Task:
 
     def _plausible(self, name: str) -> float:
         """Standard deviation of a uniform distribution of log λ over the plausible range."""
-        low, high = self.found.plausible[name]
+        low, high = self.sensitivity.plausible[name]
         if not (low > 0 and np.isfinite(high)):
             raise InputError(
                 f"{name} is plausible from {low:g} to {high:g}, which says nothing of its logarithm: give a prior"

@@ -16,7 +16,7 @@ from yeastfit.inference.sensitivity.result import Sensitivity
 
 
 def information_of(
-    found: Sensitivity,
+    sensitivity: Sensitivity,
     *,
     free: Sequence[str] | None = None,
     statistics: Sequence[str] | None = None,
@@ -30,7 +30,7 @@ def information_of(
     """Fisher information of log λ in means over replicates.
 
     Arguments:
-        found: From `yeastfit.sensitivity`.
+        sensitivity: From `yeastfit.sensitivity`.
         free: Which of its parameters are free, by default all; what is not free is known.
         statistics: Which are measured, by default all.
         times: Likewise, in the simulator's unit.
@@ -44,57 +44,63 @@ def information_of(
         What such data determine, direction by direction.
 
     Raises:
-        InputError: As `information`; and names and times that `found` does not hold.
+        InputError: As `information`; and names and times that `sensitivity` does not hold.
     """
-    names = chosen_free(found, free)
-    rows = chosen_observables(found, statistics, times)
+    names = chosen_free(sensitivity, free)
+    rows = chosen_observables(sensitivity, statistics, times)
     square = np.ix_(rows, rows)
-    freedom = scatter_freedom(found)
-    sigma = mean_covariance(found.scatter[square], replicates=replicates, members=members, freedom=freedom)
-    sigma = sigma + measurement_covariance(found.observables, found.mean, measurement_error)[square]
-    return information_in(found, names, rows, sigma, prior=prior, limit=limit)
+    freedom = scatter_freedom(sensitivity)
+    sigma = mean_covariance(sensitivity.scatter[square], replicates=replicates, members=members, freedom=freedom)
+    sigma = sigma + measurement_covariance(sensitivity.observables, sensitivity.mean, measurement_error)[square]
+    return information_in(sensitivity, names, rows, sigma, prior=prior, limit=limit)
 
 
 def information_in(
-    found: Sensitivity, free: tuple[str, ...], rows: np.ndarray, sigma: Square, **more: Any
+    sensitivity: Sensitivity, free: tuple[str, ...], rows: np.ndarray, sigma: Square, **more: Any
 ) -> Information:
     """Information in observables of these numbers, of which some may be repeated, with covariance Σ."""
-    table = np.ix_(rows, np.array([found.free.index(name) for name in free]))
-    errors = {"error": found.error[table], "correlation": found.correlation[np.ix_(rows, rows)]}
-    return information(found.jacobian[table], sigma, free=free, **errors, **more)
+    table = np.ix_(rows, np.array([sensitivity.free.index(name) for name in free]))
+    errors = {"error": sensitivity.error[table], "correlation": sensitivity.correlation[np.ix_(rows, rows)]}
+    return information(sensitivity.jacobian[table], sigma, free=free, **errors, **more)
 
 
-def chosen_free(found: Sensitivity, free: Sequence[str] | None) -> tuple[str, ...]:
+def chosen_free(sensitivity: Sensitivity, free: Sequence[str] | None) -> tuple[str, ...]:
     """Names of free parameters, all of a sensitivity's by default, in its order."""
-    wanted = found.free if free is None else free
-    unknown = [name for name in wanted if name not in found.free]
+    wanted = sensitivity.free if free is None else free
+    unknown = [name for name in wanted if name not in sensitivity.free]
     if unknown or not wanted:
-        raise InputError(f"free is {', '.join(wanted) or 'empty'}, the sensitivity holds {', '.join(found.free)}")
-    return tuple(name for name in found.free if name in wanted)
+        raise InputError(f"free is {', '.join(wanted) or 'empty'}, the sensitivity holds {', '.join(sensitivity.free)}")
+    return tuple(name for name in sensitivity.free if name in wanted)
 
 
 def chosen_observables(
-    found: Sensitivity, statistics: Sequence[str] | None, times: Sequence[float] | np.ndarray | None
+    sensitivity: Sensitivity, statistics: Sequence[str] | None, times: Sequence[float] | np.ndarray | None
 ) -> np.ndarray:
     """Numbers of the observables of some statistics at some times, all by default, in their order."""
     for name in statistics or ():
-        if name not in found.statistics:
-            raise InputError(f"statistic {name!r} is not in the sensitivity, which holds {', '.join(found.statistics)}")
-    wanted = found.times if times is None else times_among(found.times, times)
+        if name not in sensitivity.statistics:
+            raise InputError(
+                f"statistic {name!r} is not in the sensitivity, which holds {', '.join(sensitivity.statistics)}"
+            )
+    wanted = sensitivity.times if times is None else times_among(sensitivity.times, times)
     return np.array(
         [
             row
-            for row, one in enumerate(found.observables)
+            for row, one in enumerate(sensitivity.observables)
             if (statistics is None or one.statistic in statistics) and (times is None or one.time in wanted)
         ],
         dtype=int,
     )
 
 
-def scatter_freedom(found: Sensitivity) -> float:
+def scatter_freedom(sensitivity: Sensitivity) -> float:
     """ν of a sensitivity's scatter: members − 1, and of the pairs 2 pairs − 1 − p."""
-    freedom = found.runs["mean"] - 1
-    return float(freedom + found.runs["regression"] - 1 - len(found.free) if "regression" in found.runs else freedom)
+    freedom = sensitivity.runs["mean"] - 1
+    return float(
+        freedom + sensitivity.runs["regression"] - 1 - len(sensitivity.free)
+        if "regression" in sensitivity.runs
+        else freedom
+    )
 
 
 def times_among(present: np.ndarray, times: Sequence[float] | np.ndarray) -> np.ndarray:

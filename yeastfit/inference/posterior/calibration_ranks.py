@@ -70,18 +70,18 @@ class Calibration:
 
 
 def ranks_of(
-    found: Draws, truth: Float[np.ndarray, " free"], draws: int, rng: np.random.Generator
+    posterior: Draws, truth: Float[np.ndarray, " free"], draws: int, rng: np.random.Generator
 ) -> tuple[Int[np.ndarray, " free"], int]:
     """Ranks of a truth among draws of its posterior: of each parameter, and of all together.
 
     Arguments:
-        found: The posterior.
+        posterior: The posterior.
         truth: λ that the data were simulated at.
         draws: L, how many draws.
         rng: Draws them, and the random point.
     """
-    drawn = found.drawn(draws, rng)
-    return (drawn < truth).sum(axis=0), joint_rank(found.prior, truth, drawn, rng)
+    drawn = posterior.drawn(draws, rng)
+    return (drawn < truth).sum(axis=0), joint_rank(posterior.prior, truth, drawn, rng)
 
 
 def joint_rank(
