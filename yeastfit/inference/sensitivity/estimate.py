@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from yeastfit.errors import InputError
+from yeastfit.inference.colony_simulator import ColonySimulator
 from yeastfit.inference.sensitivity.colonies import (
     colonies_at,
     hard_but_smoothly_measured,
@@ -21,6 +22,7 @@ from yeastfit.model.model import Model
 from yeastfit.model.numerics import Numerics
 from yeastfit.model.parameters import Parameters
 from yeastfit.model.relaxation import Relaxation
+from yeastfit.observable import Observable
 from yeastfit.progress import Progress, silent
 
 STATISTICS = ("compactness", "mean_radius", "radius", "area", "cell_count")
@@ -86,10 +88,10 @@ def sensitivity(
     """
     settings: dict[str, Any] = {"runs": runs, "paths": paths, "spread": spread, "seed": seed}
     settings["progress"] = progress or silent
+    of_colonies: dict[str, Any] = {"parameters": parameters, "times": times, "statistics": statistics, "free": free}
+    of_colonies |= {"model": model, "numerics": numerics, "relaxation": relaxation, "path_numerics": path_numerics}
+    of_colonies |= {"path_relaxation": path_relaxation, "observe": observe}
     if simulator is not None:
-        of_colonies: dict[str, Any] = {"parameters": parameters, "times": times, "statistics": statistics, "free": free}
-        of_colonies |= {"model": model, "numerics": numerics, "relaxation": relaxation, "path_numerics": path_numerics}
-        of_colonies |= {"path_relaxation": path_relaxation, "observe": observe}
         for name, value in of_colonies.items():
             if value is not None:
                 raise InputError(f"{name} is of colonies, the simulator that is given has its own: leave it out")
@@ -99,30 +101,44 @@ def sensitivity(
     if at is not None or times is None:
         missing = "times are missing" if at is None else "at is given without simulator"
         raise InputError(f"{missing}: a sensitivity is of colonies at `parameters` and `times`, or of a simulator")
+    colonies, values, asked, derivatives = _colonies(**of_colonies)
+    chosen: Simulator = colonies if elsewhere is None else elsewhere(colonies)
+    return Estimator(chosen, values, asked, method or "combined", **settings, pathwise=derivatives).run()
+
+
+def _colonies(
+    *,
+    parameters: Parameters | None,
+    times: Sequence[float] | np.ndarray,
+    statistics: Sequence[str] | None,
+    free: Sequence[str] | None,
+    model: Model | None,
+    numerics: Numerics | None,
+    relaxation: Relaxation | None,
+    path_numerics: Numerics | None,
+    path_relaxation: Relaxation | None,
+    observe: SmoothStatistics | None,
+) -> tuple[ColonySimulator, np.ndarray, tuple[Observable, ...], ColonyPaths]:
+    """Colonies, λ of their free parameters, which observables are asked for, and derivatives of single colonies."""
     parameters, numerics = parameters or Parameters(), numerics or Numerics(dt=0.005)
     names = STATISTICS if statistics is None else tuple(statistics)
+    sampled = np.atleast_1d(np.asarray(times, dtype=float))
     colonies = colonies_at(
         parameters,
         free,
         (*names, *(() if COUNT in names else (COUNT,))),
-        np.atleast_1d(np.asarray(times, dtype=float)),
+        sampled,
         numerics,
         hard_but_smoothly_measured() if relaxation is None else relaxation,
         observe or SmoothStatistics(numerics.domain),
         model,
     )
-    derivatives = ColonyPaths(
-        colonies,
-        np.atleast_1d(np.asarray(times, dtype=float)),
-        len(names),
-        path_numerics or path_numerics_for(numerics, parameters),
-        tame() if path_relaxation is None else path_relaxation,
-    )
+    path_relaxation = tame() if path_relaxation is None else path_relaxation
+    path_numerics = path_numerics or path_numerics_for(numerics, parameters)
+    derivatives = ColonyPaths(colonies, sampled, len(names), path_numerics, path_relaxation)
     asked = tuple(one for one in colonies.observables if one.statistic in names)
-    parameters = colonies.curves.model.complete(parameters)
-    values = np.array([float(parameters[name]) for name in colonies.parameters])
-    chosen: Simulator = colonies if elsewhere is None else elsewhere(colonies)
-    return Estimator(chosen, values, asked, method or "combined", **settings, pathwise=derivatives).run()
+    complete = colonies.curves.model.complete(parameters)
+    return colonies, np.array([float(complete[name]) for name in colonies.parameters]), asked, derivatives
 
 
 def _values_at(simulator: Simulator, at: Mapping[str, float]) -> np.ndarray:
