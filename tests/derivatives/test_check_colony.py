@@ -165,11 +165,12 @@ def test_chattering_contacts_are_reported_with_what_to_do() -> None:
 def test_outgrown_derivatives_are_reported_with_what_to_do() -> None:
     growth = {"log mobility": np.array([0.0, 250.0]), "log repulsivity": np.array([0.0, np.inf])}
     growth["positions 1"] = np.array([1.0, np.exp(8.0)])
-    (line,) = gradients._useless({name: growth[name] for name in ("log mobility", "positions 1")}, 4.0)
+    kinds = {"log mobility": "λ", "log repulsivity": "λ", "positions 1": "positions"}
+    (line,) = gradients._useless({name: growth[name] for name in ("log mobility", "positions 1")}, kinds, 4.0)
     assert line.startswith("by t = 4 a change of log mobility by 0.01 moves a node by 2.5 L0 to first order")
     assert "exp(2 t)" in line
     assert all(words in line for words in ("wider contact", "turning", "yeastfit.sensitivity"))
-    (line,) = gradients._useless(growth, 4.0)
+    (line,) = gradients._useless(growth, kinds, 4.0)
     assert "log repulsivity" in line
 
 
