@@ -32,8 +32,10 @@ from yeastfit.commands.generated.rules import RecipeOptions, rule_options
 from yeastfit.inference.colony_simulator import COARSE
 from yeastfit.inference.fit.simulators import colonies_in
 from yeastfit.inference.models.algebraic import Algebraic
+from yeastfit.inference.models.offlattice import Offlattice
 from yeastfit.inference.simulator import names_of
 from yeastfit.model.model import BASES
+from yeastfit.offlattice.li2024_mask import BinnedOutlines
 from yeastfit.offlattice.simulation import OfflatticeSimulation
 from yeastfit.simulation.recipe import Recipe
 from yeastfit.storage import write_table
@@ -195,6 +197,19 @@ def test_indices_of_li_and_coauthors_are_measured_on_the_masks(table: Path) -> N
     assert seen.targets.curves[0, 2, 0] == expected.branch_index
     areas = [float(row["area"]) for row in rows(table)]
     assert seen.model.area == pytest.approx(np.mean(areas))  # type: ignore[attr-defined]
+
+
+def test_masks_are_drawn_as_the_statistics_ask_for() -> None:
+    """As Li et al. do where all are theirs, as ellipses otherwise, and as somebody says."""
+    theirs = ("li2024_branch_index", "li2024_csr_radius")
+
+    def binned(model: Offlattice, names: tuple[str, ...]) -> bool:
+        targets = Targets.from_means({name: [1.0] for name in names}, [10.0])
+        return model.simulator(targets, model.parameters.names, {}).draw == BinnedOutlines.of
+
+    assert binned(Offlattice(cells=100), theirs)
+    assert not binned(Offlattice(cells=100), (*theirs, "compactness"))
+    assert not binned(Offlattice(cells=100, masks="ellipses"), theirs)
 
 
 def test_help_is_that_of_the_model(capsys: pytest.CaptureFixture[str]) -> None:

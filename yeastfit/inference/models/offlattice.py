@@ -215,9 +215,10 @@ class Offlattice(ForwardModel):
         """How a colony is drawn, and µm per pixel."""
         from yeastfit.offlattice.ellipse_mask import PIXEL, Ellipses
         from yeastfit.offlattice.li2024_mask import BinnedOutlines
+        from yeastfit.offlattice.li2024_statistics import ENTRIES
         from yeastfit.offlattice.placing import PIXELS_PER_UM
 
-        theirs = all(name.startswith(THEIRS) for name in statistics)
+        theirs = {entry.name for entry in ENTRIES}.issuperset(statistics)
         if (self.masks or (THEIRS if theirs else "ellipses")) == THEIRS:
             return BinnedOutlines.of, 1 / PIXELS_PER_UM
         pixel = self.pixel_size or PIXEL
