@@ -119,7 +119,7 @@ def test_a_start_that_comes_to_nothing_does_not_stop_the_others() -> None:
 def test_simulations_that_come_to_nothing_everywhere_end_the_fit(targets: Targets) -> None:
     simulator = Dying()
     simulator.everywhere = True
-    with pytest.raises(SimulationError, match=r"no start led anywhere: mobility .* pairs of simulations came to"):
+    with pytest.raises(SimulationError, match=r"no start led anywhere: mobility .* pairs of simulations failed"):
         fitted(targets, simulator)
     with pytest.raises(SimulationError, match="32 simulations all over the box failed"):
         fitted(targets, StandIn(lambda away: np.full((len(away), CURVES), np.nan)))
