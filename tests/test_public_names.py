@@ -82,8 +82,10 @@ def missing(function: Callable[..., Any], least: int) -> list[str]:
         return [] if said else ["a docstring"]
     section = said.partition("Arguments:")[2].partition("\nR")[0]
     lacks = [name for name in names if f"    {name}: " not in section.replace("*", "")]
-    constructs = isinstance(signature.return_annotation, str)  # an object of the class itself
-    silent = signature.return_annotation is None or constructs or "Returns:" in said or "Yields:" in said
+    returned = signature.return_annotation  # which the checker of types resolves when a function is first called
+    its_class = function.__qualname__.partition(".")[0]
+    constructs = isinstance(returned, str) or getattr(returned, "__name__", None) == its_class
+    silent = returned in (None, type(None)) or constructs or "Returns:" in said or "Yields:" in said
     return lacks + ([] if silent else ["Returns"])
 
 
