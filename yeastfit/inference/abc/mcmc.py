@@ -30,12 +30,13 @@ from typing import Annotated, Any
 import emcee
 import numpy as np
 from emcee.backends import Backend
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
 from yeastfit.errors import InputError
 from yeastfit.inference.abc.distances import KERNELS, Distance, KernelName, log_kernel
 from yeastfit.inference.abc.pilot import DISTANCES, DistanceName, Pilot, distance_of, no_pilot, pilot_of
 from yeastfit.inference.abc.proposals import MOVES, Move, move_of
+from yeastfit.inference.abc.standstills import standstills
 from yeastfit.inference.posterior.cached_simulator import CachedSimulator
 from yeastfit.inference.posterior.diagnostics import Diagnostics
 from yeastfit.inference.posterior.prior import Prior
@@ -49,9 +50,6 @@ from yeastfit.progress import Progress
 
 CHAIN = 32  # bytes of a step of a chain, at least
 PILOT_QUANTILE = 0.02
-STANDSTILL = 0.25  # of a run, and `STILL` steps: a chain that does not move for longer is warned of
-STILL = 50
-REMEDY = "a larger tolerance would let it move"
 
 
 @dataclass(frozen=True)
@@ -178,7 +176,7 @@ class AbcMcmc:
             statistics=np.swapaxes(backend.get_blobs()[self.discard :, :, 1:], 0, 1),
             simulations=len(pilot.x) + target.asked,
             acceptance=moved.mean(axis=0),
-            warnings=[*store.notes, *pilot.warnings, *_standstills(moved)],
+            warnings=[*store.notes, *pilot.warnings, *standstills(moved)],
             diagnostics=McmcDiagnostics(float(tolerance), distance, covariance / 3),
             backend=backend,
         )
@@ -289,16 +287,3 @@ def _walk(
         progress("chains", step / steps)
         sampler.random_state = target.begin(step)
     return sampler.backend
-
-
-def _standstills(moved: Bool[np.ndarray, "draw chain"]) -> list[str]:
-    """Warnings of chains that stood still for long."""
-    warnings, steps = [], len(moved)
-    for chain, each in enumerate(moved.T):
-        ends = np.flatnonzero(np.concatenate([[True], each, [True]]))
-        longest = int(np.diff(ends).max()) - 1
-        if longest == steps:
-            warnings.append(f"chain {chain} accepted none of {steps} proposals: {REMEDY}, or smaller proposals")
-        elif longest >= max(STILL, STANDSTILL * steps):
-            warnings.append(f"chain {chain} stood still for {longest} of {steps} steps: {REMEDY}")
-    return warnings
