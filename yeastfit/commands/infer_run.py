@@ -13,7 +13,7 @@ from pathlib import Path
 
 from yeastfit.commands.generated.samplers import extending
 from yeastfit.commands.infer_config import Request
-from yeastfit.commands.infer_doubts import doubts_of
+from yeastfit.commands.infer_doubts import doubts_of, doubts_of_reused
 from yeastfit.commands.leave_out import predicted_from_others, single_colonies
 from yeastfit.commands.measured_source import Measurements, measure_source, recorded_warnings
 from yeastfit.commands.run_folder import RunFolder, inputs_of, read_run, run_versions
@@ -31,14 +31,8 @@ from yeastfit.inference.posterior.result import Posterior
 from yeastfit.inference.posterior.sampler import Sampler
 from yeastfit.inference.posterior.simulation_store import Store
 from yeastfit.inference.posterior.variation import Varied
-from yeastfit.inference.samplers import name_of, sample
-from yeastfit.inference.simulator import (
-    Simulator,
-    Tally,
-    labels_of,
-    member_seeds,
-    problems_of,
-)
+from yeastfit.inference.samplers import sample
+from yeastfit.inference.simulator import Simulator, Tally, labels_of, member_seeds, problems_of
 from yeastfit.inference.targets import Targets
 from yeastfit.inference.targets_from_table import TABLE, read_measurements, rows_of
 from yeastfit.inference.workers.spread import Workers
@@ -260,23 +254,9 @@ class InferRun:
                 self._store(temporary).close()
         except InputError as error:
             raise InputError(f"--reuse: {reuse / SIMULATIONS} cannot be: {error}") from None
-        self.folder.notes.extend(self._useless(reuse))
-
-    def _useless(self, reuse: Path) -> list[str]:
-        """In words, why a method that repeats simulations but does not learn from others finds none of its own."""
-        if getattr(self.sampler, "learns", False) or not (reuse / RUN).is_file():
-            return []
-        earlier, now = read_run(reuse / RUN), {**self.folder.configuration, "seed": self.folder.seed}
-        before = {**earlier["configuration"], "seed": earlier["seed"]}
-        different = [name for name in ("seed", "prior") if before.get(name) != now[name]]
-        count, counts = now["settings"].get("replicates", 1), before["settings"].get("replicates", 1)
-        different += ["replicates"] if count != counts else []
-        if not different:
-            return []
-        return [
-            f"--reuse: nothing in {reuse} will be of use, it has other {', '.join(different)} than this run: "
-            f"{name_of(self.sampler)} takes what it would make itself"
-        ]
+        if not getattr(self.sampler, "learns", False) and (reuse / RUN).is_file():
+            now = {**self.folder.configuration, "seed": self.folder.seed}
+            self.folder.notes.extend(doubts_of_reused(reuse, read_run(reuse / RUN), now))
 
     def _watched(self, tell: Callable[[int], None]) -> Simulator:
         simulator = self.problem.simulator if self.spread is None else self.spread
