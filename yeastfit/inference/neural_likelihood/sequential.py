@@ -35,7 +35,7 @@ from yeastfit.inference.neural_likelihood.network import TrainingSettings
 from yeastfit.inference.neural_likelihood.rounds import EmulatorDiagnostics, RoundDiagnostics
 from yeastfit.inference.neural_likelihood.single_colonies import between_colonies, excess_scatter
 from yeastfit.inference.neural_likelihood.training import fewest, train
-from yeastfit.inference.neural_likelihood.training_rounds import Round, far_draws, near, proposed, unsettled
+from yeastfit.inference.neural_likelihood.training_rounds import Round, far_draws, near, proposed, together, unsettled
 from yeastfit.inference.posterior.cached_simulator import CachedSimulator
 from yeastfit.inference.posterior.problem import Problem
 from yeastfit.inference.posterior.result import Posterior
@@ -184,7 +184,7 @@ class _Rounds:
         return self.simulator(values, seed_of(self.seed, range(start, start + len(values))))
 
     def _round(self, values: Values, statistics: Statistics, before: Round | None) -> Round:
-        values, statistics = self._with_reused(values, statistics)
+        values, statistics = together((values, statistics), (self.reused_values, self.reused_statistics))
         statistics = self.problem.of_their_kind(statistics)
         emulator = train(
             values,
@@ -220,18 +220,6 @@ class _Rounds:
             return x
         rng = np.random.default_rng(stream_of(self.seed, Stream.COLONIES, 0))
         return np.column_stack([x, rng.standard_normal(len(x))])
-
-    def _with_reused(
-        self, values: Values, statistics: Statistics
-    ) -> tuple[Float[np.ndarray, "all free"], Float[np.ndarray, "all statistic"]]:
-        """These simulations and the reused ones, each once."""
-        own = {row.tobytes() for row in np.column_stack([values, statistics])}
-        reused = np.column_stack([self.reused_values, self.reused_statistics])
-        new = np.array([row.tobytes() not in own for row in reused], dtype=bool)
-        return (
-            np.concatenate([values, self.reused_values[new]]),
-            np.concatenate([statistics, self.reused_statistics[new]]),
-        )
 
     def _settled(self, one: Round) -> bool:
         return one.moved <= self.settings.settle and one.error_share <= self.settings.settle**2

@@ -17,6 +17,8 @@ FEW = 0.01  # of the draws, above which outlying ones are warned of
 NEAR = 0.99  # of draws w times as wide as the posterior with its trail: simulations there cross-validate the emulator
 TRIES = 100  # times that draws outside the prior are repeated
 
+Simulated = tuple[Float[np.ndarray, "_ free"], Float[np.ndarray, "_ statistic"]]
+
 
 @dataclass(frozen=True)
 class Round:
@@ -44,6 +46,14 @@ class Round:
     def x(self) -> Float[np.ndarray, "draw free"]:
         """Draws of the chains in the prior's coordinates, without z."""
         return self.chains.flat[:, : len(self.mean)]
+
+
+def together(own: Simulated, reused: Simulated) -> Simulated:
+    """Parameters and statistics of a run's own simulations and of reused ones, each once."""
+    known = {row.tobytes() for row in np.column_stack(own)}
+    new = np.array([row.tobytes() not in known for row in np.column_stack(reused)], dtype=bool)
+    values, statistics = (np.concatenate([mine, others[new]]) for mine, others in zip(own, reused, strict=True))
+    return values, statistics
 
 
 def near(
