@@ -60,7 +60,8 @@ def test_an_exception_is_one_line_and_an_exit_code(
 def test_a_variable_that_a_library_refuses_is_named(variable: str, value: str, words: str, tmp_path: Path) -> None:
     if value == "cuda" and jax.devices()[0].platform != "cpu":
         pytest.skip("there is such a device")
-    command = [sys.executable, "-m", "yeastfit", "simulate", "--members", "1", "--time", "1"]
+    small = ("--members", "1", "--time", "1", "--domain", "6", "--spacing", "0.2", "--capacity", "4")
+    command = [sys.executable, "-m", "yeastfit", "simulate", *small]
     ran = subprocess.run(
         [*command, "--out", str(tmp_path / "out")],
         env={**os.environ, variable: value},
