@@ -15,7 +15,7 @@ from yeastfit import InputError
 from yeastfit.inference.neural_likelihood.network import TrainingSettings
 from yeastfit.inference.neural_likelihood.rounds import EmulatorDiagnostics
 from yeastfit.inference.neural_likelihood.sequential import SequentialEmulator
-from yeastfit.inference.neural_likelihood.training_rounds import far_draws, proposed
+from yeastfit.inference.neural_likelihood.training_rounds import Neighbourhood, far_draws, proposed
 from yeastfit.inference.posterior.emcee_file import write_chains
 from yeastfit.inference.posterior.prior import Prior
 from yeastfit.inference.posterior.problem import Problem
@@ -77,6 +77,21 @@ def test_simulations_are_proposed_around_most_of_the_posterior() -> None:
     assert np.mean(off < 2.5**2 * chi2.ppf(0.5, 2)) > 0.4
     assert np.mean(around[:, 0] > 0.5) > 0.05
     assert ((around[:, 0] > -1.5) & (around[:, 0] < 4.0)).all()
+
+
+def test_an_emulator_keeps_to_where_its_posterior_is() -> None:
+    """To the ellipsoid of 99 % of normal draws 1.6 w times as wide, where it holds the draws and enough simulations."""
+    rng = np.random.default_rng(0)
+    root = np.array([[0.1, 0.0], [-0.08, 0.05]])
+    draws, simulated = rng.standard_normal((4000, 2)) @ root.T, 10.0 * rng.standard_normal((4000, 2)) @ root.T
+    where = Neighbourhood(draws.mean(axis=0), np.cov(draws.T))
+    known = where.kept_to(draws, simulated, 2.5, 64)
+    assert known is not None
+    share = chi2.cdf((1.6 * 2.5) ** 2 * chi2.ppf(0.99, 2) / 100, 2)
+    np.testing.assert_allclose(known(simulated).mean(), share, atol=4 * np.sqrt(share * (1 - share) / 4000))
+    assert where.kept_to(draws, simulated, 2.5, int(known(simulated).sum()) + 1) is None
+    strays = np.concatenate([draws, np.full((5, 2), 30.0)])
+    assert where.kept_to(strays, simulated, 2.5, 64) is None
 
 
 def test_draws_far_off_are_told_of() -> None:

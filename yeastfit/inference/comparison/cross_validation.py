@@ -16,10 +16,10 @@ from yeastfit.errors import InputError
 from yeastfit.inference.comparison.left_out import SHARES, LeftOut, scale_of
 from yeastfit.inference.comparison.predictive_mixture import PredictiveMixture
 from yeastfit.inference.neural_likelihood.emulator import Emulator
-from yeastfit.inference.neural_likelihood.mcmc import ROUGHLY, LogPosterior, Walk
+from yeastfit.inference.neural_likelihood.mcmc import ROUGHLY, Known, LogPosterior, Walk
 from yeastfit.inference.neural_likelihood.sequential import SequentialEmulator
 from yeastfit.inference.neural_likelihood.training import Statistics, Values, train
-from yeastfit.inference.neural_likelihood.training_rounds import near
+from yeastfit.inference.neural_likelihood.training_rounds import Neighbourhood
 from yeastfit.inference.posterior.problem import Problem
 from yeastfit.inference.posterior.result import Posterior
 from yeastfit.inference.posterior.sampler import Sampler
@@ -72,6 +72,7 @@ def cross_validate(
         raise InputError(f"groups is {groups}, {count} colonies can be dealt into 2 to {count}")
     how = settings if isinstance(settings, SequentialEmulator) else SequentialEmulator()
     emulator = _emulator(posterior, problem, simulations, how, seed)
+    known = _known(posterior, problem, simulations[0], how)
     group, doubts = np.arange(count) % groups, list[str]()
     places = problem.prior.coordinates(simulations[0][_usable(problem, simulations)])
     density, below = np.full(count, np.nan), np.full(colonies.shape, np.nan)
@@ -80,7 +81,7 @@ def cross_validate(
         progress("leaving colonies out", k / groups)
         kept = without(problem, colonies[group != k])
         walk = Walk.start(
-            LogPosterior(emulator, kept), places, walkers=how.walkers, most_steps=how.most_steps, seed=seed
+            LogPosterior(emulator, kept, known), places, walkers=how.walkers, most_steps=how.most_steps, seed=seed
         )
         chains = walk.until(ROUGHLY)
         if chains.steps < ROUGHLY * chains.times.max():
@@ -127,18 +128,31 @@ def _emulator(
     settings: SequentialEmulator,
     seed: int,
 ) -> Emulator:
-    """Trained on all simulations, and checked where the posterior is."""
+    """Trained on the simulations of `_known`, and checked where the posterior is."""
     values, statistics = simulations[0], problem.of_their_kind(simulations[1])
-    inside = np.isfinite(problem.prior.log_density(values))
-    x = problem.prior.coordinates(posterior.flat)
-    weights = posterior.weights.ravel()
-    mean, covariance = weights @ x, np.atleast_2d(np.cov(x, rowvar=False, aweights=weights))
+    known = _known(posterior, problem, values, settings)
+    chosen = np.isfinite(problem.prior.log_density(values))
+    if known is not None:
+        chosen &= known(problem.prior.coordinates(values))
     return train(
-        values[inside],
-        statistics[inside],
+        values[chosen],
+        statistics[chosen],
         prior=problem.prior,
         labels=problem.labels,
         seed=seed,
         settings=settings.training,
-        near=near(problem.prior.coordinates(values[inside]), mean, covariance, settings.widen),
+        near=_neighbourhood(posterior, problem).holds(problem.prior.coordinates(values[chosen]), settings.widen),
     )
+
+
+def _known(posterior: Posterior, problem: Problem, values: Values, settings: SequentialEmulator) -> Known | None:
+    """The neighbourhood that an emulator is restricted to, as in the last round of a posterior that has settled."""
+    x = problem.prior.coordinates(values)
+    least = max(settings.round_sizes(len(problem.prior.free))[0], settings.walkers)
+    draws = problem.prior.coordinates(posterior.flat)
+    return _neighbourhood(posterior, problem).kept_to(draws, x, settings.widen, least) if posterior.settled else None
+
+
+def _neighbourhood(posterior: Posterior, problem: Problem) -> Neighbourhood:
+    x, weights = problem.prior.coordinates(posterior.flat), posterior.weights.ravel()
+    return Neighbourhood(weights @ x, np.atleast_2d(np.cov(x, rowvar=False, aweights=weights)))

@@ -36,20 +36,30 @@ KERNELS = 10  # walkers per parameter, at least, for a kernel density that is wo
 FEWEST = 50  # draws that are kept of a chain, however correlated; it is then said to be too short
 
 LogDensity = Callable[[np.ndarray], np.ndarray]  # of rows
+Known = Callable[[np.ndarray], np.ndarray]  # of rows
 
 
 @dataclass(frozen=True)
 class LogPosterior:
-    """Log posterior density in the prior's coordinates, and in z, up to a constant, as emcee calls it."""
+    """Log posterior density in the prior's coordinates, and in z, up to a constant, as emcee calls it.
+
+    Attributes:
+        emulator: Of the likelihood.
+        problem: Data and prior.
+        known: Which places the emulator knows, rows of the prior's coordinates; all by default.
+    """
 
     emulator: Emulator
     problem: Problem
+    known: Known | None = None
 
     def __call__(self, x: Float[np.ndarray, "walker coordinate"]) -> Float[np.ndarray, " walker"]:
-        """−inf outside the prior."""
+        """−inf outside the prior, and where the emulator knows nothing."""
         prior, x, z = self.problem.prior, *self.parts(x)
         log_prior = self.log_prior(x, z)
         inside = np.isfinite(log_prior)
+        if self.known is not None:
+            inside &= self.known(x)
         values = np.where(inside[:, None], prior.values(x), prior.values(self._somewhere))
         return np.where(inside, log_prior + self._likelihood(values, z), -np.inf)
 

@@ -12,8 +12,8 @@ class RoundDiagnostics:
     """One round.
 
     Attributes:
-        simulations: That the emulator was trained on.
-        failed: How many of them were failures.
+        simulations: So far, those of other runs included.
+        failed: How many of those that the emulator was trained on were failures.
         moved: Change of the posterior from the round before, in standard deviations of the parameter that moved most.
         error_share: Share of the emulator's error in the variance that data are compared with.
         settled: Whether both are small enough.
@@ -39,7 +39,8 @@ class EmulatorDiagnostics(Diagnostics):
     """
 
     caption = (
-        "Networks learn the mean and the scatter of the statistics, round by round where the posterior is. Moved: "
+        "Networks learn the mean and the scatter of the statistics, round by round where the posterior is, and from "
+        "the simulations around it alone as soon as it hardly moves. Moved: "
         "change of the posterior from the round before, in standard deviations of the parameter that changed most. "
         "Error share: of the emulator's own error in the variance that data are compared with."
     )

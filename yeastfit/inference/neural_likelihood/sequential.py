@@ -13,6 +13,13 @@ settle² of the variance that the data are compared with, so that it moves a mea
 or less. Otherwise rounds go on until the simulations are spent. This criterion is insensitive to rare outlying draws; a
 warning reports their fraction in the last two rounds.
 
+**Search, then refinement.** The first rounds train on all simulations. As soon as the posterior moves less than a
+standard deviation, the next round trains on those in its neighbourhood alone, an ellipsoid of 1.6 w times its width,
+and its chains stay there. Few of a prior's simulations of five parameters are near a posterior, and what they teach
+networks about the rest of the prior is an error near it: of 6264 simulations of AWRI 796, 50 µM, 4369 are near; trained
+on these the emulator's error is 2.4 % of the variance of the data, trained on all of them 9 %, and held-out colonies
+there have a higher density. A posterior that moves farther again, or does not keep to the ellipsoid, is searched anew.
+
 As the likelihood is what is emulated, where the simulations were made does not influence the posterior other than
 through the emulator's error (Papamakarios et al. 2019, arXiv:1805.07226): simulations of other runs, whatever their
 method, are trained on as well (`Simulations.reused`). Where colonies may scatter (`posterior.variation`), chains have
@@ -35,7 +42,7 @@ from yeastfit.inference.neural_likelihood.network import TrainingSettings
 from yeastfit.inference.neural_likelihood.rounds import EmulatorDiagnostics, RoundDiagnostics
 from yeastfit.inference.neural_likelihood.single_colonies import between_colonies, excess_scatter
 from yeastfit.inference.neural_likelihood.training import fewest, train
-from yeastfit.inference.neural_likelihood.training_rounds import Round, far_draws, near, proposed, together, unsettled
+from yeastfit.inference.neural_likelihood.training_rounds import Round, far_draws, proposed, together, unsettled
 from yeastfit.inference.posterior.cached_simulator import CachedSimulator
 from yeastfit.inference.posterior.problem import Problem
 from yeastfit.inference.posterior.result import Posterior
@@ -185,34 +192,37 @@ class _Rounds:
 
     def _round(self, values: Values, statistics: Statistics, before: Round | None) -> Round:
         values, statistics = together((values, statistics), (self.reused_values, self.reused_statistics))
-        statistics = self.problem.of_their_kind(statistics)
+        statistics, x = self.problem.of_their_kind(statistics), self.problem.prior.coordinates(values)
+        known = None
+        if before is not None and before.found:
+            least = max(self.first, self.settings.walkers)
+            known = before.neighbourhood.kept_to(before.x, x, self.settings.widen, least)
+        chosen = np.ones(len(x), dtype=bool) if known is None else known(x)
         emulator = train(
-            values,
-            statistics,
+            values[chosen],
+            statistics[chosen],
             prior=self.problem.prior,
             labels=self.problem.labels,
             seed=self.seed,
             settings=self.settings.training,
-            near=None
-            if before is None
-            else near(self.problem.prior.coordinates(values), before.mean, before.covariance, self.settings.widen),
+            near=None if before is None else before.neighbourhood.holds(x[chosen], self.settings.widen),
             room=self.settings.simulations + len(self.reused_values),
         )
-        whole = np.isfinite(statistics).all(axis=1)
-        density = LogPosterior(emulator, self.problem)
+        whole = chosen & np.isfinite(statistics).all(axis=1)
+        density = LogPosterior(emulator, self.problem, known)
         walk = Walk.start(
             density,
-            self._with_z(self.problem.prior.coordinates(values[whole])),
+            self._with_z(x[whole]),
             walkers=self.settings.walkers,
             most_steps=self.settings.most_steps,
             seed=self.seed,
         )
         chains = walk.until(ROUGHLY, BRIEFLY if before is None else np.inf)
-        x, z = density.parts(chains.flat)
-        mean, covariance = x.mean(axis=0), np.atleast_2d(np.cov(x, rowvar=False))
+        drawn, z = density.parts(chains.flat)
+        mean, covariance = drawn.mean(axis=0), np.atleast_2d(np.cov(drawn, rowvar=False))
         moved = np.inf if before is None else float(apart(chains.flat, before.chains.flat).max())
         share = self._error_share(emulator, mean, z.mean(axis=0))
-        return Round(emulator, walk, chains, mean, covariance, moved, share)
+        return Round(emulator, walk, chains, mean, covariance, moved, share, len(values))
 
     def _with_z(self, x: Float[np.ndarray, "place free"]) -> Float[np.ndarray, "place coordinate"]:
         """Places where chains may start, with z from its prior where colonies scatter."""
@@ -292,5 +302,5 @@ class _Rounds:
     def _reported(self, one: Round) -> RoundDiagnostics:
         emulator, settled = one.emulator, self._settled(one)
         return RoundDiagnostics(
-            emulator.simulations, emulator.failed, one.moved, one.error_share, settled, emulator.cross_validation
+            one.simulations, emulator.failed, one.moved, one.error_share, settled, emulator.cross_validation
         )

@@ -1,23 +1,62 @@
 """One round of the sequential emulator: its chains, proposals for the next one, and draws that lie far off."""
 
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from jaxtyping import Bool, Float
 from scipy.stats import chi2
 
 from yeastfit.errors import InputError
+from yeastfit.inference.neural_likelihood.coordinates import Values
 from yeastfit.inference.neural_likelihood.emulator import Emulator
-from yeastfit.inference.neural_likelihood.mcmc import Chains, Walk
+from yeastfit.inference.neural_likelihood.mcmc import Chains, Known, Walk
 from yeastfit.inference.posterior.prior import Prior
 from yeastfit.inference.posterior.robust_summary import covariance_of_most, far_off
 
 LARGEST_ERROR = 0.3  # of the variance of the data, above which the emulator's error is warned of
 FEW = 0.01  # of the draws, above which outlying ones are warned of
-NEAR = 0.99  # of draws w times as wide as the posterior with its trail: simulations there cross-validate the emulator
+NEAR = 0.99  # of draws so many times as wide as the posterior with its trail lie in its neighbourhood
+LOCAL = 1.6  # times as wide as proposals is the neighbourhood that a posterior is learnt in, once it is found
+FOUND = 1.0  # standard deviations: a posterior that moved less is found
+OUTSIDE = 1e-3  # of the draws at most lie outside the neighbourhood that an emulator is restricted to
 TRIES = 100  # times that draws outside the prior are repeated
 
 Simulated = tuple[Float[np.ndarray, "_ free"], Float[np.ndarray, "_ statistic"]]
+
+
+@dataclass(frozen=True)
+class Neighbourhood:
+    """Where draws of this mean and covariance lie, in the prior's coordinates.
+
+    Attributes:
+        mean: Of the draws.
+        covariance: Of the draws.
+    """
+
+    mean: Float[np.ndarray, " free"]
+    covariance: Float[np.ndarray, "free free"]
+
+    def holds(self, x: Float[np.ndarray, "row free"], widen: float) -> Bool[np.ndarray, " row"]:
+        """Which rows lie where `NEAR` of normal draws do that are w times as wide."""
+        off = x - self.mean
+        distance = np.einsum("rf,rf->r", off, np.linalg.solve(self.covariance, off.T).T)
+        return distance <= widen**2 * chi2.ppf(NEAR, len(self.mean))
+
+    def kept_to(
+        self, draws: Float[np.ndarray, "draw free"], simulations: Values, widen: float, least: int
+    ) -> Known | None:
+        """The neighbourhood to which an emulator may be restricted; None where it should not be.
+
+        Arguments:
+            draws: Of the posterior, nearly all of which must lie in it.
+            simulations: Of which so many must.
+            widen: Of proposals.
+            least: That many.
+        """
+        known = partial(self.holds, widen=LOCAL * widen)
+        outside = 1.0 - float(known(draws).mean())
+        return known if outside <= OUTSIDE and known(simulations).sum() >= least else None
 
 
 @dataclass(frozen=True)
@@ -32,6 +71,7 @@ class Round:
         covariance: Of the prior's coordinates.
         moved: How far `apart` the posterior is from that of the round before, in the parameter that moved most.
         error_share: Share of the emulator's error in the variance that data are compared with, at the mean.
+        simulations: So far, those of other runs included.
     """
 
     emulator: Emulator
@@ -41,11 +81,22 @@ class Round:
     covariance: Float[np.ndarray, "free free"]
     moved: float
     error_share: float
+    simulations: int
 
     @property
     def x(self) -> Float[np.ndarray, "draw free"]:
         """Draws of the chains in the prior's coordinates, without z."""
         return self.chains.flat[:, : len(self.mean)]
+
+    @property
+    def neighbourhood(self) -> Neighbourhood:
+        """Of the posterior."""
+        return Neighbourhood(self.mean, self.covariance)
+
+    @property
+    def found(self) -> bool:
+        """Whether the posterior is about where it was in the round before."""
+        return self.moved <= FOUND
 
 
 def together(own: Simulated, reused: Simulated) -> Simulated:
@@ -54,18 +105,6 @@ def together(own: Simulated, reused: Simulated) -> Simulated:
     new = np.array([row.tobytes() not in known for row in np.column_stack(reused)], dtype=bool)
     values, statistics = (np.concatenate([mine, others[new]]) for mine, others in zip(own, reused, strict=True))
     return values, statistics
-
-
-def near(
-    x: Float[np.ndarray, "row free"],
-    mean: Float[np.ndarray, " free"],
-    covariance: Float[np.ndarray, "free free"],
-    widen: float,
-) -> Bool[np.ndarray, " row"]:
-    """Which simulations lie where draws of this mean and covariance do, w times as wide, in the prior's coordinates."""
-    off = x - mean
-    distance = np.einsum("rf,rf->r", off, np.linalg.solve(covariance, off.T).T)
-    return distance <= widen**2 * chi2.ppf(NEAR, len(mean))
 
 
 def proposed(
