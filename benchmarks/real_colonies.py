@@ -49,7 +49,18 @@ def judge(report: Report, work: Path) -> list[str]:
                 said.append(f"**{title}**: not there yet.")
                 continue
             said.append(f"**{title}**: {' '.join(_run(report, folder, title))}")
-    return said
+    return said + _compared(report, work / "comparison")
+
+
+def _compared(report: Report, folder: Path) -> list[str]:
+    """What `yeastfit compare` found, and whether it is to be doubted."""
+    if not (folder / MANIFEST).is_file():
+        return ["**Compared**: not there yet."]
+    found = read_json(folder / "comparison.json")
+    names = ("parameter", "first", "second", "median_first", "median_second", "first_larger", "error", "told_apart")
+    report.table("Conditions compared", [{name: row[name] for name in names} for row in found["conditions"]])
+    doubts = [f"To be doubted: {one}." for one in found["doubts"]]
+    return [f"**Compared**: {'; '.join(found['verdicts'])}. {' '.join(doubts)}".rstrip()]
 
 
 def _run(report: Report, folder: Path, title: str) -> list[str]:
