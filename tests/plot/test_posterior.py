@@ -88,6 +88,9 @@ def test_colonies_have_one_scale() -> None:
     assert {panel.get_xlim() for panel in shown} == {(-32.0, 32.0)}
     outline = np.concatenate([np.asarray(line.get_data()) for line in shown[0].lines], axis=1)
     assert np.hypot(*outline).max() == pytest.approx(21.0, abs=1.5)  # µm: ten pixels and a half of 2 µm
+    alone = drawn(plot.colonies([], [("c", large, 0.5)] * 3))
+    assert [len(panel.images) for panel in alone.axes] == [1, 1, 1]
+    assert alone.get_suptitle().startswith("simulated at draws")
 
 
 def test_held_out_residuals() -> None:

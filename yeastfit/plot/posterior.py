@@ -127,7 +127,7 @@ def colonies(
     photographs: Sequence[tuple[str, np.ndarray | None, Bool[np.ndarray, "row column"], float]],
     simulated: Sequence[tuple[str, Bool[np.ndarray, "x y"], float]],
 ) -> Figure:
-    """Photographs above, simulated outlines below, all on one scale.
+    """Photographs above, simulated outlines below, all on one scale; one row of outlines without photographs.
 
     Arguments:
         photographs: Title, grey values where there are some, mask, µm per pixel; the mask's outline is drawn.
@@ -137,8 +137,9 @@ def colonies(
         A figure.
     """
     columns = max(len(photographs), len(simulated))
-    figure = Figure(figsize=(1.9 * columns + 0.4, 4.4), layout="constrained")
-    axes: Any = figure.subplots(2, columns, squeeze=False)
+    rows = 2 if photographs else 1
+    figure = Figure(figsize=(1.9 * columns + 0.4, 2.1 * rows + 0.2), layout="constrained")
+    axes: Any = figure.subplots(rows, columns, squeeze=False)
     reach = max([*(_reach(one[2], one[3]) for one in photographs), *(_reach(one[1], one[2]) for one in simulated)])
     for panel in axes.ravel():
         panel.axis("off")
@@ -149,13 +150,12 @@ def colonies(
         else:
             panel.imshow(pixels, cmap="gray", extent=extent)
         _frame(panel, mask, extent, pixel, reach, title)
-    for panel, (title, mask, pixel) in zip(axes[1], simulated, strict=False):
+    for panel, (title, mask, pixel) in zip(axes[-1], simulated, strict=False):
         extent = _about_the_centre(mask.T, pixel)
         panel.imshow(np.where(mask.T, 1.0, np.nan), cmap="Greys", vmin=0, vmax=2, extent=extent)
         _frame(panel, mask.T, extent, pixel, reach, title)
-    figure.suptitle(
-        f"above: observed; below: simulated at draws of the posterior; {2 * reach:.0f} µm across", fontsize=9
-    )
+    said = "above: observed; below: simulated" if photographs else "simulated"
+    figure.suptitle(f"{said} at draws of the posterior; {2 * reach:.0f} µm across", fontsize=9)
     return figure
 
 
