@@ -59,8 +59,10 @@ def _compared(report: Report, folder: Path) -> list[str]:
     found = read_json(folder / "comparison.json")
     names = ("parameter", "first", "second", "median_first", "median_second", "first_larger", "error", "told_apart")
     report.table("Conditions compared", [{name: row[name] for name in names} for row in found["conditions"]])
-    doubts = [f"To be doubted: {one}." for one in found["doubts"]]
-    return [f"**Compared**: {'; '.join(found['verdicts'])}. {' '.join(doubts)}".rstrip()]
+    verdicts = "; ".join(found["verdicts"])
+    if not found["doubts"]:
+        return [f"**Compared**: {verdicts}."]
+    return [f"**Compared**, to be doubted ({'; '.join(found['doubts'])}): {verdicts}."]
 
 
 def _run(report: Report, folder: Path, title: str) -> list[str]:
