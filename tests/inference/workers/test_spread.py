@@ -13,6 +13,7 @@ from yeastfit import CachedSimulator, InputError, Prior, SimulationError, Store,
 from yeastfit.inference.simulator import Replicates, Simulator, labels_of
 from yeastfit.inference.workers import dispatch, spread
 from yeastfit.inference.workers.admission import Patience
+from yeastfit.inference.workers.dask_crew import DaskCrew
 from yeastfit.inference.workers.spread import Spread, Workers
 
 NEVER = Patience(tries=10**6, retry=0.0, look=0.0)
@@ -221,3 +222,15 @@ def test_small_waves(rows: int) -> None:
 def test_bad_input(wrong: Callable[[], Any], words: str) -> None:
     with pytest.raises(InputError, match=words):
         wrong()
+
+
+def test_workers_that_are_slow_to_end_do_not_fail_a_run() -> None:
+    asked = list[float]()
+
+    class Busy:
+        def close(self, timeout: float) -> None:
+            asked.append(timeout)
+            raise TimeoutError(f"timed out after {timeout} s.")
+
+    DaskCrew("this machine", lambda: None, Busy(), 1).close()
+    assert asked == [5]

@@ -104,7 +104,8 @@ class DaskCrew:
         """See `Crew`."""
         self._forget()
         if self.owned is not None:
-            self.owned.close(timeout=5)
+            with suppress(TimeoutError):  # on a busy machine it goes on closing behind what comes next
+                self.owned.close(timeout=5)
 
     def _forget(self) -> None:
         self._futures.clear()
