@@ -55,6 +55,21 @@ CASES: list[tuple[str, str]] = [
     ("simulate --out OUT --nothing 1", "--nothing"),
     ("simulate", "--out"),
     ("simulate --out OUT more", "more"),
+    (
+        "simulate --out OUT --births collocated --births-nodes 8589934592 --springs collocated "
+        "--springs-nodes 8589934592",
+        "nodes is 8589934592, it must be a power of two up to",
+    ),
+    (
+        "simulate --out OUT --births walkers --medium walkers --births-per-bud 1099511627776",
+        "per_bud is 1099511627776, it must be from 1 to",
+    ),
+    (
+        "simulate --out OUT --births walkers --medium walkers --medium-walkers 2147483648",
+        "walkers is 2147483648, it must be from 1 to",
+    ),
+    ("simulate --out OUT --contact constraint --contact-tolerated -1", "tolerated is -1.0"),
+    ("simulate --out OUT --fluctuations lognormal --nutrient-noise 1e30", "nutrient_noise is 1e+30"),
     ("simulate --out OUT --time", "--time"),
     ("measure --out OUT", "paths"),
     ("synthesize --out OUT", "--recipe"),
@@ -68,6 +83,8 @@ CASES: list[tuple[str, str]] = [
     ("compare folder nowhere --out OUT", "folder holds no run.json"),
     ("compare folder table", "--out"),
     ("infer table --out OUT --leave-out 1", "--leave-out is 1"),
+    ("infer table --out OUT --variation-sd 0.2", "--variation-sd are settings of --variation"),
+    ("infer table --out OUT --variation-zero 0.1", "--variation-zero and"),
     ("infer table --out OUT --leave-out -1", "--leave-out"),
     ("infer table --out OUT --leave-out 1.5", f"--leave-out is '1.5', {WHOLE}"),
     # --- simulate

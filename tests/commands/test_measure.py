@@ -194,7 +194,7 @@ def test_mean_and_spread_of_conditions() -> None:
     assert (third["count"], third["mean"], third["standard_deviation"]) == (2, 6, pytest.approx(2**0.5))
 
 
-def test_earlier_results_are_never_mixed_with_later_ones(tmp_path: Path) -> None:
+def test_earlier_results_are_never_mixed_with_later_ones(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     good, bad = write_disc(tmp_path / "a.png"), tmp_path / "b.png"
     bad.write_text("no image")
     out = tmp_path / "out"
@@ -204,9 +204,16 @@ def test_earlier_results_are_never_mixed_with_later_ones(tmp_path: Path) -> None
     assert "is no image" in failure["error"]
     assert cli.run(["measure", str(good), "--out", str(out), "--pixel-size", "1"]) == 0
     assert not (out / "failures.csv").exists()
-    assert cli.run(["measure", str(bad), "--out", str(out), "--pixel-size", "1"]) == 2
-    assert not (out / "measurements.csv").exists()
-    assert json.loads((out / "manifest.json").read_text())["failed"] == [failure["error"]]
+    before = (out / "measurements.csv").read_bytes(), (out / "manifest.json").read_bytes()
+    assert cli.run(["measure", str(bad), "--out", str(out), "--pixel-size", "1"]) == 2  # nothing: what is there stays
+    assert "no micrograph was measured: the earlier results in" in capsys.readouterr().err
+    assert ((out / "measurements.csv").read_bytes(), (out / "manifest.json").read_bytes()) == before
+    assert {path.name for path in out.iterdir()} >= {"measurements.csv", "manifest.json"}
+    assert not (out / ".yeastfit").exists()
+    fresh = tmp_path / "fresh"
+    assert cli.run(["measure", str(bad), "--out", str(fresh), "--pixel-size", "1"]) == 2
+    assert not (fresh / "measurements.csv").exists()
+    assert json.loads((fresh / "manifest.json").read_text())["failed"] == [failure["error"]]
 
 
 def test_a_folder_of_bad_files_costs_only_themselves(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

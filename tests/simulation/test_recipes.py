@@ -66,6 +66,8 @@ BAD = {
     GOOD + "numerics = { capacity = 1.5 }": "capacity is 1.5",
     GOOD + "scales = { rate = '1' }": "scale rate is '1'",
     GOOD + "optics = { blur = 'much' }": "optics blur: got 'much'",
+    GOOD + "optics = { blur = 1e9 }": "optics blur: got 1000000000.0, need a number, finite, at least 0 and at most",
+    GOOD + "optics = { specks = 1e12 }": "and at most 1000",
     GOOD + "optics = { speck_radius = 1 }": "optics speck_radius: got 1",
     GOOD + "model = 'uniform'": "model is 'uniform', it must be a table of rules",
     GOOD + "model = { budding = 'uniform' }": "budding is 'uniform'",

@@ -167,6 +167,8 @@ def infer(
         },
     }
     sampled = "emulator" if method is None else method
+    if not variation and (variation_zero, variation_sd) != (Variation.zero, Variation.sd):
+        raise InputError("--variation-zero and --variation-sd are settings of --variation: give it, too")
     request = Request.of_li(method, settings, **asked) if li else Request.of(sampled, settings, **asked)
     chosen.check_free(request.parameters.names)
     if print_prior:

@@ -81,6 +81,8 @@ def measure(
         inputs = [dataset.manifest] if dataset else []
         inputs += [outcome.image.path for outcome in outcomes if outcome.sha256]
         failed = [outcome.error for outcome in outcomes if not outcome.row]
+        if results.finished and len(failed) == len(outcomes):
+            fail([*failed, f"no micrograph was measured: the earlier results in {folder} stay"])
         overruled = {image.label: image.options.as_arguments() for image in images if image.options.as_arguments()}
         results.finish(
             inputs=inputs,

@@ -16,6 +16,7 @@ from yeastfit.inference.sensitivity.estimator import doubts
 from yeastfit.inference.sensitivity.result import Estimate
 from yeastfit.inference.sensitivity.shrinkage import combine
 from yeastfit.observable import Observable
+from yeastfit.storage import read_json, write_json
 
 SMALL = Numerics(domain=12.0, spacing=0.25, dt=0.02, capacity=64)
 BIASED = Model.of({"budding": {"rule": "biased"}})
@@ -96,6 +97,12 @@ def test_a_result_is_whole(found: Sensitivity, tmp_path: Path) -> None:
     replace(found, jacobian=np.where(np.arange(7) == 3, np.nan, found.jacobian)).save(tmp_path / "damaged.json")
     with pytest.raises(InputError, match=r"damaged\.json.*jacobian holds NaN"):
         Sensitivity.load(tmp_path / "damaged.json")
+    whole = read_json(tmp_path / "sensitivity.json")
+    for name in ("at", "runs", "free", "observables", "mean", "jacobian", "error", "scatter", "correlation"):
+        for value in (None, "x", list[str](), -1):
+            write_json(tmp_path / "damaged.json", {**whole, name: value})
+            with pytest.raises(InputError, match=r"damaged\.json: this is no sensitivity that was saved whole"):
+                Sensitivity.load(tmp_path / "damaged.json")
 
 
 @pytest.mark.thorough

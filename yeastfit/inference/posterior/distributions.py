@@ -190,7 +190,7 @@ def _completed(name: str, numbers: Mapping[str, Any]) -> dict[str, float]:
         if key in completed and completed[key] <= 0:
             raise InputError(f"{key} is {completed[key]:g}, it must be above 0")
     if not 0 <= completed.get("zero", 0.0) < 1:
-        raise InputError(f"zero is {completed['zero']:g}, a probability below 1 is expected")
+        raise InputError(f"zero is {completed['zero']:g}, a probability from 0 to below 1 is expected")
     low, high = completed.get("low", 0.0), completed.get("high", math.inf)
     if low >= high:
         raise InputError(f"low is {low:g} and high {high:g}, low must be below high")

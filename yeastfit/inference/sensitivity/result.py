@@ -10,6 +10,7 @@ from jaxtyping import Float
 from yeastfit.inference.curve_covariance import Square
 from yeastfit.observable import Observable
 from yeastfit.storage import read_json, reads_saved, write_json
+from yeastfit.text import short
 
 EstimatorName = Literal["combined", "regression", "pathwise"]
 Jacobian = Float[np.ndarray, "observable free"]
@@ -132,6 +133,7 @@ class Sensitivity:
         read = {name: np.array(data[name], dtype=float) for name in arrays}
         if broken := [name for name, values in read.items() if np.isnan(values).any()]:
             raise ValueError(f"{broken[0]} holds NaN")
+        _check_shapes(data, read)
         changed = {
             "free": tuple(data["free"]),
             "plausible": {name: tuple(ends) for name, ends in data["plausible"].items()},
@@ -144,3 +146,20 @@ class Sensitivity:
             **read,
         }
         return Sensitivity(**{**data, **changed})
+
+
+def _check_shapes(data: dict[str, Any], arrays: dict[str, np.ndarray]) -> None:
+    """Raise `ValueError` where the parts of a file do not fit each other."""
+    for name, kind in {"at": dict, "plausible": dict, "runs": dict, "free": list, "observables": list}.items():
+        if not isinstance(data[name], kind) or not data[name]:
+            raise ValueError(f"{name} is {short(data[name])}")
+    rows, columns = len(data["observables"]), len(data["free"])
+    square, table = {"scatter", "correlation"}, {"jacobian", "error"}
+    for name, values in arrays.items():
+        shape = (rows, rows) if name in square else (rows, columns) if name in table else (rows,)
+        if values.shape != shape:
+            raise ValueError(f"{name} has the shape {values.shape} instead of {shape}")
+    if strange := [name for name in data["free"] if name not in data["at"]]:
+        raise ValueError(f"free names {short(strange[0])}, of which at says nothing")
+    if not all(isinstance(value, int | float) for value in data["at"].values()):
+        raise ValueError(f"at is {short(data['at'])}")

@@ -28,6 +28,8 @@ from yeastfit.model.colony import Colony
 from yeastfit.model.growth import number_of_births
 from yeastfit.model.rules import BirthRule, Births, Context, Rule, SpringRule
 
+MOST = 1 << 22  # nodes: every step takes operations for each of them
+
 
 class CollocatedBirths(BirthRule):
     """As many nodes as by the rule global, the best fed first, each of which halves its group.
@@ -38,15 +40,15 @@ class CollocatedBirths(BirthRule):
         nodes: V, how many nodes a colony can grow to, a power of two, at least 2.
 
     Raises:
-        InputError: `nodes` is no power of two.
+        InputError: `nodes` is no power of two, or too large.
     """
 
     name: ClassVar[str] = "collocated"
     nodes: int = eqx.field(static=True, default=512)
 
     def __check_init__(self) -> None:
-        if self.nodes < 2 or self.nodes & (self.nodes - 1):
-            raise InputError(f"births: nodes is {self.nodes!r}, it must be a power of two, such as 512")
+        if not 2 <= self.nodes <= MOST or self.nodes & (self.nodes - 1):
+            raise InputError(f"births: nodes is {self.nodes!r}, it must be a power of two up to {MOST}, such as 512")
 
     def objection(self, rules: Mapping[str, Rule]) -> str | None:
         """Groups are halved and never lost, and springs are those of A."""

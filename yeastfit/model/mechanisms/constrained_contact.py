@@ -12,6 +12,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
+from yeastfit.errors import InputError
 from yeastfit.model.differentiable_sum import sum_of_terms
 from yeastfit.model.mechanisms.cell_contact import (
     RELEASE_RATE,
@@ -37,6 +38,10 @@ class ConstrainedContact(_BetweenCells):
     name: ClassVar[str] = "constraint"
     parameters: ClassVar[tuple[Parameter, ...]] = (RELEASE_RATE,)
     tolerated: float = eqx.field(static=True, default=0.005)
+
+    def __check_init__(self) -> None:
+        if not self.tolerated >= 0:
+            raise InputError(f"contact: tolerated is {self.tolerated!r}, an area at least 0 is expected")
 
     def velocity(self, context: Context, motion: Float[Array, "node 2"]) -> Float[Array, "node 2"]:
         """−Jᵀ μ."""

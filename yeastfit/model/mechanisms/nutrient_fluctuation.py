@@ -17,7 +17,7 @@ from yeastfit.model.rules import Context, FluctuationRule
 from yeastfit.parameter_set import Parameter
 
 NUTRIENT_NOISE = Parameter(
-    "nutrient_noise", "σ", "strength of the nutrient's fluctuations, over L0 √μ*", (1e-3, 0.3), 0.0
+    "nutrient_noise", "σ", "strength of the nutrient's fluctuations, over L0 √μ*", (1e-3, 0.3), 0.0, largest=3.0
 )
 
 

@@ -35,6 +35,8 @@ UPTAKE_RADIUS = Parameter(
     "uptake_radius", "R_u", "distance within which a node takes up a walker", (0.05, 1.0), 0.25, "L0", positive=True
 )
 
+MOST = 10_000_000  # walkers: their places alone take 80 MB
+
 
 class WalkerBirths(BirthRule):
     """A node that has taken up enough walkers buds.
@@ -48,8 +50,8 @@ class WalkerBirths(BirthRule):
     per_bud: int = eqx.field(static=True, default=10)
 
     def __check_init__(self) -> None:
-        if self.per_bud < 1:
-            raise InputError(f"births: per_bud is {self.per_bud!r}, it must be at least 1")
+        if not 1 <= self.per_bud <= MOST:
+            raise InputError(f"births: per_bud is {self.per_bud!r}, it must be from 1 to {MOST}")
 
     def objection(self, rules: Mapping[str, Rule]) -> str | None:
         """There must be walkers."""
@@ -91,9 +93,10 @@ class WalkerMedium(MediumRule):
     width: float = eqx.field(static=True, default=0.5)
 
     def __check_init__(self) -> None:
-        for name in ("walkers", "width"):
-            if not getattr(self, name) > 0:
-                raise InputError(f"medium: {name} is {getattr(self, name)!r}, it must be above 0")
+        if not 1 <= self.walkers <= MOST:
+            raise InputError(f"medium: walkers is {self.walkers!r}, it must be from 1 to {MOST}")
+        if not self.width > 0:
+            raise InputError(f"medium: width is {self.width!r}, it must be above 0")
 
     def objection(self, rules: Mapping[str, Rule]) -> str | None:
         """Walkers are no field that could be shaken, and births are by them."""
