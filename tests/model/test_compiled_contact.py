@@ -15,12 +15,12 @@ import pytest
 from helpers import colony_of, random_tree
 from jaxtyping import Array
 
-from yeastfit.model import operations
 from yeastfit.model.colony import Colony
-from yeastfit.model.compiled_contact import CompiledNodeContact, compiled_contact
-from yeastfit.model.compiled_medium import CompiledOneNutrient
-from yeastfit.model.compiled_rules import with_compiled_rules
-from yeastfit.model.compiled_springs import CompiledTreeSprings
+from yeastfit.model.compiled import operations
+from yeastfit.model.compiled.contact import CompiledNodeContact, compiled_contact
+from yeastfit.model.compiled.medium import CompiledOneNutrient
+from yeastfit.model.compiled.rules import with_compiled_rules
+from yeastfit.model.compiled.springs import CompiledTreeSprings
 from yeastfit.model.contact import contact
 from yeastfit.model.mechanisms.cell_contact import CellContact
 from yeastfit.model.mechanisms.nitrogen_medium import NitrogenMedium
@@ -92,7 +92,7 @@ def test_it_is_registered_once_whatever_the_number_of_threads(monkeypatch: pytes
         time.sleep(0.05)
         registered.append(name)
 
-    monkeypatch.setattr("yeastfit.model.foreign_call.register", register)
+    monkeypatch.setattr("yeastfit.model.compiled.foreign_call.register", register)
     monkeypatch.setattr(operations, "_registered", cache(operations._registered.__wrapped__))
     name, args = "yeastfit_contact_float32", ("contact", np.dtype("float32"), lambda dtype: lambda frame: 0)
     with ThreadPoolExecutor(4) as pool:

@@ -12,8 +12,8 @@ from jaxtyping import Array
 
 from yeastfit.model.cells import cells_of
 from yeastfit.model.colony import Colony
-from yeastfit.model.compiled_medium import CompiledOneNutrient
-from yeastfit.model.eating import TILE
+from yeastfit.model.compiled.eating import TILE
+from yeastfit.model.compiled.medium import CompiledOneNutrient
 from yeastfit.model.medium import OneNutrient
 from yeastfit.model.numerics import Numerics
 from yeastfit.model.parameters import Parameters

@@ -10,8 +10,8 @@ from helpers import colony_of, random_tree
 from jaxtyping import Array
 
 from yeastfit.model.colony import Colony
-from yeastfit.model.compiled_reading import compiled_gradient_at, compiled_nutrient_at
-from yeastfit.model.compiled_springs import compiled_springs
+from yeastfit.model.compiled.interpolation import compiled_gradient_at, compiled_nutrient_at
+from yeastfit.model.compiled.springs import compiled_springs
 from yeastfit.model.forces import springs
 from yeastfit.model.interpolation import gradient_at, nutrient_at
 from yeastfit.model.numerics import Numerics

@@ -20,7 +20,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int, PyTree
 
 from yeastfit.model.colony import Colony, Problems, widened
-from yeastfit.model.compiled_rules import with_compiled_rules
+from yeastfit.model.compiled.rules import with_compiled_rules
 from yeastfit.model.model import Model
 from yeastfit.model.numerics import FIRST_ROOM, Numerics
 from yeastfit.model.parameters import Parameters

@@ -11,8 +11,8 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from yeastfit.model.colony import Colony
+from yeastfit.model.compiled.operations import Call, operation
 from yeastfit.model.contact import SMALLEST, NodeContact
-from yeastfit.model.operations import Call, operation
 from yeastfit.model.relaxation import Relaxation
 from yeastfit.model.rules import Context
 
@@ -43,8 +43,8 @@ def compiled_contact(colony: Colony, radius: Float[Array, ""], relaxation: Relax
 
 
 def _call_of(dtype: Any) -> Call:
-    from yeastfit.model.foreign_call import NULL, argument, is_question, result
-    from yeastfit.model.pushes import push_apart
+    from yeastfit.model.compiled.foreign_call import NULL, argument, is_question, result
+    from yeastfit.model.compiled.pushes import push_apart
 
     def call(frame: Any) -> int:
         if is_question(frame):

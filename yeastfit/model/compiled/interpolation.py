@@ -12,8 +12,8 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from yeastfit.model.colony import Colony
+from yeastfit.model.compiled.operations import Call, operation
 from yeastfit.model.numerics import Numerics
-from yeastfit.model.operations import Call, operation
 
 
 def compiled_nutrient_at(colony: Colony, numerics: Numerics) -> Float[Array, " node"]:
@@ -37,8 +37,8 @@ def _read(
 
 
 def _nutrient_of(dtype: Any) -> Call:
-    from yeastfit.model.foreign_call import NULL, argument, is_question, result
-    from yeastfit.model.reading import read_nutrient
+    from yeastfit.model.compiled.foreign_call import NULL, argument, is_question, result
+    from yeastfit.model.compiled.reading import read_nutrient
 
     def call(frame: Any) -> int:
         if is_question(frame):
@@ -53,8 +53,8 @@ def _nutrient_of(dtype: Any) -> Call:
 
 
 def _gradient_of(dtype: Any) -> Call:
-    from yeastfit.model.foreign_call import NULL, argument, is_question, result
-    from yeastfit.model.reading import read_gradient
+    from yeastfit.model.compiled.foreign_call import NULL, argument, is_question, result
+    from yeastfit.model.compiled.reading import read_gradient
 
     def call(frame: Any) -> int:
         if is_question(frame):

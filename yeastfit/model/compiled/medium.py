@@ -14,11 +14,11 @@ from jaxtyping import Array, Float
 
 from yeastfit.model.cells import Cells, patch_of, weights_of_cells
 from yeastfit.model.colony import Colony
-from yeastfit.model.compiled_reading import compiled_gradient_at, compiled_nutrient_at
+from yeastfit.model.compiled.interpolation import compiled_gradient_at, compiled_nutrient_at
+from yeastfit.model.compiled.operations import Call, operation
 from yeastfit.model.medium import OneNutrient
 from yeastfit.model.numerics import Numerics
 from yeastfit.model.nutrient import sweeps
-from yeastfit.model.operations import Call, operation
 from yeastfit.model.parameters import Parameters
 from yeastfit.model.relaxation import Relaxation
 from yeastfit.model.rules import Context, UptakeRule
@@ -69,8 +69,8 @@ def compiled_step(context: Context, cells: Cells) -> Float[Array, "x y"]:
 
 
 def _call_of(dtype: Any) -> Call:
-    from yeastfit.model.eating import eat
-    from yeastfit.model.foreign_call import NULL, argument, is_question, result
+    from yeastfit.model.compiled.eating import eat
+    from yeastfit.model.compiled.foreign_call import NULL, argument, is_question, result
 
     def call(frame: Any) -> int:
         if is_question(frame):

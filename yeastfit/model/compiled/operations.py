@@ -36,7 +36,7 @@ def operation(kind: str, dtype: np.dtype, call_of: Callable[[Any], Call]) -> str
 
 @cache
 def _registered(name: str, dtype: np.dtype, call_of: Callable[[Any], Call]) -> str:
-    from yeastfit.model.foreign_call import register
+    from yeastfit.model.compiled.foreign_call import register
 
     register(name, call_of(dtype.type))
     return name

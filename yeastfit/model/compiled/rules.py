@@ -3,10 +3,10 @@
 import dataclasses
 from typing import Any
 
-from yeastfit.model import operations
-from yeastfit.model.compiled_contact import CompiledNodeContact
-from yeastfit.model.compiled_medium import CompiledOneNutrient
-from yeastfit.model.compiled_springs import CompiledTreeSprings
+from yeastfit.model.compiled import operations
+from yeastfit.model.compiled.contact import CompiledNodeContact
+from yeastfit.model.compiled.medium import CompiledOneNutrient
+from yeastfit.model.compiled.springs import CompiledTreeSprings
 from yeastfit.model.contact import NodeContact
 from yeastfit.model.forces import TreeSprings
 from yeastfit.model.medium import OneNutrient

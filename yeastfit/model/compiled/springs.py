@@ -11,8 +11,8 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from yeastfit.model.colony import Colony
+from yeastfit.model.compiled.operations import Call, operation
 from yeastfit.model.forces import TreeSprings
-from yeastfit.model.operations import Call, operation
 
 
 class CompiledTreeSprings(TreeSprings):
@@ -33,8 +33,8 @@ def compiled_springs(colony: Colony) -> Float[Array, "node 2"]:
 
 
 def _call_of(dtype: Any) -> Call:
-    from yeastfit.model.foreign_call import NULL, argument, is_question, result
-    from yeastfit.model.pulls import pull_together
+    from yeastfit.model.compiled.foreign_call import NULL, argument, is_question, result
+    from yeastfit.model.compiled.pulls import pull_together
 
     def call(frame: Any) -> int:
         if is_question(frame):
