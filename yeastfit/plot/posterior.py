@@ -54,7 +54,7 @@ def ranks(chains: ChainDiagnostics) -> Figure:
     """Shares of each chain's draws by rank over all draws; where chains agree they lie in the grey band of chance.
 
     Arguments:
-        chains: Diagnostics of the chains, `Posterior.chains`.
+        chains: Diagnostics of the chains, those of a posterior.
 
     Returns:
         A figure.
