@@ -61,7 +61,7 @@ def offlattice() -> tuple[Simulator, np.ndarray]:
 
 def algebraic() -> tuple[Simulator, np.ndarray]:
     """Colonies of some hundred cells, and their parameters."""
-    times = np.array([3.0, 5.0, 7.0])
+    times = np.array([3.0, 5.5, 8.0])
     curves = {name: np.ones(len(times)) for name in ("compactness", "radius")}
     targets = Targets.from_means(curves, times, imaging=Imaging(extent=8.0))
     simulator = ColonySimulator.of(targets, ("mobility", "aspect_ratio"), resolution=Resolution(dt=0.01, spacing=0.1))

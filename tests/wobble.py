@@ -41,13 +41,6 @@ class Wobble:
         return np.where((seeds % 11 == 3)[:, None], np.nan, rows)
 
 
-class Steady(Wobble):
-    """One whose rows all succeed."""
-
-    def __call__(self, values: np.ndarray, seeds: np.ndarray) -> np.ndarray:
-        return super().__call__(values, seeds - seeds % 11)
-
-
 def proposed(count: int, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
     """Rows that a sampler could propose."""
     rng = np.random.default_rng(seed)

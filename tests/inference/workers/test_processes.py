@@ -16,9 +16,9 @@ from typing import Any
 import numpy as np
 import psutil
 import pytest
-from wobble import Steady, Wobble, proposed
+from wobble import Wobble, proposed
 
-from yeastfit import ColonySimulator, Imaging, Resolution, Simulator, Store, Targets, Workers, infer
+from yeastfit import ColonySimulator, Imaging, Posterior, Resolution, Simulator, Store, Targets, Workers, infer
 from yeastfit.inference.posterior.prior import Prior
 from yeastfit.inference.simulator import labels_of
 from yeastfit.inference.workers.admission import Patience
@@ -116,18 +116,31 @@ def test_colonies_are_the_serial_ones(model: str) -> None:
         assert not any("refused" in line for line in said), said
 
 
+PRIORS = {
+    "algebraic": {
+        "mobility": {"distribution": "log-uniform", "low": 0.3, "high": 3.0},
+        "aspect_ratio": {"distribution": "log-uniform", "low": 0.4, "high": 0.9},
+    },
+    "offlattice": {name: {"distribution": "uniform", "low": 0.1, "high": 0.5} for name in ("transition", "fork")},
+}
+
+
 @pytest.mark.parametrize("method", list(METHODS))
-def test_posteriors_are_the_same_to_the_last_draw(method: str) -> None:
+@pytest.mark.parametrize("model", list(PRIORS))
+def test_posteriors_are_the_same_to_the_last_draw(model: str, method: str) -> None:
     """With 1, 2 and 3 workers, of which one is killed."""
-    prior = Prior.of({name: {"distribution": "log-uniform", "low": 0.2, "high": 5.0} for name in ("a", "b")})
+    colony, values = colonies(model)
+    observed = colony(values[:1], np.array([7]))[0]
 
-    def posterior(simulator: Any) -> Any:
-        return infer(simulator, prior, [2.0, 3.0, 4.0], method=method, seed=2, replicates=2, **METHODS[method])
+    def posterior(simulator: Simulator) -> Posterior:
+        prior = Prior.of(PRIORS[model])
+        return infer(simulator, prior, observed, method=method, seed=2, replicates=2, **METHODS[method])
 
-    serial = posterior(Steady())
+    serial = posterior(colony)
     for count in (1, 2, 3):
-        with Workers(count, patience=PERSISTENT, say=print) as workers, killing(workers, 1, (2.0, 4.0), count):
-            found = posterior(workers.spread(Steady()))
+        with Workers(count, patience=PERSISTENT, say=print) as workers, killing(workers, 1, (2.0, 4.0), count) as dead:
+            found = posterior(workers.spread(colony))
+        print(f"{model}, {method}, {count} workers: {len(dead)} killed")
         assert bits(found.values) == bits(serial.values)
         assert bits(found.weights) == bits(serial.weights)
         assert bits(found.statistics) == bits(serial.statistics)
