@@ -41,9 +41,9 @@ from matplotlib.figure import Figure
 from benchmarks.calibration_models import MODEL, PRIOR
 from benchmarks.recovery import BOX
 from benchmarks.report import Report, code, command
-from yeastfit.commands.infer_config import Request
-from yeastfit.commands.infer_run import POSTERIOR, STORED, InferRun
 from yeastfit.commands.measured_source import measure_source
+from yeastfit.commands.posterior_run.config import Request
+from yeastfit.commands.posterior_run.run import POSTERIOR, STORED, InferRun
 from yeastfit.commands.run_folder import inputs_of
 from yeastfit.inference.abc.mcmc import McmcDiagnostics
 from yeastfit.inference.abc.regression_adjustment import Accepted

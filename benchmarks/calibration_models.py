@@ -9,7 +9,7 @@ from benchmarks.recovery import BOX, STATISTICS
 from yeastfit.inference.colony_simulator import ColonySimulator, Resolution
 from yeastfit.inference.imaging import Imaging
 from yeastfit.inference.li2024 import LI2024
-from yeastfit.inference.posterior.prior import Prior
+from yeastfit.inference.prior.prior import Prior
 from yeastfit.inference.simulator import Simulator
 from yeastfit.inference.targets import Targets
 from yeastfit.offlattice.li2024_statistics import PUBLISHED

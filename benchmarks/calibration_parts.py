@@ -13,13 +13,13 @@ from yeastfit.inference.neural_likelihood.emulator import Emulator
 from yeastfit.inference.neural_likelihood.network import TrainingSettings
 from yeastfit.inference.neural_likelihood.sequential import SequentialEmulator
 from yeastfit.inference.neural_likelihood.training import train
-from yeastfit.inference.posterior.cached_simulator import CachedSimulator
 from yeastfit.inference.posterior.limits import limits_around
-from yeastfit.inference.posterior.prior import Prior
 from yeastfit.inference.posterior.result import Posterior
-from yeastfit.inference.posterior.simulation_store import Store
+from yeastfit.inference.prior.prior import Prior
 from yeastfit.inference.samplers import infer
 from yeastfit.inference.simulator import Replicates, Simulator, Stream, labels_of, seed_of, stream_of
+from yeastfit.inference.store.cached_simulator import CachedSimulator
+from yeastfit.inference.store.simulation_store import Store
 
 
 @dataclass(frozen=True)

@@ -39,9 +39,9 @@ from benchmarks.nothing import Nothing
 from benchmarks.report import Report, command
 from yeastfit.inference.colony_simulator import ColonySimulator, Resolution
 from yeastfit.inference.imaging import Imaging
-from yeastfit.inference.posterior.cached_simulator import CachedSimulator
-from yeastfit.inference.posterior.simulation_store import Store
 from yeastfit.inference.simulator import Simulator, labels_of
+from yeastfit.inference.store.cached_simulator import CachedSimulator
+from yeastfit.inference.store.simulation_store import Store
 from yeastfit.inference.targets import Targets
 from yeastfit.inference.workers.spread import BLOCK, Workers
 from yeastfit.offlattice.simulator import OfflatticeSimulator

@@ -18,9 +18,9 @@ from yeastfit.inference.neural_likelihood.sequential import SequentialEmulator
 from yeastfit.inference.posterior.limits import Limits, limits_around
 from yeastfit.inference.posterior.result import Posterior
 from yeastfit.inference.posterior.sampler import Sampler
-from yeastfit.inference.posterior.simulation_store import Store
 from yeastfit.inference.samplers import infer
 from yeastfit.inference.simulator import Simulator, labels_of
+from yeastfit.inference.store.simulation_store import Store
 from yeastfit.offlattice.li2024_statistics import PUBLISHED
 from yeastfit.storage import read_json, write_json
 

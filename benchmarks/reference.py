@@ -23,9 +23,9 @@ from yeastfit.errors import InputError
 from yeastfit.inference.abc.distances import Mahalanobis
 from yeastfit.inference.abc.regression_adjustment import Accepted
 from yeastfit.inference.polynomial import monomials, sobol_points
-from yeastfit.inference.posterior.distributions import Distribution
-from yeastfit.inference.posterior.prior import Prior
 from yeastfit.inference.posterior.problem import Problem
+from yeastfit.inference.prior.distributions import Distribution
+from yeastfit.inference.prior.prior import Prior
 from yeastfit.inference.simulator import Replicates, Simulator, seed_of
 
 WIDTH, NEAR = 4.5, 3.0  # standard deviations

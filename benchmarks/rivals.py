@@ -23,8 +23,8 @@ from pyabc.inference_util import evaluate_proposal, generate_valid_proposal
 from yeastfit.errors import InputError
 from yeastfit.inference.abc.distances import Distance
 from yeastfit.inference.abc.population import Population
-from yeastfit.inference.posterior.prior import Prior
 from yeastfit.inference.posterior.problem import Problem
+from yeastfit.inference.prior.prior import Prior
 from yeastfit.inference.simulator import Simulator, seed_of
 
 logging.getLogger("ABC").setLevel(logging.WARNING)  # its reports of every population would interfere with ours

@@ -56,11 +56,11 @@ from yeastfit.inference.colony_simulator import ColonySimulator, Resolution
 from yeastfit.inference.neural_likelihood.network import TrainingSettings
 from yeastfit.inference.neural_likelihood.rounds import EmulatorDiagnostics
 from yeastfit.inference.neural_likelihood.sequential import SequentialEmulator
-from yeastfit.inference.posterior.cached_simulator import CachedSimulator
-from yeastfit.inference.posterior.prior import Prior
 from yeastfit.inference.posterior.result import Posterior
-from yeastfit.inference.posterior.simulations import Simulations
+from yeastfit.inference.prior.prior import Prior
 from yeastfit.inference.samplers import infer
+from yeastfit.inference.store.cached_simulator import CachedSimulator
+from yeastfit.inference.store.simulations import Simulations
 
 TRUTH = {"mobility": 1.3, "aspect_ratio": 0.65}
 REACH = (0.8, 0.3)  # of log λ around the truth, in which the posterior is searched for

@@ -21,7 +21,7 @@ import numpy as np
 from PIL import Image
 
 from benchmarks.report import Report, command
-from yeastfit.commands.program_cache import MOST_BYTES, SHORTEST
+from yeastfit.commands.console.program_cache import MOST_BYTES, SHORTEST
 
 TIMES = 5
 SMALL = ("simulate", "--members", "1", "--time", "3")

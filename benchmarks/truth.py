@@ -20,7 +20,7 @@ import numpy as np
 
 from benchmarks.agreement import DATA, LEVEL, SETS, posterior, truth_of, yes
 from benchmarks.report import Report, code, command
-from yeastfit.commands.infer_config import Request
+from yeastfit.commands.posterior_run.config import Request
 from yeastfit.inference.models.algebraic import Algebraic
 
 DEFAULT = Request()

@@ -34,7 +34,7 @@ from yeastfit.inference.neural_likelihood.single_colonies import between_colonie
 from yeastfit.inference.neural_likelihood.training import train
 from yeastfit.inference.posterior.draws import weighted_quantile
 from yeastfit.inference.posterior.problem import Problem
-from yeastfit.inference.posterior.variation import ColonyCoordinates, Variation, Varied
+from yeastfit.inference.prior.variation import ColonyCoordinates, Variation, Varied
 from yeastfit.inference.simulator import Simulator, Stream, seed_of, stream_of
 
 COLONIES, SD, ALONE, SEED = 14, 0.3, 0.2, 2024

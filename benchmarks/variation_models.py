@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from yeastfit.inference.li2024 import LI2024
-from yeastfit.inference.posterior.prior import Prior
+from yeastfit.inference.prior.prior import Prior
 from yeastfit.inference.simulator import Rows, Seeds, Simulator, Values
 from yeastfit.observable import Observable
 from yeastfit.offlattice.li2024_statistics import PUBLISHED

@@ -13,7 +13,7 @@ from jaxtyping import Array
 from numpy.typing import ArrayLike
 
 from yeastfit.model.colony import Colony, Problems
-from yeastfit.model.death import NoDeath
+from yeastfit.model.laws.death import NoDeath
 from yeastfit.model.numerics import Numerics
 from yeastfit.model.parameters import Parameters
 from yeastfit.model.relaxation import Relaxation

@@ -9,7 +9,7 @@ from scipy.special import expit
 from scipy.stats import qmc
 from simulators import observables_named, parameters_named
 
-from yeastfit.inference.posterior.prior import Prior
+from yeastfit.inference.prior.prior import Prior
 from yeastfit.inference.simulator import seed_of
 from yeastfit.observable import Observable
 from yeastfit.parameter_set import ParameterSet

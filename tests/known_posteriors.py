@@ -11,8 +11,8 @@ from simulators import observables_named, parameters_named
 
 from yeastfit.inference.abc.distances import Distance, WeightedCurves
 from yeastfit.inference.posterior.draws import weighted_quantile
-from yeastfit.inference.posterior.prior import Prior
 from yeastfit.inference.posterior.result import Posterior
+from yeastfit.inference.prior.prior import Prior
 from yeastfit.inference.samplers import infer
 from yeastfit.observable import Observable
 from yeastfit.parameter_set import ParameterSet

@@ -4,9 +4,9 @@ from typing import Any
 
 import numpy as np
 
-from yeastfit.inference.posterior.prior import Prior
 from yeastfit.inference.posterior.result import Posterior
 from yeastfit.inference.posterior.status import Status
+from yeastfit.inference.prior.prior import Prior
 
 
 def flat_prior(*names: str) -> Prior:

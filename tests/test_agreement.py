@@ -17,8 +17,8 @@ from yeastfit.inference.abc.smc import SmcDiagnostics
 from yeastfit.inference.neural_likelihood.cross_validation import CrossValidation
 from yeastfit.inference.neural_likelihood.rounds import EmulatorDiagnostics, RoundDiagnostics
 from yeastfit.inference.posterior.diagnostics import Diagnostics
-from yeastfit.inference.posterior.prior import Prior
 from yeastfit.inference.posterior.result import Posterior
+from yeastfit.inference.prior.prior import Prior
 
 FREE = tuple(BOX)
 CENTRE, COVARIANCE = np.array([0.2, -0.1, -0.5]), np.array([[0.04, -0.03, 0.0], [-0.03, 0.05, 0.0], [0.0, 0.0, 0.01]])

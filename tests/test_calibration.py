@@ -25,7 +25,7 @@ from yeastfit.inference.abc.smc import AbcSmc
 from yeastfit.inference.neural_likelihood.network import TrainingSettings
 from yeastfit.inference.neural_likelihood.sequential import SequentialEmulator
 from yeastfit.inference.posterior.result import Posterior
-from yeastfit.inference.posterior.simulation_store import Store
+from yeastfit.inference.store.simulation_store import Store
 
 EMULATED, ABC = FULL
 QUANTITIES = (*BOX, LIKELIHOOD, JOINT)

@@ -18,7 +18,7 @@ from yeastfit.errors import InputError
 from yeastfit.inference.abc.distances import WeightedCurves
 from yeastfit.inference.abc.population import Population
 from yeastfit.inference.polynomial import monomials
-from yeastfit.inference.posterior.prior import Prior
+from yeastfit.inference.prior.prior import Prior
 from yeastfit.observable import Observable
 from yeastfit.parameter_set import ParameterSet
 

@@ -13,8 +13,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from yeastfit import Fit, InputError, Posterior, Sensitivity, Simulation
+from yeastfit.commands.posterior_run.watched_simulator import Met
 from yeastfit.commands.run_folder import read_run
-from yeastfit.commands.watched_simulator import Met
 from yeastfit.inference.comparison.left_out import LeftOut
 from yeastfit.inference.information.design_result import Design
 from yeastfit.inference.information.result import Information

@@ -25,22 +25,22 @@ from .inference.li2024 import LI2024
 from .inference.models.forward_model import ForwardModel, Seen
 from .inference.models.grown import Grown
 from .inference.models.registry import FORWARD_MODELS
-from .inference.posterior.cached_simulator import CachedSimulator
 from .inference.posterior.calibration_ranks import Calibration
 from .inference.posterior.diagnostics import Diagnostics
-from .inference.posterior.prior import Prior
 from .inference.posterior.problem import Problem
 from .inference.posterior.result import Posterior
 from .inference.posterior.sampler import Sampler
 from .inference.posterior.settings import Setting
-from .inference.posterior.simulation_store import Store
 from .inference.posterior.status import Status
-from .inference.posterior.variation import Variation
+from .inference.prior.prior import Prior
+from .inference.prior.variation import Variation
 from .inference.samplers import SAMPLERS, infer
 from .inference.sensitivity.estimate import sensitivity
 from .inference.sensitivity.pathwise import robust_mean
 from .inference.sensitivity.result import Sensitivity
 from .inference.simulator import Simulator
+from .inference.store.cached_simulator import CachedSimulator
+from .inference.store.simulation_store import Store
 from .inference.targets import Targets
 from .inference.workers.spread import Spread, Workers
 from .measure.measure_images import measure_dataset, measure_file

@@ -13,7 +13,7 @@ def main() -> None:
     """Entry point of `yeastfit`."""
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
         signal.signal(signal.SIGINT, signal.SIG_DFL)  # until it is answered, it ends the process without a traceback
-    from yeastfit.commands import signals
+    from yeastfit.commands.console import signals
     from yeastfit.processors import available_processors
 
     _open_closed_streams()

@@ -11,7 +11,7 @@ import jax
 import pytest
 
 from yeastfit.commands import app as cli
-from yeastfit.commands.failures import REPORT, UsageError
+from yeastfit.commands.console.failures import REPORT, UsageError
 from yeastfit.errors import InputError, PixelSizeError, SimulationError
 
 HUGE = "RESOURCE_EXHAUSTED: Out of memory allocating\n 8589934592 bytes."

@@ -23,9 +23,9 @@ from known_posteriors import Drawing
 from PIL import Image
 
 from yeastfit.commands import app as cli
-from yeastfit.commands.infer_config import Request
-from yeastfit.commands.infer_doubts import doubts_of
-from yeastfit.commands.infer_run import InferRun
+from yeastfit.commands.posterior_run.config import Request
+from yeastfit.commands.posterior_run.doubts import doubts_of
+from yeastfit.commands.posterior_run.run import InferRun
 from yeastfit.errors import InputError
 from yeastfit.inference.abc.distances import LiDistance
 from yeastfit.inference.abc.pilot import DistanceName, distance_of, pilot_of
@@ -33,17 +33,17 @@ from yeastfit.inference.comparison.left_out import LeftOut
 from yeastfit.inference.neural_likelihood import network
 from yeastfit.inference.neural_likelihood.rounds import EmulatorDiagnostics
 from yeastfit.inference.neural_likelihood.sequential import SequentialEmulator
-from yeastfit.inference.posterior.cached_simulator import CachedSimulator
 from yeastfit.inference.posterior.diagnostics import Diagnostics
-from yeastfit.inference.posterior.prior import Prior
 from yeastfit.inference.posterior.problem import Problem
 from yeastfit.inference.posterior.result import Posterior
 from yeastfit.inference.posterior.settings import Setting
-from yeastfit.inference.posterior.simulation_store import DATASET
-from yeastfit.inference.posterior.simulations import Simulations
 from yeastfit.inference.posterior.status import Status
+from yeastfit.inference.prior.prior import Prior
 from yeastfit.inference.samplers import SAMPLERS
 from yeastfit.inference.simulator import seed_of
+from yeastfit.inference.store.cached_simulator import CachedSimulator
+from yeastfit.inference.store.simulation_store import DATASET
+from yeastfit.inference.store.simulations import Simulations
 from yeastfit.model.parameters import PARAMETERS
 from yeastfit.progress import Progress, silent
 from yeastfit.results_folder import results_folder

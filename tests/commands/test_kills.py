@@ -25,7 +25,7 @@ import pytest
 from known_colonies import RECIPE, write_measurements
 from PIL import Image
 
-from yeastfit.inference.posterior.simulation_store import DATASET
+from yeastfit.inference.store.simulation_store import DATASET
 from yeastfit.results_contents import Contents
 from yeastfit.storage import WORK, sha256_of
 

@@ -9,11 +9,11 @@ import platformdirs
 import pytest
 
 from yeastfit.commands import app
-from yeastfit.commands.program_cache import MOST_BYTES, keep_programs
+from yeastfit.commands.console.program_cache import MOST_BYTES, keep_programs
 
 FOLDER, SIZE = "JAX_COMPILATION_CACHE_DIR", "JAX_COMPILATION_CACHE_MAX_SIZE"
 PROGRAM = """
-from yeastfit.commands.program_cache import keep_programs
+from yeastfit.commands.console.program_cache import keep_programs
 keep_programs()
 import jax, jax.numpy as jnp
 saved = []

@@ -9,7 +9,7 @@ import time
 import pytest
 
 from yeastfit.commands import app as cli
-from yeastfit.commands import signals
+from yeastfit.commands.console import signals
 
 BEGIN = """
 import signal, sys
@@ -30,7 +30,7 @@ main()
 QUICKLY = IMPORTING.replace("time.sleep(60)", "time.sleep(0.4); sys.stderr.write('imported, ')")
 ANSWERING = """
 import hashlib, time
-from yeastfit.commands import signals
+from yeastfit.commands.console import signals
 with signals.answered_signals():
     try:
         {}

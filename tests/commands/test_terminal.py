@@ -9,8 +9,8 @@ import pytest
 from rich.console import Console
 from rich.table import Table
 
-from yeastfit.commands import terminal
-from yeastfit.commands.terminal import Pace, TextConsole, shown_progress
+from yeastfit.commands.console import terminal
+from yeastfit.commands.console.terminal import Pace, TextConsole, shown_progress
 
 
 def test_the_time_that_is_left_follows_from_all_the_time_that_went_by(monkeypatch: pytest.MonkeyPatch) -> None:

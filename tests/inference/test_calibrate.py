@@ -10,7 +10,7 @@ from simulators import observables_named, parameters_named
 
 from yeastfit import InputError, Posterior, Prior, Problem, SimulationError, Status, calibrate, infer
 from yeastfit.inference.posterior.calibration_ranks import Calibration, joint_rank
-from yeastfit.inference.posterior.simulations import Simulations
+from yeastfit.inference.store.simulations import Simulations
 from yeastfit.progress import Progress
 
 FREE = ("mobility", "aspect_ratio")

@@ -16,9 +16,9 @@ from yeastfit.model import active_window as window
 from yeastfit.model.active_window import extent_of_cells, extent_of_change, on_window, windows
 from yeastfit.model.cells import Cells, cells_of
 from yeastfit.model.colony import Colony, start
-from yeastfit.model.medium import eaten
+from yeastfit.model.laws.medium import eaten
+from yeastfit.model.laws.uptake import BiomassUptake
 from yeastfit.model.simulate import step
-from yeastfit.model.uptake import BiomassUptake
 
 NUMERICS = Numerics(domain=17.0, spacing=0.1, capacity=60)  # squares of half sides 2.9, 4.2, 6 and 8.5
 

@@ -9,10 +9,10 @@ from helpers import colony_of, context_of, random_tree
 from jaxtyping import Array
 from scipy import stats
 
-from yeastfit.model.budding import UniformBudding, bud, uniform_angles
 from yeastfit.model.colony import Colony
-from yeastfit.model.growth import GlobalBirths, number_of_births
 from yeastfit.model.interpolation import growth_rate
+from yeastfit.model.laws.budding import UniformBudding, bud, uniform_angles
+from yeastfit.model.laws.growth import GlobalBirths, number_of_births
 from yeastfit.model.numerics import Numerics
 from yeastfit.model.relaxation import HARD, Relaxation
 

@@ -9,9 +9,9 @@ from helpers import colony_of, grid, pair, random_tree
 from jaxtyping import Array
 
 from yeastfit.model.cells import FAR, LARGEST, Cells, cells_of, level_set
+from yeastfit.model.laws.uptake import biomass
 from yeastfit.model.numerics import Numerics
 from yeastfit.model.relaxation import HARD, Relaxation
-from yeastfit.model.uptake import biomass
 
 NUMERICS = Numerics(domain=8.0, spacing=0.1, capacity=25)
 

@@ -21,7 +21,7 @@ from yeastfit.model.compiled.contact import CompiledNodeContact, compiled_contac
 from yeastfit.model.compiled.medium import CompiledOneNutrient
 from yeastfit.model.compiled.rules import with_compiled_rules
 from yeastfit.model.compiled.springs import CompiledTreeSprings
-from yeastfit.model.contact import contact
+from yeastfit.model.laws.contact import contact
 from yeastfit.model.mechanisms.cell_contact import CellContact
 from yeastfit.model.mechanisms.nitrogen_medium import NitrogenMedium
 from yeastfit.model.model import Model

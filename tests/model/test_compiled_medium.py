@@ -14,12 +14,12 @@ from yeastfit.model.cells import cells_of
 from yeastfit.model.colony import Colony
 from yeastfit.model.compiled.eating import TILE
 from yeastfit.model.compiled.medium import CompiledOneNutrient
-from yeastfit.model.medium import OneNutrient
+from yeastfit.model.laws.medium import OneNutrient
+from yeastfit.model.laws.uptake import BiomassUptake
 from yeastfit.model.numerics import Numerics
 from yeastfit.model.parameters import Parameters
 from yeastfit.model.relaxation import HARD, Relaxation
 from yeastfit.model.rules import UptakeRule
-from yeastfit.model.uptake import BiomassUptake
 
 pytest.importorskip("numba")
 

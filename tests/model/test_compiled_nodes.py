@@ -12,8 +12,8 @@ from jaxtyping import Array
 from yeastfit.model.colony import Colony
 from yeastfit.model.compiled.interpolation import compiled_gradient_at, compiled_nutrient_at
 from yeastfit.model.compiled.springs import compiled_springs
-from yeastfit.model.forces import springs
 from yeastfit.model.interpolation import gradient_at, nutrient_at
+from yeastfit.model.laws.forces import springs
 from yeastfit.model.numerics import Numerics
 
 pytest.importorskip("numba")

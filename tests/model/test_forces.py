@@ -11,9 +11,9 @@ from helpers import colony_of, context_of, grid, pair, random_tree
 from jaxtyping import Array
 
 from yeastfit.model.colony import Colony
-from yeastfit.model.contact import NodeContact, contact, contact_law
-from yeastfit.model.forces import springs, velocity
 from yeastfit.model.interpolation import gradient_at, nutrient_at
+from yeastfit.model.laws.contact import NodeContact, contact, contact_law
+from yeastfit.model.laws.forces import springs, velocity
 from yeastfit.model.numerics import Numerics
 from yeastfit.model.parameters import Parameters
 from yeastfit.model.relaxation import HARD, Relaxation

@@ -14,9 +14,9 @@ from scipy import stats
 from reference import colony as plain
 from yeastfit.measure.statistics.smooth_statistics import SmoothStatistics
 from yeastfit.model import nutrient as nutrient_module
-from yeastfit.model.budding import child_lineages, uniform_angles
 from yeastfit.model.cells import level_set
 from yeastfit.model.colony import Colony, start
+from yeastfit.model.laws.budding import child_lineages, uniform_angles
 from yeastfit.model.numerics import Numerics, map_members
 from yeastfit.model.parameters import PARAMETERS, Parameters
 from yeastfit.model.relaxation import HARD, Relaxation

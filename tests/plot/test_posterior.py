@@ -12,8 +12,8 @@ from matplotlib.figure import Figure
 from yeastfit import plot
 from yeastfit.inference.neural_likelihood.cross_validation import CrossValidation
 from yeastfit.inference.neural_likelihood.rounds import EmulatorDiagnostics, RoundDiagnostics
-from yeastfit.inference.posterior.prior import Prior
 from yeastfit.inference.posterior.result import Posterior
+from yeastfit.inference.prior.prior import Prior
 from yeastfit.plot.style import TRUTH, label_log_axis
 
 PRIOR = Prior.of(

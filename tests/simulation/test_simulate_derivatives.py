@@ -16,8 +16,8 @@ from yeastfit import HARD, InputError, Model, Numerics, Parameters, Relaxation, 
 from yeastfit.measure.statistics.model_as_mask import HardStatistics
 from yeastfit.measure.statistics.smooth_statistics import SmoothStatistics
 from yeastfit.model import nutrient as nutrient_module
-from yeastfit.model.budding import TurnedBudding
 from yeastfit.model.colony import Colony, start
+from yeastfit.model.laws.budding import TurnedBudding
 from yeastfit.model.parameters import PARAMETERS
 from yeastfit.model.snapshot import Snapshot
 

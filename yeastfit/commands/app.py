@@ -15,11 +15,11 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperCommand, TyperGroup
 
-from yeastfit.commands import signals
-from yeastfit.commands.failures import explained
+from yeastfit.commands.console import signals
+from yeastfit.commands.console.failures import explained
+from yeastfit.commands.console.program_cache import keep_programs
+from yeastfit.commands.console.strict_numbers import strictly
 from yeastfit.commands.generated.options import with_options
-from yeastfit.commands.program_cache import keep_programs
-from yeastfit.commands.strict_numbers import strictly
 
 HELP = """Estimate how yeast colonies grow from micrographs: simulate, measure, fit, infer.
 

@@ -5,10 +5,10 @@ from typing import Annotated, Any
 
 import typer
 
-from yeastfit.commands.infer_run import COLONIES, LEFT_OUT, POSTERIOR
+from yeastfit.commands.console.terminal import out, warn
 from yeastfit.commands.options import Out, Overwrite
+from yeastfit.commands.posterior_run.run import COLONIES, LEFT_OUT, POSTERIOR
 from yeastfit.commands.run_folder import read_run, run_versions
-from yeastfit.commands.terminal import out, warn
 from yeastfit.errors import InputError
 from yeastfit.inference.comparison.left_out import LeftOut
 from yeastfit.inference.comparison.runs import ComparedRun, Comparison

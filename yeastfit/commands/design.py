@@ -8,11 +8,11 @@ from typing import Annotated, Any
 import numpy as np
 import typer
 
+from yeastfit.commands.console.terminal import out, shown_progress, warn
 from yeastfit.commands.generated.model import ChosenModel, Free, ModelOptions, Statistics
 from yeastfit.commands.generated.options import flag_of, generated
 from yeastfit.commands.generated.workers import WorkerOptions, paced
 from yeastfit.commands.options import Out, Overwrite, Seed, names_in, numbers_in
-from yeastfit.commands.terminal import out, shown_progress, warn
 from yeastfit.errors import InputError
 from yeastfit.inference.information.design import check_arguments
 from yeastfit.inference.information.design import design as make_design

@@ -10,6 +10,7 @@ import numpy as np
 import typer
 from rich.table import Table
 
+from yeastfit.commands.console.terminal import out, shown_progress, warn
 from yeastfit.commands.generated.model import ChosenModel, Free, ModelOptions, Statistics
 from yeastfit.commands.generated.options import generated
 from yeastfit.commands.generated.workers import WorkerOptions, paced
@@ -25,7 +26,6 @@ from yeastfit.commands.options import (
     names_in,
 )
 from yeastfit.commands.run_folder import inputs_of
-from yeastfit.commands.terminal import out, shown_progress, warn
 from yeastfit.inference.fit.bootstrap_profile import Bootstrap, Profile, explore, profiles
 from yeastfit.inference.fit.least_squares import check_search
 from yeastfit.inference.fit.least_squares import fit as run_fit

@@ -7,10 +7,10 @@ from typing import Annotated
 import typer
 from rich.table import Table
 
+from yeastfit.commands.console.terminal import out, shown_progress, warn
 from yeastfit.commands.generated.model import ChosenModel, ModelOptions
 from yeastfit.commands.generated.options import generated
 from yeastfit.commands.options import Overwrite, Seed
-from yeastfit.commands.terminal import out, shown_progress, warn
 from yeastfit.derivatives.check_colony import check_gradients
 from yeastfit.model.model import Model
 from yeastfit.model.numerics import Numerics

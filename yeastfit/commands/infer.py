@@ -8,21 +8,21 @@ from typing import Annotated, Any
 
 import typer
 
-from yeastfit.commands.failures import reason
+from yeastfit.commands.console.failures import reason
+from yeastfit.commands.console.signals import remaining
+from yeastfit.commands.console.terminal import Pace, out, shown_progress, warn
 from yeastfit.commands.generated.model import ChosenModel, Free, ModelOptions, Statistics
 from yeastfit.commands.generated.options import generated
 from yeastfit.commands.generated.samplers import SamplerOptions
 from yeastfit.commands.generated.workers import WorkerOptions
-from yeastfit.commands.infer_config import Request
-from yeastfit.commands.infer_run import SIMULATIONS, STORED, InferRun
 from yeastfit.commands.measured_source import check_source, truth_of
 from yeastfit.commands.options import Jobs, MeasurementError, Overwrite, Seed, Truth, names_in
+from yeastfit.commands.posterior_run.config import Request
+from yeastfit.commands.posterior_run.run import SIMULATIONS, STORED, InferRun
 from yeastfit.commands.run_folder import inputs_of
-from yeastfit.commands.signals import remaining
-from yeastfit.commands.terminal import Pace, out, shown_progress, warn
 from yeastfit.errors import InputError
-from yeastfit.inference.posterior.prior import template
-from yeastfit.inference.posterior.variation import Variation
+from yeastfit.inference.prior.prior import template
+from yeastfit.inference.prior.variation import Variation
 from yeastfit.inference.samplers import SAMPLERS
 from yeastfit.inference.workers.spread import Workers
 from yeastfit.processors import available_processors

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 from rich.table import Table
 
-from yeastfit.commands.terminal import out, warn
+from yeastfit.commands.console.terminal import out, warn
 from yeastfit.errors import InputError
 from yeastfit.measure.reading.batch_inputs import images_in
 from yeastfit.measure.reading.dataset import MANIFESTS, find_manifest, read_dataset

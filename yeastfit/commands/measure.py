@@ -7,9 +7,9 @@ from typing import Annotated, Any
 
 import typer
 
+from yeastfit.commands.console.terminal import fail, out, shown_progress, warn
 from yeastfit.commands.measure_batch import measure_batch
 from yeastfit.commands.options import Jobs, Out, Overwrite
-from yeastfit.commands.terminal import fail, out, shown_progress, warn
 from yeastfit.measure.reading.batch_inputs import find_images
 from yeastfit.measure.reading.segmentation_options import read_options
 from yeastfit.processors import available_processors

@@ -21,7 +21,7 @@ from pathlib import Path
 import numpy as np
 
 from yeastfit import plot
-from yeastfit.commands.failures import reason
+from yeastfit.commands.console.failures import reason
 from yeastfit.commands.worker_processes import begin
 from yeastfit.errors import InputError, PixelSizeError
 from yeastfit.measure.measure_images import measure_file, outlined

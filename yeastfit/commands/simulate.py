@@ -8,10 +8,10 @@ from typing import Annotated
 import typer
 
 from yeastfit import plot
+from yeastfit.commands.console.terminal import out, shown_progress, warn
 from yeastfit.commands.generated.model import ChosenModel, ModelOptions
 from yeastfit.commands.generated.options import generated
 from yeastfit.commands.options import Out, Overwrite, Seed, names_in
-from yeastfit.commands.terminal import out, shown_progress, warn
 from yeastfit.errors import InputError
 from yeastfit.inference.models.grown import Grown
 from yeastfit.measure.photograph_panels import TimedPhotograph, panel_at, photographs_of_first_colony

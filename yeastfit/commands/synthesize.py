@@ -7,10 +7,10 @@ from typing import Annotated
 
 import typer
 
+from yeastfit.commands.console.terminal import out, shown_progress
 from yeastfit.commands.generated.options import generated
 from yeastfit.commands.generated.rules import RecipeOptions
 from yeastfit.commands.options import Out, Overwrite
-from yeastfit.commands.terminal import out, shown_progress
 from yeastfit.errors import InputError
 from yeastfit.numbers import SEEDS
 from yeastfit.results_check import check_folder

@@ -17,14 +17,14 @@ from scipy.linalg import block_diag
 
 from yeastfit.errors import InputError, SimulationError
 from yeastfit.inference.posterior.calibration_ranks import Calibration, ranks_of
-from yeastfit.inference.posterior.prior import Prior
 from yeastfit.inference.posterior.problem import Problem
 from yeastfit.inference.posterior.result import Posterior
 from yeastfit.inference.posterior.sampler import Sampler
-from yeastfit.inference.posterior.simulation_store import opened_store
-from yeastfit.inference.posterior.simulations import Simulations
+from yeastfit.inference.prior.prior import Prior
 from yeastfit.inference.samplers import infer
 from yeastfit.inference.simulator import Rows, Seeds, Simulator, Stream, Values, Wrapper, seed_of, stream_of
+from yeastfit.inference.store.simulation_store import opened_store
+from yeastfit.inference.store.simulations import Simulations
 from yeastfit.memory import check_count
 from yeastfit.observable import Observable
 from yeastfit.progress import Progress, silent

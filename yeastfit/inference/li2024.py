@@ -27,8 +27,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from yeastfit.inference.abc.mcmc import AbcMcmc
-from yeastfit.inference.posterior.distributions import Distribution
-from yeastfit.inference.posterior.prior import Prior
+from yeastfit.inference.prior.distributions import Distribution
+from yeastfit.inference.prior.prior import Prior
 from yeastfit.inference.simulator import Stream, stream_of
 from yeastfit.offlattice.li2024_statistics import PUBLISHED
 from yeastfit.offlattice.parameters import PRIOR

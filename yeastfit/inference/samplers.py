@@ -19,14 +19,14 @@ from yeastfit.inference.abc.smc import AbcSmc
 from yeastfit.inference.neural_likelihood.sequential import SequentialEmulator
 from yeastfit.inference.posterior.diagnostics import plain
 from yeastfit.inference.posterior.limits import Limits
-from yeastfit.inference.posterior.prior import Prior
 from yeastfit.inference.posterior.problem import Problem
 from yeastfit.inference.posterior.result import Posterior
 from yeastfit.inference.posterior.sampler import Sampler
-from yeastfit.inference.posterior.simulation_store import opened_store
-from yeastfit.inference.posterior.simulations import Simulations
-from yeastfit.inference.posterior.variation import Variation
+from yeastfit.inference.prior.prior import Prior
+from yeastfit.inference.prior.variation import Variation
 from yeastfit.inference.simulator import Simulator
+from yeastfit.inference.store.simulation_store import opened_store
+from yeastfit.inference.store.simulations import Simulations
 from yeastfit.inference.targets import Targets
 from yeastfit.progress import Progress, silent
 

@@ -15,17 +15,19 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from yeastfit.errors import InputError
-from yeastfit.model.budding import TurnedBudding, UniformBudding
 from yeastfit.model.colony import Colony, start
-from yeastfit.model.contact import NodeContact
-from yeastfit.model.death import NoDeath
-from yeastfit.model.detachment import NoDetachment
-from yeastfit.model.fluctuations import NoFluctuation
-from yeastfit.model.forces import TreeSprings
-from yeastfit.model.growth import GlobalBirths
+from yeastfit.model.laws.budding import TurnedBudding, UniformBudding
+from yeastfit.model.laws.contact import NodeContact
+from yeastfit.model.laws.death import NoDeath
+from yeastfit.model.laws.detachment import NoDetachment
+from yeastfit.model.laws.fluctuations import NoFluctuation
+from yeastfit.model.laws.forces import TreeSprings
+from yeastfit.model.laws.growth import GlobalBirths
+from yeastfit.model.laws.medium import OneNutrient
+from yeastfit.model.laws.motion import DrivenMotion
+from yeastfit.model.laws.shape import EllipticalCells
+from yeastfit.model.laws.uptake import BiomassUptake
 from yeastfit.model.mechanisms import every_rule
-from yeastfit.model.medium import OneNutrient
-from yeastfit.model.motion import DrivenMotion
 from yeastfit.model.numerics import Numerics
 from yeastfit.model.parameters import PARAMETERS, Parameters
 from yeastfit.model.rules import (
@@ -43,8 +45,6 @@ from yeastfit.model.rules import (
     SpringRule,
     UptakeRule,
 )
-from yeastfit.model.shape import EllipticalCells
-from yeastfit.model.uptake import BiomassUptake
 from yeastfit.parameter_set import ParameterSet
 
 BASES: dict[str, type[Rule]] = {

@@ -14,9 +14,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Int, PyTree
 
-from yeastfit.model.budding import bud
 from yeastfit.model.colony import Colony, Problems
-from yeastfit.model.forces import velocity
+from yeastfit.model.laws.budding import bud
+from yeastfit.model.laws.forces import velocity
 from yeastfit.model.model import Model
 from yeastfit.model.numerics import Numerics, largest_in_ensemble
 from yeastfit.model.parameters import Parameters

@@ -10,9 +10,9 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from scipy import stats
 
-from yeastfit.inference.posterior.distributions import Distribution
 from yeastfit.inference.posterior.draws import weighted_quantile
 from yeastfit.inference.posterior.result import Posterior
+from yeastfit.inference.prior.distributions import Distribution
 from yeastfit.plot.style import COLONY, TRUTH, label_log_axis, words
 
 SHOWN = 2000  # dots, at most

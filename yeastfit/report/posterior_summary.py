@@ -13,7 +13,7 @@ from yeastfit.inference.comparison.left_out import LeftOut
 from yeastfit.inference.models.forward_model import ForwardModel
 from yeastfit.inference.posterior.predictive_check import Predictive
 from yeastfit.inference.posterior.result import Posterior
-from yeastfit.inference.posterior.variation import NAME, absent
+from yeastfit.inference.prior.variation import NAME, absent
 
 SHARES = {"q05": 0.05, "median": 0.5, "q95": 0.95}
 

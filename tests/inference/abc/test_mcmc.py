@@ -20,12 +20,12 @@ from yeastfit.inference.abc.distances import WeightedCurves
 from yeastfit.inference.abc.mcmc import AbcMcmc, McmcDiagnostics
 from yeastfit.inference.abc.proposals import Move, move_of
 from yeastfit.inference.posterior.emcee_file import write_chains
-from yeastfit.inference.posterior.prior import Prior
 from yeastfit.inference.posterior.result import Posterior
-from yeastfit.inference.posterior.simulation_store import Store
-from yeastfit.inference.posterior.simulations import Simulations
 from yeastfit.inference.posterior.status import Status
+from yeastfit.inference.prior.prior import Prior
 from yeastfit.inference.samplers import infer
+from yeastfit.inference.store.simulation_store import Store
+from yeastfit.inference.store.simulations import Simulations
 
 GAUSSIAN = known_posteriors.gaussian()
 SHORT = AbcMcmc(steps=30, walkers=4, pilot=60, pilot_quantile=0.2)

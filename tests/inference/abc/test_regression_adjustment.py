@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from yeastfit.inference.abc.regression_adjustment import Accepted, from_line, to_line
-from yeastfit.inference.posterior.prior import Prior
+from yeastfit.inference.prior.prior import Prior
 
 INF = np.inf
 PRIOR = Prior.of({"a": {"distribution": "normal", "mean": 0.0, "sd": 10.0}})

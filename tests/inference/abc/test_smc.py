@@ -15,9 +15,9 @@ from yeastfit.inference.abc.mcmc import AbcMcmc
 from yeastfit.inference.abc.population import Mixture, Population
 from yeastfit.inference.abc.smc import AbcSmc, SmcDiagnostics
 from yeastfit.inference.posterior.result import Posterior
-from yeastfit.inference.posterior.simulation_store import Store
-from yeastfit.inference.posterior.simulations import Simulations
 from yeastfit.inference.posterior.status import Status
+from yeastfit.inference.store.simulation_store import Store
+from yeastfit.inference.store.simulations import Simulations
 
 GAUSSIAN = known_posteriors.gaussian()
 SMC = AbcSmc(simulations=100_000, batch=64)

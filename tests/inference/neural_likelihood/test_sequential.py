@@ -17,14 +17,14 @@ from yeastfit.inference.neural_likelihood.rounds import EmulatorDiagnostics
 from yeastfit.inference.neural_likelihood.sequential import SequentialEmulator
 from yeastfit.inference.neural_likelihood.training_rounds import Neighbourhood, far_draws, proposed
 from yeastfit.inference.posterior.emcee_file import write_chains
-from yeastfit.inference.posterior.prior import Prior
 from yeastfit.inference.posterior.problem import Problem
 from yeastfit.inference.posterior.result import Posterior
-from yeastfit.inference.posterior.simulation_store import Store
-from yeastfit.inference.posterior.simulations import Simulations
 from yeastfit.inference.posterior.status import Status
+from yeastfit.inference.prior.prior import Prior
 from yeastfit.inference.samplers import infer
 from yeastfit.inference.simulator import seed_of
+from yeastfit.inference.store.simulation_store import Store
+from yeastfit.inference.store.simulations import Simulations
 
 NETWORKS = TrainingSettings(members=4)
 FEW = TrainingSettings(members=2, width=16, steps=200)

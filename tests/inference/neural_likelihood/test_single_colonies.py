@@ -23,7 +23,7 @@ from yeastfit.inference.neural_likelihood.single_colonies import (
 )
 from yeastfit.inference.neural_likelihood.training import train
 from yeastfit.inference.posterior.problem import Problem
-from yeastfit.inference.posterior.variation import ColonyCoordinates, Variation, Varied, absent
+from yeastfit.inference.prior.variation import ColonyCoordinates, Variation, Varied, absent
 from yeastfit.inference.simulator import Simulator
 from yeastfit.parameter_set import Parameter, ParameterSet
 

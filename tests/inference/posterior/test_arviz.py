@@ -18,8 +18,8 @@ from yeastfit.inference.posterior.arviz import Beside, groups_of, resampled
 from yeastfit.inference.posterior.calibration_ranks import Calibration
 from yeastfit.inference.posterior.chain_diagnostics import autocorrelation_time
 from yeastfit.inference.posterior.predictive_check import Predictive
-from yeastfit.inference.posterior.prior import Prior
 from yeastfit.inference.posterior.result import Posterior
+from yeastfit.inference.prior.prior import Prior
 
 PREDICTED = Predictive(
     free=("mobility", "aspect_ratio"),

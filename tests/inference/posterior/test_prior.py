@@ -9,8 +9,8 @@ from scipy import stats
 from simulators import parameters_named
 
 from yeastfit import PARAMETERS, InputError
-from yeastfit.inference.posterior.distributions import FAMILIES, Distribution
-from yeastfit.inference.posterior.prior import Prior, template
+from yeastfit.inference.prior.distributions import FAMILIES, Distribution
+from yeastfit.inference.prior.prior import Prior, template
 from yeastfit.parameter_set import Parameter, ParameterSet
 
 TABLES = {

@@ -14,10 +14,10 @@ import pytest
 from simulators import observables_named, parameters_named
 
 from yeastfit import InputError
-from yeastfit.inference.posterior.cached_simulator import CachedSimulator
-from yeastfit.inference.posterior.simulation_store import Store
-from yeastfit.inference.posterior.simulations import ROOM, Simulations
 from yeastfit.inference.simulator import Simulator, Stream, seed_of, stream_of
+from yeastfit.inference.store.cached_simulator import CachedSimulator
+from yeastfit.inference.store.simulation_store import Store
+from yeastfit.inference.store.simulations import ROOM, Simulations
 
 FREE, LABELS = ("mobility", "aspect_ratio"), ("area", "compactness", "radius")
 
@@ -175,7 +175,7 @@ def test_killed_while_it_writes(tmp_path: Path) -> None:
     code = """
         import sys
         import numpy as np
-        from yeastfit.inference.posterior.simulation_store import Store
+        from yeastfit.inference.store.simulation_store import Store
         with Store(sys.argv[1], ("a",), ("b",)) as store:
             for n in range(len(store), 100000):
                 store.append(np.array([[float(n)]]), np.array([n]), np.array([[n / 7]]))

@@ -19,7 +19,7 @@ import pytest
 from wobble import Wobble, proposed
 
 from yeastfit import ColonySimulator, Imaging, Posterior, Resolution, Simulator, Store, Targets, Workers, infer
-from yeastfit.inference.posterior.prior import Prior
+from yeastfit.inference.prior.prior import Prior
 from yeastfit.inference.simulator import labels_of
 from yeastfit.inference.workers.admission import Patience
 

@@ -11,9 +11,9 @@ from helpers import colony_of, context_of, random_tree
 from jaxtyping import Array
 
 from reference import mechanisms as plain
-from yeastfit.model.budding import UniformBudding, bud
 from yeastfit.model.colony import Colony
-from yeastfit.model.growth import GlobalBirths
+from yeastfit.model.laws.budding import UniformBudding, bud
+from yeastfit.model.laws.growth import GlobalBirths
 from yeastfit.model.mechanisms.clock_births import ClockBirths
 from yeastfit.model.mechanisms.patch_births import PatchBirths, apportioned
 from yeastfit.model.model import Model

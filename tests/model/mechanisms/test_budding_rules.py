@@ -12,7 +12,7 @@ from scipy import special, stats
 
 from reference.mechanisms import mixed_angle
 from yeastfit.errors import InputError
-from yeastfit.model.budding import UniformBudding
+from yeastfit.model.laws.budding import UniformBudding
 from yeastfit.model.mechanisms.gradient_budding import BiasedBudding, GradientBudding
 from yeastfit.model.mechanisms.polar_budding import PolarBudding
 from yeastfit.model.mechanisms.von_mises import angle_of

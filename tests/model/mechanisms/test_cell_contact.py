@@ -13,7 +13,7 @@ from jaxtyping import Array
 from reference import mechanisms as plain
 from yeastfit.errors import InputError
 from yeastfit.model.colony import Colony
-from yeastfit.model.forces import velocity
+from yeastfit.model.laws.forces import velocity
 from yeastfit.model.mechanisms.cell_contact import CellContact, overlap, overlap_and_slope
 from yeastfit.model.mechanisms.constrained_contact import ConstrainedContact, nonnegative
 from yeastfit.model.model import Model

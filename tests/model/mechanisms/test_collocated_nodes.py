@@ -10,8 +10,8 @@ from helpers import context_of
 
 from reference import mechanisms as plain
 from yeastfit.errors import InputError
-from yeastfit.model.budding import UniformBudding, bud
 from yeastfit.model.colony import Colony
+from yeastfit.model.laws.budding import UniformBudding, bud
 from yeastfit.model.mechanisms.collocated_nodes import CollocatedBirths, CollocatedSprings, slots_of_nodes
 from yeastfit.model.model import Model
 from yeastfit.model.numerics import Numerics

@@ -16,7 +16,7 @@ from scipy import ndimage
 from reference import mechanisms as plain
 from yeastfit.errors import InputError
 from yeastfit.model.colony import Colony
-from yeastfit.model.forces import velocity
+from yeastfit.model.laws.forces import velocity
 from yeastfit.model.mechanisms.clock_births import ClockBirths
 from yeastfit.model.mechanisms.morphogen_medium import MorphogenMedium
 from yeastfit.model.mechanisms.nitrogen_medium import NitrogenMedium

@@ -12,11 +12,11 @@ from jaxtyping import Array
 from scipy import integrate, stats
 
 from yeastfit.model.colony import Colony
-from yeastfit.model.forces import springs
+from yeastfit.model.laws.forces import springs
+from yeastfit.model.laws.motion import DrivenMotion
 from yeastfit.model.mechanisms.langevin_motion import LangevinMotion
 from yeastfit.model.mechanisms.nutrient_fluctuation import NutrientFluctuation
 from yeastfit.model.model import Model
-from yeastfit.model.motion import DrivenMotion
 from yeastfit.model.numerics import Numerics
 from yeastfit.model.parameters import Parameters
 from yeastfit.model.rules import Context

@@ -10,7 +10,7 @@ from typing import Annotated, Any, get_args, get_origin
 
 from typer.models import OptionInfo
 
-from yeastfit.commands.failures import UsageError
+from yeastfit.commands.console.failures import UsageError
 from yeastfit.errors import InputError
 from yeastfit.numbers import Range
 

@@ -3,8 +3,8 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from yeastfit.commands.console.terminal import Pace, err
 from yeastfit.commands.generated.options import Option
-from yeastfit.commands.terminal import Pace, err
 from yeastfit.errors import InputError
 from yeastfit.inference.workers.dask_crew import imported
 from yeastfit.inference.workers.spread import BLOCK, Workers

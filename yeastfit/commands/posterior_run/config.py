@@ -9,9 +9,9 @@ from yeastfit.errors import InputError
 from yeastfit.inference.models.forward_model import ForwardModel
 from yeastfit.inference.models.registry import DEFAULT, model_named
 from yeastfit.inference.posterior.predictive_check import FEWEST
-from yeastfit.inference.posterior.prior import Prior
 from yeastfit.inference.posterior.sampler import Sampler
-from yeastfit.inference.posterior.variation import Variation
+from yeastfit.inference.prior.prior import Prior
+from yeastfit.inference.prior.variation import Variation
 from yeastfit.inference.samplers import SAMPLERS, check_variation, name_of, sampler_of, settings_of
 from yeastfit.memory import check_count
 from yeastfit.parameter_set import ParameterSet

@@ -12,7 +12,7 @@ from yeastfit.inference.comparison.left_out import LeftOut
 from yeastfit.inference.posterior.problem import Problem
 from yeastfit.inference.posterior.result import Posterior
 from yeastfit.inference.posterior.sampler import Sampler
-from yeastfit.inference.posterior.simulation_store import Store
+from yeastfit.inference.store.simulation_store import Store
 from yeastfit.inference.targets import Targets
 from yeastfit.progress import Progress
 

@@ -12,27 +12,27 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from yeastfit.commands.generated.samplers import extending
-from yeastfit.commands.infer_config import Request
-from yeastfit.commands.infer_doubts import doubts_of, doubts_of_reused
-from yeastfit.commands.leave_out import predicted_from_others, single_colonies
 from yeastfit.commands.measured_source import Measurements, measure_source, recorded_warnings
+from yeastfit.commands.posterior_run.config import Request
+from yeastfit.commands.posterior_run.doubts import doubts_of, doubts_of_reused
+from yeastfit.commands.posterior_run.leave_out import predicted_from_others, single_colonies
+from yeastfit.commands.posterior_run.watched_simulator import Met, Watched
 from yeastfit.commands.run_folder import RunFolder, inputs_of, read_run, run_versions
-from yeastfit.commands.watched_simulator import Met, Watched
 from yeastfit.errors import InputError
 from yeastfit.inference.comparison.left_out import LeftOut
 from yeastfit.inference.curve_covariance import measurement_covariance
 from yeastfit.inference.models.forward_model import ForwardModel
-from yeastfit.inference.posterior.cached_simulator import CachedSimulator
 from yeastfit.inference.posterior.emcee_file import write_chains
 from yeastfit.inference.posterior.predictive_check import Predictive
-from yeastfit.inference.posterior.prior import Prior
 from yeastfit.inference.posterior.problem import Problem
 from yeastfit.inference.posterior.result import Posterior
 from yeastfit.inference.posterior.sampler import Sampler
-from yeastfit.inference.posterior.simulation_store import Store
-from yeastfit.inference.posterior.variation import Varied
+from yeastfit.inference.prior.prior import Prior
+from yeastfit.inference.prior.variation import Varied
 from yeastfit.inference.samplers import sample
 from yeastfit.inference.simulator import Simulator, Tally, labels_of, member_seeds, problems_of
+from yeastfit.inference.store.cached_simulator import CachedSimulator
+from yeastfit.inference.store.simulation_store import Store
 from yeastfit.inference.targets import Targets
 from yeastfit.inference.targets_from_table import TABLE, read_measurements, rows_of
 from yeastfit.inference.workers.spread import Workers

@@ -37,14 +37,14 @@ from yeastfit.inference.abc.distances import KERNELS, Distance, KernelName, log_
 from yeastfit.inference.abc.pilot import DISTANCES, DistanceName, Pilot, distance_of, no_pilot, pilot_of
 from yeastfit.inference.abc.proposals import MOVES, Move, move_of
 from yeastfit.inference.abc.standstills import standstills
-from yeastfit.inference.posterior.cached_simulator import CachedSimulator
 from yeastfit.inference.posterior.diagnostics import Diagnostics
-from yeastfit.inference.posterior.prior import Prior
 from yeastfit.inference.posterior.problem import Problem
 from yeastfit.inference.posterior.result import Posterior
 from yeastfit.inference.posterior.settings import Setting, check_at_least, check_choice
-from yeastfit.inference.posterior.simulations import Simulations
+from yeastfit.inference.prior.prior import Prior
 from yeastfit.inference.simulator import Simulator, Stream, seed_of, stream_of
+from yeastfit.inference.store.cached_simulator import CachedSimulator
+from yeastfit.inference.store.simulations import Simulations
 from yeastfit.memory import check_memory
 from yeastfit.progress import Progress
 

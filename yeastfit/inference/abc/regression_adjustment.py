@@ -23,7 +23,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.special import expit, logit
 
-from yeastfit.inference.posterior.prior import Prior
+from yeastfit.inference.prior.prior import Prior
 
 ENOUGH = 4.0  # independent draws per coefficient: with fewer, the fit is noise
 PARTS = 100  # blocks of the jackknife

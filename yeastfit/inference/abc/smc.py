@@ -32,15 +32,15 @@ from yeastfit.inference.abc.distances import Distance
 from yeastfit.inference.abc.pilot import DISTANCES, DistanceName, distance_of
 from yeastfit.inference.abc.population import Mixture, Population
 from yeastfit.inference.abc.regression_adjustment import Accepted
-from yeastfit.inference.posterior.cached_simulator import CachedSimulator
 from yeastfit.inference.posterior.diagnostics import Diagnostics
 from yeastfit.inference.posterior.draws import weighted_quantile
 from yeastfit.inference.posterior.problem import Problem
 from yeastfit.inference.posterior.result import Posterior
 from yeastfit.inference.posterior.settings import Setting, check_at_least, check_choice
-from yeastfit.inference.posterior.simulations import Simulations
 from yeastfit.inference.posterior.status import Status
 from yeastfit.inference.simulator import Simulator, Stream, seed_of, stream_of
+from yeastfit.inference.store.cached_simulator import CachedSimulator
+from yeastfit.inference.store.simulations import Simulations
 from yeastfit.progress import Progress
 
 PROMISE = 10  # accepted proposals that the lowest acceptable share promises: with fewer, a population is given up

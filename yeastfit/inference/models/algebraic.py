@@ -13,8 +13,8 @@ from yeastfit.errors import InputError
 from yeastfit.inference.colony_simulator import COARSE, DEFAULT_FREE, OUTLINE_PIXEL, ColonySimulator, Resolution
 from yeastfit.inference.models.forward_model import ForwardModel, Row, Seen
 from yeastfit.inference.models.grown import Grown, Outlines
-from yeastfit.inference.posterior.prior import Prior
 from yeastfit.inference.posterior.settings import Setting
+from yeastfit.inference.prior.prior import Prior
 from yeastfit.inference.sensitivity.estimate import sensitivity as estimate_sensitivity
 from yeastfit.inference.sensitivity.result import Sensitivity
 from yeastfit.inference.simulator import Simulator

@@ -17,8 +17,8 @@ from jaxtyping import Float
 from yeastfit.errors import InputError
 from yeastfit.inference.models.grown import Grown, Outlines
 from yeastfit.inference.posterior.limits import Limits
-from yeastfit.inference.posterior.prior import Prior
 from yeastfit.inference.posterior.settings import Setting
+from yeastfit.inference.prior.prior import Prior
 from yeastfit.inference.sensitivity.result import Sensitivity
 from yeastfit.inference.simulator import Simulator
 from yeastfit.inference.targets import Targets

@@ -16,10 +16,10 @@ from jaxtyping import Float
 from yeastfit.errors import InputError
 from yeastfit.inference.models.forward_model import ForwardModel, Row, Seen
 from yeastfit.inference.models.grown import Outlines
-from yeastfit.inference.posterior.distributions import Distribution
 from yeastfit.inference.posterior.limits import Limits, limits_around
-from yeastfit.inference.posterior.prior import Prior
 from yeastfit.inference.posterior.settings import Setting
+from yeastfit.inference.prior.distributions import Distribution
+from yeastfit.inference.prior.prior import Prior
 from yeastfit.inference.sensitivity.estimate import sensitivity as estimate_sensitivity
 from yeastfit.inference.sensitivity.result import Sensitivity
 from yeastfit.inference.simulator import member_seeds

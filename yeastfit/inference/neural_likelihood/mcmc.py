@@ -1,7 +1,7 @@
 """Chains of emcee on a posterior whose likelihood is an emulator's.
 
 They walk in the prior's coordinates, log λ where its distribution is one of log λ, and in z where colonies scatter by
-τ(z) (`posterior.variation`). Given `KERNELS` walkers per
+τ(z) (`prior.variation`). Given `KERNELS` walkers per
 parameter, half of the steps propose each half of the walkers from a kernel density of the other half, which moves them
 along thin trails and between modes at once; the other steps are differential evolution (ter Braak 2006,
 doi:10.1007/s11222-006-8769-1), which works in any number of parameters. On the demo's trail 128 chains then decorrelate

@@ -22,7 +22,7 @@ there have a higher density. A posterior that moves farther again, or does not k
 
 As the likelihood is what is emulated, where the simulations were made does not influence the posterior other than
 through the emulator's error (Papamakarios et al. 2019, arXiv:1805.07226): simulations of other runs, whatever their
-method, are trained on as well (`Simulations.reused`). Where colonies may scatter (`posterior.variation`), chains have
+method, are trained on as well (`Simulations.reused`). Where colonies may scatter (`prior.variation`), chains have
 one coordinate more, and rounds are about λ as before. Every step depends on the seed alone: a run that is repeated with
 the store of one that was stopped repeats its training and its chains, simulates only what is missing, and ends with the
 same result.
@@ -43,14 +43,14 @@ from yeastfit.inference.neural_likelihood.rounds import EmulatorDiagnostics, Rou
 from yeastfit.inference.neural_likelihood.single_colonies import between_colonies, excess_scatter
 from yeastfit.inference.neural_likelihood.training import fewest, train
 from yeastfit.inference.neural_likelihood.training_rounds import Round, far_draws, proposed, together, unsettled
-from yeastfit.inference.posterior.cached_simulator import CachedSimulator
 from yeastfit.inference.posterior.problem import Problem
 from yeastfit.inference.posterior.result import Posterior
 from yeastfit.inference.posterior.robust_summary import apart
 from yeastfit.inference.posterior.settings import Setting, check_at_least
-from yeastfit.inference.posterior.simulations import Simulations
 from yeastfit.inference.posterior.status import Status
 from yeastfit.inference.simulator import Stream, seed_of, stream_of
+from yeastfit.inference.store.cached_simulator import CachedSimulator
+from yeastfit.inference.store.simulations import Simulations
 from yeastfit.memory import check_memory
 from yeastfit.progress import Progress
 

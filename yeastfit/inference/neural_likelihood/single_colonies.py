@@ -1,6 +1,6 @@
 """Likelihood of single colonies, whose parameters may scatter, by an emulator.
 
-Colony r has λ_r with y(λ_r) = y(λ) + τ ξ_r (`posterior.variation`). To first order in τ, with m and C the mean and the
+Colony r has λ_r with y(λ_r) = y(λ) + τ ξ_r (`prior.variation`). To first order in τ, with m and C the mean and the
 scatter of one replicate at λ and J = ∂m/∂y,
 
     o_r | λ, τ, e ~ N(m + e, V),    V = C + τ² J Jᵀ + M,    e ~ N(0, E),    E = emulator's error + N:
@@ -29,7 +29,7 @@ from yeastfit.inference.neural_likelihood.coordinates import Values
 from yeastfit.inference.neural_likelihood.emulator import Emulator
 from yeastfit.inference.neural_likelihood.ensemble import ROWS, Ensemble
 from yeastfit.inference.posterior.problem import Problem
-from yeastfit.inference.posterior.variation import ColonyCoordinates
+from yeastfit.inference.prior.variation import ColonyCoordinates
 
 MUCH, CHANCE = 1.5, 1e-3  # times the expected χ², and probability of it, from where a scatter is told of
 

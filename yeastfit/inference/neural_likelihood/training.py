@@ -26,7 +26,7 @@ from yeastfit.inference.neural_likelihood.network import (
     fitted,
 )
 from yeastfit.inference.polynomial import monomials
-from yeastfit.inference.posterior.prior import Prior
+from yeastfit.inference.prior.prior import Prior
 
 ROWS_PER_TERM = 4  # simulations for each term of the quadratic, at least
 ROOM = 1024  # simulations: programs are compiled for multiples of as many

@@ -11,8 +11,8 @@ from yeastfit.errors import InputError
 from yeastfit.inference.neural_likelihood.coordinates import Values
 from yeastfit.inference.neural_likelihood.emulator import Emulator
 from yeastfit.inference.neural_likelihood.mcmc import Chains, Known, Walk
-from yeastfit.inference.posterior.prior import Prior
 from yeastfit.inference.posterior.robust_summary import covariance_of_most, far_off
+from yeastfit.inference.prior.prior import Prior
 
 LARGEST_ERROR = 0.3  # of the variance of the data, above which the emulator's error is warned of
 FEW = 0.01  # of the draws, above which outlying ones are warned of

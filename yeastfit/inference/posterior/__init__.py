@@ -1,1 +1,1 @@
-"""What all samplers share: priors, draws, diagnostics, stored simulations, the predictive check."""
+"""What all samplers share: the problem, draws, diagnostics, the predictive check."""

@@ -17,7 +17,7 @@ from jaxtyping import Float, Int
 from scipy.stats import binomtest
 
 from yeastfit.inference.posterior.draws import Draws
-from yeastfit.inference.posterior.prior import Prior
+from yeastfit.inference.prior.prior import Prior
 
 JOINT = "joint"
 LEVELS = (0.5, 0.9)

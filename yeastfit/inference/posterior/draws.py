@@ -8,7 +8,7 @@ from jaxtyping import Float
 
 from yeastfit.errors import InputError
 from yeastfit.inference.posterior.chain_diagnostics import FEWEST_DRAWS, ChainDiagnostics, diagnose
-from yeastfit.inference.posterior.prior import Prior
+from yeastfit.inference.prior.prior import Prior
 
 
 @dataclass(frozen=True, kw_only=True)

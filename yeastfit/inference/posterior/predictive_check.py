@@ -22,7 +22,7 @@ from jaxtyping import Bool, Float
 
 from yeastfit.errors import InputError
 from yeastfit.inference.posterior.draws import Draws
-from yeastfit.inference.posterior.variation import simulator_of_draws
+from yeastfit.inference.prior.variation import simulator_of_draws
 from yeastfit.inference.simulator import (
     Mismeasured,
     Replicates,

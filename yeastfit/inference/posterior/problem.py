@@ -26,8 +26,8 @@ from yeastfit.errors import InputError
 from yeastfit.inference.curve_covariance import measurement_covariance
 from yeastfit.inference.polynomial import sobol_points
 from yeastfit.inference.posterior.limits import Limits, check_limits, within
-from yeastfit.inference.posterior.prior import Prior
-from yeastfit.inference.posterior.variation import ColonyCoordinates, Variation
+from yeastfit.inference.prior.prior import Prior
+from yeastfit.inference.prior.variation import ColonyCoordinates, Variation
 from yeastfit.inference.simulator import Mismeasured, Replicates, Simulator, Stream, labels_of, root_of, stream_of
 from yeastfit.inference.targets import Targets
 

@@ -14,9 +14,9 @@ from yeastfit.inference.posterior.calibration_ranks import Calibration
 from yeastfit.inference.posterior.diagnostics import Diagnostics
 from yeastfit.inference.posterior.draws import Draws
 from yeastfit.inference.posterior.predictive_check import Predictive, predict
-from yeastfit.inference.posterior.prior import Prior
 from yeastfit.inference.posterior.problem import Problem
 from yeastfit.inference.posterior.status import Status
+from yeastfit.inference.prior.prior import Prior
 from yeastfit.inference.simulator import Simulator
 from yeastfit.storage import as_json, from_json, reads_saved, written_whole
 

@@ -4,7 +4,7 @@ from typing import Protocol, runtime_checkable
 
 from yeastfit.inference.posterior.problem import Problem
 from yeastfit.inference.posterior.result import Posterior
-from yeastfit.inference.posterior.simulations import Simulations
+from yeastfit.inference.store.simulations import Simulations
 from yeastfit.progress import Progress
 
 

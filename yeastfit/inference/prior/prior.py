@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from yeastfit.errors import InputError
-from yeastfit.inference.posterior.distributions import FAMILIES, MIXED, Distribution
+from yeastfit.inference.prior.distributions import FAMILIES, MIXED, Distribution
 from yeastfit.parameter_set import Parameter, ParameterSet
 from yeastfit.text import quoted
 from yeastfit.text_files import read_toml

@@ -23,8 +23,8 @@ import scipy
 from jaxtyping import Float
 
 from yeastfit.errors import InputError
-from yeastfit.inference.posterior.distributions import Distribution, SpikeHalfNormal
-from yeastfit.inference.posterior.prior import Prior
+from yeastfit.inference.prior.distributions import Distribution, SpikeHalfNormal
+from yeastfit.inference.prior.prior import Prior
 from yeastfit.inference.simulator import Rows, Seeds, Simulator, Stream, Values, Wrapper, stream_of
 from yeastfit.parameter_set import Parameter, ParameterSet
 

@@ -3,8 +3,8 @@
 import numpy as np
 
 from yeastfit.errors import InputError
-from yeastfit.inference.posterior.simulations import Simulations
 from yeastfit.inference.simulator import Rows, Seeds, Simulator, Values, labels_of, rows_in_blocks
+from yeastfit.inference.store.simulations import Simulations
 
 
 class CachedSimulator:

@@ -32,8 +32,8 @@ import h5py
 import numpy as np
 
 from yeastfit.errors import InputError
-from yeastfit.inference.posterior.simulations import Seeds, Simulations, Statistics, Values, checks
 from yeastfit.inference.simulator import Simulator, labels_of
+from yeastfit.inference.store.simulations import Seeds, Simulations, Statistics, Values, checks
 from yeastfit.storage import as_json, from_json, full_disks_told, hdf5_written_whole
 
 DATASET = "simulations"

@@ -10,10 +10,10 @@ from yeastfit.measure.statistics.registry import STATISTICS, check_names, record
 from yeastfit.measure.statistics.smooth_statistics import node_statistics
 from yeastfit.model.cells import level_set
 from yeastfit.model.colony import Colony
+from yeastfit.model.laws.shape import EllipticalCells
 from yeastfit.model.parameters import Parameters
 from yeastfit.model.relaxation import Relaxation
 from yeastfit.model.rules import ShapeRule
-from yeastfit.model.shape import EllipticalCells
 from yeastfit.model.snapshot import Snapshot
 
 ELLIPSE = EllipticalCells()

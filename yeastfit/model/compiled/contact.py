@@ -12,7 +12,7 @@ from jaxtyping import Array, Float
 
 from yeastfit.model.colony import Colony
 from yeastfit.model.compiled.operations import Call, operation
-from yeastfit.model.contact import SMALLEST, NodeContact
+from yeastfit.model.laws.contact import SMALLEST, NodeContact
 from yeastfit.model.relaxation import Relaxation
 from yeastfit.model.rules import Context
 

@@ -16,13 +16,13 @@ from yeastfit.model.cells import Cells, patch_of, weights_of_cells
 from yeastfit.model.colony import Colony
 from yeastfit.model.compiled.interpolation import compiled_gradient_at, compiled_nutrient_at
 from yeastfit.model.compiled.operations import Call, operation
-from yeastfit.model.medium import OneNutrient
+from yeastfit.model.laws.medium import OneNutrient
+from yeastfit.model.laws.uptake import BiomassUptake
 from yeastfit.model.numerics import Numerics
 from yeastfit.model.nutrient import sweeps
 from yeastfit.model.parameters import Parameters
 from yeastfit.model.relaxation import Relaxation
 from yeastfit.model.rules import Context, UptakeRule
-from yeastfit.model.uptake import BiomassUptake
 
 
 class CompiledOneNutrient(OneNutrient):

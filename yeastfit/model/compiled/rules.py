@@ -7,9 +7,9 @@ from yeastfit.model.compiled import operations
 from yeastfit.model.compiled.contact import CompiledNodeContact
 from yeastfit.model.compiled.medium import CompiledOneNutrient
 from yeastfit.model.compiled.springs import CompiledTreeSprings
-from yeastfit.model.contact import NodeContact
-from yeastfit.model.forces import TreeSprings
-from yeastfit.model.medium import OneNutrient
+from yeastfit.model.laws.contact import NodeContact
+from yeastfit.model.laws.forces import TreeSprings
+from yeastfit.model.laws.medium import OneNutrient
 from yeastfit.model.model import Model
 from yeastfit.model.rules import Rule
 

@@ -12,7 +12,7 @@ from jaxtyping import Array, Float
 
 from yeastfit.model.colony import Colony
 from yeastfit.model.compiled.operations import Call, operation
-from yeastfit.model.forces import TreeSprings
+from yeastfit.model.laws.forces import TreeSprings
 
 
 class CompiledTreeSprings(TreeSprings):

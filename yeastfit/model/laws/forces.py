@@ -12,7 +12,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from yeastfit.model.colony import Colony
-from yeastfit.model.medium import OneNutrient
+from yeastfit.model.laws.medium import OneNutrient
 from yeastfit.model.rules import ContactRule, Context, MediumRule, SpringRule
 
 

@@ -1,6 +1,6 @@
 """Rules beyond the source's own, one mechanism a file; whatever rule a file of this folder defines can be chosen.
 
-The source's rules are in the folder above, one file a law: `budding`, `growth`, `contact`, `uptake`, `death`.
+The source's rules are in the folder `laws`.
 """
 
 from importlib import import_module

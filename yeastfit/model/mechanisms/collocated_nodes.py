@@ -25,7 +25,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from yeastfit.errors import InputError
 from yeastfit.model.colony import Colony
-from yeastfit.model.growth import number_of_births
+from yeastfit.model.laws.growth import number_of_births
 from yeastfit.model.rules import BirthRule, Births, Context, Rule, SpringRule
 
 MOST = 1 << 22  # nodes: every step takes operations for each of them

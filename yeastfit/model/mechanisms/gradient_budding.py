@@ -13,7 +13,7 @@ from typing import ClassVar
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, UInt32
 
-from yeastfit.model.budding import uniform_angles
+from yeastfit.model.laws.budding import uniform_angles
 from yeastfit.model.mechanisms.von_mises import SHARPEST, angle_of
 from yeastfit.model.rules import BuddingRule, Context
 from yeastfit.parameter_set import Parameter

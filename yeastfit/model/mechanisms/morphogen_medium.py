@@ -17,7 +17,7 @@ from yeastfit.model.cell_overlap import smooth_step
 from yeastfit.model.cells import Cells
 from yeastfit.model.colony import Colony
 from yeastfit.model.interpolation import gradient_at
-from yeastfit.model.medium import nutrient_of_step, where_cells_are
+from yeastfit.model.laws.medium import nutrient_of_step, where_cells_are
 from yeastfit.model.nutrient import closed_step
 from yeastfit.model.rules import Context, MediumRule, UptakeRule
 from yeastfit.parameter_set import Parameter

@@ -35,13 +35,13 @@ from yeastfit.model.active_window import extent_of_change
 from yeastfit.model.cells import Cells
 from yeastfit.model.colony import Colony
 from yeastfit.model.interpolation import gradient_at, nutrient_at
-from yeastfit.model.medium import nutrient_of_step, where_cells_are
+from yeastfit.model.laws.medium import nutrient_of_step, where_cells_are
+from yeastfit.model.laws.uptake import biomass
 from yeastfit.model.numerics import Numerics
 from yeastfit.model.nutrient import closed_step, nutrient_step
 from yeastfit.model.parameters import Parameters
 from yeastfit.model.relaxation import Relaxation
 from yeastfit.model.rules import Births, Context, MediumRule, UptakeRule
-from yeastfit.model.uptake import biomass
 from yeastfit.parameter_set import Parameter
 
 WIDTH = 0.02  # w, of the relaxed minimum

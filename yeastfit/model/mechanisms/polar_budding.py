@@ -11,7 +11,7 @@ from typing import ClassVar
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int, UInt32
 
-from yeastfit.model.budding import uniform_angles
+from yeastfit.model.laws.budding import uniform_angles
 from yeastfit.model.mechanisms.gradient_budding import BUDDING_BIAS, direction_of, towards
 from yeastfit.model.rules import BuddingRule, Context
 from yeastfit.parameter_set import Parameter

@@ -17,8 +17,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool
 
-from yeastfit.model.budding import uniform_angles
 from yeastfit.model.colony import Colony
+from yeastfit.model.laws.budding import uniform_angles
 from yeastfit.model.mechanisms.lineage_draws import keys_of
 from yeastfit.model.rules import Context, DetachmentRule
 from yeastfit.parameter_set import Parameter

@@ -1,0 +1,1 @@
+"""What surrounds every command: numbers as typed, signals, errors in one line, progress, kept programs."""

@@ -1,0 +1,1 @@
+"""What is known before the data: distributions of parameters, and how colonies scatter about their condition."""

@@ -1,0 +1,1 @@
+"""Simulations that are kept: found by parameters and seed, in memory and on disk."""
