@@ -5,7 +5,6 @@ differ. It has no derivative.
 """
 
 import dataclasses
-from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -15,7 +14,7 @@ from jaxtyping import Array, Float
 from yeastfit.model.cells import Cells, patch_of, weights_of_cells
 from yeastfit.model.colony import Colony
 from yeastfit.model.compiled.interpolation import compiled_gradient_at, compiled_nutrient_at
-from yeastfit.model.compiled.operations import Call, operation
+from yeastfit.model.compiled.operations import operation
 from yeastfit.model.laws.medium import OneNutrient
 from yeastfit.model.laws.uptake import BiomassUptake
 from yeastfit.model.numerics import Numerics
@@ -55,7 +54,7 @@ def compiled_step(context: Context, cells: Cells) -> Float[Array, "x y"]:
     rate = context.parameters.metabolic_rate * numerics.dt
     numbers = -0.5 * numerics.domain, numerics.spacing, *union, rate, alpha, rho
     sizes = numerics.points, cells.weights.shape[0], patch_of(numerics.spacing), count
-    name = operation("eating", np.dtype(dtype), _call_of)
+    name = operation("eating", np.dtype(dtype))
     return jax.ffi.ffi_call(name, jax.ShapeDtypeStruct(colony.nutrient.shape, dtype), input_output_aliases={0: 0})(
         colony.nutrient,
         cells.centres,
@@ -66,22 +65,3 @@ def compiled_step(context: Context, cells: Cells) -> Float[Array, "x y"]:
         jnp.stack([jnp.asarray(number, dtype) for number in numbers]),
         jnp.stack([jnp.asarray(size, jnp.int32) for size in sizes]),
     )
-
-
-def _call_of(dtype: Any) -> Call:
-    from yeastfit.model.compiled.eating import eat
-    from yeastfit.model.compiled.foreign_call import NULL, argument, is_question, result
-
-    def call(frame: Any) -> int:
-        if is_question(frame):
-            return NULL
-        origin, spacing, union, reach, metabolic, alpha, rho = argument(frame, 6, 7, dtype)
-        points, cells, patch, count = argument(frame, 7, 4, np.int32)
-        nutrient = result(frame, 0, (points, points), dtype)  # where the argument was
-        centres, directions = argument(frame, 1, (cells, 2), dtype), argument(frame, 2, (cells, 2), dtype)
-        halves = argument(frame, 3, cells, dtype), argument(frame, 4, cells, dtype)
-        weights, grid = argument(frame, 5, cells, dtype), (origin, spacing, patch)
-        eat(nutrient, centres, directions, halves, weights, grid, (union, reach), metabolic, (alpha, rho, count))
-        return NULL
-
-    return call

@@ -22,21 +22,22 @@ def are_possible() -> bool:
     return jax.default_backend() == "cpu" and find_spec("numba") is not None
 
 
-def operation(kind: str, dtype: np.dtype, call_of: Callable[[Any], Call]) -> str:
+def operation(kind: str, dtype: np.dtype) -> str:
     """The name of an operation, which is registered at the first call, of whatever thread.
 
     Arguments:
-        kind: What it does.
+        kind: What it does: a function of `calls`.
         dtype: Of its numbers.
-        call_of: Makes the function of a frame (`foreign_call`), given the type of a number.
     """
     with _REGISTERING:
-        return _registered(f"yeastfit_{kind}_{dtype.name}", dtype, call_of)
+        return _registered(kind, dtype)
 
 
 @cache
-def _registered(name: str, dtype: np.dtype, call_of: Callable[[Any], Call]) -> str:
+def _registered(kind: str, dtype: np.dtype) -> str:
+    from yeastfit.model.compiled import calls  # imports numba
     from yeastfit.model.compiled.foreign_call import register
 
-    register(name, call_of(dtype.type))
+    name = f"yeastfit_{kind}_{dtype.name}"
+    register(name, getattr(calls, kind)(dtype.type))
     return name

@@ -1,0 +1,93 @@
+"""What XLA calls: for each operation a function of a frame, which finds arguments and results in it (`foreign_call`).
+
+Each is made for one precision. Numba keeps what it has compiled of a function on disk only where its closure holds
+nothing but plain types, so that everything else is imported above. Importing this module imports numba.
+"""
+
+from typing import Any
+
+import numpy as np
+
+from yeastfit.model.compiled.eating import eat
+from yeastfit.model.compiled.foreign_call import NULL, argument, is_question, result
+from yeastfit.model.compiled.operations import Call
+from yeastfit.model.compiled.pulls import pull_together
+from yeastfit.model.compiled.pushes import push_apart
+from yeastfit.model.compiled.reading import read_gradient, read_nutrient
+
+
+def contact(dtype: Any) -> Call:
+    """Of `compiled_contact`."""
+
+    def call(frame: Any) -> int:
+        if is_question(frame):
+            return NULL
+        room, count = argument(frame, 2, 2, np.int32)
+        reach, ramp, side = argument(frame, 3, 3, dtype)
+        positions, weights = argument(frame, 0, (room, 2), dtype), argument(frame, 1, room, dtype)
+        push_apart(positions, weights, count, reach, ramp, side, result(frame, 0, (room, 2), dtype))
+        return NULL
+
+    return call
+
+
+def springs(dtype: Any) -> Call:
+    """Of `compiled_springs`."""
+
+    def call(frame: Any) -> int:
+        if is_question(frame):
+            return NULL
+        room, count = argument(frame, 3, 2, np.int32)
+        positions, parents = argument(frame, 0, (room, 2), dtype), argument(frame, 1, room, np.int32)
+        pull_together(positions, parents, argument(frame, 2, room, dtype), count, result(frame, 0, (room, 2), dtype))
+        return NULL
+
+    return call
+
+
+def eating(dtype: Any) -> Call:
+    """Of `compiled_step`."""
+
+    def call(frame: Any) -> int:
+        if is_question(frame):
+            return NULL
+        origin, spacing, union, reach, metabolic, alpha, rho = argument(frame, 6, 7, dtype)
+        points, cells, patch, count = argument(frame, 7, 4, np.int32)
+        nutrient = result(frame, 0, (points, points), dtype)  # where the argument was
+        centres, directions = argument(frame, 1, (cells, 2), dtype), argument(frame, 2, (cells, 2), dtype)
+        halves = argument(frame, 3, cells, dtype), argument(frame, 4, cells, dtype)
+        weights, grid = argument(frame, 5, cells, dtype), (origin, spacing, patch)
+        eat(nutrient, centres, directions, halves, weights, grid, (union, reach), metabolic, (alpha, rho, count))
+        return NULL
+
+    return call
+
+
+def nutrient(dtype: Any) -> Call:
+    """Of `compiled_nutrient_at`."""
+
+    def call(frame: Any) -> int:
+        if is_question(frame):
+            return NULL
+        points, room = argument(frame, 2, 2, np.int32)
+        half, spacing = argument(frame, 3, 2, dtype)
+        nutrient, positions = argument(frame, 0, (points, points), dtype), argument(frame, 1, (room, 2), dtype)
+        read_nutrient(nutrient, positions, half, spacing, result(frame, 0, room, dtype))
+        return NULL
+
+    return call
+
+
+def gradient(dtype: Any) -> Call:
+    """Of `compiled_gradient_at`."""
+
+    def call(frame: Any) -> int:
+        if is_question(frame):
+            return NULL
+        points, room = argument(frame, 2, 2, np.int32)
+        half, spacing = argument(frame, 3, 2, dtype)
+        nutrient, positions = argument(frame, 0, (points, points), dtype), argument(frame, 1, (room, 2), dtype)
+        read_gradient(nutrient, positions, half, spacing, result(frame, 0, (room, 2), dtype))
+        return NULL
+
+    return call
