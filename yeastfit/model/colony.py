@@ -6,6 +6,7 @@ from collections.abc import Mapping
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float, Int, UInt32
 
 from yeastfit.model.numerics import Numerics
@@ -111,8 +112,8 @@ def widened(colony: Colony, room: int, newborn: Mapping[str, float]) -> Colony:
     if more <= 0:
         return colony
 
-    def longer(values: Array, empty: float) -> Array:
-        return jnp.pad(values, [(0, more)] + [(0, 0)] * (values.ndim - 1), constant_values=empty)
+    def longer(values: Array, empty: float) -> Array:  # by NumPy, which compiles nothing for each size
+        return jnp.asarray(np.pad(values, [(0, more)] + [(0, 0)] * (values.ndim - 1), constant_values=empty))
 
     return dataclasses.replace(
         colony,

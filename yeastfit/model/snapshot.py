@@ -8,13 +8,18 @@ With w_i the weight of node i and x_i its position:
 the weight 1, an empty slot 0. All can be differentiated.
 """
 
+from collections.abc import Mapping
+from dataclasses import replace
+
 import equinox as eqx
+import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from yeastfit.model.cell_overlap import overlap_area
 from yeastfit.model.cells import Cells, weights_of_cells
-from yeastfit.model.colony import Colony
+from yeastfit.model.colony import Colony, widened
 from yeastfit.model.norm import norm
 from yeastfit.model.parameters import Parameters
 from yeastfit.model.relaxation import Relaxation
@@ -36,6 +41,24 @@ class Snapshot(eqx.Module):
     colony: Colony
     parameters: Parameters
     relaxation: Relaxation
+
+    def widened(self, room: int, newborn: Mapping[str, float]) -> "Snapshot":
+        """With room for more nodes, of which nothing is seen; not traced.
+
+        Arguments:
+            room: Slots, those in use included.
+            newborn: Initial values of the state of nodes, by name.
+        """
+        more = room - self.colony.parents.shape[0]
+        if more <= 0:
+            return self
+
+        def longer(values: Array) -> Array:
+            return jnp.asarray(np.pad(values, [(0, more)] + [(0, 0)] * (values.ndim - 1), mode="edge"))
+
+        cells = jax.tree.map(longer, self.cells)
+        cells = replace(cells, weights=jnp.asarray(np.pad(self.cells.weights, (0, more))))
+        return replace(self, cells=cells, colony=widened(self.colony, room, newborn))
 
     @property
     def mean_radius(self) -> Float[Array, ""]:

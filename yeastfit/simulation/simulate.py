@@ -94,7 +94,7 @@ def simulate(
 
     Births are cut only where `numerics.capacity` says so, or memory ends: colonies that could have more than `SHORT`
     nodes, or have outgrown `FIRST_ROOM`, grow in segments (`Segments`), one colony on each device. Their arrays get
-    twice the room whenever that is needed. Derivatives need arrays of fixed length: while tracing, a capacity of None
+    more room whenever that is needed. Derivatives need arrays of fixed length: while tracing, a capacity of None
     is `FIRST_ROOM`.
 
     Arguments:
