@@ -20,6 +20,7 @@ from yeastfit.commands.console.failures import explained
 from yeastfit.commands.console.program_cache import keep_programs
 from yeastfit.commands.console.strict_numbers import strictly
 from yeastfit.commands.generated.options import with_options
+from yeastfit.errors import InputError
 
 HELP = """Estimate how yeast colonies grow from micrographs: simulate, measure, fit, infer.
 
@@ -50,13 +51,20 @@ class Running:
 
 
 class _Command(TyperCommand):
-    """A command that says where its results go."""
+    """A command that says where its results go, and names its options as they are typed."""
 
     def invoke(self, ctx: Any) -> Any:
         """Run it."""
         if isinstance(ctx.obj, Running):
             ctx.obj.folder = ctx.params.get("folder")
-        return super().invoke(ctx)
+        try:
+            return super().invoke(ctx)
+        except InputError as error:  # "contact_width is -1" begins with a name in Python
+            name = re.match(r"[a-z_]+", str(error))
+            typed = {one.name: one.opts[0] for one in self.params if ctx.params.get(one.name or "") is not None}
+            if name is None or name[0] not in typed:
+                raise
+            raise InputError(typed[name[0]] + str(error)[name.end() :]) from None
 
 
 class _Commands(TyperGroup):

@@ -14,8 +14,24 @@ from yeastfit.numbers import SEEDS, number_of
 from yeastfit.text import quoted
 
 SMOOTH = ", ".join(most_telling_first(names_with("smooth")))
+
+
+def _folder(name: str) -> Path:
+    """The folder for results; an empty name, of a variable that is not set, perhaps, would be the current one."""
+    if not name:
+        raise InputError("--out is '', need a folder; . is the current one")
+    return Path(name)
+
+
 Out = Annotated[
-    Path, typer.Option("--out", help="Folder for the results. It is made if it does not exist.", show_default=False)
+    Path,
+    typer.Option(
+        "--out",
+        parser=_folder,
+        metavar="FOLDER",
+        help="Folder for the results. It is made if it does not exist.",
+        show_default=False,
+    ),
 ]
 Overwrite = Annotated[
     bool,

@@ -147,8 +147,12 @@ def read_recipes(path: str | Path) -> dict[str, Recipe]:
 
 def _recipe(table: Any, where: str) -> Recipe:
     known = {each.name for each in fields(Recipe)}
-    if not isinstance(table, dict) or set(table) - known or {"parameters", "seed", "hours"} - set(table):
-        raise InputError(f"{where}: expected parameters, seed and hours, and at most {', '.join(sorted(known))}")
+    if not isinstance(table, dict):
+        raise InputError(f"{where}: is {quoted(table)}, need a table with parameters, seed and hours")
+    if unknown := sorted(set(table) - known):
+        raise InputError(f"{where}: {quoted(unknown[0])} is unknown, expected some of {', '.join(sorted(known))}")
+    if missing := [name for name in ("parameters", "seed", "hours") if name not in table]:
+        raise InputError(f"{where}: {missing[0]} is missing, need parameters, seed and hours")
     try:
         made = {name: _of_table(kind, table[name], name) for name, kind in PARTS.items() if name in table}
         rules = _checked(table.get("model", {}), dict, "model", "a table of rules")

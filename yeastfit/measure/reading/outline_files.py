@@ -54,6 +54,8 @@ def read_outline(
                 f"{path}: an outline of {labels.shape[1]} x {labels.shape[0]} pixels, need {shape[1]} x {shape[0]} as "
                 "its photograph has"
             )
+        if labels.min() < 0:
+            raise InputError(f"{path}: a label is {labels.min()}, labels must be whole numbers from 0 on")
         objects = objects_of(labels)
     if not objects:
         raise InputError(f"{path}: holds no object, need the outline of a colony")
