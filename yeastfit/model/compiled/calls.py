@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 
 from yeastfit.model.compiled.eating import eat
-from yeastfit.model.compiled.foreign_call import NULL, argument, is_question, result
-from yeastfit.model.compiled.operations import Call
+from yeastfit.model.compiled.foreign_call import NULL, Call, argument, is_question, result
 from yeastfit.model.compiled.pulls import pull_together
 from yeastfit.model.compiled.pushes import push_apart
 from yeastfit.model.compiled.reading import read_gradient, read_nutrient

@@ -23,10 +23,11 @@ from numba.extending import intrinsic
 from yeastfit.compiled import array_kernel, named_by_sources
 
 FRAME = types.CPointer(types.int64)
+Call = Callable[[Any], int]  # of a frame
 NULL = 0  # what a foreign function returns that has not failed
 
 
-def register(name: str, function: Callable[[Any], int]) -> None:
+def register(name: str, function: Call) -> None:
     """Register a function of a frame, which it hands on to `argument` and `result`, for `jax.ffi.ffi_call`."""
     compiled = cfunc(types.int64(FRAME), cache=True)(named_by_sources(unwrap(function)))
     _KEPT.append(compiled)  # as long as programs call it

@@ -4,15 +4,11 @@ Each has a name for each precision, under which it is registered when it is firs
 """
 
 import threading
-from collections.abc import Callable
 from functools import cache
 from importlib.util import find_spec
-from typing import Any
 
 import jax
 import numpy as np
-
-Call = Callable[[Any], int]
 
 _REGISTERING = threading.Lock()  # colonies on several devices are traced by a thread each, and XLA takes a name once
 
