@@ -98,8 +98,11 @@ CASES: list[tuple[str, str]] = [
         for command in ("simulate --out OUT", "design --out OUT", "gradcheck")
         for name, one in (("diffusivity", "1e300"), ("elasticity", "1e39"), ("metabolic-rate", "1e-300"))
     ),
-    ("simulate --out OUT --pixel-size 0", "pixel_size is 0"),
-    ("simulate --out OUT --pixel-size 1e300", "pixel_size is 1e+300"),
+    ("simulate --out ''", "--out is ''"),
+    ("simulate --out OUT --until-area 0", "--until-area is 0"),
+    ("simulate --out OUT --until-cells -3", "--until-cells is -3"),
+    ("simulate --out OUT --pixel-size 0", "--pixel-size is 0"),
+    ("simulate --out OUT --pixel-size 1e300", "--pixel-size is 1e+300"),
     ("simulate --out OUT --mobility 1e-400", "--mobility is '1e-400'"),
     *((f"simulate --out OUT --length {one}", "length is from 0.01 to 1000 µm") for one in ("1e300", "1e-300")),
     *((f"simulate --out OUT --rate {one}", "rate is from 0.0001 to 100 per hour") for one in ("1e300", "1e-300")),
@@ -242,7 +245,7 @@ CASES: list[tuple[str, str]] = [
     ("fit table --out OUT --truth", "--truth"),
     ("fit table --out OUT --seed 18446744073709551616", SEED),
     ("fit table --out OUT --model offlattice --area 0", "area is 0"),
-    ("fit table --out OUT --model offlattice --pixel-size 1e-200", "pixel_size is 1e-200"),
+    ("fit table --out OUT --model offlattice --pixel-size 1e-200", "--pixel-size is 1e-200"),
     # --- infer
     ("infer nowhere --out OUT", "nowhere"),
     ("infer folder --out OUT", "folder"),

@@ -23,15 +23,15 @@ def test_a_recipe_is_read(tmp_path: Path) -> None:
 
 BAD = {
     "": "no data set there",
-    "a = 1": "[a]: expected parameters, seed and hours",
-    "[a]\nseed = 1\n": "[a]: expected parameters, seed and hours",
+    "a = 1": "[a]: is 1, need a table with parameters, seed and hours",
+    "[a]\nseed = 1\n": "[a]: parameters is missing",
     "[..]": "not TOML",
     GOOD.replace("[a]", "['..']"): "called '..'",
     GOOD.replace("[a]", "['']"): "called ''",
     GOOD.replace("[a]", "['a/b']"): "called 'a/b'",
     GOOD.replace("[a]", '["a\\nb"]'): r"called 'a\nb'",
     GOOD.replace("[a]", f"['{'x' * 300}']"): "called 'xxx",
-    GOOD + "colour = 1": "at most extent, hours",
+    GOOD + "colour = 1": "'colour' is unknown, expected some of extent, hours",
     GOOD.replace("seed = 1", "seed = '1'"): "seed is '1'",
     GOOD.replace("seed = 1", "seed = -1"): "seed is -1",
     GOOD.replace("seed = 1", "seed = 1.5"): "seed is 1.5",

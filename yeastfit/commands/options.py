@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from yeastfit.commands.console.failures import UsageError
 from yeastfit.errors import InputError
 from yeastfit.measure.statistics.registry import measurement_errors, most_telling_first, names_with
 from yeastfit.measure.statistics.statistic import Statistic
@@ -19,7 +20,7 @@ SMOOTH = ", ".join(most_telling_first(names_with("smooth")))
 def _folder(name: str) -> Path:
     """The folder for results; an empty name, of a variable that is not set, perhaps, would be the current one."""
     if not name:
-        raise InputError("--out is '', need a folder; . is the current one")
+        raise UsageError("--out is '', need a folder; . is the current one")  # typer renames other errors
     return Path(name)
 
 

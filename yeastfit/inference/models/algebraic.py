@@ -27,7 +27,7 @@ from yeastfit.model.nutrient import check_alpha
 from yeastfit.model.parameters import Parameters, Scales
 from yeastfit.model.relaxation import HARD, Relaxation
 from yeastfit.model.snapshot import Snapshot
-from yeastfit.numbers import PIXEL_SIZES
+from yeastfit.numbers import PIXEL_SIZES, Range
 from yeastfit.panel import Panel
 from yeastfit.parameter_set import ParameterSet
 from yeastfit.simulation.simulate import member_keys, sample_times
@@ -142,6 +142,9 @@ class Algebraic(ForwardModel):
         Scales(self.length, self.rate)
         Resolution(self.dt, self.spacing, self.capacity)
         PIXEL_SIZES.read(self.pixel_size, "pixel_size")
+        for name in ("until_area", "until_cells"):
+            if (end := getattr(self, name)) is not None:
+                Range(0, above=True).check(end, name)
 
     @property
     def until(self) -> dict[str, float] | None:
