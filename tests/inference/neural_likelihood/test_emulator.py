@@ -7,11 +7,13 @@ from known_likelihoods import Known, curved, fragile, linear, simulations
 
 from yeastfit import InputError
 from yeastfit.inference.neural_likelihood import emulator as emulator_module
+from yeastfit.inference.neural_likelihood.coordinates import Coordinates
 from yeastfit.inference.neural_likelihood.cross_validation import CrossValidation
 from yeastfit.inference.neural_likelihood.emulator import Emulator
 from yeastfit.inference.neural_likelihood.network import TrainingSettings
 from yeastfit.inference.neural_likelihood.sequential import SequentialEmulator
 from yeastfit.inference.neural_likelihood.training import train
+from yeastfit.inference.posterior.prior import Prior
 
 QUICK = TrainingSettings(members=3)
 
@@ -163,7 +165,34 @@ def test_what_is_refused() -> None:
 
 
 def test_more_coordinates_are_trained_for_longer() -> None:
-    """1000 steps for up to three, and 1000 for each one more; what is asked for otherwise."""
+    """1000 steps for up to three, and 1000 for each one more; more and narrower networks then; what is asked for."""
     assert [TrainingSettings().resolved(free).steps for free in (1, 3, 4, 5)] == [1000, 1000, 2000, 3000]
-    assert TrainingSettings(steps=200).resolved(5).steps == 200
+    sizes = [(one.members, one.width) for one in (TrainingSettings().resolved(free) for free in (1, 3, 4, 5))]
+    assert sizes == [(5, 64), (5, 64), (12, 32), (12, 32)]
+    assert TrainingSettings(members=3, width=16, steps=200).resolved(5) == TrainingSettings(3, 16, steps=200)
     assert SequentialEmulator().resolved(5).training.steps == 3000
+
+
+def test_shares_are_seen_by_their_angle() -> None:
+    """x is arcsin √u of a beta distribution's u, standardised, and log λ of a log-uniform one; slopes are dx/dλ."""
+    prior = Prior.of(
+        {
+            "a": {"distribution": "beta", "a": 2.0, "b": 5.0, "low": -1.0, "high": 3.0},
+            "b": {"distribution": "log-uniform", "low": 0.1, "high": 10.0},
+        }
+    )
+    values = prior.quantile(np.random.default_rng(0).random((50, 2)))
+    coordinates = Coordinates.of(prior, values)
+    x = coordinates.of_values(values)
+    np.testing.assert_allclose(x.mean(axis=0), 0.0, atol=1e-12)
+    np.testing.assert_allclose(x.std(axis=0), 1.0)
+    plain = np.column_stack([np.arcsin(np.sqrt((values[:, 0] + 1.0) / 4.0)), np.log(values[:, 1])])
+    np.testing.assert_allclose(x * plain.std(axis=0) + plain.mean(axis=0), plain)
+    for k in range(2):
+        step = np.where(np.arange(2) == k, 1e-6, 0.0)
+        slope = (coordinates.of_values(values + step) - coordinates.of_values(values - step))[:, k] / 2e-6
+        np.testing.assert_allclose(coordinates.slopes(values)[:, k], slope, rtol=1e-5)
+    ends = np.array([[-1.0, 1.0], [3.0, 1.0]])
+    angles = coordinates.of_values(ends)[:, 0] * plain[:, 0].std() + plain[:, 0].mean()
+    np.testing.assert_allclose(angles, [0.0, np.pi / 2], atol=1e-12)
+    assert np.isfinite(coordinates.slopes(ends)).all()

@@ -1,23 +1,33 @@
-"""The coordinates that networks see: those of the prior, standardised.
+"""The coordinates that networks see: those of the prior, standardised; of shares their angular transform.
 
-Shares between two bounds are seen as they are. Their logit tells held-out simulations near a posterior at p = 0.02 ±
-0.01 better (a log score of 5.95 a colony instead of 5.87), but it has no ends: beyond the last simulation, at p of 10⁻³
-to 10⁻⁴, there is room for what quadratics extrapolate, and rounds went after posteriors there.
+A share λ = low + (high − low) u of what lies between two bounds, which has a beta distribution, is seen as
+
+    x = arcsin √u,    dx/dλ = 1 / (2 (high − low) √(u (1 − u)))
+
+(Anscombe 1948, doi:10.1093/biomet/35.3-4.246), in which the chance variation of a share observed in so many trials is
+the same everywhere. What a simulator does near a share of 0 or 1 changes fast there, and less so in x: of 3496 colonies
+of the off-lattice model near a posterior, held out in thirds, the log score of a colony is 9.31 instead of 9.20, and
+that of whether it is of the data's kind −0.026 instead of −0.032. The logit spreads such shares still more, but it has no ends:
+beyond the last simulation, at u of 10⁻³ to 10⁻⁴, there is room for what quadratics extrapolate, and rounds went after
+posteriors there.
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from yeastfit.inference.prior.prior import Prior
+
+LEAST = 1e-12  # u and 1 − u at least, where the slope is computed, which is infinite at the bounds
 
 Values = Float[np.ndarray, "row free"]
 
 
 @dataclass(frozen=True)
 class Coordinates:
-    """x, the prior's coordinates, log λ where its distribution is one of log λ, standardised."""
+    """x, standardised: log λ where the prior is one of log λ, arcsin √u of shares, λ of others."""
 
     prior: Prior
     shift: Float[np.ndarray, " free"]
@@ -26,13 +36,28 @@ class Coordinates:
     @staticmethod
     def of(prior: Prior, values: Values) -> "Coordinates":
         """Standardised over these values."""
-        plain = prior.coordinates(values)
+        one = Coordinates(prior, np.zeros(len(prior.free)), np.ones(len(prior.free)))
+        plain = one.of_values(values)
         return Coordinates(prior, plain.mean(axis=0), plain.std(axis=0))
 
     def of_values(self, values: Values) -> Values:
         """x of λ."""
-        return (self.prior.coordinates(values) - self.shift) / self.scale
+        x = self.prior.coordinates(values)
+        x[:, self._shares] = np.arcsin(np.sqrt(self._within(values)[:, self._shares]))
+        return (x - self.shift) / self.scale
 
     def slopes(self, values: Values) -> Values:
         """dx/dλ of each λ."""
-        return self.prior.coordinate_slopes(values) / self.scale
+        low, high = self.prior.support.T
+        share = np.clip(self._within(values), LEAST, 1.0 - LEAST)
+        angular = 0.5 / (np.where(self._shares, high - low, 1.0) * np.sqrt(share * (1.0 - share)))
+        return np.where(self._shares, angular, self.prior.coordinate_slopes(values)) / self.scale
+
+    def _within(self, values: Values) -> Values:
+        """u of shares, and 0 of other parameters."""
+        low, high = np.where(self._shares, self.prior.support.T, [[0.0], [1.0]])
+        return np.where(self._shares, np.clip((values - low) / (high - low), 0.0, 1.0), 0.0)
+
+    @cached_property
+    def _shares(self) -> Bool[np.ndarray, " free"]:
+        return np.array([one.is_share for one in self.prior.distributions.values()])

@@ -19,7 +19,11 @@ W its error, from their covariances:
 Quadratics Bφ depend on the simulations alone, of which members share most: their error is the jackknife's (Efron &
 Stein 1981, doi:10.1214/aos/1176345462). Corrections f_m differ mainly by their starts and batches, independently, and
 average out. Δ is diagonal: the mean square of a quadratic in x fitted to the held-out residuals, less that of noise.
-The likelihood of data is that density times the probability of R successes. Networks as emulators of a likelihood:
+The likelihood of data is that density times the probability of R successes, P^R. log P has an error of variance
+
+    (1 − P)² [(M − 1)² / M · var(bᵀφ) + 1 / M · var(f)] + (1 − P) / P · δ
+
+to first order in the logit bᵀφ + f, with its misfit δ (`success`). Networks as emulators of a likelihood:
 Lueckmann et al. 2019, arXiv:1805.09294.
 """
 
@@ -38,6 +42,7 @@ from yeastfit.inference.neural_likelihood.ensemble import (
     log_likelihood_of_rows,
     moments_of_rows,
     slopes_of_rows,
+    success_error_of_rows,
 )
 from yeastfit.inference.neural_likelihood.network import TrainingSettings
 
@@ -121,6 +126,12 @@ class Emulator:
         mean, scatter, error, success = (np.concatenate(one).astype(float)[: len(x)] for one in every)
         back = self.root.T
         return self.center + mean @ back, self.root @ scatter @ back, self.root @ error @ back, np.exp(success)
+
+    def success_error(self, values: Float[np.ndarray, "row free"]) -> Float[np.ndarray, " row"]:
+        """Variance of the error of the log probability of success."""
+        x = self.coordinates.of_values(values)
+        found = [success_error_of_rows(self.ensemble, jnp.asarray(one)) for one in in_pieces(x, ROWS)]
+        return np.concatenate(found).astype(float)[: len(x)]
 
     def slopes(self, values: Float[np.ndarray, "row free"]) -> Float[np.ndarray, "row statistic free"]:
         """Derivatives of the mean of one replicate by the coordinates x."""

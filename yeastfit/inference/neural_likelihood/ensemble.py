@@ -20,14 +20,16 @@ class Ensemble(eqx.Module):
         baselines: B of each.
         shape: L.
         misfit: Δ.
-        fails: Whether simulations fail at all.
+        odds: Of each, coefficients of a quadratic for the logit of success; None where no simulation failed.
+        success_misfit: δ.
     """
 
     networks: Network
     baselines: Float[Array, "member feature statistic"]
     shape: Shape
     misfit: Float[Array, " statistic"]
-    fails: bool = eqx.field(static=True)
+    odds: Float[Array, "member feature"] | None = None
+    success_misfit: Float[Array, ""] | float = 0.0
 
     def moments(self, x: Float[Array, " free"]) -> tuple[Array, Array, Array, Array]:
         """m̄, C̄, the emulator's error W + GΔGᵀ, and the log probability of success."""
@@ -36,14 +38,24 @@ class Ensemble(eqx.Module):
         def one(network: Network, baseline: Array) -> tuple[Array, Array, Array, Array]:
             return features @ baseline, *network.moments(x, self.shape)
 
-        quadratics, corrections, roots, logits = eqx.filter_vmap(one)(self.networks, self.baselines)
+        quadratics, corrections, roots, off = eqx.filter_vmap(one)(self.networks, self.baselines)
         count = len(roots)
         scatter = jnp.einsum("mij,mkj->ik", roots, roots) / count
         root = jnp.linalg.cholesky(scatter)
         learnt = (count - 1) ** 2 * _covariance(quadratics) + _covariance(corrections)
         error = learnt / count + (root * self.misfit) @ root.T
-        success = jnp.mean(jax.nn.log_sigmoid(logits)) if self.fails else jnp.zeros(())
+        success = jnp.zeros(()) if self.odds is None else jnp.mean(jax.nn.log_sigmoid(self.odds @ features + off))
         return (quadratics + corrections).mean(axis=0), scatter, error, success
+
+    def success_error(self, x: Float[Array, " free"]) -> Float[Array, ""]:
+        """Variance of the error of the log probability of success."""
+        if self.odds is None:
+            return jnp.zeros(())
+        quadratics = self.odds @ monomials(x)
+        corrections = eqx.filter_vmap(lambda network: network(x)[2])(self.networks)
+        count, share = len(quadratics), jax.nn.sigmoid(jnp.mean(quadratics + corrections))
+        learnt = (count - 1) ** 2 * jnp.var(quadratics, ddof=1) + jnp.var(corrections, ddof=1)
+        return (1.0 - share) ** 2 * learnt / count + (1.0 - share) / share * self.success_misfit
 
     def mean(self, x: Float[Array, " free"]) -> Float[Array, " statistic"]:
         """m̄ alone."""
@@ -82,6 +94,12 @@ def _covariance(rows: Float[Array, "member statistic"]) -> Float[Array, "statist
 def moments_of_rows(ensemble: Ensemble, x: Float[Array, "row free"]) -> tuple[Array, Array, Array, Array]:
     """`Ensemble.moments` of every row; each number of rows is compiled for."""
     return jax.vmap(ensemble.moments)(x)
+
+
+@eqx.filter_jit
+def success_error_of_rows(ensemble: Ensemble, x: Float[Array, "row free"]) -> Float[Array, " row"]:
+    """`Ensemble.success_error` of every row; each number of rows is compiled for."""
+    return jax.vmap(ensemble.success_error)(x)
 
 
 @eqx.filter_jit

@@ -60,7 +60,7 @@ class LogPosterior:
         inside = np.isfinite(log_prior)
         if self.known is not None:
             inside &= self.known(x)
-        values = np.where(inside[:, None], prior.values(x), prior.values(self._somewhere))
+        values = np.where(inside[:, None], prior.values(x), self._somewhere)
         return np.where(inside, log_prior + self._likelihood(values, z), -np.inf)
 
     def parts(
@@ -85,10 +85,10 @@ class LogPosterior:
         of_colonies, tau = likelihood_of_colonies(self.emulator, problem), problem.variation.tau
         return lambda values, z: of_colonies(values, tau(z[:, 0]))
 
-    @property
+    @cached_property
     def _somewhere(self) -> Float[np.ndarray, "1 free"]:
-        """A place inside the prior, for walkers that are outside."""
-        return self.emulator.coordinates.shift[None]
+        """λ inside the prior, for walkers that are outside."""
+        return self.problem.prior.quantile(np.full((1, len(self.problem.prior.free)), 0.5))
 
 
 @dataclass(frozen=True)

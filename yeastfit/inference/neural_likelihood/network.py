@@ -7,7 +7,8 @@ Of statistics s = c + L u, given coordinates x of which φ(x) are the terms of a
 B is a least-squares fit, corrected by the network f; L Lᵀ is the covariance of the residuals of such a fit. f_s scales
 the statistics themselves, and A is strictly lower triangular and the same for all x: scatter depends on x, correlations
 of statistics do not. On curves, whose neighbouring points are correlated, that does better than scaling the entries of
-u, and than an A that depends on x. Where simulations fail, one more output is the logit of their success.
+u, and than an A that depends on x. Where simulations fail, one more output corrects a quadratic for the logit of their
+success (`success`).
 
 Trained by maximum likelihood, and cross-entropy of success, with Adam, decoupled weight decay (Loshchilov & Hutter
 2019, arXiv:1711.05101) and a cosine learning-rate schedule. The state with the smallest held-out loss is kept.
@@ -30,6 +31,7 @@ from yeastfit.inference.polynomial import monomials
 Table = TypeVar("Table", Array, np.ndarray)
 STEPS = 1000  # of training for up to `EASY` coordinates, and for each one more
 EASY = 3
+FEW, MANY = (5, 64), (12, 32)  # members and width for up to `EASY` coordinates, and for more
 LARGEST_LOG_SCALE = 6.0  # |f_s| at most: a scatter 400 times smaller than elsewhere is as good as none
 
 
@@ -38,18 +40,19 @@ class TrainingSettings:
     """How an emulator is trained.
 
     Attributes:
-        members: Networks of the ensemble, and folds of the cross-validation.
+        members: Networks of the ensemble, and folds of the cross-validation; by default as many as the number of
+            coordinates asks for (`resolved`), like width and steps.
         width: Of hidden layers.
         depth: Number of hidden layers.
-        steps: Of Adam; by default as many as the number of coordinates asks for (`resolved`).
+        steps: Of Adam.
         batch: Simulations of each step.
         rate: Learning rate at the start.
         decay: Of weights.
         checks: How often the held-out loss is computed.
     """
 
-    members: int = 5
-    width: int = 64
+    members: int | None = None
+    width: int | None = None
     depth: int = 2
     steps: int | None = None
     batch: int = 128
@@ -59,20 +62,27 @@ class TrainingSettings:
 
     def __post_init__(self) -> None:
         for name, least in (("members", 2), ("width", 1), ("depth", 1), ("batch", 1), ("checks", 1)):
-            if getattr(self, name) < least:
+            if getattr(self, name) is not None and getattr(self, name) < least:
                 raise InputError(f"{name} is {getattr(self, name)}, it must be at least {least}")
         if self.steps is not None and self.steps < self.checks:
             raise InputError(f"steps is {self.steps}, it must be at least checks, which is {self.checks}")
         if not self.rate > 0 or not self.decay >= 0:
             raise InputError(f"rate is {self.rate} and decay {self.decay}, they must be above 0 and at least 0")
 
+    @property
+    def count(self) -> int:
+        """Members, those of few coordinates where they are left open."""
+        return self.members or FEW[0]
+
     def resolved(self, free: int) -> "TrainingSettings":
-        """With `steps` for so many coordinates.
+        """With members, width and steps for so many coordinates.
 
         1000, and 1000 more for each coordinate beyond three. Of 4096 simulations in five coordinates networks have not
         learnt all there is after 1000: the held-out misfit makes the emulator's error four times what it is after 3000.
         """
-        return replace(self, steps=self.steps or STEPS * max(1, free + 1 - EASY))
+        members, width = FEW if free <= EASY else MANY
+        steps = self.steps or STEPS * max(1, free + 1 - EASY)
+        return replace(self, members=self.members or members, width=self.width or width, steps=steps)
 
 
 class Network(eqx.Module):
@@ -84,22 +94,22 @@ class Network(eqx.Module):
     @staticmethod
     def start(free: int, statistics: int, settings: TrainingSettings, rng: np.random.Generator) -> "Network":
         """All members, hardly correcting yet: the last layer's weights are small, A is 0."""
-        sizes = free, 2 * statistics + 1, settings.width, settings.depth
+        sizes = free, 2 * statistics + 1, settings.width or FEW[1], settings.depth
         layers = eqx.filter_eval_shape(eqx.nn.MLP, *sizes, jax.nn.silu, key=jax.random.key(0))
 
         def drawn(layer: eqx.nn.Linear) -> eqx.nn.Linear:
             limit = (0.01 if layer is layers.layers[-1] else 1.0) / math.sqrt(layer.weight.shape[1])
 
             def uniform(leaf: jax.ShapeDtypeStruct) -> Array:
-                return jnp.asarray(rng.uniform(-limit, limit, (settings.members, *leaf.shape)))
+                return jnp.asarray(rng.uniform(-limit, limit, (settings.count, *leaf.shape)))
 
             return eqx.tree_at(lambda one: (one.weight, one.bias), layer, replace_fn=uniform)
 
         layers = eqx.tree_at(lambda one: one.layers, layers, tuple(drawn(one) for one in layers.layers))
-        return Network(layers, jnp.zeros((settings.members, statistics * (statistics - 1) // 2)))
+        return Network(layers, jnp.zeros((settings.count, statistics * (statistics - 1) // 2)))
 
     def __call__(self, x: Float[Array, " free"]) -> tuple[Array, Array, Array]:
-        """f_m [statistic], f_s [statistic] and the logit of success."""
+        """f_m [statistic], f_s [statistic] and what corrects the logit of success."""
         outputs = self.layers(x)
         mean, log_scale = jnp.split(outputs[:-1], 2)
         return mean, LARGEST_LOG_SCALE * jnp.tanh(log_scale / LARGEST_LOG_SCALE), outputs[-1]
@@ -113,13 +123,13 @@ class Network(eqx.Module):
     def residual(
         self, x: Float[Array, " free"], rest: Float[Array, " statistic"], shape: "Shape"
     ) -> tuple[Float[Array, " statistic"], Float[Array, ""], Float[Array, ""]]:
-        """P(u − m) where rest is u − Bφ(x), log det P, and the logit of success."""
+        """P(u − m) where rest is u − Bφ(x), log det P, and what corrects the logit of success."""
         mean, log_scale, logit = self(x)
         scaled = jnp.exp(-log_scale) * (shape.root @ (rest - mean))
         return self.mixer() @ (shape.inverse @ scaled), -jnp.sum(log_scale), logit
 
     def moments(self, x: Float[Array, " free"], shape: "Shape") -> tuple[Array, Array, Array]:
-        """f_m, P⁻¹, which is the Cholesky factor of C, and the logit of success."""
+        """f_m, P⁻¹, which is the Cholesky factor of C, and what corrects the logit of success."""
         mean, log_scale, logit = self(x)
         unmixed = jax.scipy.linalg.solve_triangular(self.mixer(), jnp.eye(len(mean)), lower=True, unit_diagonal=True)
         return mean, shape.inverse @ (jnp.exp(log_scale)[:, None] * (shape.root @ unmixed)), logit
@@ -167,7 +177,7 @@ def deal(
         rng: Where randomness comes from.
         room: Rows that there may be later; there is a place for them, so that more data need no further compilation.
     """
-    members = settings.members
+    members = settings.count
     part = rng.permutation(np.arange(rows) % members)
     steps = settings.checks, (settings.steps or STEPS) // settings.checks, settings.batch
     learn = np.stack([rng.choice(np.flatnonzero(part != member), steps) for member in range(members)])
@@ -181,38 +191,46 @@ def deal(
 def fitted(
     starts: Network,
     baselines: Float[Array, "member feature statistic"],
+    odds: Float[Array, "member feature"] | None,
     shape: Shape,
     data: Simulated,
     folds: Folds,
     settings: TrainingSettings,
 ) -> tuple[Network, Float[Array, "member check"]]:
-    """Trained networks, each as it was when its held-out loss was smallest, and these losses."""
+    """Trained networks, each as it was when its held-out loss was smallest, and these losses.
+
+    `odds` are the coefficients of quadratics for the logit of success; None where no simulation failed.
+    """
     schedule = optax.cosine_decay_schedule(settings.rate, settings.steps or STEPS)
     optimiser = optax.adamw(schedule, weight_decay=settings.decay)
     features = monomials(data.x)
     trained, still = eqx.partition(starts, eqx.is_inexact_array)
 
-    def loss(params: Network, baseline: Array, rows: Array) -> Array:
+    def loss(params: Network, baseline: Array, odd: Array | None, rows: Array) -> Array:
         network = eqx.combine(params, still)
         rest = data.u[rows] - features[rows] @ baseline
         residual, log_det, logit = jax.vmap(lambda x, left: network.residual(x, left, shape))(data.x[rows], rest)
         came = data.came[rows]
+        if odd is not None:
+            logit = logit + features[rows] @ odd
         surprise = came * (0.5 * jnp.sum(residual**2, axis=-1) - log_det)
         return surprise + optax.sigmoid_binary_cross_entropy(logit, came)
 
-    def train(params: Network, baseline: Array, learn: Array, test: Array, count: Array) -> tuple[Network, Array]:
+    def train(
+        params: Network, baseline: Array, odd: Array | None, learn: Array, test: Array, count: Array
+    ) -> tuple[Network, Array]:
         weight = (jnp.arange(len(test)) < count) / count
 
         def step(carry: tuple[Network, optax.OptState], rows: Array) -> tuple[Any, None]:
             params, state = carry
-            slope = jax.grad(lambda one: jnp.mean(loss(one, baseline, rows)))(params)
+            slope = jax.grad(lambda one: jnp.mean(loss(one, baseline, odd, rows)))(params)
             updates, state = optimiser.update(slope, state, params)
             return (optax.apply_updates(params, updates), state), None
 
         def check(carry: tuple[Network, optax.OptState, Network, Array], rows: Array) -> tuple[Any, Array]:
             params, state, best, least = carry
             (params, state), _ = jax.lax.scan(step, (params, state), rows)
-            held_out = jnp.sum(weight * loss(params, baseline, test))
+            held_out = jnp.sum(weight * loss(params, baseline, odd, test))
             best = jax.tree.map(lambda new, old: jnp.where(held_out < least, new, old), params, best)
             return (params, state, best, jnp.minimum(held_out, least)), held_out
 
@@ -220,5 +238,5 @@ def fitted(
         (_, _, best, _), losses = jax.lax.scan(check, start, learn)
         return best, losses
 
-    best, losses = jax.vmap(train)(trained, baselines, folds.learn, folds.test, folds.count)
+    best, losses = jax.vmap(train)(trained, baselines, odds, folds.learn, folds.test, folds.count)
     return eqx.combine(best, still), losses

@@ -250,7 +250,8 @@ class _Rounds:
         if (between := self._between(emulator, values, z[None])) is not None:
             scatter = scatter + between
         total = scatter[0] / problem.replicates + error[0] + (0.0 if problem.noise is None else problem.noise)
-        return float(np.trace(np.linalg.solve(total, error[0])) / len(total))
+        of_success = problem.replicates**2 * emulator.success_error(values)[0]
+        return float((np.trace(np.linalg.solve(total, error[0])) + of_success) / len(total))
 
     def _between(
         self, emulator: Emulator, values: Values, z: Float[np.ndarray, "row varied"]

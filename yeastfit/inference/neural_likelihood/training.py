@@ -9,7 +9,8 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool, Float, Int
+from scipy.special import expit
 
 from yeastfit.errors import InputError
 from yeastfit.inference.curve_covariance import ROUNDING, correlation_root
@@ -25,6 +26,7 @@ from yeastfit.inference.neural_likelihood.network import (
     deal,
     fitted,
 )
+from yeastfit.inference.neural_likelihood.success import quadratic_logit, success_misfit
 from yeastfit.inference.polynomial import monomials
 from yeastfit.inference.prior.prior import Prior
 
@@ -72,19 +74,24 @@ def train(
     center, root = _whitening(features[came], statistics[came], tuple(labels))
     u = np.where(came[:, None], np.linalg.solve(root, (statistics - center).T).T, 0.0)
     folds, part = deal(len(values), settings, rng, room)
-    baselines = np.stack([_least_squares(features, u, came & (part != one)) for one in range(settings.members)])
+    baselines = np.stack([_least_squares(features, u, came & (part != one)) for one in range(settings.count)])
     shape = Shape.of(root)
     data = Simulated(*(jnp.asarray(_padded(one, room)) for one in (x, u, came.astype(float))))
     starts = Network.start(x.shape[1], u.shape[1], settings, rng)
-    networks, _ = fitted(starts, jnp.asarray(baselines), shape, data, folds, settings)
-    held_out = _residuals(networks, jnp.asarray(baselines), shape, data, jnp.asarray(_padded(part, room)))
-    residuals = np.asarray(held_out, dtype=float)[: len(values)]
-    chosen = came & (np.ones(len(values), dtype=bool) if near is None else near)
-    if chosen.sum() < ROWS_PER_TERM * features.shape[1]:
-        chosen = came
-    cross_validation = CrossValidation.of(residuals[chosen], features[chosen], tuple(labels))
+    odds = None if came.all() else _odds(features, came, part, settings.count)
+    networks, _ = fitted(starts, jnp.asarray(baselines), odds, shape, data, folds, settings)
+    held_out = _held_out(networks, jnp.asarray(baselines), shape, data, jnp.asarray(_padded(part, room)))
+    residuals, corrections = (np.asarray(one, dtype=float)[: len(values)] for one in held_out)
+    chosen = np.ones(len(values), dtype=bool) if near is None else near
+    if (chosen & came).sum() < ROWS_PER_TERM * features.shape[1]:
+        chosen = np.ones(len(values), dtype=bool)
+    cross_validation = CrossValidation.of(residuals[chosen & came], features[chosen & came], tuple(labels))
+    misfit = 0.0
+    if odds is not None:
+        share = expit(np.einsum("rf,rf->r", features, np.asarray(odds, dtype=float)[part]) + corrections)
+        misfit = success_misfit(share[chosen], came[chosen], features[chosen])
     ensemble = Ensemble(
-        networks, jnp.asarray(baselines), shape, jnp.asarray(cross_validation.misfit), fails=not came.all()
+        networks, jnp.asarray(baselines), shape, jnp.asarray(cross_validation.misfit), odds, jnp.asarray(misfit)
     )
     return Emulator(
         tuple(labels),
@@ -100,18 +107,30 @@ def train(
     )
 
 
+def _odds(
+    features: Float[np.ndarray, "simulation feature"],
+    came: Bool[np.ndarray, " simulation"],
+    part: Int[np.ndarray, " simulation"],
+    members: int,
+) -> Float[Array, "member feature"]:
+    """b of each member, from the simulations that are not held out from it."""
+    return jnp.asarray(np.stack([quadratic_logit(features[part != one], came[part != one]) for one in range(members)]))
+
+
 @eqx.filter_jit
-def _residuals(
+def _held_out(
     networks: Network, baselines: Array, shape: Shape, data: Simulated, part: Array
-) -> Float[Array, "row statistic"]:
-    """e of every row, from the member that it was held out from."""
+) -> tuple[Float[Array, "row statistic"], Float[Array, " row"]]:
+    """e of every row, and what corrects its logit of success, from the member that it was held out from."""
 
-    def by(network: Network, baseline: Array) -> Array:
+    def by(network: Network, baseline: Array) -> tuple[Array, Array]:
         rest = data.u - monomials(data.x) @ baseline
-        return jax.vmap(lambda x, left: network.residual(x, left, shape)[0])(data.x, rest)
+        residual, _, logit = jax.vmap(lambda x, left: network.residual(x, left, shape))(data.x, rest)
+        return residual, logit
 
-    every = eqx.filter_vmap(by)(networks, baselines)
-    return jnp.take_along_axis(every, part[None, :, None], axis=0)[0]
+    residuals, logits = eqx.filter_vmap(by)(networks, baselines)
+    rows = jnp.arange(len(part))
+    return residuals[part, rows], logits[part, rows]
 
 
 def _padded(rows: np.ndarray, room: int) -> np.ndarray:
@@ -141,7 +160,7 @@ def _whitening(
 def fewest(free: int, statistics: int, settings: TrainingSettings) -> int:
     """Simulations that an emulator of so many parameters and statistics needs at least."""
     terms = (free + 1) * (free + 2) // 2
-    return max(ROWS_PER_TERM * terms, 2 * (statistics + 1), settings.members)
+    return max(ROWS_PER_TERM * terms, 2 * (statistics + 1), settings.resolved(free).count)
 
 
 def _check(

@@ -155,6 +155,11 @@ class Distribution:
         return KNOWN[self.family].logarithmic
 
     @property
+    def is_share(self) -> bool:
+        """Whether λ is a share of what lies between two bounds."""
+        return self.family == "beta"
+
+    @property
     def support(self) -> tuple[float, float]:
         """Smallest and largest λ."""
         return self.numbers.get("low", 0.0), self.numbers.get("high", math.inf)
