@@ -7,9 +7,9 @@ A share λ = low + (high − low) u of what lies between two bounds, which has a
 (Anscombe 1948, doi:10.1093/biomet/35.3-4.246), in which the chance variation of a share observed in so many trials is
 the same everywhere. What a simulator does near a share of 0 or 1 changes fast there, and less so in x: of 3496 colonies
 of the off-lattice model near a posterior, held out in thirds, the log score of a colony is 9.31 instead of 9.20, and
-that of whether it is of the data's kind −0.026 instead of −0.032. The logit spreads such shares still more, but it has no ends:
-beyond the last simulation, at u of 10⁻³ to 10⁻⁴, there is room for what quadratics extrapolate, and rounds went after
-posteriors there.
+that of whether it is of the data's kind −0.026 instead of −0.032. The logit spreads such shares still more, but it has
+no ends: beyond the last simulation, at u of 10⁻³ to 10⁻⁴, there is room for what quadratics extrapolate, and rounds
+went after posteriors there.
 """
 
 from dataclasses import dataclass

@@ -79,6 +79,9 @@ class TrainingSettings:
 
         1000, and 1000 more for each coordinate beyond three. Of 4096 simulations in five coordinates networks have not
         learnt all there is after 1000: the held-out misfit makes the emulator's error four times what it is after 3000.
+        What networks make of their starts and batches by chance is averaged out by more of them, of half the width and
+        so of about the same cost: of 4176 colonies of the off-lattice model two trainings of 12 networks of width 32
+        have log-likelihoods that differ by 0.29 over a posterior (standard deviation), of 5 of width 64 by 0.53.
         """
         members, width = FEW if free <= EASY else MANY
         steps = self.steps or STEPS * max(1, free + 1 - EASY)

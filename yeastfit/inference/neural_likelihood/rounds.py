@@ -15,7 +15,7 @@ class RoundDiagnostics:
         simulations: So far, those of other runs included.
         failed: How many of those that the emulator was trained on were failures.
         moved: Change of the posterior from the round before, in standard deviations of the parameter that moved most.
-        error_share: Share of the emulator's error in the variance that data are compared with.
+        error_share: The emulator's share of error (`error_share`).
         settled: Whether both are small enough.
         cross_validation: Of held-out simulations.
     """

@@ -8,10 +8,9 @@
    (`covariance_of_most`), as posteriors may have thin trails. Draws outside the prior are repeated. Then step 2 again.
 
 **Settled**: from one round to the next no parameter's distribution moved by more than `settle` standard deviations, as
-`apart` measures it by the median and the two quantiles around 68 % of the draws; and the emulator's error is at most
-settle² of the variance that the data are compared with, so that it moves a mean by about `settle` standard deviations
-or less. Otherwise rounds go on until the simulations are spent. This criterion is insensitive to rare outlying draws; a
-warning reports their fraction in the last two rounds.
+`apart` measures it by the median and the two quantiles around 68 % of the draws; and the emulator's share of error is
+at most settle² (`error_share`, which says why both agree). Otherwise rounds go on until the simulations are spent. This
+criterion is insensitive to rare outlying draws; a warning reports their fraction in the last two rounds.
 
 **Search, then refinement.** The first rounds train on all simulations. As soon as the posterior moves less than a
 standard deviation, the next round trains on those in its neighbourhood alone, an ellipsoid of 1.6 w times its width,
@@ -37,6 +36,7 @@ from jaxtyping import Float
 from yeastfit.errors import InputError
 from yeastfit.inference.neural_likelihood.coordinates import Values
 from yeastfit.inference.neural_likelihood.emulator import Emulator
+from yeastfit.inference.neural_likelihood.error_share import error_share
 from yeastfit.inference.neural_likelihood.mcmc import BRIEFLY, ROUGHLY, LogPosterior, Walk
 from yeastfit.inference.neural_likelihood.network import TrainingSettings
 from yeastfit.inference.neural_likelihood.rounds import EmulatorDiagnostics, RoundDiagnostics
@@ -221,7 +221,8 @@ class _Rounds:
         drawn, z = density.parts(chains.flat)
         mean, covariance = drawn.mean(axis=0), np.atleast_2d(np.cov(drawn, rowvar=False))
         moved = np.inf if before is None else float(apart(chains.flat, before.chains.flat).max())
-        share = self._error_share(emulator, mean, z.mean(axis=0))
+        place = self.problem.prior.values(mean[None])
+        share = error_share(emulator, self.problem, place, self._between(emulator, place, z.mean(axis=0)[None]))
         return Round(emulator, walk, chains, mean, covariance, moved, share, len(values))
 
     def _with_z(self, x: Float[np.ndarray, "place free"]) -> Float[np.ndarray, "place coordinate"]:
@@ -240,18 +241,6 @@ class _Rounds:
         whole = max(count, self.each)
         x = proposed(last.x, whole, self.settings.widen, self.problem.prior, rng)
         return self.problem.prior.values(x[:count])
-
-    def _error_share(
-        self, emulator: Emulator, mean: Float[np.ndarray, " free"], z: Float[np.ndarray, " varied"]
-    ) -> float:
-        problem = self.problem
-        values = problem.prior.values(mean[None])
-        _, scatter, error, _ = emulator.moments(values)
-        if (between := self._between(emulator, values, z[None])) is not None:
-            scatter = scatter + between
-        total = scatter[0] / problem.replicates + error[0] + (0.0 if problem.noise is None else problem.noise)
-        of_success = problem.replicates**2 * emulator.success_error(values)[0]
-        return float((np.trace(np.linalg.solve(total, error[0])) + of_success) / len(total))
 
     def _between(
         self, emulator: Emulator, values: Values, z: Float[np.ndarray, "row varied"]

@@ -70,7 +70,7 @@ class Round:
         mean: Of the prior's coordinates.
         covariance: Of the prior's coordinates.
         moved: How far `apart` the posterior is from that of the round before, in the parameter that moved most.
-        error_share: Share of the emulator's error in the variance that data are compared with, at the mean.
+        error_share: The emulator's share of error at the mean (`error_share`).
         simulations: So far, those of other runs included.
     """
 

@@ -73,12 +73,12 @@ def plain(value: Any) -> Any:
 
 
 def _read(hint: Any, data: Any) -> Any:
-    """A value of the type that an annotation says; fields that are not there have their defaults."""
+    """A value of the type that an annotation says."""
     choices = get_args(hint) if get_origin(hint) in (Union, types.UnionType) else (hint,)
     if isinstance(data, Mapping):
         kind: Any = next(one for one in choices if getattr(one, "__name__", "") == data["kind"])
         hints = typing.get_type_hints(kind)
-        return kind(**{one.name: _read(hints[one.name], data[one.name]) for one in fields(kind) if one.name in data})
+        return kind(**{one.name: _read(hints[one.name], data[one.name]) for one in fields(kind)})
     if not isinstance(data, list):
         return data
     if get_origin(hint) is tuple:
