@@ -13,7 +13,7 @@ from yeastfit.inference.neural_likelihood.emulator import Emulator
 from yeastfit.inference.neural_likelihood.network import TrainingSettings
 from yeastfit.inference.neural_likelihood.sequential import SequentialEmulator
 from yeastfit.inference.neural_likelihood.training import train
-from yeastfit.inference.posterior.prior import Prior
+from yeastfit.inference.prior.prior import Prior
 
 QUICK = TrainingSettings(members=3)
 
