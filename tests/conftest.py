@@ -25,7 +25,10 @@ QUICK = (
 if version("jaxlib").startswith("0.10."):  # with a flag that it does not know, jaxlib ends the process
     os.environ.setdefault("XLA_FLAGS", QUICK)
 # Folders and files of tests whose programs run a second or less: not optimised at all.
-ONCE = ("measure", "model", "simulation", "report", "test_app.py", "test_models.py", "test_extending.py")
+ONCE = (
+    *("measure", "model", "simulation", "report", "test_app.py", "test_models.py", "test_extending.py"),
+    "test_colony_simulator.py",
+)
 
 # Either core has its own tests: further threads for matrices as small as these mostly wait, and waiting takes a core.
 os.environ["OPENBLAS_NUM_THREADS"] = "1"  # of processes that are started from here

@@ -3,16 +3,19 @@
 import dataclasses
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import partial
 from typing import Any
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import jaxtyping
 import numpy as np
+import pytest
 from jaxtyping import Array
 from numpy.typing import ArrayLike
 
-from yeastfit.model.colony import Colony, Problems
+from yeastfit.model.colony import Colony, Problems, start
 from yeastfit.model.laws.death import NoDeath
 from yeastfit.model.numerics import Numerics
 from yeastfit.model.parameters import Parameters
@@ -30,23 +33,41 @@ def colony_of(
     step: int = 0,
     seed: int = 0,
 ) -> Colony:
-    """Nodes at `positions`; by default a chain of full weight in nutrient 1. The slots left are empty."""
-    x = jnp.asarray(positions, dtype=float)
-    nodes, empty = x.shape[0], int(numerics.room) - x.shape[0]
+    """Nodes at `positions`; by default a chain of full weight in nutrient 1. The slots left are empty.
+
+    Put together by NumPy, which compiles nothing, but for what is traced.
+    """
+    nodes = np.shape(positions)[0]
+    empty = int(numerics.room) - nodes
     tree = np.arange(nodes) - 1 if parents is None else np.asarray(parents)
-    full = jnp.ones(nodes) if weights is None else jnp.asarray(weights, dtype=float)
-    c = jnp.ones((numerics.points,) * 2) if nutrient is None else jnp.asarray(nutrient, dtype=float)
-    lineages = jax.vmap(jax.random.key_data)(jax.random.split(jax.random.key(seed), nodes))
+    with jax.ensure_compile_time_eval():
+        lineages = np.asarray(_lineages(seed, max(64, 1 << (nodes - 1).bit_length())))[:nodes]
     return Colony(
-        positions=jnp.pad(x, ((0, empty), (0, 0))),
-        parents=jnp.pad(jnp.asarray(tree), (0, empty), constant_values=-1),
-        weights=jnp.pad(full, (0, empty)),
-        lineages=jnp.pad(lineages, ((0, empty), (0, 0))),
+        positions=_padded(positions, ((0, empty), (0, 0))),
+        parents=jnp.asarray(np.pad(tree, (0, empty), constant_values=-1)),
+        weights=_padded(np.ones(nodes) if weights is None else weights, (0, empty)),
+        lineages=jnp.asarray(np.pad(lineages, ((0, empty), (0, 0)))),
         count=jnp.asarray(nodes),
-        nutrient=c,
+        nutrient=_padded(np.ones((numerics.points,) * 2) if nutrient is None else nutrient, (0, 0)),
         step=jnp.asarray(step),
         problems=Problems.none(),
     )
+
+
+@partial(jax.jit, static_argnums=1)
+def _lineages(seed: int, nodes: int) -> Array:
+    """Data of keys, of which the first ones do not depend on how many there are."""
+    return jax.random.key_data(jax.random.split(jax.random.key(seed), nodes))
+
+
+def _padded(values: ArrayLike | Array, by: Any) -> Array:
+    if isinstance(values, jax.core.Tracer):
+        return jnp.pad(jnp.asarray(values, dtype=float), by)
+    return jnp.asarray(np.pad(np.asarray(values, dtype=float), by))
+
+
+started = eqx.filter_jit(start)
+"""A new colony, by one program."""
 
 
 def context_of(
@@ -58,14 +79,28 @@ def context_of(
 ) -> Context:
     """What a rule is given of a colony whose nodes all live; `seen` replaces what it sees of it."""
     relaxation = Relaxation() if relaxation is None else relaxation
-    context = Context.of(colony, parameters or Parameters(), relaxation, numerics, NoDeath())
+    context = _seen(colony, parameters or Parameters(), relaxation, numerics, NoDeath())
     return dataclasses.replace(context, **seen)
 
 
-def pair(distance: float, angle: float = 0.3, centre: tuple[float, float] = (0.0, 0.0)) -> Array:
+_seen = eqx.filter_jit(Context.of)
+
+
+@contextmanager
+def on_one_device() -> Iterator[None]:
+    """Colonies of an ensemble that grow in segments do so one after the other: each device compiles anew."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(
+            "yeastfit.simulation.ensemble_in_segments.on_all_devices",
+            lambda grow, members: [jax.tree.map(np.asarray, grow(member)) for member in range(members)],
+        )
+        yield
+
+
+def pair(distance: float, angle: float = 0.3, centre: tuple[float, float] = (0.0, 0.0)) -> np.ndarray:
     """Two nodes a distance apart, the first in the direction of `angle`."""
-    half = 0.5 * distance * jnp.array([jnp.cos(angle), jnp.sin(angle)])
-    return jnp.asarray(centre) + jnp.stack([half, -half])
+    half = 0.5 * distance * np.array([np.cos(angle), np.sin(angle)])
+    return np.asarray(centre) + np.stack([half, -half])
 
 
 def random_tree(rng: np.random.Generator, nodes: int) -> np.ndarray:

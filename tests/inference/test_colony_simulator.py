@@ -1,9 +1,12 @@
 """Colonies as a simulator: their dish, their room, how they are measured, and what they run into."""
 
+from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
 from typing import Any
 
 import numpy as np
 import pytest
+from helpers import on_one_device
 
 from yeastfit import PARAMETERS, ColonySimulator, Imaging, InputError, Resolution, Targets
 from yeastfit.inference.colony_simulator import MARGIN
@@ -59,27 +62,41 @@ def test_a_colony_beyond_the_capacity_is_cut_and_told(monkeypatch: pytest.Monkey
         monkeypatch.setattr(f"yeastfit.{room}.SHORT", 1)
     monkeypatch.setattr("yeastfit.simulation.simulate.FIRST_ROOM", 6)
     made = ColonySimulator.of(targets(("cell_count",), [1.5, 4.2]), FREE, resolution=Resolution(0.02, 0.25, 9))
-    rows = made(np.repeat(HERE, 2, axis=0), member_seeds(0, 2))
+    with on_one_device():
+        rows = made(np.repeat(HERE, 2, axis=0), member_seeds(0, 2))
     np.testing.assert_array_equal(rows[:, 1], 8.0)  # an edge fewer than nodes
     assert dict(made.problems) == {PROBLEMS["capacity_reached"]: 2}
 
 
-@pytest.mark.parametrize("names", [("radius",), ("area", "compactness")])
-@pytest.mark.parametrize("estimator", ["smooth", "mask"])
+@pytest.mark.parametrize(
+    ("names", "estimator", "devices"),
+    [
+        (("radius",), "smooth", nullcontext),
+        (("radius",), "mask", on_one_device),
+        (("area", "compactness"), "smooth", on_one_device),
+        (("area", "compactness"), "mask", on_one_device),
+    ],
+    ids=str,
+)
 def test_colonies_that_could_outgrow_one_program_are_the_same_and_not_cut(
-    names: tuple[str, ...], estimator: str, monkeypatch: pytest.MonkeyPatch
+    names: tuple[str, ...],
+    estimator: str,
+    devices: Callable[[], AbstractContextManager[None]],
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """By rows of different parameters; with room for six nodes at first, as those of any time grow."""
+    """By rows of different parameters; with room for eight nodes at first, as those of any time grow."""
     data = targets(names, [1.5, 3.2], estimator=estimator)
     values, seeds = np.array([[1.0], [3.0]]), member_seeds(0, 2)
     small = ColonySimulator.of(data, FREE, resolution=COARSE)(values, seeds)
     monkeypatch.setattr("yeastfit.simulation.simulate.SHORT", 1)
     monkeypatch.setattr("yeastfit.inference.colony_simulator.SHORT", 1)
     monkeypatch.setattr("yeastfit.inference.colony_curves.SHORT", 1)
-    monkeypatch.setattr("yeastfit.simulation.simulate.FIRST_ROOM", 6)
+    monkeypatch.setattr("yeastfit.simulation.simulate.FIRST_ROOM", 8)
     grown = ColonySimulator.of(data, FREE, resolution=COARSE)
     assert grown.curves.numerics.capacity is None
-    np.testing.assert_allclose(grown(values, seeds), small, rtol=2e-3)
+    with devices():
+        rows = grown(values, seeds)
+    np.testing.assert_allclose(rows, small, rtol=2e-3)
     assert not grown.problems
 
 

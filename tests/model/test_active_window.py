@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from helpers import colony_of, context_of, pair
+from helpers import colony_of, context_of, pair, started
 from jaxtyping import Array
 
 from yeastfit import Numerics, Parameters, Relaxation
@@ -21,6 +21,12 @@ from yeastfit.model.laws.uptake import BiomassUptake
 from yeastfit.model.simulate import step
 
 NUMERICS = Numerics(domain=17.0, spacing=0.1, capacity=60)  # squares of half sides 2.9, 4.2, 6 and 8.5
+changed_to = eqx.filter_jit(extent_of_change)
+
+
+@jax.jit
+def on_squares(extent: Array) -> Array:
+    return on_window(jnp.asarray, extent, 0.1, 401)
 
 
 @pytest.mark.parametrize("points", [5, 48, 49, 68, 69, 70, 401, 402, 5657])
@@ -35,31 +41,34 @@ def test_squares_rise_to_the_whole_grid_and_share_its_centre(points: int) -> Non
 
 @pytest.mark.parametrize("extent", [0.0, 2.4, 5.01, 9.0, 14.0, 20.0, 21.0, np.inf])
 def test_the_smallest_square_that_reaches_is_taken(extent: float) -> None:
-    taken = on_window(jnp.asarray, jnp.asarray(extent), 0.1, 401)
+    taken = on_squares(jnp.asarray(extent))
     assert int(taken) == min([n for n in windows(401) if 0.05 * (n - 1) >= extent], default=401)
 
 
 def test_members_that_run_together_take_the_largest_they_need() -> None:
-    together = jax.vmap(lambda e: on_window(jnp.asarray, e, 0.1, 401), axis_name="member")(jnp.array([0.0, 9.0, 3.0]))
-    assert len(set(np.asarray(together).tolist())) == 1
-    assert int(together[0]) == int(on_window(jnp.asarray, jnp.asarray(9.0), 0.1, 401))
+    together = np.asarray(jax.jit(jax.vmap(on_squares, axis_name="member"))(jnp.array([0.0, 9.0, 3.0])))
+    assert len(set(together.tolist())) == 1
+    assert int(together[0]) == int(on_squares(jnp.asarray(9.0)))
 
 
 def test_extent_of_cells(double: None) -> None:
     """The farthest point of an ellipse that lies along an axis; an empty slot has none."""
-    cells: Cells = cells_of(colony_of(pair(2.0, 0.0, (3.0, -0.5)), numerics=NUMERICS), jnp.asarray(0.5))
-    assert float(extent_of_cells(cells, 1.0)) == pytest.approx(4.0)
-    assert float(extent_of_cells(cells, 4.0)) == pytest.approx(5.0)
-    assert float(extent_of_cells(eqx.tree_at(lambda c: c.weights, cells, jnp.zeros_like(cells.weights)), 1.0)) == 0.0
+    colony, extent = colony_of(pair(2.0, 0.0, (3.0, -0.5)), numerics=NUMERICS), jax.jit(extent_of_cells)
+    cells: Cells = jax.jit(cells_of)(colony, jnp.asarray(0.5))
+    assert float(extent(cells, 1.0)) == pytest.approx(4.0)
+    assert float(extent(cells, 4.0)) == pytest.approx(5.0)
+    none = jnp.asarray(np.zeros_like(cells.weights))
+    assert float(extent(eqx.tree_at(lambda c: c.weights, cells, none), 1.0)) == 0.0
 
 
 @pytest.mark.parametrize("value", [0.9, 1.1, 1.0 - 3e-7])
 def test_extent_of_change_sees_every_point_that_is_not_one(value: float) -> None:
-    ones = jnp.ones((41, 41))
     margin = 0.1 * window.MARGIN
-    assert float(extent_of_change(ones, 0.1)) == pytest.approx(margin)
+    assert float(changed_to(jnp.ones((41, 41)), 0.1)) == pytest.approx(margin)
     for i, j in ((20, 35), (5, 20), (33, 7)):
-        found = float(extent_of_change(ones.at[i, j].set(value), 0.1))
+        nutrient = np.ones((41, 41))
+        nutrient[i, j] = value
+        found = float(changed_to(jnp.asarray(nutrient), 0.1))
         assert found == pytest.approx(0.1 * max(abs(i - 20), abs(j - 20)) + margin, rel=1e-5)
 
 
@@ -102,14 +111,16 @@ def test_what_is_left_out_would_not_have_changed(
 
 def test_nutrient_of_any_kind_is_stepped_wherever_it_is() -> None:
     """A hole in the nutrient far from every cell fills up; it would not on a square that held the cells only."""
-    colony = start(jax.random.key(0), NUMERICS)
-    hole = colony.nutrient.at[20:30, 20:30].set(0.2)
+    colony = started(jax.random.key(0), NUMERICS)
+    hole = np.array(colony.nutrient)
+    hole[20:30, 20:30] = 0.2
 
-    def after(nutrient: Array) -> np.ndarray:
+    @jax.jit
+    def after(nutrient: Array) -> Array:
         there = dataclasses.replace(colony, nutrient=nutrient)
-        return np.asarray(eaten(context_of(there, NUMERICS), cells_of(there, jnp.asarray(0.7)), BiomassUptake()))
+        return eaten(context_of(there, NUMERICS), cells_of(there, jnp.asarray(0.7)), BiomassUptake())
 
-    changed = np.abs(after(hole) - np.asarray(hole))[15:35, 15:35]
+    changed = np.abs(np.asarray(after(hole)) - hole)[15:35, 15:35]
     assert changed.max() > 1e-2
 
 

@@ -69,7 +69,7 @@ def test_in_single_precision_the_last_bits_differ(relaxation: Relaxation) -> Non
     colony = crowd(np.random.default_rng(3).normal(0.0, 1.0, (NODES, 2)))
     found, expected = (touch(colony, jnp.asarray(0.5), relaxation) for touch in (compiled, plain))
     assert found.dtype == jnp.float32
-    np.testing.assert_allclose(found, expected, atol=2e-5 * float(jnp.abs(expected).max()))
+    np.testing.assert_allclose(found, expected, atol=2e-5 * float(np.abs(expected).max()))
 
 
 def test_nodes_that_are_nowhere_push_nobody(double: None) -> None:
@@ -78,7 +78,9 @@ def test_nodes_that_are_nowhere_push_nobody(double: None) -> None:
     lost = at.copy()
     lost[7:10] = [[np.nan, 0.0], [np.inf, -np.inf], [1e300, 0.0]]
     kept = np.delete(np.arange(NODES), [7, 8, 9])
-    without = eqx.tree_at(lambda c: c.weights, crowd(at), crowd(at).weights.at[7:10].set(0.0))
+    weights = np.array(crowd(at).weights)
+    weights[7:10] = 0.0
+    without = eqx.tree_at(lambda c: c.weights, crowd(at), jnp.asarray(weights))
     found, expected = (compiled(colony, jnp.asarray(0.5), Relaxation()) for colony in (crowd(lost), without))
     np.testing.assert_allclose(np.asarray(found)[kept], np.asarray(expected)[kept], atol=1e-12)
     assert (np.asarray(found)[7:10] == 0).all()
@@ -189,4 +191,4 @@ def test_the_plain_rules_can_be_asked_for(large: tuple[Colony, Numerics], monkey
         walked.append(how.grown(colony, [2])[0].positions)
     assert asked == [True]
     np.testing.assert_allclose(walked[0], walked[1], atol=2e-6)
-    assert (walked[0] != colony.positions).any()
+    assert (np.asarray(walked[0]) != np.asarray(colony.positions)).any()

@@ -89,10 +89,8 @@ def test_trips_are_data(args: Args) -> None:
         return jax.grad(lambda x: total({**args, "x": x}, trips)[2])(x)
 
     for trips in (0, 3, N):
-        same(
-            gradient(args["x"], jnp.asarray(trips)),
-            jax.grad(lambda x, n=trips: plain({**args, "x": x}, n)[2])(args["x"]),
-        )
+        expected = jax.jit(jax.grad(lambda x, n=trips: plain({**args, "x": x}, n)[2]))
+        same(gradient(args["x"], jnp.asarray(trips)), expected(args["x"]))
     assert len(traces) == 1
 
 
@@ -119,12 +117,23 @@ def test_vmap_of_value_jvp_and_vjp(args: Args, in_axes: tuple[int | None, int | 
 
 
 def test_vmap_over_the_number_of_terms(args: Args) -> None:
-    trips = jnp.asarray([0, 2, N])
-    gradient = jax.vmap(lambda n: jax.grad(lambda x: total({**args, "x": x}, n).sum())(args["x"]))(trips)
-    expected = [plain({**args, "x": jnp.cos(args["x"])}, n) for n in trips.tolist()]
-    same(jax.vmap(lambda n: total({**args, "x": jnp.cos(args["x"])}, n))(trips), jnp.stack(expected))
-    same(gradient[1], jax.jit(jax.grad(lambda x: plain({**args, "x": x}, 2).sum()))(args["x"]))
-    same(gradient[0], jnp.zeros(N))
+    trips, x = (0, 2, N), args["x"]
+
+    @jax.jit
+    def ours(x: Array, trips: Array) -> tuple[Array, Array]:
+        gradient = lambda n: jax.grad(lambda x: total({**args, "x": x}, n).sum())(x)  # noqa: E731
+        value = lambda n: total({**args, "x": jnp.cos(x)}, n)  # noqa: E731
+        return jax.vmap(gradient)(trips), jax.vmap(value)(trips)
+
+    @jax.jit
+    def theirs(x: Array) -> tuple[Array, Array]:
+        values = [plain({**args, "x": jnp.cos(x)}, n) for n in trips]
+        return jax.grad(lambda x: plain({**args, "x": x}, 2).sum())(x), jnp.stack(values)
+
+    (gradients, values), (gradient, expected) = ours(x, jnp.asarray(trips)), theirs(x)
+    same(values, expected)
+    same(gradients[1], gradient)
+    same(gradients[0], np.zeros(N))
 
 
 def test_forward_over_reverse_and_over_forward(args: Args) -> None:
@@ -164,13 +173,18 @@ def test_terms_of_several_arrays_and_of_single_precision(args: Args) -> None:
         x, y = args
         return so_far[0] + x[i] * y[i], so_far[1].at[i].add(jnp.exp(x[i]))
 
-    with jax.enable_x64(False):
-        x = jnp.linspace(-1, 1, N)
+    @jax.jit
+    def pulled(x: Array, y: Array) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
         f = lambda x, y: sum_of_terms(pair, jnp.asarray(N), (jnp.zeros(()), jnp.zeros(N)), (x, y))  # noqa: E731
-        (dot, powers), pull = jax.vjp(f, x, x + 1)
-        np.testing.assert_allclose(dot, jnp.sum(x * (x + 1)), rtol=1e-6)
-        np.testing.assert_allclose(powers, jnp.exp(x), rtol=1e-6)
-        for found, expected in zip(pull((jnp.ones(()), jnp.ones(N))), (x + 1 + jnp.exp(x), x), strict=True):
+        values, pull = jax.vjp(f, x, y)
+        return values, pull((jnp.ones(()), jnp.ones(N)))
+
+    with jax.enable_x64(False):
+        x = np.linspace(-1, 1, N, dtype=np.float32)
+        (dot, powers), slopes = pulled(x, x + 1)
+        np.testing.assert_allclose(dot, np.sum(x * (x + 1)), rtol=1e-6)
+        np.testing.assert_allclose(powers, np.exp(x), rtol=1e-6)
+        for found, expected in zip(slopes, (x + 1 + np.exp(x), x), strict=True):
             assert found.dtype == jnp.float32
             np.testing.assert_allclose(found, expected, rtol=1e-6)
 
@@ -195,15 +209,19 @@ def mapped(a: Array, x: Array) -> dict[str, Array]:
 
 def test_linear_map_is_transposed_as_it_is_told(matrix: Array) -> None:
     x, y = (jnp.asarray(np.random.default_rng(k).normal(size=n)) for k, n in ((3, N), (4, 3)))
-    value, pull = jax.vjp(lambda x: mapped(matrix, x), x)
-    same(value, {"y": jnp.exp(matrix) @ x})
-    same(pull({"y": y})[0], jnp.exp(matrix).T @ y)
-    same(jax.jacrev(lambda x: mapped(matrix, x)["y"])(x), jnp.exp(matrix))
-    same(jax.jacfwd(lambda x: mapped(matrix, x)["y"])(x), jnp.exp(matrix))
-    # twice transposed it is itself again
-    back = jax.linear_transpose(lambda x: mapped(matrix, x), x)
-    again = jax.linear_transpose(lambda y: back({"y": y})[0], y)
-    same(again(x)[0], jnp.exp(matrix) @ x)
+    f = lambda x: mapped(matrix, x)  # noqa: E731
+
+    @jax.jit
+    def found(x: Array, y: Array) -> list[PyTree]:
+        value, pull = jax.vjp(f, x)
+        # twice transposed it is itself again
+        back = jax.linear_transpose(f, x)
+        again = jax.linear_transpose(lambda y: back({"y": y})[0], y)
+        slopes = [way(lambda x: f(x)["y"])(x) for way in (jax.jacrev, jax.jacfwd)]
+        return [value, pull({"y": y})[0], *slopes, again(x)[0]]
+
+    a = np.exp(matrix)
+    same(found(x, y), [{"y": a @ np.asarray(x)}, a.T @ np.asarray(y), a, a, a @ np.asarray(x)])
 
 
 def test_linear_map_has_a_derivative_in_what_it_is_made_of(matrix: Array) -> None:

@@ -98,7 +98,9 @@ def test_without_scatter_it_differs_from_that_of_the_mean_by_what_their_scatter_
     assert np.corrcoef(of_rows, of_mean)[0, 1] > 0.999
 
 
-def test_covariance_between_colonies_is_that_of_means_at_scattered_parameters() -> None:
+def test_covariance_between_colonies_is_that_of_means_at_scattered_parameters(
+    plane: tuple[Positive, Emulator],
+) -> None:
     """First order against sampling through the same emulator, of a curved mean; and J of a plane is exact."""
     known = positive(curved())
     emulator = emulator_of(known)
@@ -108,11 +110,11 @@ def test_covariance_between_colonies_is_that_of_means_at_scattered_parameters() 
     sampled = np.cov(emulator.moments(each)[0], rowvar=False)
     found = between_colonies(emulator, problem, values, np.array([tau]))[0]
     np.testing.assert_allclose(found, sampled, atol=0.1 * np.sqrt(np.outer(*[np.diag(sampled)] * 2)).max())
-    known = positive(linear())
+    known, emulator = plane
     slopes = known.moments(np.exp(np.eye(2)))[0].T
     problem = Problem.of(known, known.prior, known(np.tile(values, (3, 1)), np.arange(3)), variation=Variation())
     exact = tau**2 * slopes @ slopes.T
-    off = between_colonies(emulator_of(known), problem, values, np.array([tau]))[0] - exact
+    off = between_colonies(emulator, problem, values, np.array([tau]))[0] - exact
     assert np.abs(off).max() < 0.15 * np.diag(exact).max()
 
 

@@ -157,8 +157,8 @@ def test_derivatives_by_the_picture(double: None) -> None:
 
 def test_derivatives_by_the_shape(double: None) -> None:
     """By the amplitude of a soft star, where a user's gradients come from."""
-    x = jnp.linspace(-2, 2, 81)
-    r, angle = jnp.hypot(x[:, None], x[None, :] + 1e-3), jnp.arctan2(x[None, :] + 1e-3, x[:, None])
+    x = np.linspace(-2, 2, 81)
+    r, angle = np.hypot(x[:, None], x[None, :] + 1e-3), np.arctan2(x[None, :] + 1e-3, x[:, None])
 
     @jax.jit
     def of(amplitude: Array) -> dict[str, Array]:
@@ -167,9 +167,9 @@ def test_derivatives_by_the_shape(double: None) -> None:
 
     amplitude = jnp.asarray(0.31)
     check_grads(of, (amplitude,), order=1, atol=1e-5, rtol=1e-5, eps=1e-6)
-    slope = jax.jacfwd(of)(amplitude)
+    slope = jax.jit(jax.jacfwd(of))(amplitude)
     assert float(slope["max_radius"]) == pytest.approx(1, abs=0.15)
-    assert int(jnp.argmax(jnp.abs(slope["angular_spectrum"]))) + 1 == 5
+    assert int(np.argmax(np.abs(slope["angular_spectrum"]))) + 1 == 5
 
 
 def test_an_empty_picture_has_none() -> None:
@@ -181,7 +181,8 @@ def test_the_observer_adds_them_when_asked() -> None:
     numerics = Numerics(domain=4.0, spacing=0.2, capacity=3)
     parameters, relaxation = Parameters(aspect_ratio=0.5), Relaxation()
     colony = colony_of(pair(1.0), numerics=numerics)
-    snapshot = Snapshot(cells_of(colony, parameters.aspect_ratio), jnp.asarray(0.75), colony, parameters, relaxation)
+    cells = jax.jit(cells_of)(colony, parameters.aspect_ratio)
+    snapshot = Snapshot(cells, jnp.asarray(0.75), colony, parameters, relaxation)
     polar = Polar(0.25, 5, 4)
     plain = eqx.filter_eval_shape(SmoothStatistics(3.0, 0.1, 0.2), snapshot)
     found = eqx.filter_jit(SmoothStatistics(3.0, 0.1, 0.2, polar=polar))(snapshot)

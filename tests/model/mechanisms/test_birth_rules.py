@@ -20,7 +20,7 @@ from yeastfit.model.model import Model
 from yeastfit.model.numerics import Numerics
 from yeastfit.model.parameters import Parameters
 from yeastfit.model.relaxation import HARD, Relaxation
-from yeastfit.model.rules import Births, Context
+from yeastfit.model.rules import BirthRule, Births, Context
 
 NUMERICS = Numerics(domain=8.0, spacing=0.2, dt=0.02, capacity=64)
 PATCHES, CLOCKS = Model(births=PatchBirths()), Model(births=ClockBirths())
@@ -37,10 +37,14 @@ def crowd(seed: int, relaxation: Relaxation = HARD, **values: float) -> Context:
     weights = np.ones(NODES) if relaxation.births == "whole" else rng.uniform(0.1, 1.0, NODES)
     positions = rng.uniform(-3.5, 3.5, (NODES, 2))
     colony = colony_of(positions, random_tree(rng, NODES), weights, numerics=NUMERICS, step=50, seed=seed)
-    fed = jnp.pad(jnp.asarray(rng.uniform(0.1, 0.6, NODES)), (0, 34), constant_values=5.0)
-    mu = jnp.sum(colony.weights * fed) / jnp.sum(colony.weights)
-    parameters = PATCHES.complete(Parameters(**values))
-    return context_of(colony, NUMERICS, relaxation, parameters, growth_rate=mu, local_nutrient=fed)
+    fed = np.pad(rng.uniform(0.1, 0.6, NODES), (0, 34), constant_values=5.0)
+    seen = {"growth_rate": jnp.asarray(np.average(fed, weights=colony.weights)), "local_nutrient": jnp.asarray(fed)}
+    return context_of(colony, NUMERICS, relaxation, PATCHES.complete(Parameters(**values)), **seen)
+
+
+@eqx.filter_jit
+def births_by(rule: BirthRule, context: Context) -> Births:
+    return rule.births(context)
 
 
 def mothers(births: Births) -> list[int]:
@@ -53,7 +57,7 @@ def mothers(births: Births) -> list[int]:
 @pytest.mark.parametrize("relaxation", [HARD, Relaxation()], ids=["whole", "fractional"])
 def test_one_patch_that_holds_all_is_the_source(relaxation: Relaxation) -> None:
     context = crowd(0, relaxation, patch=40.0)
-    ours, source = PatchBirths().births(context), GlobalBirths().births(context)
+    ours, source = births_by(PatchBirths(), context), births_by(GlobalBirths(), context)
     np.testing.assert_array_equal(ours.parents, source.parents)
     np.testing.assert_allclose(ours.weights, source.weights, atol=1e-12)
     assert ours.event == source.event
@@ -64,32 +68,34 @@ def test_patches_have_the_parents_of_the_plain_reading(least: float) -> None:
     for seed in range(5):
         context = crowd(seed, patch=2.0, least_nutrient=least)
         positions, fed = np.asarray(context.colony.positions)[:NODES], np.asarray(context.local_nutrient)[:NODES]
-        assert mothers(PatchBirths().births(context)) == plain.patch_parents(positions, fed, 2.0, least)
+        assert mothers(births_by(PatchBirths(), context)) == plain.patch_parents(positions, fed, 2.0, least)
 
 
 def test_fractional_births_add_up_and_stay_below_their_parents() -> None:
     context = crowd(1, Relaxation(), patch=2.0)
-    births, w = PatchBirths().births(context), np.asarray(context.living)
+    births, w = births_by(PatchBirths(), context), np.asarray(context.living)
     assert (np.asarray(births.weights) <= w[np.asarray(births.parents)] + 1e-12).all()
-    whole = apportioned(jnp.array([0.3, 1.6, 2.0, 0.9]), jnp.array([1.0, 3.0, 2.0, 2.0]), HARD)
+    shares = eqx.filter_jit(apportioned)
+    whole = shares(jnp.array([0.3, 1.6, 2.0, 0.9]), jnp.array([1.0, 3.0, 2.0, 2.0]), HARD)
     assert whole.tolist() == [0, 2, 2, 1]
-    part = apportioned(jnp.array([0.3, 1.6, 2.0, 0.9]), jnp.array([1.0, 3.0, 2.0, 2.0]), Relaxation())
-    assert float(part.sum()) == pytest.approx(4.8 + 0.5)
-    full = apportioned(jnp.array([2.0, 2.8]), jnp.array([2.0, 3.0]), Relaxation())
+    part = shares(jnp.array([0.3, 1.6, 2.0, 0.9]), jnp.array([1.0, 3.0, 2.0, 2.0]), Relaxation())
+    assert float(np.sum(part)) == pytest.approx(4.8 + 0.5)
+    full = shares(jnp.array([2.0, 2.8]), jnp.array([2.0, 3.0]), Relaxation())
     assert full.tolist() == pytest.approx([2.0, 3.0])
 
 
 def test_births_by_patches_are_differentiable_in_weights_and_nutrient() -> None:
     context = crowd(2, Relaxation(), patch=3.0)
 
+    @jax.jit
     def mean_place(t: Array) -> Array:
         fed = context.local_nutrient + t * jnp.sin(jnp.arange(64.0))
         births = PatchBirths().births(dataclasses.replace(context, local_nutrient=fed))
         return jnp.sum(births.weights[:, None] * context.colony.positions[births.parents])
 
     exact, h = jax.grad(mean_place)(jnp.asarray(0.0)), 1e-6
-    differences = (mean_place(jnp.asarray(h)) - mean_place(jnp.asarray(-h))) / (2 * h)
-    assert float(exact) == pytest.approx(float(differences), rel=1e-5)
+    differences = (float(mean_place(jnp.asarray(h))) - float(mean_place(jnp.asarray(-h)))) / (2 * h)
+    assert float(exact) == pytest.approx(differences, rel=1e-5)
 
 
 # --- clocks --------------------------------------------------------------------------------------------------------
@@ -147,13 +153,20 @@ def test_clocks_tick_as_the_plain_reading_s(least: float) -> None:
     rng, rule = np.random.default_rng(3), ClockBirths()
     colony = crowd(3).colony
     phase = jnp.asarray(np.pad(rng.uniform(0.2, 0.9, NODES), (0, 34)))
-    colony = dataclasses.replace(colony, node_state={"phase": phase, "cycles": jnp.zeros(64)})
+    colony = dataclasses.replace(colony, node_state={"phase": phase, "cycles": jnp.asarray(np.zeros(64))})
     fed = jnp.asarray(np.pad(rng.uniform(0.1, 1.0, NODES), (0, 34)))
     parameters = CLOCKS.complete(Parameters(cycle_variation=0.3, least_nutrient=least))
-    context = context_of(colony, NUMERICS, HARD, parameters, local_nutrient=fed)
-    context = dataclasses.replace(context, colony=dataclasses.replace(colony, node_state=rule.advance(context)))
-    lengths = np.asarray(rule._length(context))[:NODES]
-    after = bud(context, rule.births(context), UniformBudding(), rule.node_state())
+
+    @eqx.filter_jit
+    def one_step(context: Context) -> tuple[Colony, Array, Array]:
+        """After it, and lengths of cycles before and after."""
+        advanced = dataclasses.replace(context.colony, node_state=rule.advance(context))
+        context = dataclasses.replace(context, colony=advanced)
+        after = bud(context, rule.births(context), UniformBudding(), rule.node_state())
+        return after, rule._length(context), rule._length(dataclasses.replace(context, colony=after))
+
+    after, *both = one_step(context_of(colony, NUMERICS, HARD, parameters, local_nutrient=fed))
+    lengths, again = (np.asarray(one)[:NODES] for one in both)
     phases, ripe = plain.clock_step(np.asarray(phase)[:NODES], lengths, np.asarray(fed)[:NODES], 0.02, least)
     assert 3 < len(ripe) < NODES
     assert int(after.count) == NODES + len(ripe)
@@ -161,6 +174,5 @@ def test_clocks_tick_as_the_plain_reading_s(least: float) -> None:
     np.testing.assert_allclose(np.asarray(after.node_state["phase"])[: after.count], phases, atol=1e-12)
     cycles = np.asarray(after.node_state["cycles"])
     np.testing.assert_array_equal(np.flatnonzero(cycles), ripe)
-    again = np.asarray(rule._length(dataclasses.replace(context, colony=after)))[:NODES]
     changed = np.flatnonzero(again != lengths)
     np.testing.assert_array_equal(changed, ripe)  # a new cycle has a length of its own

@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from helpers import colony_of, context_of, random_tree
+from jaxtyping import Array
 
 from reference import mechanisms as plain
 from yeastfit.errors import InputError
@@ -31,17 +32,19 @@ def aged(model: Model, relaxation: Relaxation, steps: int, rate: float, fed: flo
     rng = np.random.default_rng(0)
     colony = model.resumed(colony_of(rng.uniform(-1, 1, (NODES, 2)), random_tree(rng, NODES), numerics=NUMERICS))
     parameters = model.complete(Parameters(death_rate=rate, starvation=0.1))
+    return dying(model, relaxation, colony, parameters, jnp.asarray(fed), jnp.asarray(steps))
 
-    @eqx.filter_jit
-    def run(colony: Colony) -> Colony:
-        def one(colony: Colony, _: None) -> tuple[Colony, None]:
-            colony = dataclasses.replace(colony, step=colony.step + 1)
-            context = context_of(colony, NUMERICS, relaxation, parameters, local_nutrient=jnp.full(NODES, fed))
-            return model.death.deaths(context), None
 
-        return jax.lax.scan(one, colony, None, length=steps)[0]
+@eqx.filter_jit
+def dying(
+    model: Model, relaxation: Relaxation, colony: Colony, parameters: Parameters, fed: Array, steps: Array
+) -> Colony:
+    def one(_: Array, colony: Colony) -> Colony:
+        colony = dataclasses.replace(colony, step=colony.step + 1)
+        context = context_of(colony, NUMERICS, relaxation, parameters, local_nutrient=jnp.full(NODES, fed))
+        return model.death.deaths(context)
 
-    return run(colony)
+    return jax.lax.fori_loop(0, steps, one, colony)
 
 
 @BOTH
@@ -67,12 +70,12 @@ def test_who_dies_belongs_to_lineages_and_not_to_slots() -> None:
     rng = np.random.default_rng(1)
     colony = VANISH.resumed(colony_of(rng.uniform(-1, 1, (NODES, 2)), [-1] * NODES, numerics=NUMERICS))
     order = rng.permutation(NODES)
-    mixed = dataclasses.replace(colony, positions=colony.positions[order], lineages=colony.lineages[order])
+    positions, lineages = (jnp.asarray(np.asarray(one)[order]) for one in (colony.positions, colony.lineages))
+    mixed = dataclasses.replace(colony, positions=positions, lineages=lineages)
     parameters = VANISH.complete(Parameters(death_rate=9.0))
     left = []
     for one in (colony, mixed):
-        context = context_of(one, NUMERICS, HARD, parameters, local_nutrient=jnp.zeros(NODES))
-        after = VANISH.death.deaths(context)
+        after = dying(VANISH, HARD, one, parameters, jnp.asarray(0.0), jnp.asarray(1))
         left.append({tuple(x) for x in np.asarray(after.positions)[: int(after.count)].tolist()})
     assert left[0] == left[1]
     assert len(left[0]) < NODES
@@ -83,15 +86,15 @@ def test_the_others_move_up_as_in_the_plain_reading() -> None:
     colony = colony_of(rng.uniform(-1, 1, (30, 2)), random_tree(rng, 30), numerics=numerics)
     gone = np.zeros(40, bool)
     gone[[0, 3, 4, 17, 29]] = True
-    after = without(colony, jnp.asarray(gone))
+    after = jax.jit(without)(colony, jnp.asarray(gone))
     positions, parents = plain.without(np.asarray(colony.positions)[:30], np.asarray(colony.parents)[:30], gone[:30])
     assert int(after.count) == 25
-    np.testing.assert_array_equal(after.positions[:25], positions)
-    np.testing.assert_array_equal(after.parents[:25], parents)
+    np.testing.assert_array_equal(np.asarray(after.positions)[:25], positions)
+    np.testing.assert_array_equal(np.asarray(after.parents)[:25], parents)
     assert not np.asarray(after.weights)[25:].any()
     # cells go with either of their nodes
-    cells = cells_of(after, jnp.asarray(0.7))
-    assert int(jnp.sum(cells.weights > 0)) == int((parents >= 0).sum())
+    cells = jax.jit(cells_of)(after, jnp.asarray(0.7))
+    assert int(np.sum(np.asarray(cells.weights) > 0)) == int((parents >= 0).sum())
 
 
 def test_weights_are_differentiable_in_both_parameters() -> None:
@@ -101,17 +104,19 @@ def test_weights_are_differentiable_in_both_parameters() -> None:
         for model in (STAY, VANISH):
             colony = model.resumed(colony_of(x, numerics=numerics))
 
-            def left(values: jax.Array, model: Model = model, colony: Colony = colony) -> jax.Array:
+            @jax.jit
+            def left(values: Array, model: Model = model, colony: Colony = colony) -> Array:
                 parameters = model.complete(Parameters(death_rate=values[0], starvation=values[1]))
                 fed = jnp.linspace(0.0, 0.5, 6)
                 context = context_of(colony, numerics, Relaxation(), parameters, local_nutrient=fed)
                 return model.death.living(model.death.deaths(context))
 
-            at, h = jnp.array([0.8, 0.33]), 1e-6
-            exact = np.asarray(jax.jacfwd(left)(at))
+            at, h = np.array([0.8, 0.33]), 1e-6
+            exact = np.asarray(jax.jit(jax.jacfwd(left))(at))
             for i in range(2):
-                step = h * jnp.eye(2)[i]
-                np.testing.assert_allclose(exact[:, i], (left(at + step) - left(at - step)) / (2 * h), atol=1e-8)
+                step = h * np.eye(2)[i]
+                up, down = (np.asarray(left(there)) for there in (at + step, at - step))
+                np.testing.assert_allclose(exact[:, i], (up - down) / (2 * h), atol=1e-8)
             assert np.abs(exact).max() > 1e-3
 
 

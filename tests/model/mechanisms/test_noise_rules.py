@@ -25,6 +25,18 @@ PAIRS = 1500
 MODEL = Model(motion=LangevinMotion(), fluctuations=NutrientFluctuation())
 
 
+@eqx.filter_jit
+def shaken_cells(colony: Colony, numerics: Numerics, parameters: Parameters, elasticity: Array, steps: Array) -> Array:
+    """Positions some steps later."""
+
+    def one(_: Array, colony: Colony) -> Colony:
+        colony = dataclasses.replace(colony, step=colony.step + 1)
+        context = context_of(colony, numerics, parameters=parameters)
+        return dataclasses.replace(colony, positions=LangevinMotion().moved(context, elasticity * springs(colony)))
+
+    return jax.lax.fori_loop(0, steps, one, colony).positions
+
+
 def noisy(dt: float, steps: int, noise: float, elasticity: float) -> np.ndarray:
     """Places of many single cells, on which springs and noise act."""
     numerics = Numerics(domain=4.0, spacing=1.0, dt=dt, capacity=2 * PAIRS)
@@ -32,18 +44,8 @@ def noisy(dt: float, steps: int, noise: float, elasticity: float) -> np.ndarray:
     x[::2, 0] = 1.0
     parents = np.where(np.arange(2 * PAIRS) % 2, np.arange(2 * PAIRS) - 1, -1)
     parameters = MODEL.complete(Parameters(node_noise=noise))
-
-    @eqx.filter_jit
-    def run(colony: Colony) -> Array:
-        def one(colony: Colony, _: None) -> tuple[Colony, None]:
-            colony = dataclasses.replace(colony, step=colony.step + 1)
-            context = context_of(colony, numerics, parameters=parameters)
-            moved = LangevinMotion().moved(context, elasticity * springs(colony))
-            return dataclasses.replace(colony, positions=moved), None
-
-        return jax.lax.scan(one, colony, None, length=steps)[0].positions
-
-    return np.array(run(colony_of(x, parents, numerics=numerics)))
+    colony = colony_of(x, parents, numerics=numerics)
+    return np.array(shaken_cells(colony, numerics, parameters, jnp.asarray(elasticity), jnp.asarray(steps)))
 
 
 def test_a_free_node_diffuses() -> None:
@@ -76,8 +78,9 @@ def test_without_noise_nodes_are_driven_alone() -> None:
     numerics = Numerics(domain=4.0, spacing=1.0, dt=0.02, capacity=8)
     context = context_of(colony_of(np.eye(2), numerics=numerics), numerics, parameters=MODEL.complete(Parameters()))
     v = jnp.asarray(np.random.default_rng(0).normal(size=(8, 2)))
-    np.testing.assert_array_equal(LangevinMotion().moved(context, v), DrivenMotion().moved(context, v))
-    slope = jax.jacfwd(lambda d: _moved(context, v, d))(jnp.asarray(0.0))
+    ours, driven = (eqx.filter_jit(rule.moved)(context, v) for rule in (LangevinMotion(), DrivenMotion()))
+    np.testing.assert_array_equal(ours, driven)
+    slope = jax.jit(jax.jacfwd(lambda d: _moved(context, v, d)))(jnp.asarray(0.0))
     assert np.isfinite(slope).all()
 
 
@@ -89,8 +92,9 @@ def _moved(context: Context, v: Array, noise: Array) -> Array:
 def test_a_node_s_derivative_in_the_noise_is_its_draw_s(double: None) -> None:
     numerics = Numerics(domain=4.0, spacing=1.0, dt=0.02, capacity=4)
     context = context_of(colony_of(np.eye(2), numerics=numerics), numerics, parameters=MODEL.complete(Parameters()))
-    exact = jax.jacfwd(lambda d: _moved(context, jnp.zeros((4, 2)), d))(jnp.asarray(0.3))
-    moved = _moved(context, jnp.zeros((4, 2)), jnp.asarray(0.3)) - context.colony.positions
+    move = jax.jit(lambda d: _moved(context, jnp.zeros((4, 2)), d))
+    exact = jax.jit(jax.jacfwd(move))(jnp.asarray(0.3))
+    moved = np.asarray(move(jnp.asarray(0.3))) - np.asarray(context.colony.positions)
     np.testing.assert_allclose(exact, moved / 0.6, rtol=1e-9)
 
 
@@ -99,15 +103,16 @@ def test_the_nutrient_fluctuates_about_1_alike_on_all_grids(spacing: float) -> N
     """Of the mean over a disc of radius 1: its own mean is 1, its variance σ² Δt / π."""
     numerics = Numerics(domain=4.0, spacing=spacing, dt=0.02, capacity=2)
     parameters = MODEL.complete(Parameters(nutrient_noise=0.1))
-    axis = np.asarray(numerics.axis())
+    axis = np.asarray(jax.jit(numerics.axis)())
     disc = np.hypot(axis[:, None], axis) < 1.0
 
     @jax.jit
+    @jax.vmap
     def shaken(step: Array) -> Array:
         colony = dataclasses.replace(colony_of(np.eye(2), numerics=numerics), step=step)
         return NutrientFluctuation().shaken(context_of(colony, numerics, parameters=parameters))
 
-    fields = np.asarray(jax.vmap(shaken)(jnp.arange(600)))
+    fields = np.asarray(shaken(np.arange(600, dtype=np.int32)))
     means = fields[:, disc].mean(axis=1)
     assert abs(means.mean() - 1) < 4 * means.std() / np.sqrt(600)
     expected = 0.1**2 * 0.02 / (disc.sum() * spacing**2)
@@ -136,7 +141,8 @@ def test_the_nutrient_s_derivative_in_its_noise_is_its_draws(double: None) -> No
         return NutrientFluctuation().shaken(dataclasses.replace(context, parameters=parameters))
 
     share, at = 0.02 / 0.5**2, jnp.asarray(0.2)
-    c, slope, first = shaken(at), jax.jacfwd(shaken)(at), jax.jacfwd(shaken)(jnp.asarray(0.0))
-    z = (jnp.log(c[1:-1, 1:-1]) + 0.5 * 0.2**2 * share) / 0.2
+    slope_at = jax.jit(jax.jacfwd(shaken))
+    c, slope, first = map(np.asarray, (jax.jit(shaken)(at), slope_at(at), slope_at(jnp.asarray(0.0))))
+    z = (np.log(c[1:-1, 1:-1]) + 0.5 * 0.2**2 * share) / 0.2
     np.testing.assert_allclose(slope[1:-1, 1:-1], c[1:-1, 1:-1] * (z - 0.2 * share), rtol=1e-9)
     np.testing.assert_allclose(first[1:-1, 1:-1], z, rtol=1e-9)
