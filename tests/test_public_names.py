@@ -19,10 +19,10 @@ def test_the_package() -> None:
     FORWARD_MODELS HARD LI2024 PARAMETERS RULES SAMPLERS STATISTICS BirthRule Births BuddingRule CachedSimulator
     Calibration ColonySimulator ConditionComparison ContactRule Context Dataset DeathRule Design DetachmentRule
     Diagnostics Fit FitSettings FitStatus FluctuationRule ForwardModel GradientCheck Grown Imaging Information
-    InputError LeftOut MediumRule Model ModelComparison MotionRule Numerics Observable Panel Parameter
+    InformationStatus InputError LeftOut MediumRule Model ModelComparison MotionRule Numerics Observable Panel Parameter
     ParameterSet Parameters Posterior Prior Problem Range Relaxation Resolution Sampler Scales Seen Sensitivity
-    Setting ShapeRule Simulation SimulationError Simulator Specification Spread SpringRule Statistic Status
-    Store Targets UptakeRule Variation Workers
+    SensitivityStatus Setting ShapeRule Simulation SimulationError Simulator Specification Spread SpringRule Statistic
+    Status Store Targets UptakeRule Variation Workers
     available_processors calibrate check_derivatives check_gradients cross_validate design explore fit infer
     information information_of measure measure_dataset measure_file member_keys model plot profiles read_dataset
     read_truth register_statistic robust_mean sensitivity simulate

@@ -20,7 +20,7 @@ from .inference.information.design import design
 from .inference.information.design_result import Design
 from .inference.information.experiment import information_of
 from .inference.information.fisher import information
-from .inference.information.result import Information
+from .inference.information.result import Information, InformationStatus
 from .inference.li2024 import LI2024
 from .inference.models.forward_model import ForwardModel, Seen
 from .inference.models.grown import Grown
@@ -37,7 +37,7 @@ from .inference.prior.variation import Variation
 from .inference.samplers import SAMPLERS, infer
 from .inference.sensitivity.estimate import sensitivity
 from .inference.sensitivity.pathwise import robust_mean
-from .inference.sensitivity.result import Sensitivity
+from .inference.sensitivity.result import Sensitivity, SensitivityStatus
 from .inference.simulator import Simulator
 from .inference.store.cached_simulator import CachedSimulator
 from .inference.store.simulation_store import Store
@@ -108,6 +108,7 @@ __all__ = [
     "Grown",
     "Imaging",
     "Information",
+    "InformationStatus",
     "InputError",
     "LeftOut",
     "MediumRule",
@@ -130,6 +131,7 @@ __all__ = [
     "Scales",
     "Seen",
     "Sensitivity",
+    "SensitivityStatus",
     "Setting",
     "ShapeRule",
     "Simulation",

@@ -7,7 +7,7 @@ import pytest
 from helpers import wrong_types
 from sensitivities import made_up
 
-from yeastfit import InputError, Observable, plot
+from yeastfit import InformationStatus, InputError, Observable, plot
 from yeastfit.inference.curve_covariance import mean_covariance, measurement_covariance
 from yeastfit.inference.information.experiment import information_of
 from yeastfit.inference.information.fisher import information
@@ -198,6 +198,7 @@ def test_the_limit_decides_what_is_blind(limit: float, refused: bool) -> None:
     """One curve, σ = 0.2, slope 1: the error of log λ is 0.2."""
     found = information(np.ones((1, 1)), np.array([[0.04]]), free=FREE[:1], limit=limit)
     assert found.blind[0] == refused
+    assert found.status is (InformationStatus.PARTLY_BLIND if refused else InformationStatus.DETERMINED)
     assert np.isnan(found.log_standard_errors["mobility"]) == refused
     words = "the data do not see mobility (the rest is known to 20 % only): fix it"
     assert found.sentences() == ([words, "no standard error of mobility"] if refused else [])

@@ -9,7 +9,7 @@ import pytest
 from helpers import wrong_types
 
 from benchmarks.gradients import compare, differences, estimates
-from yeastfit import InputError, Model, Numerics, Parameters, Relaxation, Sensitivity, sensitivity
+from yeastfit import InputError, Model, Numerics, Parameters, Relaxation, Sensitivity, SensitivityStatus, sensitivity
 from yeastfit.inference.sensitivity import pathwise as module
 from yeastfit.inference.sensitivity.estimate import STATISTICS
 from yeastfit.inference.sensitivity.estimator import doubts
@@ -94,6 +94,7 @@ def test_a_result_is_whole(found: Sensitivity, tmp_path: Path) -> None:
     assert again.rows() == rows
     assert (again.at, again.plausible, again.observables) == (found.at, found.plausible, found.observables)
     assert again.warnings == found.warnings
+    assert again.status is (SensitivityStatus.DOUBTFUL if found.warnings else SensitivityStatus.ESTIMATED)
     replace(found, jacobian=np.where(np.arange(7) == 3, np.nan, found.jacobian)).save(tmp_path / "damaged.json")
     with pytest.raises(InputError, match=r"damaged\.json.*jacobian holds NaN"):
         Sensitivity.load(tmp_path / "damaged.json")
@@ -149,6 +150,7 @@ def test_what_colonies_run_into_is_said() -> None:
     met = [warning for warning in found.warnings if " simulations: " in warning]
     assert [warning.partition(" simulations: ")[0] for warning in met] == ["regression and mean: 24", "pathwise: 8"]
     assert all("raise capacity" in warning for warning in met)
+    assert found.status is SensitivityStatus.DOUBTFUL
 
 
 @pytest.mark.slow

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from yeastfit.inference.information.identifiability import percent
-from yeastfit.inference.information.result import Information
+from yeastfit.inference.information.result import Information, InformationStatus
 from yeastfit.storage import read_json, reads_saved, write_json
 
 Criterion = Literal["mean", "volume"]
@@ -72,6 +72,11 @@ class Design:
     singles: tuple[Candidate, ...]
     sequence: tuple[Candidate, ...]
 
+    @property
+    def status(self) -> InformationStatus:
+        """Whether what is measured so far determines all parameters."""
+        return self.before.status
+
     def table(self) -> Float[np.ndarray, "statistic time"]:
         """Reduction by each single statistic at each time; nan where it is none of the candidates."""
         found = np.full((len(self.statistics), len(self.times)), np.nan)
@@ -106,7 +111,13 @@ class Design:
         """Plain data, derived values included."""
         candidates = {name: [vars(one) for one in getattr(self, name)] for name in ("images", "singles", "sequence")}
         plain = {name: getattr(self, name) for name in self.__dataclass_fields__}
-        return {**plain, **candidates, "before": self.before.asdict(), "sentences": self.sentences()}
+        return {
+            **plain,
+            **candidates,
+            "before": self.before.asdict(),
+            "status": self.status,
+            "sentences": self.sentences(),
+        }
 
     def save(self, path: str | Path) -> None:
         """`asdict` as JSON."""

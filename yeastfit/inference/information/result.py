@@ -12,6 +12,7 @@ of eigenvalue 0, which are taken for fixed.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from enum import StrEnum
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -26,6 +27,13 @@ from yeastfit.storage import read_json, reads_saved, write_json
 SIGNIFICANT = 2.0  # standard deviations of what the noise of J alone makes of an eigenvalue: 95 % of noise is below
 
 FreeSquare = Float[np.ndarray, "free free"]
+
+
+class InformationStatus(StrEnum):
+    """Whether data determine what is asked of them; the values are messages."""
+
+    DETERMINED = "the data determine all free parameters"
+    PARTLY_BLIND = "the data leave combinations of the free parameters undetermined"
 
 
 @dataclass(frozen=True)
@@ -98,6 +106,11 @@ class Information:
         """Parameters that have a share in the blind directions."""
         share = np.sqrt((self.directions[self.blind] ** 2).sum(axis=0))
         return tuple(name for name, one in zip(self.free, share, strict=True) if one > LOADING)
+
+    @property
+    def status(self) -> InformationStatus:
+        """Whether any direction is blind; `sentences` says which."""
+        return InformationStatus.PARTLY_BLIND if self.blind.any() else InformationStatus.DETERMINED
 
     @property
     def has_pairs(self) -> bool:
@@ -185,7 +198,7 @@ class Information:
         return {
             **{name: getattr(self, name) for name in self.__dataclass_fields__},
             **{name: getattr(self, name) for name in ("matrix", "log_covariance", "log_standard_errors")},
-            "undetermined": self.undetermined,
+            **{"status": self.status, "undetermined": self.undetermined},
             **{"best_fixed": self.best_fixed, "sentences": self.sentences(), "directions": self.rows()},
         }
 

@@ -1,6 +1,7 @@
 """What `sensitivity` returns."""
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
+from enum import StrEnum
 from pathlib import Path
 from typing import Any, Literal
 
@@ -15,6 +16,13 @@ from yeastfit.text import short
 EstimatorName = Literal["combined", "regression", "pathwise"]
 Jacobian = Float[np.ndarray, "observable free"]
 Means = Float[np.ndarray, " observable"]
+
+
+class SensitivityStatus(StrEnum):
+    """Whether an estimate is to be doubted; the values are messages."""
+
+    ESTIMATED = "means and derivatives are estimated"
+    DOUBTFUL = "means and derivatives are estimated, with doubts that the warnings name"
 
 
 @dataclass(frozen=True)
@@ -72,6 +80,11 @@ class Sensitivity:
     warnings: tuple[str, ...]
 
     @property
+    def status(self) -> SensitivityStatus:
+        """Whether there are warnings."""
+        return SensitivityStatus.DOUBTFUL if self.warnings else SensitivityStatus.ESTIMATED
+
+    @property
     def statistics(self) -> tuple[str, ...]:
         """Names of the statistics, in order."""
         return tuple(dict.fromkeys(one.statistic for one in self.observables))
@@ -114,7 +127,7 @@ class Sensitivity:
 
     def asdict(self) -> dict[str, Any]:
         """Plain data."""
-        return asdict(self)
+        return {**asdict(self), "status": self.status}
 
     def save(self, path: str | Path) -> None:
         """`asdict` as JSON."""
@@ -145,7 +158,7 @@ class Sensitivity:
             "warnings": tuple(data["warnings"]),
             **read,
         }
-        return Sensitivity(**{**data, **changed})
+        return Sensitivity(**{one.name: changed.get(one.name, data[one.name]) for one in fields(Sensitivity)})
 
 
 def _check_shapes(data: dict[str, Any], arrays: dict[str, np.ndarray]) -> None:
