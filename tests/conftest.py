@@ -41,6 +41,9 @@ if OWN_FOLDER:
     os.environ["JAX_COMPILATION_CACHE_DIR"] = tempfile.mkdtemp(prefix="yeastfit-tests-")
 os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0"
 PROGRAMS = os.environ["JAX_COMPILATION_CACHE_DIR"]
+if os.environ.get("XLA_FLAGS") == QUICK:  # numba compiles fast, too; what it keeps of that is not for users
+    OF_TESTS = Path(__file__).parents[1] / "build" / "numba-tests"
+    os.environ.update(NUMBA_OPT="1", NUMBA_LOOP_VECTORIZE="0", NUMBA_CACHE_DIR=str(OF_TESTS))
 jax.config.update("jax_compilation_cache_dir", PROGRAMS)
 jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
 jax.config.update("jax_num_cpu_devices", 2)
