@@ -23,9 +23,9 @@ SEGMENTS = 7  # events after 1, 2, 3 and 4, and the samples
 
 @pytest.fixture(autouse=True)
 def in_segments(monkeypatch: pytest.MonkeyPatch) -> None:
-    """As colonies of any time grow, with room for six nodes at first, kept after every segment."""
+    """As colonies of any time grow, with room for sixteen nodes at first, kept after every segment."""
     monkeypatch.setattr("yeastfit.simulation.simulate.SHORT", 1)
-    monkeypatch.setattr("yeastfit.simulation.simulate.FIRST_ROOM", 6)
+    monkeypatch.setattr("yeastfit.simulation.simulate.FIRST_ROOM", 16)
     monkeypatch.setattr(kept_colonies, "EVERY", 0.0)
 
 
