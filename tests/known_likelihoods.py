@@ -12,7 +12,7 @@ from simulators import observables_named, parameters_named
 from yeastfit.inference.prior.prior import Prior
 from yeastfit.inference.simulator import seed_of
 from yeastfit.observable import Observable
-from yeastfit.parameter_set import ParameterSet
+from yeastfit.parameter_set import Parameter, ParameterSet
 
 Moments = tuple[np.ndarray, np.ndarray]
 
@@ -75,6 +75,18 @@ class Known:
             reach = 7 * np.sqrt(np.diag(spread))
             low, high = np.maximum(low, center - reach), np.minimum(high, center + reach)
         return center, spread
+
+
+class Positive(Known):
+    """The same with parameters that are above 0, so that colonies can scatter."""
+
+    @property
+    def parameters(self) -> ParameterSet:
+        return ParameterSet(tuple(Parameter(name, name, name, (1e-3, 1e3), 1.0, positive=True) for name in self.free))
+
+
+def positive(known: Known) -> Positive:
+    return Positive(known.prior, known.labels, known.moments)
 
 
 def simulations(known: Known, count: int, seed: int) -> Moments:

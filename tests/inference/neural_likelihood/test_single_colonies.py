@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from helpers import wrong_types
-from known_likelihoods import Known, curved, linear, simulations
+from known_likelihoods import Known, Positive, curved, linear, positive, simulations
 from scipy.stats import multivariate_normal
 
 from benchmarks import variation as study
@@ -29,18 +29,6 @@ from yeastfit.parameter_set import Parameter, ParameterSet
 
 FEW = TrainingSettings(members=3, width=16, steps=200)
 SMALL = SequentialEmulator(first=128, simulations=128, walkers=32, most_steps=500, training=FEW)
-
-
-class Positive(Known):
-    """The same with parameters that are above 0, so that colonies can scatter."""
-
-    @property
-    def parameters(self) -> ParameterSet:
-        return ParameterSet(tuple(Parameter(name, name, name, (1e-3, 1e3), 1.0, positive=True) for name in self.free))
-
-
-def positive(known: Known) -> Positive:
-    return Positive(known.prior, known.labels, known.moments)
 
 
 def emulator_of(known: Known) -> Emulator:

@@ -72,8 +72,6 @@ class Request:
             raise InputError(f"--prior-draws is {self.prior_draws}, it must be 0 or at least {FEWEST}")
         if self.leave_out < 0 or self.leave_out == 1:
             raise InputError(f"--leave-out is {self.leave_out}, it must be 0, or 2 groups of colonies at least")
-        if self.leave_out and self.variation is not None:
-            raise InputError("--leave-out: colonies are predicted for one λ, leave out --variation, or --leave-out")
         kind = model_named(self.model)
         forward = kind() if self.forward_model is None else self.forward_model
         object.__setattr__(self, "forward_model", forward)

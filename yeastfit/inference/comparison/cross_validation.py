@@ -3,7 +3,8 @@
 Colonies are dealt into K groups in their order. For each group the posterior of all others is sampled, and the group's
 colonies are predicted (`left_out`). An emulator of the likelihood is the same whatever the data are: it is trained
 once, on all simulations there are, only the chains are run anew, and nothing is simulated. So every posterior with
-enough simulations is checked in one way, whichever method has sampled it.
+enough simulations is checked in one way, whichever method has sampled it. Where λ may scatter between colonies, chains
+sample its scatter too, and a colony is predicted at a λ of its own.
 """
 
 from collections.abc import Sequence
@@ -18,11 +19,13 @@ from yeastfit.inference.comparison.predictive_mixture import PredictiveMixture
 from yeastfit.inference.neural_likelihood.emulator import Emulator
 from yeastfit.inference.neural_likelihood.mcmc import ROUGHLY, Known, LogPosterior, Walk
 from yeastfit.inference.neural_likelihood.sequential import SequentialEmulator
+from yeastfit.inference.neural_likelihood.single_colonies import added_scatter
 from yeastfit.inference.neural_likelihood.training import Statistics, Values, train
 from yeastfit.inference.neural_likelihood.training_rounds import Neighbourhood
 from yeastfit.inference.posterior.problem import Problem
 from yeastfit.inference.posterior.result import Posterior
 from yeastfit.inference.posterior.sampler import Sampler
+from yeastfit.inference.simulator import Stream, stream_of
 from yeastfit.progress import Progress, silent
 
 GROUPS = 5
@@ -75,19 +78,24 @@ def cross_validate(
     known = _known(posterior, problem, simulations[0], how)
     group, doubts = np.arange(count) % groups, list[str]()
     places = problem.prior.coordinates(simulations[0][_usable(problem, simulations)])
+    if problem.variation is not None:
+        rng = np.random.default_rng(stream_of(seed, Stream.COLONIES, 0))
+        places = np.column_stack([places, rng.standard_normal(len(places))])
     density, below = np.full(count, np.nan), np.full(colonies.shape, np.nan)
     quantiles = np.full((count, len(SHARES), colonies.shape[1]), np.nan)
     for k in range(groups):
         progress("leaving colonies out", k / groups)
         kept = without(problem, colonies[group != k])
-        walk = Walk.start(
-            LogPosterior(emulator, kept, known), places, walkers=how.walkers, most_steps=how.most_steps, seed=seed
-        )
+        posterior_of_kept = LogPosterior(emulator, kept, known)
+        walk = Walk.start(posterior_of_kept, places, walkers=how.walkers, most_steps=how.most_steps, seed=seed)
         chains = walk.until(ROUGHLY)
         if chains.steps < ROUGHLY * chains.times.max():
             doubts.append(f"colonies left out: chains without group {k + 1} are too short, allow more most_steps")
-        draws = problem.prior.values(chains.flat[:: -(-len(chains.flat) // MOST_DRAWS)])
-        mixture = PredictiveMixture.of(emulator, draws, problem.noise)
+        x, z = posterior_of_kept.parts(chains.flat[:: -(-len(chains.flat) // MOST_DRAWS)])
+        draws = problem.prior.values(x)
+        mixture = PredictiveMixture.of(
+            emulator, draws, problem.noise, between=added_scatter(emulator, problem, draws, z)
+        )
         for r in np.flatnonzero(group == k):
             seen = np.isfinite(colonies[r])
             density[r] = mixture.log_density(colonies[r]) if seen.all() else np.nan
@@ -112,7 +120,8 @@ def without(problem: Problem, kept: Colonies) -> Problem:
     if not counts.all():
         label = problem.labels[int(np.argmin(counts))]
         raise InputError(f"groups: {label} is of colonies of one group alone, give another number of groups")
-    return replace(problem, observed=np.nanmean(kept, axis=0), replicates=int(counts.min()))
+    colonies = None if problem.colonies is None else kept[np.isfinite(kept).any(axis=1)]
+    return replace(problem, observed=np.nanmean(kept, axis=0), replicates=int(counts.min()), colonies=colonies)
 
 
 def _usable(problem: Problem, simulations: tuple[Values, Statistics]) -> np.ndarray:
@@ -149,10 +158,15 @@ def _known(posterior: Posterior, problem: Problem, values: Values, settings: Seq
     """The neighbourhood that an emulator is restricted to, as in the last round of a posterior that has settled."""
     x = problem.prior.coordinates(values)
     least = max(settings.round_sizes(len(problem.prior.free))[0], settings.walkers)
-    draws = problem.prior.coordinates(posterior.flat)
+    draws = problem.prior.coordinates(_values(posterior, problem))
     return _neighbourhood(posterior, problem).kept_to(draws, x, settings.widen, least) if posterior.settled else None
 
 
+def _values(posterior: Posterior, problem: Problem) -> Values:
+    """Draws of λ, without that of its scatter between colonies."""
+    return posterior.flat[:, : len(problem.prior.free)]
+
+
 def _neighbourhood(posterior: Posterior, problem: Problem) -> Neighbourhood:
-    x, weights = problem.prior.coordinates(posterior.flat), posterior.weights.ravel()
+    x, weights = problem.prior.coordinates(_values(posterior, problem)), posterior.weights.ravel()
     return Neighbourhood(weights @ x, np.atleast_2d(np.cov(x, rowvar=False, aweights=weights)))

@@ -35,12 +35,11 @@ from jaxtyping import Float
 
 from yeastfit.errors import InputError
 from yeastfit.inference.neural_likelihood.coordinates import Values
-from yeastfit.inference.neural_likelihood.emulator import Emulator
 from yeastfit.inference.neural_likelihood.error_share import error_share
 from yeastfit.inference.neural_likelihood.mcmc import BRIEFLY, ROUGHLY, LogPosterior, Walk
 from yeastfit.inference.neural_likelihood.network import TrainingSettings
 from yeastfit.inference.neural_likelihood.rounds import EmulatorDiagnostics, RoundDiagnostics
-from yeastfit.inference.neural_likelihood.single_colonies import between_colonies, excess_scatter
+from yeastfit.inference.neural_likelihood.single_colonies import added_scatter, excess_scatter
 from yeastfit.inference.neural_likelihood.training import fewest, train
 from yeastfit.inference.neural_likelihood.training_rounds import Round, far_draws, proposed, together, unsettled
 from yeastfit.inference.posterior.problem import Problem
@@ -222,7 +221,9 @@ class _Rounds:
         mean, covariance = drawn.mean(axis=0), np.atleast_2d(np.cov(drawn, rowvar=False))
         moved = np.inf if before is None else float(apart(chains.flat, before.chains.flat).max())
         place = self.problem.prior.values(mean[None])
-        share = error_share(emulator, self.problem, place, self._between(emulator, place, z.mean(axis=0)[None]))
+        share = error_share(
+            emulator, self.problem, place, added_scatter(emulator, self.problem, place, z.mean(axis=0)[None])
+        )
         return Round(emulator, walk, chains, mean, covariance, moved, share, len(values))
 
     def _with_z(self, x: Float[np.ndarray, "place free"]) -> Float[np.ndarray, "place coordinate"]:
@@ -242,16 +243,6 @@ class _Rounds:
         x = proposed(last.x, whole, self.settings.widen, self.problem.prior, rng)
         return self.problem.prior.values(x[:count])
 
-    def _between(
-        self, emulator: Emulator, values: Values, z: Float[np.ndarray, "row varied"]
-    ) -> Float[np.ndarray, "row statistic statistic"] | None:
-        """What λ that scatter and errors of single colonies add to the scatter of one; None for a single λ."""
-        problem = self.problem
-        if problem.variation is None:
-            return None
-        own = 0.0 if problem.colony_noise is None else problem.colony_noise
-        return between_colonies(emulator, problem, values, problem.variation.tau(z[:, 0])) + own
-
     def posterior(self, rounds: list[Round]) -> Posterior:
         """The last round's chains."""
         last, problem = rounds[-1], self.problem
@@ -261,7 +252,7 @@ class _Rounds:
         values = problem.prior.values(x)
         rng = np.random.default_rng(stream_of(self.seed, Stream.DRAWS, 0))
         before = rounds[-2].x if len(rounds) > 1 else None
-        between = self._between(last.emulator, values, z)
+        between = added_scatter(last.emulator, problem, values, z)
         statistics = last.emulator.draw(values, rng, problem.replicates, problem.noise, between)
         all_values = values if problem.variation is None else np.column_stack([values, problem.variation.tau(z)])
         return Posterior.of(

@@ -157,6 +157,16 @@ def between_colonies(
     return np.einsum("rif,rjf->rij", moved, moved)
 
 
+def added_scatter(
+    emulator: Emulator, problem: Problem, values: Values, z: Float[np.ndarray, "row varied"]
+) -> Float[np.ndarray, "row statistic statistic"] | None:
+    """What λ that scatter by τ(z), and errors of single colonies, add to the scatter of one; None for a single λ."""
+    if problem.variation is None:
+        return None
+    own = 0.0 if problem.colony_noise is None else problem.colony_noise
+    return between_colonies(emulator, problem, values, problem.variation.tau(z[:, 0])) + own
+
+
 def excess_scatter(emulator: Emulator, problem: Problem, values: Values) -> list[str]:
     """Say so where single colonies scatter more than the emulator's do at one λ, given as a row.
 
