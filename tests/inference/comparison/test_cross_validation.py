@@ -134,7 +134,7 @@ def expected_of_scattered(
     known: Known, variation: Variation, kept: np.ndarray, colony: np.ndarray
 ) -> tuple[float, np.ndarray]:
     """As `expected`, where log λ scatters by τ: sums over grids of λ and of τ."""
-    axis, step = np.linspace(-2.0, 2.0, 121), 0.1
+    axis, step = np.linspace(-2.0, 2.0, 61), 0.2
     values = np.exp(np.stack([one.ravel() for one in np.meshgrid(axis, axis)], axis=1))
     mean, covariance = known.moments(values)
     slopes = known.moments(np.exp(np.eye(2)))[0].T
