@@ -145,7 +145,7 @@ def test_a_derivative_that_is_lost_on_the_way_is_found(monkeypatch: pytest.Monke
 def test_a_tie_between_parents_is_reported_and_never_passed() -> None:
     """Hungry, not both of the first two nodes bud, and which does any displacement decides."""
     hungry = Parameters(metabolic_rate=20.0, diffusivity=0.02)
-    check = check_gradients(hungry, times=TIMES, numerics=TINY, observe=FEW)
+    check = check_gradients(hungry, times=TIMES, numerics=TINY, observe=FEW, steps=(1e-4, 1e-8))
     crossed = {c.along for c in check.comparisons if c.verdict == "crossed"}
     assert {"positions 1", "positions 2", "nutrient 1", "nutrient 2"} <= crossed
     assert not check.passed

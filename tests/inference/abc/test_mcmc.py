@@ -75,6 +75,7 @@ def test_bias_falls_with_epsilon() -> None:
     assert wider[0] > 1.5 * wider[1] > 6 * abs(wider[2])
 
 
+@pytest.mark.usefixtures("unchecked")
 def test_chains_walk_in_logarithms_where_the_prior_does() -> None:
     """log λ ~ uniform, one observation of log λ: the posterior of log λ is that of a flat prior, N(0, 0.3² + ε²)."""
     prior = Prior.of({"rate": {"distribution": "log-uniform", "low": 1e-3, "high": 1e3}})
@@ -91,6 +92,7 @@ def test_chains_walk_in_logarithms_where_the_prior_does() -> None:
     assert abs(logs.std() / 0.5 - 1) < 4 / np.sqrt(2 * size)
 
 
+@pytest.mark.usefixtures("unchecked")
 def test_simulations_that_come_to_nothing_by_chance_change_nothing() -> None:
     def draw(values: np.ndarray, rng: Generator) -> np.ndarray:
         return np.where(rng.random() < 0.3, np.nan, values + 0.5 * rng.standard_normal(1))

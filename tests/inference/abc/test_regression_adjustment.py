@@ -88,6 +88,7 @@ def test_too_few_draws_are_left_as_they_were() -> None:
     assert nothing[2] == ["not adjusted: 0 independent draws, a regression needs 16"]
 
 
+@pytest.mark.usefixtures("unchecked")
 def test_few_draws_scatter_as_widely_as_many() -> None:
     """Residuals of 20 draws about a fit of three coefficients lack a tenth of the variance, which is put back."""
     found = []
@@ -97,6 +98,7 @@ def test_few_draws_scatter_as_widely_as_many() -> None:
     assert np.mean(found) == pytest.approx(1.0, abs=0.03)
 
 
+@pytest.mark.usefixtures("unchecked")
 @pytest.mark.parametrize(
     ("off", "chains", "least"), [(0.0, 0, 0.8), (2.0, 0, 2.0), (0.0, 16, 2.5)], ids=["middle", "edge", "chains"]
 )

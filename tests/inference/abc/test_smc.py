@@ -36,6 +36,7 @@ def opened(folder: Path) -> Store:
 # --- known answers ----------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.usefixtures("unchecked")
 def test_gaussian_mean_as_epsilon_falls() -> None:
     """The indicator kernel of a difference adds ε²/3 of variance, as the Gaussian one does with ε/√3; then nothing."""
     plain = replace(GAUSSIAN, exact=lambda epsilon: GAUSSIAN.exact(epsilon / np.sqrt(3)))
@@ -50,6 +51,7 @@ def test_gaussian_mean_as_epsilon_falls() -> None:
     assert_agrees(found, GAUSSIAN, 0.0)
 
 
+@pytest.mark.usefixtures("unchecked")
 def test_beta_binomial_is_exact_below_one() -> None:
     known = known_posteriors.beta_binomial()
     found = run(known, replace(SMC, tolerance=0.5, population=500), seed=2)
@@ -57,6 +59,7 @@ def test_beta_binomial_is_exact_below_one() -> None:
     assert (found.statistics == 7).all()
 
 
+@pytest.mark.usefixtures("unchecked")
 def test_distances_that_repeat_end_by_themselves() -> None:
     known = known_posteriors.beta_binomial()
     found = run(known, replace(SMC, population=400, quantile=0.9), seed=5)
@@ -65,6 +68,7 @@ def test_distances_that_repeat_end_by_themselves() -> None:
     assert_agrees(found, known, 0.0)
 
 
+@pytest.mark.usefixtures("unchecked")
 def test_banana_and_regression() -> None:
     known = known_posteriors.banana()
     found = run(known, replace(SMC, tolerance=0.35, population=400), seed=4)
@@ -81,6 +85,7 @@ def test_regression_takes_out_what_epsilon_adds() -> None:
     assert_agrees(found, GAUSSIAN, 0.0)
 
 
+@pytest.mark.usefixtures("unchecked")
 def test_smc_and_mcmc_agree() -> None:
     known, epsilon = known_posteriors.banana(), 0.5
     populations = run(known, replace(SMC, tolerance=epsilon, adjust=False, population=400), seed=6)

@@ -86,6 +86,7 @@ def expected(known: Known, kept: np.ndarray, colony: np.ndarray) -> tuple[float,
     return float(np.log(density)), weight @ norm.cdf((colony - mean) / np.sqrt(np.diag(covariance[0])))
 
 
+@pytest.mark.usefixtures("unchecked")
 @pytest.mark.usefixtures("known_exactly")
 def test_of_a_plane(made: Made) -> None:
     """Densities of single colonies, and where they lie in what the others predict, are the exact ones."""

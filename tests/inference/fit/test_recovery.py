@@ -49,6 +49,7 @@ def test_errors_cover_the_truth(method: OptimiserName, count: int) -> None:
         assert all(r.status == "converged" and r.converged for r in results)
 
 
+@pytest.mark.usefixtures("unchecked")
 def test_errors_from_the_scatter_of_ten_replicates_are_short_by_a_tenth_at_most() -> None:
     """The scatter of three curves, each told by ten colonies, is itself uncertain: pulls have longer tails."""
     z = np.array([pull for pull, _ in estimates(40, "levenberg-marquardt", known=False)])

@@ -85,6 +85,7 @@ def test_curves_that_never_vary_tell_nothing() -> None:
 # --- the noise of J ---------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.usefixtures("unchecked")
 @pytest.mark.parametrize("correlated", [False, True])
 def test_what_the_noise_of_the_derivatives_adds_is_taken_out(correlated: bool) -> None:
     """Mean of A over 3000 draws within 5 standard errors of JᵀWJ; without the correction it would be far off."""

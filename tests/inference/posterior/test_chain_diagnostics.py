@@ -90,6 +90,7 @@ def test_a_drifting_chain_disagrees_with_itself() -> None:
     assert steady < 1.01
 
 
+@pytest.mark.usefixtures("unchecked")
 @pytest.mark.parametrize("memory", [0.0, 0.8])
 def test_p_values_of_ranks_are_uniform_where_chains_agree(memory: float) -> None:
     found = [autoregressive(memory, chains=4, draws=2000, seed=seed) for seed in range(60)]

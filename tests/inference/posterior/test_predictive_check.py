@@ -73,6 +73,7 @@ def test_data_that_the_model_does_not_make_are_told_of() -> None:
     assert "mostly by b" in said
 
 
+@pytest.mark.usefixtures("unchecked")
 def test_p_values_of_data_like_the_predicted_are_uniform() -> None:
     posterior, rng = np.zeros(100), np.random.default_rng(5)
     shares = [predict(posterior, NORMAL, rng.normal(size=2), draws=100, seed=k).p_value for k in range(200)]
