@@ -56,6 +56,16 @@ def dense(known: Known, emulator: Emulator, problem: Problem, values: np.ndarray
     return float(law.logpdf(problem.colonies.ravel()[there]))
 
 
+def test_a_scatter_without_end_has_no_density(plane: tuple[Positive, Emulator]) -> None:
+    """τ(z) is infinite from z = 38 on, where proposals may lie."""
+    known, emulator = plane
+    rows = known(np.tile([1.3, 0.8], (6, 1)), np.arange(6))
+    density = LogPosterior(emulator, Problem.of(known, known.prior, rows, variation=Variation()))
+    found = density(np.array([[0.2, -0.2, 1.0], [0.2, -0.2, 40.0]]))
+    assert np.isfinite(found[0])
+    assert found[1] == -np.inf
+
+
 @pytest.mark.parametrize("missing", [False, True])
 def test_the_likelihood_is_that_of_all_colonies_as_one_vector(plane: tuple[Positive, Emulator], missing: bool) -> None:
     known, emulator = plane

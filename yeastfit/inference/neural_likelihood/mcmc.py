@@ -33,6 +33,7 @@ BURN_IN = 3  # autocorrelation times, after the first `PIECE` steps
 PIECE = 500  # steps between looks at the autocorrelation time
 APART = 0.5  # autocorrelation times between draws that are kept
 KERNELS = 10  # walkers per parameter, at least, for a kernel density that is worth drawing from
+FARTHEST = 30.0  # |z|, of prior probability 10⁻¹⁹⁷, from where τ(z) is soon infinite in double precision
 FEWEST = 50  # draws that are kept of a chain, however correlated; it is then said to be too short
 
 LogDensity = Callable[[np.ndarray], np.ndarray]  # of rows
@@ -57,11 +58,11 @@ class LogPosterior:
         """−inf outside the prior, and where the emulator knows nothing."""
         prior, x, z = self.problem.prior, *self.parts(x)
         log_prior = self.log_prior(x, z)
-        inside = np.isfinite(log_prior)
+        inside = np.isfinite(log_prior) & (np.abs(z) < FARTHEST).all(axis=1)
         if self.known is not None:
             inside &= self.known(x)
         values = np.where(inside[:, None], prior.values(x), self._somewhere)
-        return np.where(inside, log_prior + self._likelihood(values, z), -np.inf)
+        return np.where(inside, log_prior + self._likelihood(values, np.where(inside[:, None], z, 0.0)), -np.inf)
 
     def parts(
         self, x: Float[np.ndarray, "walker coordinate"]
