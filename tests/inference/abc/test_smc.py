@@ -199,6 +199,11 @@ def test_settings_that_make_no_sense_are_refused(change: dict[str, Any], message
         replace(SHORT, **change)
 
 
+def test_a_population_without_a_covariance_is_refused_before_the_pilot() -> None:
+    with pytest.raises(InputError, match="population is 2, it must be larger than the number of free parameters, 2"):
+        run(known_posteriors.banana(), replace(SHORT, population=2))
+
+
 # --- kill and resume --------------------------------------------------------------------------------------------------
 
 

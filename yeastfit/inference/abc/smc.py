@@ -143,6 +143,9 @@ class AbcSmc:
         Raises:
             InputError: The settings do not suit the problem, or no simulation succeeds.
         """
+        if self.population <= (free := len(problem.prior.free)):
+            few = f"it must be larger than the number of free parameters, {free}"
+            raise InputError(f"population is {self.population}, {few}")
         data_sets = problem.data_sets(CachedSimulator(problem.simulator, self.batch, store), self.replicates)
         distance = self.distance
         if isinstance(distance, str):
