@@ -396,6 +396,7 @@ def test_a_pipe_is_no_manifest_and_users_files_beside_those_of_a_run_stay(tmp_pa
             b'{"command": ""}',
             b'{"files": {}}',
             b'{"command": "fit", "files": []}',
+            b'{"command": "fit", "files": {}}',
         ),
         *(b'{"command": "fit", "files": {"a": 1}}', b"[" * 3000, b"\xff"),
         b'{"command": "fit", "files": {"\\ud800": "0"}}',

@@ -48,6 +48,7 @@ class Contents:
             return Contents()
         manifest, owner, run = (_record(path / name) for name in (MANIFEST, f"{WORK}/{OWNER}", RUN))
         run = run if run.get("command") == "infer" and "configuration" in run else {}
+        manifest = {} if manifest.get("files") == {} else manifest  # no command finishes without results
         listed = (manifest or owner).get("files", {})
         ours = {PurePath(name).parts[0] for name in listed} | {*NO_RESULTS}
         ours |= {name for name, one in ((MANIFEST, manifest), (RUN, run), (WORK, owner)) if one}

@@ -185,8 +185,12 @@ def reads_saved(
                 raise InputError(f"{path}: this is no file, need one with a {what}")
             try:
                 return load(path, *options, **named)
-            except (InputError, MemoryError):
+            except MemoryError:
                 raise
+            except InputError as error:
+                if str(error).startswith(str(path)):
+                    raise
+                raise InputError(f"{path}: {error}") from None
             except Exception as error:  # what a damaged file comes to, nobody knows
                 why = os.strerror(error.errno) if isinstance(error, OSError) and error.errno else short(error)
                 raise InputError(

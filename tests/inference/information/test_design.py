@@ -17,6 +17,7 @@ from yeastfit.inference.information.design import By, design
 from yeastfit.inference.information.design_result import Candidate, Criterion, Design
 from yeastfit.inference.information.result import Information
 from yeastfit.model.parameters import PARAMETERS
+from yeastfit.storage import write_json
 
 FREE = ("mobility", "metabolic_rate", "aspect_ratio")
 STATISTICS, TIMES = ("compactness", "area"), [1.0, 2.0, 3.0]
@@ -252,6 +253,12 @@ def test_the_command_names_bad_input(
     error = capsys.readouterr().err
     assert message in error
     assert error.count("\n") == 1
+
+
+def test_a_sensitivity_by_no_estimator_is_refused(tmp_path: Path) -> None:
+    write_json(tmp_path / "found.json", {**FOUND.asdict(), "method": -1})
+    with wrong_types(), pytest.raises(InputError, match="method is -1, it must be one of combined"):
+        Sensitivity.load(tmp_path / "found.json")
 
 
 @pytest.mark.parametrize("text", [None, "", "{}", '{"free": 1}'], ids=str)

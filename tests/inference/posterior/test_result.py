@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from helpers import wrong_types
 from made_posteriors import flat_prior, made_posterior
 from scipy import stats
 from simulators import observables_named, parameters_named
@@ -184,3 +185,19 @@ def test_what_makes_no_sense_is_refused() -> None:
         made_up(values)
     with pytest.raises(InputError, match=r"share is 1.5, it must lie in 0..1"):
         made_up(walk(0.5, 2, 50)).quantile(1.5)
+
+
+def test_a_damaged_file_is_named_whatever_its_fault(tmp_path: Path) -> None:
+    """Weights that are none, and independent draws of another number of parameters."""
+    file = tmp_path / "posterior.npz"
+    made_posterior(np.zeros((1, 16, 2)), worth=np.array([5.0, 6.0])).save(file)
+    with np.load(file) as saved:
+        whole = dict(saved)
+    for changed, words in (
+        ({"weights": -whole["weights"]}, "weights at least 0"),
+        ({"rest": np.array(str(whole["rest"]).replace("[5.0, 6.0]", "-1"))}, "worth has the shape"),
+        ({"rest": np.array(str(whole["rest"]).replace("[5.0, 6.0]", "[5.0]"))}, "worth has the shape"),
+    ):
+        np.savez(file, **{**whole, **changed})
+        with wrong_types(), pytest.raises(InputError, match=f"{file}: .*{words}"):
+            Posterior.load(file)

@@ -30,7 +30,7 @@ class Draws:
         worth: Independent draws per parameter, where the method knows better than chains or weights tell.
 
     Raises:
-        InputError: A value is not finite, or the weights do not sum to 1.
+        InputError: A value is not finite, the weights do not sum to 1, or `worth` is not of the parameters.
     """
 
     prior: Prior
@@ -50,6 +50,8 @@ class Draws:
         total = self.weights.sum()
         if not (np.isfinite(self.values).all() and (self.weights >= 0).all() and np.isclose(total, 1.0)):
             raise InputError(f"values must be finite and weights at least 0 with sum 1, their sum is {total:g}")
+        if self.worth is not None and np.shape(self.worth) != (len(self.free),):
+            raise InputError(f"worth has the shape {np.shape(self.worth)}, it must be one number per parameter")
 
     @property
     def free(self) -> tuple[str, ...]:

@@ -3,7 +3,7 @@
 from dataclasses import asdict, dataclass, fields
 from enum import StrEnum
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 import numpy as np
 from jaxtyping import Float
@@ -146,6 +146,10 @@ class Sensitivity:
         read = {name: np.array(data[name], dtype=float) for name in arrays}
         if broken := [name for name, values in read.items() if np.isnan(values).any()]:
             raise ValueError(f"{broken[0]} holds NaN")
+        if data["method"] not in get_args(EstimatorName):
+            raise ValueError(
+                f"method is {short(data['method'])}, it must be one of {', '.join(get_args(EstimatorName))}"
+            )
         _check_shapes(data, read)
         changed = {
             "free": tuple(data["free"]),
