@@ -76,7 +76,7 @@ def test_a_colony_beyond_the_capacity_is_cut_and_told(monkeypatch: pytest.Monkey
         (("area", "compactness"), "smooth", on_one_device),
         (("area", "compactness"), "mask", on_one_device),
     ],
-    ids=str,
+    ids=lambda value: getattr(value, "__name__", str(value)),
 )
 def test_colonies_that_could_outgrow_one_program_are_the_same_and_not_cut(
     names: tuple[str, ...],

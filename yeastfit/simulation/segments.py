@@ -29,7 +29,8 @@ from yeastfit.model.relaxation import Relaxation
 from yeastfit.model.simulate import Observe, problems_of, step
 from yeastfit.model.snapshot import Snapshot
 
-QUICK, SPARE = 10_000, 16
+QUICK = 10_000  # nodes
+SPARE = 16
 
 Passed = Callable[[Colony, PyTree], bool]
 Keep = Callable[[Colony, Sequence[PyTree]], None]
