@@ -17,7 +17,9 @@ standard deviation, the next round trains on those in its neighbourhood alone, a
 and its chains stay there. Few of a prior's simulations of five parameters are near a posterior, and what they teach
 networks about the rest of the prior is an error near it: of 6264 simulations of AWRI 796, 50 µM, 4369 are near; trained
 on these the emulator's error is 2.4 % of the variance of the data, trained on all of them 9 %, and held-out colonies
-there have a higher density. A posterior that moves farther again, or does not keep to the ellipsoid, is searched anew.
+there have a higher density. The first of these posteriors may lie a standard deviation from the one before, whose
+emulator was the worse one: it counts as found where it lies well inside the ellipsoid, and is refined. One that presses
+against the edge is searched anew, with all simulations.
 
 As the likelihood is what is emulated, where the simulations were made does not influence the posterior other than
 through the emulator's error (Papamakarios et al. 2019, arXiv:1805.07226): simulations of other runs, whatever their
@@ -85,7 +87,7 @@ class SequentialEmulator:
     settle: Annotated[
         float, Setting("Largest change of the posterior, in standard deviations, that counts as settled.")
     ] = 0.2
-    most_steps: Annotated[int, Setting("Steps of each chain at most.")] = 5000
+    most_steps: Annotated[int, Setting("Steps of each chain at most.", extends=True)] = 20_000
     batch: Annotated[int, Setting("Simulations that run together.")] = 32
     training: TrainingSettings = field(default_factory=TrainingSettings)
     learns: ClassVar[bool] = True
@@ -224,7 +226,10 @@ class _Rounds:
         share = error_share(
             emulator, self.problem, place, added_scatter(emulator, self.problem, place, z.mean(axis=0)[None])
         )
-        return Round(emulator, walk, chains, mean, covariance, moved, share, len(values))
+        well_inside = (
+            before is not None and known is not None and before.neighbourhood.surrounds(drawn, self.settings.widen)
+        )
+        return Round(emulator, walk, chains, mean, covariance, moved, share, len(values), well_inside)
 
     def _with_z(self, x: Float[np.ndarray, "place free"]) -> Float[np.ndarray, "place coordinate"]:
         """Places where chains may start, with z from its prior where colonies scatter."""

@@ -19,6 +19,7 @@ FEW = 0.01  # of the draws, above which outlying ones are warned of
 NEAR = 0.99  # of draws so many times as wide as the posterior with its trail lie in its neighbourhood
 LOCAL = 1.6  # times as wide as proposals is the neighbourhood that a posterior is learnt in, once it is found
 FOUND = 1.0  # standard deviations: a posterior that moved less is found
+PRESSED = 0.01  # of the draws at most lie outside the proposals of the round before, or they press against the edge
 OUTSIDE = 1e-3  # of the draws at most lie outside the neighbourhood that an emulator is restricted to
 TRIES = 100  # times that draws outside the prior are repeated
 
@@ -42,6 +43,10 @@ class Neighbourhood:
         off = x - self.mean
         distance = np.einsum("rf,rf->r", off, np.linalg.solve(self.covariance, off.T).T)
         return distance <= widen**2 * chi2.ppf(NEAR, len(self.mean))
+
+    def surrounds(self, draws: Float[np.ndarray, "draw free"], widen: float) -> bool:
+        """Whether nearly all draws lie where proposals from it do, so that its edge, farther out, cuts nothing off."""
+        return 1.0 - float(self.holds(draws, widen).mean()) <= PRESSED
 
     def kept_to(
         self, draws: Float[np.ndarray, "draw free"], simulations: Values, widen: float, least: int
@@ -72,6 +77,7 @@ class Round:
         moved: How far `apart` the posterior is from that of the round before, in the parameter that moved most.
         error_share: The emulator's share of error at the mean (`error_share`).
         simulations: So far, those of other runs included.
+        well_inside: Whether the posterior was learnt in a neighbourhood and lies well inside it (`surrounds`).
     """
 
     emulator: Emulator
@@ -82,6 +88,7 @@ class Round:
     moved: float
     error_share: float
     simulations: int
+    well_inside: bool
 
     @property
     def x(self) -> Float[np.ndarray, "draw free"]:
@@ -95,8 +102,8 @@ class Round:
 
     @property
     def found(self) -> bool:
-        """Whether the posterior is about where it was in the round before."""
-        return self.moved <= FOUND
+        """Whether the posterior is about where it was in the round before, or where its emulator was trained for."""
+        return self.moved <= FOUND or self.well_inside
 
 
 def together(own: Simulated, reused: Simulated) -> Simulated:
