@@ -167,3 +167,21 @@ def test_rows_that_no_fit_can_use_are_refused_in_words(measured: Path, tmp_path:
     sizes = [{**row, "um_per_pixel": row["um_per_pixel"] * (1 + 0.1 * k)} for k, row in enumerate(rows)]
     with pytest.raises(InputError, match=r"um_per_pixel runs from 0\.75 to 0\.975: statistics of masks depend on it"):
         targets_of(sizes, tmp_path)
+
+
+def test_numbers_that_are_not_those_of_the_masks_are_refused(measured: Path, tmp_path: Path) -> None:
+    """A table that was edited, beside its masks; without them its numbers are taken."""
+    rows = read_measurements(measured / TABLE)
+    edited = [{**row, "compactness": 1.5 * row["compactness"]} for row in rows]
+    with pytest.raises(InputError, match=r"colony01_06\.0h\.tif: compactness is .* in the table, its mask .* has "):
+        targets_of(edited, measured)
+    np.testing.assert_allclose(
+        targets_of(edited, tmp_path).mean[0], 1.5 * targets_of(rows, tmp_path).mean[0], rtol=1e-12
+    )
+    assert targets_of(edited, measured, statistics=("radius",)).names == ("radius",)
+
+
+def test_a_statistic_without_any_number_is_named(measured: Path, tmp_path: Path) -> None:
+    rows = [{**row, "compactness": np.nan} for row in read_measurements(measured / TABLE)]
+    with pytest.raises(InputError, match="'compactness' has no number in any of the 4 rows: leave it out"):
+        targets_of(rows, tmp_path)

@@ -17,6 +17,7 @@ from yeastfit.errors import InputError
 from yeastfit.inference.imaging import SMOOTHING, SPACING, Imaging
 from yeastfit.inference.targets import Targets
 from yeastfit.measure.reading.images import MAX_PIXELS, read_image
+from yeastfit.measure.statistics.measure_mask import measure_mask
 from yeastfit.measure.statistics.pixels import Mask
 from yeastfit.measure.statistics.registry import STATISTICS, Estimator, most_telling_first, names_with
 from yeastfit.measure.statistics.smooth_statistics import measure_mask_smoothly
@@ -31,6 +32,7 @@ OF_ANYTHING = ("file", "replicate", "hours")  # columns that every table has
 NEEDED = ("file", "condition", "replicate", "hours", "um_per_pixel", "mask", "max_radius")  # where it is of colonies
 KNOWN = {"hours": HOURS, "um_per_pixel": PIXEL_SIZES}
 SAME_SIZE = 0.02  # relative difference of pixel sizes within which masks are taken for equally fine
+OF_MASK = 1e-3  # relative difference within which a number in a table is that of its mask
 ROUNDING = 1e-6  # relative difference of numbers that should be equal
 LARGEST_REACH = 10_000  # steps of the grid on which colonies are measured, from its middle to its edge
 
@@ -145,8 +147,8 @@ def targets_of(
         scales: Of the species.
 
     Raises:
-        InputError: The condition is not there, a row has no hours, a statistic is unknown, or masks for the estimator
-            "mask" have different pixel sizes.
+        InputError: The condition is not there, a row has no hours, a statistic is unknown or nowhere measured, a number
+            of the table is not that of its mask, or masks for the estimator "mask" have different pixel sizes.
     """
     chosen, scales = checked_rows(rows, condition), scales or Scales()
     masks = [folder / str(row["mask"]) for row in chosen]
@@ -155,7 +157,7 @@ def targets_of(
     pixels = np.array([row["um_per_pixel"] for row in chosen], dtype=float) / scales.length
     if estimator == "smooth":
         values = [
-            measure_mask_smoothly(read_mask(mask, row), float(pixel), spacing=SPACING, smoothing=SMOOTHING)
+            measure_mask_smoothly(read_mask(mask, row, statistics), float(pixel), spacing=SPACING, smoothing=SMOOTHING)
             for mask, row, pixel in zip(masks, chosen, pixels, strict=True)
         ]
         spacing, smoothing = SPACING, SMOOTHING
@@ -187,13 +189,20 @@ def targets_in_hours(
 def _by_replicate(
     rows: Sequence[Mapping[str, Any]], values: Sequence[Mapping[str, float]], statistics: Sequence[str]
 ) -> tuple[dict[str, np.ndarray], np.ndarray]:
-    """Curves [replicate, time], nan where there is no image, and hours."""
+    """Curves [replicate, time], nan where there is no image, and hours.
+
+    Raises:
+        InputError: A statistic has no number in any row.
+    """
     hours = sorted({float(row["hours"]) for row in rows})
     replicates = list(dict.fromkeys(row["replicate"] for row in rows))
     curves = {name: np.full((len(replicates), len(hours)), np.nan) for name in statistics}
     for row, value in zip(rows, values, strict=True):
         for name in statistics:
             curves[name][replicates.index(row["replicate"]), hours.index(float(row["hours"]))] = value[name]
+    for name, curve in curves.items():
+        if not np.isfinite(curve).any():
+            raise InputError(f"statistics: {name!r} has no number in any of the {len(rows)} rows: leave it out")
     return curves, np.array(hours)
 
 
@@ -239,15 +248,26 @@ def missing_masks(rows: Sequence[Mapping[str, Any]], folder: Path) -> list[str]:
     return sentences
 
 
-def read_mask(path: Path, row: Mapping[str, Any]) -> Mask:
-    """A mask, which must be the one that the row was measured on."""
+def read_mask(path: Path, row: Mapping[str, Any], statistics: Sequence[str] = ()) -> Mask:
+    """A mask, which must be the one that the row was measured on.
+
+    Arguments:
+        path: Of the mask.
+        row: Of the table.
+        statistics: Whose numbers in the row must be the mask's, besides the area.
+
+    Raises:
+        InputError: A number of the row is not the mask's.
+    """
     mask = read_image(path) > 0
-    area = float(mask.sum()) * row["um_per_pixel"] ** 2
-    stated = row.get("area", math.nan)
-    if math.isfinite(stated) and abs(area - stated) > 1e-3 * max(area, stated):
-        raise InputError(
-            f"{row['file']}: area is {stated:g} µm², its mask {path} has {area:g} µm²: measure the image again"
-        )
+    known = ["area", *(name for name in statistics if name in names_with("mask"))]
+    for name, value in measure_mask(mask, row["um_per_pixel"], dict.fromkeys(known)).items():
+        stated, unit = float(row.get(name, math.nan)), f" {STATISTICS[name].unit('µm')}".rstrip()
+        if math.isfinite(stated) and abs(value - stated) > OF_MASK * max(abs(value), abs(stated)):
+            raise InputError(
+                f"{row['file']}: {name} is {stated:g}{unit} in the table, its mask {path} has {value:g}{unit}: measure "
+                "the image again, or remove the masks for the table's numbers to be taken"
+            )
     return mask
 
 
