@@ -70,11 +70,15 @@ def check_finished(folder: Path) -> None:
         folder: With results of a command, or any other.
 
     Raises:
-        InputError: A command that writes there has not finished.
+        InputError: A command that writes there has not finished, or its manifest is damaged.
     """
     found = Contents.of(folder)
     if found.command and not found.finished:
         how = " with --resume" if found.command == "infer" else ""
+        if (folder / MANIFEST).is_file():
+            raise InputError(
+                f"{folder / MANIFEST} is damaged: restore it, or remove it and repeat yeastfit {found.command}{how}"
+            )
         raise InputError(
             f"{folder} holds an unfinished run of yeastfit {found.command}: wait for it, or repeat the command{how}"
         )

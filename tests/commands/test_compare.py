@@ -2,6 +2,7 @@
 
 import csv
 import json
+import shutil
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -118,12 +119,18 @@ def test_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     other = run(tmp_path / "other", "n", "x", 1.0)
     (tmp_path / "unfinished").mkdir()
     (tmp_path / "unfinished" / "run.json").write_text((tmp_path / "one" / "run.json").read_text())
+    shutil.copytree(tmp_path / "unfinished", tmp_path / "damaged")
+    (tmp_path / "damaged" / "manifest.json").write_text('{"command": "inf')
     cases = [
         ([one], "need at least two"),
         ([one, one], "is given twice"),
         ([one, other], "one has left no colonies out"),
         ([one, str(tmp_path)], "holds no run.json"),
         ([one, str(tmp_path / "unfinished")], "holds an unfinished run"),
+        (
+            [one, str(tmp_path / "damaged")],
+            "manifest.json is damaged: restore it, or remove it and repeat",
+        ),
     ]
     for runs, words in cases:
         assert cli.run(["compare", *runs, "--out", str(tmp_path / "out")]) == 2

@@ -173,7 +173,7 @@ CASES: list[tuple[str, str]] = [
     ("measure a.png --out OUT --seed-point 1_0,2", "seed_point is '1_0,2'"),
     ("measure a.png --out OUT --seed-point nan,2", "seed_point is 'nan,2'"),
     ("measure a.png --out OUT --roi 1,2,3", "roi is '1,2,3'"),
-    ("measure a.png --out OUT --jobs 0", f"--jobs is '0', {WHOLE} of at least 1"),
+    ("measure a.png --out OUT --jobs 0", f"--jobs is '0', {WHOLE} from 1 to 10000"),
     ("measure a.png --out OUT --jobs 1_0", "--jobs is '1_0'"),
     # --- synthesize
     ("synthesize --out OUT --recipe nowhere.toml", f"nowhere.toml {NO_FILE}"),

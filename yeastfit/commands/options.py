@@ -54,7 +54,10 @@ Truth = Annotated[
 Jobs = Annotated[
     int | None,
     typer.Option(
-        min=1, help="How many micrographs to measure at once. By default one per processor.", show_default=False
+        min=1,
+        max=10_000,
+        help="How many micrographs to measure at once. By default one per processor.",
+        show_default=False,
     ),
 ]
 _ERRORS = ", ".join(f"{error:g} for {name}" for name, error in measurement_errors().items())

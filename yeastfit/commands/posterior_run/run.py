@@ -248,12 +248,13 @@ class InferRun:
         reuse, copy = self.request.reuse, self.folder.path / REUSED
         if reuse is None or copy.is_file():
             return
-        try:
-            with written_whole(copy) as temporary:
-                shutil.copyfile(reuse / SIMULATIONS, temporary)
+        with written_whole(copy) as temporary:
+            shutil.copyfile(reuse / SIMULATIONS, temporary)
+            try:
                 self._store(temporary).close()
-        except InputError as error:
-            raise InputError(f"--reuse: {reuse / SIMULATIONS} cannot be: {error}") from None
+            except InputError as error:
+                told = str(error).replace(str(temporary), str(reuse / SIMULATIONS))
+                raise InputError(f"--reuse: {told}") from None
         if not getattr(self.sampler, "learns", False) and (reuse / RUN).is_file():
             now = {**self.folder.configuration, "seed": self.folder.seed}
             self.folder.notes.extend(doubts_of_reused(reuse, read_run(reuse / RUN), now))
