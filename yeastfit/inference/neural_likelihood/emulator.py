@@ -45,6 +45,7 @@ from yeastfit.inference.neural_likelihood.ensemble import (
     success_error_of_rows,
 )
 from yeastfit.inference.neural_likelihood.network import TrainingSettings
+from yeastfit.inference.neural_likelihood.taken_apart import taken_apart
 
 Square = Float[np.ndarray, "statistic statistic"]
 
@@ -102,12 +103,13 @@ class Emulator:
         white = np.zeros((len(u), len(u)))
         if noise is not None:
             white = np.linalg.solve(self.root, np.linalg.solve(self.root, noise).T)
-        rest = [jnp.asarray(one) for one in (u, float(replicates), 0.5 * (white + white.T))]
+        data = [jnp.asarray(one) for one in (u, float(replicates), 0.5 * (white + white.T))]
+        arrays, rest = taken_apart(self.ensemble)
         volume = np.log(np.diag(self.root)).sum()
 
         def of_rows(values: Values) -> Float[np.ndarray, " row"]:
             x = self.coordinates.of_values(values)
-            return np.asarray(log_likelihood_of_rows(self.ensemble, x, *rest), dtype=float) - volume
+            return np.asarray(log_likelihood_of_rows(arrays, x, *data, rest=rest), dtype=float) - volume
 
         return of_rows
 

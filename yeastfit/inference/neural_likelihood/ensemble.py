@@ -1,5 +1,8 @@
 """The ensemble of an emulator's networks: m̄, C̄, the emulator's error, and the likelihood they make (`emulator`)."""
 
+from collections.abc import Hashable
+from functools import partial
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -7,6 +10,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from yeastfit.inference.neural_likelihood.network import Network, Shape
+from yeastfit.inference.neural_likelihood.taken_apart import put_together
 from yeastfit.inference.polynomial import monomials
 
 ROWS = 128  # of λ at a time, as each needs several covariances
@@ -108,14 +112,17 @@ def slopes_of_rows(ensemble: Ensemble, x: Float[Array, "row free"]) -> Float[Arr
     return jax.vmap(ensemble.slopes)(x)
 
 
-@eqx.filter_jit
+@partial(jax.jit, static_argnames="rest")
 def log_likelihood_of_rows(
-    ensemble: Ensemble,
+    arrays: list[Array],
     x: Float[Array | np.ndarray, "row free"],
     u: Float[Array | np.ndarray, " statistic"],
     replicates: Float[Array | np.ndarray, ""],
     noise: Float[Array | np.ndarray, "statistic statistic"],
+    *,
+    rest: Hashable,
 ) -> Float[Array, " row"]:
-    """`Ensemble.log_likelihood` of every row, some rows at a time."""
-    rest = [jnp.asarray(one) for one in (u, replicates, noise)]
-    return jax.lax.map(lambda one: ensemble.log_likelihood(one, *rest), jnp.asarray(x), batch_size=ROWS)
+    """`Ensemble.log_likelihood` of every row, some rows at a time, of an ensemble that is `taken_apart`."""
+    ensemble = put_together(arrays, rest)
+    data = [jnp.asarray(one) for one in (u, replicates, noise)]
+    return jax.lax.map(lambda one: ensemble.log_likelihood(one, *data), jnp.asarray(x), batch_size=ROWS)

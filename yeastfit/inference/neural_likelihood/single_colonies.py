@@ -16,7 +16,8 @@ plus R times the log probability of success. Of complete colonies that is the li
 their scatter about it, which tells τ; a handful of small matrices, however many colonies there are.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Hashable
+from functools import partial
 
 import equinox as eqx
 import jax
@@ -27,7 +28,8 @@ from scipy.stats import chi2
 
 from yeastfit.inference.neural_likelihood.coordinates import Values
 from yeastfit.inference.neural_likelihood.emulator import Emulator
-from yeastfit.inference.neural_likelihood.ensemble import ROWS, Ensemble
+from yeastfit.inference.neural_likelihood.ensemble import ROWS
+from yeastfit.inference.neural_likelihood.taken_apart import put_together, taken_apart
 from yeastfit.inference.posterior.problem import Problem
 from yeastfit.inference.prior.variation import ColonyCoordinates
 
@@ -110,11 +112,10 @@ def _log_normal(off: Float[Array, " statistic"], covariance: Float[Array, "stati
     return -0.5 * jnp.sum(scaled**2 + jnp.log(2 * jnp.pi)) - jnp.sum(jnp.log(jnp.diag(root)))
 
 
-@eqx.filter_jit
-def _of_rows(
-    ensemble: Ensemble, x: Array, moving: Array, tau: Array, errors: Errors, data: Patterns
-) -> Float[Array, " row"]:
-    """log p of every row of x, with dx/dy `moving` and τ."""
+@partial(jax.jit, static_argnames="rest")
+def _of_rows(arrays: list[Array], x: Array, moving: Array, tau: Array, *, rest: Hashable) -> Float[Array, " row"]:
+    """log p of every row of x, with dx/dy `moving` and τ, by what is `taken_apart`: ensemble, errors, data."""
+    ensemble, errors, data = put_together(arrays, rest)
 
     def one(row: tuple[Array, Array, Array]) -> Array:
         x, moving, tau = row
@@ -137,12 +138,13 @@ def likelihood_of_colonies(
     units, zero = np.outer(scale, scale), np.zeros((len(scale), len(scale)))
     common, single = (zero if one is None else one / units for one in (problem.noise, problem.colony_noise))
     errors = Errors(*(jnp.asarray(one) for one in (emulator.root / scale[:, None], common, single)))
+    arrays, rest = taken_apart((emulator.ensemble, errors, data))
     volume = float(np.isfinite(problem.colonies).sum(axis=0) @ np.log(scale))
 
     def of_rows(values: Values, tau: Float[np.ndarray, " row"]) -> Float[np.ndarray, " row"]:
         x, moving = emulator.coordinates.of_values(values), _moving(emulator, problem, values)
         rows = jnp.asarray(x), jnp.asarray(moving), jnp.asarray(tau)
-        found: np.ndarray = np.asarray(_of_rows(emulator.ensemble, *rows, errors, data), dtype=float)
+        found: np.ndarray = np.asarray(_of_rows(arrays, *rows, rest=rest), dtype=float)
         return found - volume
 
     return of_rows
