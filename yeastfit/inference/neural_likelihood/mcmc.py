@@ -8,7 +8,8 @@ doi:10.1007/s11222-006-8769-1), which works in any number of parameters. On the 
 in 20 steps, by differential evolution alone in 110. emcee's snooker update is not used: as of 3.1.6 it does not leave
 the density invariant (of a normal one in three dimensions it makes standard deviations of 0.89). Chains start at
 simulations drawn by their posterior density, and run for a number of autocorrelation times: `ENOUGH` for a result,
-`ROUGHLY` to see where the next simulations belong, `BRIEFLY` at most where little is known yet.
+`ROUGHLY` to see where the next simulations belong, within a number of steps at most: `BRIEFLY` until the posterior is
+found, as it may have modes then that are none, and `LONGER` afterwards.
 """
 
 from collections.abc import Callable
@@ -28,9 +29,11 @@ from yeastfit.inference.posterior.problem import Problem
 
 ENOUGH = 1.2 * LONG  # autocorrelation times; `diagnose` estimates them again, and asks for LONG
 ROUGHLY = 20.0  # with 128 chains, quantiles are within some 0.03 standard deviations
-BRIEFLY = 1000  # steps of chains on what the first simulations say
+BRIEFLY = 1000  # steps of chains while the posterior is searched
+LONGER = 2000  # steps of chains between rounds once it is found
 BURN_IN = 3  # autocorrelation times, after the first `PIECE` steps
-PIECE = 500  # steps between looks at the autocorrelation time
+PIECE = 500  # steps between looks at the autocorrelation time, at least
+GROWTH = 4  # a chain grows by one in so many of its steps between looks, as a look takes as long as the chain is
 APART = 0.5  # autocorrelation times between draws that are kept
 KERNELS = 10  # walkers per parameter, at least, for a kernel density that is worth drawing from
 FARTHEST = 30.0  # |z|, of prior probability 10⁻¹⁹⁷, from where τ(z) is soon infinite in double precision
@@ -147,7 +150,8 @@ class Walk:
         times, burnt = self._times()
         while sampler.iteration < most and sampler.iteration - burnt < enough * times.max():
             with threadpool_limits(1, user_api="blas"):  # waking further threads takes longer than such small matrices
-                self.state = sampler.run_mcmc(self.state, int(min(PIECE, most - sampler.iteration)))
+                piece = max(PIECE, sampler.iteration // GROWTH)
+                self.state = sampler.run_mcmc(self.state, int(min(piece, most - sampler.iteration)))
             times, burnt = self._times()
         thin = max(1, int(min(APART * times.max(), (sampler.iteration - burnt) // FEWEST)))
         return Chains(

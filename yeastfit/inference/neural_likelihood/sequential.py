@@ -12,14 +12,13 @@
 at most settle² (`error_share`, which says why both agree). Otherwise rounds go on until the simulations are spent. This
 criterion is insensitive to rare outlying draws; a warning reports their fraction in the last two rounds.
 
-**Search, then refinement.** The first rounds train on all simulations. As soon as the posterior moves less than a
-standard deviation, the next round trains on those in its neighbourhood alone, an ellipsoid of 1.6 w times its width,
-and its chains stay there. Few of a prior's simulations of five parameters are near a posterior, and what they teach
-networks about the rest of the prior is an error near it: of 6264 simulations of AWRI 796, 50 µM, 4369 are near; trained
-on these the emulator's error is 2.4 % of the variance of the data, trained on all of them 9 %, and held-out colonies
-there have a higher density. The first of these posteriors may lie a standard deviation from the one before, whose
-emulator was the worse one: it counts as found where it lies well inside the ellipsoid, and is refined. One that presses
-against the edge is searched anew, with all simulations.
+**Search, then refinement.** The first rounds train on all simulations. The posterior is found as soon as nearly all of
+it lies where the last proposals are, or it moves less than a standard deviation; from then on rounds train on the
+simulations in its neighbourhood alone, an ellipsoid of 1.6 w times its width, and their chains stay there. Few of a
+prior's simulations of five parameters are near a posterior, and what they teach networks about the rest of the prior is
+an error near it: of 6264 simulations of AWRI 796, 50 µM, 4369 are near; trained on these the emulator's error is 2.4 %
+of the variance of the data, trained on all of them 9 %, and held-out colonies there have a higher density. A posterior
+that leaves the proposals, and so may press against the edge of its neighbourhood, is searched anew.
 
 As the likelihood is what is emulated, where the simulations were made does not influence the posterior other than
 through the emulator's error (Papamakarios et al. 2019, arXiv:1805.07226): simulations of other runs, whatever their
@@ -38,12 +37,19 @@ from jaxtyping import Float
 from yeastfit.errors import InputError
 from yeastfit.inference.neural_likelihood.coordinates import Values
 from yeastfit.inference.neural_likelihood.error_share import error_share
-from yeastfit.inference.neural_likelihood.mcmc import BRIEFLY, ROUGHLY, LogPosterior, Walk
+from yeastfit.inference.neural_likelihood.mcmc import BRIEFLY, LONGER, ROUGHLY, LogPosterior, Walk
 from yeastfit.inference.neural_likelihood.network import TrainingSettings
 from yeastfit.inference.neural_likelihood.rounds import EmulatorDiagnostics, RoundDiagnostics
 from yeastfit.inference.neural_likelihood.single_colonies import added_scatter, excess_scatter
 from yeastfit.inference.neural_likelihood.training import fewest, train
-from yeastfit.inference.neural_likelihood.training_rounds import Round, far_draws, proposed, together, unsettled
+from yeastfit.inference.neural_likelihood.training_rounds import (
+    FOUND,
+    Round,
+    far_draws,
+    proposed,
+    together,
+    unsettled,
+)
 from yeastfit.inference.posterior.problem import Problem
 from yeastfit.inference.posterior.result import Posterior
 from yeastfit.inference.posterior.robust_summary import apart
@@ -218,7 +224,7 @@ class _Rounds:
             most_steps=self.settings.most_steps,
             seed=self.seed,
         )
-        chains = walk.until(ROUGHLY, BRIEFLY if before is None else np.inf)
+        chains = walk.until(ROUGHLY, LONGER if before is not None and before.found else BRIEFLY)
         drawn, z = density.parts(chains.flat)
         mean, covariance = drawn.mean(axis=0), np.atleast_2d(np.cov(drawn, rowvar=False))
         moved = np.inf if before is None else float(apart(chains.flat, before.chains.flat).max())
@@ -226,10 +232,8 @@ class _Rounds:
         share = error_share(
             emulator, self.problem, place, added_scatter(emulator, self.problem, place, z.mean(axis=0)[None])
         )
-        well_inside = (
-            before is not None and known is not None and before.neighbourhood.surrounds(drawn, self.settings.widen)
-        )
-        return Round(emulator, walk, chains, mean, covariance, moved, share, len(values), well_inside)
+        inside = before is not None and before.neighbourhood.surrounds(drawn, self.settings.widen)
+        return Round(emulator, walk, chains, mean, covariance, moved, share, len(values), moved <= FOUND or inside)
 
     def _with_z(self, x: Float[np.ndarray, "place free"]) -> Float[np.ndarray, "place coordinate"]:
         """Places where chains may start, with z from its prior where colonies scatter."""

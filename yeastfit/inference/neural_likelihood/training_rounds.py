@@ -19,7 +19,7 @@ FEW = 0.01  # of the draws, above which outlying ones are warned of
 NEAR = 0.99  # of draws so many times as wide as the posterior with its trail lie in its neighbourhood
 LOCAL = 1.6  # times as wide as proposals is the neighbourhood that a posterior is learnt in, once it is found
 FOUND = 1.0  # standard deviations: a posterior that moved less is found
-PRESSED = 0.01  # of the draws at most lie outside the proposals of the round before, or they press against the edge
+PRESSED = 0.05  # of the draws at most lie outside the proposals of the round before where a posterior is found
 OUTSIDE = 1e-3  # of the draws at most lie outside the neighbourhood that an emulator is restricted to
 TRIES = 100  # times that draws outside the prior are repeated
 
@@ -45,7 +45,7 @@ class Neighbourhood:
         return distance <= widen**2 * chi2.ppf(NEAR, len(self.mean))
 
     def surrounds(self, draws: Float[np.ndarray, "draw free"], widen: float) -> bool:
-        """Whether nearly all draws lie where proposals from it do, so that its edge, farther out, cuts nothing off."""
+        """Whether nearly all draws lie where proposals from it do."""
         return 1.0 - float(self.holds(draws, widen).mean()) <= PRESSED
 
     def kept_to(
@@ -77,7 +77,7 @@ class Round:
         moved: How far `apart` the posterior is from that of the round before, in the parameter that moved most.
         error_share: The emulator's share of error at the mean (`error_share`).
         simulations: So far, those of other runs included.
-        well_inside: Whether the posterior was learnt in a neighbourhood and lies well inside it (`surrounds`).
+        found: Whether the posterior is about where it was, or where proposals were made.
     """
 
     emulator: Emulator
@@ -88,7 +88,7 @@ class Round:
     moved: float
     error_share: float
     simulations: int
-    well_inside: bool
+    found: bool
 
     @property
     def x(self) -> Float[np.ndarray, "draw free"]:
@@ -99,11 +99,6 @@ class Round:
     def neighbourhood(self) -> Neighbourhood:
         """Of the posterior."""
         return Neighbourhood(self.mean, self.covariance)
-
-    @property
-    def found(self) -> bool:
-        """Whether the posterior is about where it was in the round before, or where its emulator was trained for."""
-        return self.moved <= FOUND or self.well_inside
 
 
 def together(own: Simulated, reused: Simulated) -> Simulated:
