@@ -4,9 +4,10 @@ Three sets of real colonies (`data/real`), seen by the off-lattice and by the al
 the folders of runs of `yeastfit infer`, WORK/MODEL/SET, whatever of them is there:
 
     cd data/real
-    yeastfit infer awri796-50um --model offlattice --cells 45000 --leave-out 4 --out WORK/offlattice/awri796-50um
-    yeastfit infer awri796-500um --model offlattice --cells 90000 --leave-out 4 --out WORK/offlattice/awri796-500um
-    yeastfit infer simi-white-50um --model offlattice --cells 65000 --leave-out 4 --out WORK/offlattice/simi-white-50um
+    more="--model offlattice --variation --leave-out 4 --simulations 8192"
+    yeastfit infer awri796-50um $more --cells 45000 --out WORK/offlattice/awri796-50um
+    yeastfit infer awri796-500um $more --cells 90000 --out WORK/offlattice/awri796-500um
+    yeastfit infer simi-white-50um $more --cells 65000 --out WORK/offlattice/simi-white-50um
     yeastfit compare WORK/offlattice/* --out WORK/comparison
 
 A posterior that has not settled says nothing of the yeast. For such a one the page asks why: it looks at the colonies
