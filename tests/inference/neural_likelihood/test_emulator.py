@@ -171,6 +171,8 @@ def test_more_coordinates_are_trained_for_longer() -> None:
     assert sizes == [(5, 64), (5, 64), (12, 32), (12, 32)]
     assert TrainingSettings(members=3, width=16, steps=200).resolved(5) == TrainingSettings(3, 16, steps=200)
     assert SequentialEmulator().resolved(5).training.steps == 3000
+    counts = [TrainingSettings(steps=200).for_simulations(count).steps for count in (10, 6143, 6144, 12_288)]
+    assert counts == [200, 200, 400, 800]
 
 
 def test_shares_are_seen_by_their_angle() -> None:

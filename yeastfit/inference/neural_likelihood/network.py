@@ -29,6 +29,7 @@ from yeastfit.errors import InputError
 from yeastfit.inference.polynomial import monomials
 
 Table = TypeVar("Table", Array, np.ndarray)
+PLENTY = 3072  # simulations from twice as many of which training takes longer
 STEPS = 1000  # of training for up to `EASY` coordinates, and for each one more
 EASY = 3
 FEW, MANY = (5, 64), (12, 32)  # members and width for up to `EASY` coordinates, and for more
@@ -44,7 +45,7 @@ class TrainingSettings:
             coordinates asks for (`resolved`), like width and steps.
         width: Of hidden layers.
         depth: Number of hidden layers.
-        steps: Of Adam.
+        steps: Of Adam, for fewer than 2 `PLENTY` simulations; more have more (`for_simulations`).
         batch: Simulations of each step.
         rate: Learning rate at the start.
         decay: Of weights.
@@ -86,6 +87,15 @@ class TrainingSettings:
         members, width = FEW if free <= EASY else MANY
         steps = self.steps or STEPS * max(1, free + 1 - EASY)
         return replace(self, members=self.members or members, width=self.width or width, steps=steps)
+
+    def for_simulations(self, count: int) -> "TrainingSettings":
+        """With twice the steps for each time that so many simulations are twice `PLENTY`, of settings `resolved`.
+
+        Of 6920 colonies of the off-lattice model near a posterior, networks had an error of 3.0 % of the variance of
+        the data after 3000 steps, and of 1.1 % after 6000; of 4000 colonies 6000 steps made none smaller.
+        """
+        doublings = max(0, int(np.log2(count / PLENTY)))  # powers of two, as each number of steps is compiled for
+        return replace(self, steps=(self.steps or STEPS) * 2**doublings)
 
 
 class Network(eqx.Module):

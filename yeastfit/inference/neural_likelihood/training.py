@@ -63,7 +63,7 @@ def train(
     Raises:
         InputError: Simulations are too few, a parameter or a statistic does not vary, or statistics repeat one another.
     """
-    settings = (settings or TrainingSettings()).resolved(len(prior.free))
+    settings = (settings or TrainingSettings()).resolved(len(prior.free)).for_simulations(len(values))
     came = np.isfinite(statistics).all(axis=1)
     _check(values, statistics, came, prior.free, tuple(labels), settings)
     rng = np.random.default_rng(seed)
