@@ -2,6 +2,7 @@
 
 import csv
 import json
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -13,6 +14,7 @@ from PIL import Image
 
 from yeastfit import (
     RULES,
+    SAMPLERS,
     BuddingRule,
     ColonySimulator,
     Context,
@@ -25,6 +27,7 @@ from yeastfit import (
     Sensitivity,
     Simulation,
     Targets,
+    UptakeRule,
 )
 from yeastfit.commands import app as cli
 from yeastfit.commands.generated.model import ModelOptions
@@ -382,3 +385,34 @@ def test_every_rule_and_its_settings_say_what_they_are() -> None:
         assert not [one for one in each if len(one.partition(" – ")[2].split()) < 3]
     assert said["contact_boundary"].startswith("K, over what width the outline")
     assert not [name for name, text in said.items() if len(text.partition(" Of --")[0].split()) < 5]
+
+
+def test_options_that_a_command_has_anyway_are_not_taken_over(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    """A sampler's setting called --draws, and a rule's parameter called --time: refused by name, also for --help."""
+
+    @dataclass(frozen=True)
+    class Weighing:
+        draws: int = 3
+
+        def run(self, *arguments: Any) -> Posterior:
+            raise AssertionError
+
+    class Slowly(UptakeRule):
+        name: ClassVar[str] = "slowly"
+        parameters: ClassVar[tuple[Parameter, ...]] = (Parameter("time", "T", "time to digest", (0.1, 1.0), 0.5),)
+
+        def rate(self, *arguments: Any, **more: Any) -> Any:
+            raise AssertionError
+
+    out = str(tmp_path / "out")
+    with monkeypatch.context() as patch:
+        patch.setitem(SAMPLERS, "weighing", Weighing)
+        assert cli.run(["infer", "--help"]) == 2
+        assert "'draws' ((weighing 3)) is a setting or parameter called like" in capsys.readouterr().err
+    monkeypatch.setitem(RULES["uptake"], "slowly", Slowly)
+    assert cli.run(["simulate", "--uptake", "slowly", "--out", out]) == 2
+    said = capsys.readouterr().err
+    assert said.startswith("error: 'time' (")
+    assert said.endswith("called like an option that yeastfit simulate has anyway, --time: rename it\n")

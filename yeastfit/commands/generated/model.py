@@ -6,7 +6,7 @@ from typing import Annotated, Any, get_origin
 
 import typer
 
-from yeastfit.commands.generated.options import Option, flag_of, hints_of, plain_kind
+from yeastfit.commands.generated.options import Option, flag_of, hints_of, plain_kind, taken_name
 from yeastfit.commands.generated.rules import (
     Brought,
     check_brought,
@@ -149,8 +149,11 @@ class ModelOptions:
                 flags = (f"{flags[0]}/--{setting.negative or 'no-' + name.replace('_', '-')}",)
             shown = _shown(setting.defaults.get(self.command, _default(kind, name)))
             found[name] = Option(name, plain, setting.help, PANEL, flags, shown, choices)
-        options = parameter_options(self._parameters(kind), defaults=True)
-        return found | {one.name: one for one in options}
+        for one in parameter_options(self._parameters(kind), defaults=True):
+            if one.name in found:
+                raise taken_name(one, self.command)
+            found[one.name] = one
+        return found
 
     def _parameters(self, kind: type[ForwardModel]) -> dict[str, Brought]:
         """Parameters of a model by name, and the rules that bring them; those of any rule that may be chosen."""

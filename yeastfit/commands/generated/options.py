@@ -16,6 +16,8 @@ from typing import Annotated, Any, Literal, Protocol, get_args, get_origin, runt
 
 import typer
 
+from yeastfit.errors import InputError
+
 PLAIN = (bool, int, float, str)
 
 
@@ -78,14 +80,23 @@ class Generated:
         self.__name__, self.__doc__ = command.__name__, command.__doc__
 
     def called_with(self, arguments: Sequence[str]) -> Callable[..., None]:
-        """The command with the options of one command line, for typer."""
+        """The command with the options of one command line, for typer.
+
+        Raises:
+            InputError: One of them is called like an option that the command has anyway.
+        """
         own = [one for name, one in inspect.signature(self.command).parameters.items() if name not in self.groups]
+        taken = {one.name for one in own}.union(*(_flags(one) for one in own))
         owners = dict[str, str]()
         options = list[Option]()
         for group, each in self.groups.items():
-            added = [one for one in each.options(arguments) if one.name not in owners]
-            owners |= {one.name: group for one in added}
-            options += added
+            for one in each.options(arguments):
+                names = {one.name, *(one.flags or (flag_of(one.name),))}
+                if taken & names:
+                    raise taken_name(one, self.__name__.replace("_", "-"))
+                taken |= names
+                owners[one.name] = group
+                options.append(one)
 
         @functools.wraps(self.command)
         def called(**values: Any) -> None:
@@ -112,6 +123,20 @@ def generated(**groups: Group) -> Callable[[Callable[..., None]], Generated]:
 def with_options(command: Callable[..., None] | Generated, arguments: Sequence[str]) -> Callable[..., None]:
     """A command with the options that its arguments bring; as it is where it generates none."""
     return command.called_with(arguments) if isinstance(command, Generated) else command
+
+
+def taken_name(option: Option, command: str) -> InputError:
+    """That a setting or parameter of somebody's own is called like an option that a command has."""
+    return InputError(
+        f"{option.name!r} ({option.help}) is a setting or parameter called like an option that yeastfit {command} has "
+        f"anyway, {flag_of(option.name)}: rename it"
+    )
+
+
+def _flags(parameter: inspect.Parameter) -> set[str]:
+    """Of a command's own option: those that it is declared with, or that of its name."""
+    declared = [flag for one in get_args(parameter.annotation)[1:] for flag in getattr(one, "param_decls", None) or ()]
+    return {part for flag in declared or [flag_of(parameter.name)] for part in flag.split("/")}
 
 
 def flag_of(name: str) -> str:
