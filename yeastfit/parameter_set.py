@@ -46,6 +46,10 @@ class Parameter:
 
     def __post_init__(self) -> None:
         low, high = self.plausible
+        if not self.name.isidentifier():
+            raise InputError(f"parameter: name is {self.name!r}, it must be letters, digits and underscores")
+        if not self.admissible(np.asarray(self.default)):
+            raise InputError(f"{self.name}: default is {self.default:g}, it must be {self.limits}")
         if not self.smallest <= low < high <= self.largest:
             raise InputError(
                 f"{self.name}: plausible is {self.plausible}, it must rise within {self.smallest:g} to {self.largest:g}"

@@ -1,5 +1,7 @@
 """Free parameters of several conditions as one vector, with and without bounds."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -109,3 +111,18 @@ def test_bounds_keep_above_the_smallest_admissible_value() -> None:
 def test_a_start_outside_the_bounds_is_refused(space: ParameterSpace) -> None:
     with pytest.raises(InputError, match=r"start: mobility is 9, a free parameter starts inside \(0\.5, 8\)"):
         space.start({"mobility": 9.0}, FREE)
+
+
+@pytest.mark.parametrize(
+    ("changed", "words"),
+    [
+        ({"name": "q r"}, "name is 'q r', it must be letters, digits and underscores"),
+        ({"default": -5.0}, "q: default is -5, it must be finite and at least 0"),
+        ({"plausible": (2.0, 1.0)}, r"q: plausible is \(2.0, 1.0\), it must rise"),
+    ],
+    ids=["name", "default", "plausible"],
+)
+def test_parameters_that_make_no_sense_are_refused(changed: dict[str, Any], words: str) -> None:
+    given = {"name": "q", "symbol": "q", "meaning": "of a test", "plausible": (0.1, 1.0), "default": 0.5}
+    with pytest.raises(InputError, match=words):
+        Parameter(**{**given, **changed})

@@ -12,7 +12,16 @@ import pytest
 from yeastfit import Imaging, InputError, Targets, measure_dataset, read_dataset
 from yeastfit.commands.measured_source import measure_source
 from yeastfit.inference.imaging import SMOOTHING, SPACING
-from yeastfit.inference.targets_from_table import TABLE, conditions_of, read_measurements, targets_of
+from yeastfit.inference.targets_from_table import (
+    OF_ANYTHING,
+    TABLE,
+    conditions_of,
+    read_measurements,
+    targets_in_hours,
+    targets_of,
+)
+from yeastfit.measure.statistics import registry
+from yeastfit.measure.statistics.statistic import Statistic
 from yeastfit.progress import silent
 
 DEMO = Path(__file__).parents[2] / "data" / "synthetic" / "demo"
@@ -185,3 +194,16 @@ def test_a_statistic_without_any_number_is_named(measured: Path, tmp_path: Path)
     rows = [{**row, "compactness": np.nan} for row in read_measurements(measured / TABLE)]
     with pytest.raises(InputError, match="'compactness' has no number in any of the 4 rows: leave it out"):
         targets_of(rows, tmp_path)
+
+
+def test_a_quantity_of_no_shape_is_read_from_a_table(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Registered without a form; one that is not in the table is named beside those that are."""
+    monkeypatch.setitem(registry.STATISTICS, "od", Statistic("od", unit_power=0, meaning="optical density"))
+    (tmp_path / TABLE).write_text("file,replicate,hours,od\na,1,2,0.1\nb,1,4,0.3\n")
+    rows = read_measurements(tmp_path / TABLE, OF_ANYTHING)
+    targets = targets_in_hours(rows, statistics=("od",))
+    assert targets.names == ("od",)
+    np.testing.assert_allclose(targets.mean, [[0.1, 0.3]])
+    assert "od" not in registry.names_with("mask", "smooth", "nodes")
+    with pytest.raises(InputError, match="'area' is not in the table, which has od"):
+        targets_in_hours(rows, statistics=("area",))

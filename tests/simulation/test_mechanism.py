@@ -245,7 +245,7 @@ def test_a_parameter_that_no_rule_has_is_named() -> None:
 
 
 def test_a_rule_answers_its_own_question_only() -> None:
-    with pytest.raises(InputError, match=r"births is TowardsFood.*, it must be a BirthRule"):
+    with pytest.raises(InputError, match=r"births is TowardsFood.*, it must be of the class BirthRule"):
         Model(births=TowardsFood())  # type: ignore[arg-type]
 
 

@@ -232,5 +232,5 @@ def _run(run: InferRun, truth: Mapping[str, float] | None, workers: Workers | No
     out.print(summary.table())
     for line in summary.lines():
         out.print(line, highlight=False)
-    out.print(f"{posterior.simulations} simulated data sets. Results in {folder}, on one page: index.html")
+    out.print(f"{posterior.simulations} simulations. Results in {folder}, on one page: index.html")
     return posterior.settled

@@ -117,8 +117,8 @@ def sampler_of(method: str, settings: Mapping[str, Any]) -> Sampler:
     for name in settings:
         if name not in setting_names(method):
             owners = [other for other in SAMPLERS if name in setting_names(other)]
-            what = f"a setting of {' and '.join(owners)}, not of {method}" if owners else "no setting of any method"
-            raise InputError(f"{name} is {what}: leave it out")
+            what = f"a setting of {' and '.join(owners)}" if owners else "no setting of any method"
+            raise InputError(f"{name} is {what}: leave it out; {method} has {', '.join(setting_names(method))}")
     return SAMPLERS[method](**settings)
 
 

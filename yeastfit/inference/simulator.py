@@ -47,7 +47,7 @@ class Simulator(Protocol):
         """What the columns of the result are."""
 
     def __call__(self, values: Values, seeds: Seeds) -> Rows:
-        """Simulate one data set per row.
+        """Simulate one replicate per row.
 
         Arguments:
             values: Parameters themselves, not their logarithms.

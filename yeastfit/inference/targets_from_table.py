@@ -19,7 +19,7 @@ from yeastfit.inference.targets import Targets
 from yeastfit.measure.reading.images import MAX_PIXELS, read_image
 from yeastfit.measure.statistics.measure_mask import measure_mask
 from yeastfit.measure.statistics.pixels import Mask
-from yeastfit.measure.statistics.registry import STATISTICS, Estimator, most_telling_first, names_with
+from yeastfit.measure.statistics.registry import STATISTICS, Estimator, most_telling_first, names_in_tables, names_with
 from yeastfit.measure.statistics.smooth_statistics import measure_mask_smoothly
 from yeastfit.model.parameters import Scales
 from yeastfit.numbers import HOURS, PIXEL_SIZES, Range
@@ -72,7 +72,7 @@ def read_measurements(path: str | Path, needed: Sequence[str] = NEEDED) -> list[
     if missing or not cells:
         what = f"no column {', '.join(missing)}" if names and missing else "no rows"
         raise InputError(f"{path}: {what}, need the {TABLE} of `yeastfit measure`")
-    numbers = KNOWN | {name: STATISTICS[name].admissible for name in names_with("mask")}
+    numbers = KNOWN | {name: STATISTICS[name].admissible for name in names_in_tables()}
     rows = []
     for where, row in cells:
         values: dict[str, Any] = {"condition": ""}
@@ -313,7 +313,7 @@ def _refuse_twice(rows: Sequence[Mapping[str, Any]]) -> None:
 def _in_lengths(row: Mapping[str, Any], statistics: Sequence[str], scales: Scales) -> dict[str, float]:
     """A row's statistics in L0 and L0²."""
     for name in statistics:
-        if name not in names_with("mask") or name not in row:
-            known = ", ".join(name for name in names_with("mask") if name in row)
+        if name not in names_in_tables() or name not in row:
+            known = ", ".join(name for name in names_in_tables() if name in row) or "no registered statistic"
             raise InputError(f"statistics: {name!r} is not in the table, which has {known}")
     return {name: float(row[name]) / scales.length ** STATISTICS[name].unit_power for name in statistics}

@@ -109,7 +109,8 @@ class Model(eqx.Module):
     def __check_init__(self) -> None:
         for question, rule in self.rules.items():
             if not isinstance(rule, BASES[question]):
-                raise InputError(f"{question} is {rule!r}, it must be a {BASES[question].__name__}")
+                made = f": write {rule.__name__}()" if isinstance(rule, type) else ""
+                raise InputError(f"{question} is {rule!r}, it must be of the class {BASES[question].__name__}{made}")
             if not hasattr(rule, "name"):
                 raise InputError(f"{question} is {rule!r}, which has no name: files and warnings call a rule by one")
         for question, rule in self.rules.items():

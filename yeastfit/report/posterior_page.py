@@ -35,7 +35,7 @@ def posterior_page(
     lead = page.facts(
         [
             (posterior.method, "method"),
-            (page.number(posterior.simulations), "simulated data sets"),
+            (page.number(posterior.simulations), "simulations"),
             (page.number(round(float(posterior.effective_size.min()))), "independent draws, at least"),
             (f"{int(predicted.inside(0.9).sum())} of {len(predicted.observed)}", "observations in the 90 % band"),
         ]

@@ -136,10 +136,9 @@ class Summary:
                 f"acceptance {posterior.acceptance.mean():.1%}"
             )
         else:
-            lines.append(
-                f"{posterior.weights.size} weighted draws; acceptance "
-                f"{', '.join(f'{one:.1%}' for one in posterior.acceptance)}"
-            )
+            known = [f"{one:.1%}" for one in posterior.acceptance if np.isfinite(one)]
+            accepted = f"; acceptance {', '.join(known)}" if known else ""
+            lines.append(f"{posterior.weights.size} weighted draws{accepted}")
         inside, count = int(predicted.inside(0.9).sum()), len(predicted.observed)
         lines.append(
             f"posterior predictive: {inside} of {count} observations in the 90 % band, p {predicted.p_value:.2f}"

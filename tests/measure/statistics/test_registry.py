@@ -196,7 +196,6 @@ def test_what_other_processes_cannot_import_is_measured_in_this_one(
         ({"name": "hours"}, "statistic 'hours': tables have a column of this name"),
         ({"name": "outer area"}, "name is 'outer area', it must be letters"),
         ({"unit_power": 3}, "statistic 'mine': unit_power is 3, it must be 0, 1 or 2"),
-        ({"mask": None}, "statistic 'mine': no form is given, need mask, smooth or nodes"),
         ({"nodes": side_of_pixels}, "nodes is for what no image shows, leave out mask"),
         ({"mask": 3}, "statistic 'mine': mask is 3, it must be a function"),
         ({"measurement_error": -0.1}, "measurement_error is -0.1, it must be finite and at least 0"),

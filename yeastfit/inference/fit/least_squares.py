@@ -163,4 +163,8 @@ def _check_count(targets: Mapping[str, Targets], space: ParameterSpace, priors: 
     """Raise `InputError` where there are too few data."""
     count, free = sum(len(each.values) for each in targets.values()), len(space.entries) - len(priors)
     if count <= free:
-        raise InputError(f"{count} target values cannot determine {free} free parameters: measure more, or fix some")
+        held = f", of which a prior tells {len(priors)} more" if priors else ""
+        raise InputError(
+            f"{count} target values (statistics × times) cannot determine {free} free parameters{held}: take more "
+            "statistics or times, hold parameters at values, or give them a prior"
+        )

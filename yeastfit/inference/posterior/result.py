@@ -30,7 +30,7 @@ class Posterior(Draws):
     """Result of every sampler: `Draws`, and how they were made.
 
     Attributes:
-        simulations: Data sets that were simulated, or read from a store.
+        simulations: Single simulations that the method asked for, those read from a store included.
         status: How the run ended.
         diagnostics: What the method reports of its own run.
         warnings: In words.
@@ -70,7 +70,7 @@ class Posterior(Draws):
         Arguments:
             problem: What was sampled: prior, statistics and data.
             values: λ, one row of draws per chain.
-            simulations: Data sets that were simulated.
+            simulations: Single simulations that the method asked for (`CachedSimulator.asked`).
             status: How the run ended; by default what the chains say. Draws of different weights are not judged, and
                 count as settled.
             weights: Of the sum 1 over all chains; by default all equal.

@@ -216,7 +216,8 @@ class Prior:
             raise InputError(f"{path}: {error}") from None
         missing = [name for name in parameters if name not in tables]
         if missing:
-            raise InputError(f"{path}: no prior of {', '.join(missing)}")
+            what = ", ".join(missing)
+            raise InputError(f"{path}: no prior of {what}: add a table for it, or leave it out of the free parameters")
         return prior
 
     def _rows(self, values: Values) -> Values:

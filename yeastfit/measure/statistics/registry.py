@@ -74,6 +74,11 @@ def names_with(*forms: Form) -> tuple[str, ...]:
     return tuple(name for name, entry in STATISTICS.items() if set(forms) & set(entry.forms))
 
 
+def names_in_tables() -> tuple[str, ...]:
+    """Names of all statistics that a table of measurements may hold: of masks, and what no shape tells."""
+    return tuple(name for name, entry in STATISTICS.items() if "mask" in entry.forms or not entry.forms)
+
+
 def recorded(estimator: Estimator) -> tuple[str, ...]:
     """What simulations record by an estimator where no statistics are named."""
     wanted = (*RECORDED, *(entry.name for entry in registered()))

@@ -2,7 +2,8 @@
 
 A statistic has one or two of three forms. `mask` takes the black-and-white image of a colony, photographed or
 simulated. `smooth` takes a smooth indicator of either, and can be differentiated. `nodes` takes the state of a
-simulated colony: it is for what no image shows.
+simulated colony: it is for what no image shows. One without any form is a quantity of models that are no colonies, such
+as an optical density, which tables hold.
 """
 
 import math
@@ -40,11 +41,11 @@ class Statistic:
             and for what nobody can observe.
         reach: No colony reaches farther from its start than this many times the value or, of an area A, √(A / π).
             None where the value does not tell.
-        possible: Values that a mask can have; other numbers in a table are refused. By default any number, above 0 for
-            lengths, areas and counts, or at least 0 where they may vanish.
+        possible: Values that a mask can have, in µm or µm²; other numbers in a table are refused. By default any
+            number, above 0 for lengths, areas and counts, or at least 0 where they may vanish.
 
     Raises:
-        InputError: No form is given, or `nodes` beside another one; or an attribute makes no sense.
+        InputError: `nodes` is given beside another form, or an attribute makes no sense.
     """
 
     name: str
@@ -67,8 +68,6 @@ class Statistic:
             raise InputError(f"statistic: name is {self.name!r}, it must be letters, digits and underscores")
         if self.unit_power not in (0, 1, 2):
             raise InputError(f"statistic {self.name!r}: unit_power is {self.unit_power!r}, it must be 0, 1 or 2")
-        if not self.forms:
-            raise InputError(f"statistic {self.name!r}: no form is given, need mask, smooth or nodes")
         if self.nodes and len(self.forms) > 1:
             raise InputError(f"statistic {self.name!r}: nodes is for what no image shows, leave out {self.forms[0]}")
         for form in self.forms:
