@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from helpers import wrong_types
 from known_likelihoods import Known, linear, positive, simulations
 from made_posteriors import made_posterior
 from scipy.stats import multivariate_normal, norm
@@ -265,3 +266,8 @@ def test_saved_and_loaded(tmp_path: Path) -> None:
     (tmp_path / "other.npz").write_text("nothing")
     with pytest.raises(InputError, match=r"other.npz: this is no prediction of colonies left out that was saved"):
         LeftOut.load(tmp_path / "other.npz")
+    with wrong_types():
+        narrow = replace(found, below=found.below[:, :2])
+    narrow.save(tmp_path / "narrow.npz")
+    with pytest.raises(InputError, match=r"narrow.npz.*below has shape \(6, 2\), need numbers of shape \(6, 3\)"):
+        LeftOut.load(tmp_path / "narrow.npz")

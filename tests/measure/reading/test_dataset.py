@@ -76,6 +76,7 @@ IMAGE = "[[image]]\nfile = 'a.png'\nreplicate = 1\nhours = 2\n"
         (IMAGE.replace("hours = 2", ""), ["image 1 (a.png)", "hours is ''"]),
         (IMAGE.replace("'a.png'", "[1]"), ["image 1", "file is [1]"]),
         (IMAGE + "roi = [1, 2, 3, '4x']\n", ["image 1 (a.png)", "roi is [1, 2, 3, '4x']"]),
+        (IMAGE + "roi = [0.5, 1, 20, 30]\n", ["image 1 (a.png)", "roi is [0.5, 1, 20, 30]", "four whole numbers"]),
         (IMAGE + IMAGE + "condition = 'x'\n" + IMAGE, ["image 3 (a.png)", "replicate 1 at 2 hours appears twice"]),
         (
             "condition = 'x'\n" + IMAGE + IMAGE,
@@ -194,3 +195,15 @@ def check_against_true_masks(path: Path, every: int) -> None:
     assert abs(area) < 0.015
     assert abs(radius) < 0.004
     assert abs(compactness) < 0.02
+
+
+@pytest.mark.parametrize("kind", ["folder", "link"])
+def test_a_manifest_that_is_no_file_is_not_passed_over(kind: str, tmp_path: Path) -> None:
+    """The images would be measured as if there were none."""
+    manifest = tmp_path / "manifest.csv"
+    if kind == "folder":
+        manifest.mkdir()
+    else:
+        manifest.symlink_to(tmp_path / "nowhere")
+    with pytest.raises(InputError, match=r"manifest\.csv: a folder, a pipe or a link to nowhere"):
+        read_dataset(tmp_path)

@@ -10,7 +10,7 @@ import tifffile
 from PIL import Image
 
 from yeastfit import InputError, measure_dataset, measure_file, read_dataset
-from yeastfit.measure.outlining.binary_images import recognise_labels
+from yeastfit.measure.reading.binary_images import recognise_labels
 from yeastfit.measure.reading.outline_files import read_outline
 
 SHAPE = (60, 80)
@@ -117,3 +117,28 @@ def test_a_label_image_is_no_photograph(tmp_path: Path) -> None:
     row, column = np.indices(SHAPE)
     blurred = np.rint(200 / (1 + np.exp(25 - np.hypot(row - 30, column - 40)))).astype(np.uint8)
     assert recognise_labels(blurred) is None, "levels of a blurred edge are no labels"
+
+
+@pytest.mark.parametrize("kind", ["ANGLE", "POINT", "POLYLINE", "LINE"])
+def test_selections_that_are_no_areas_are_refused(kind: str, tmp_path: Path) -> None:
+    roifile = pytest.importorskip("roifile")
+    region = roifile.ImagejRoi.frompoints(np.array([[2, 2], [12, 3], [7, 11]]))
+    region.roitype = roifile.ROI_TYPE[kind]
+    region.tofile(tmp_path / "a.roi")
+    with pytest.raises(InputError, match=f"no area \\({kind.lower()}\\), need freehand, oval, polygon, rect, traced"):
+        read_outline(tmp_path / "a.roi", SHAPE)
+
+
+def test_masks_that_were_compressed_are_masks_and_photographs_are_none(tmp_path: Path) -> None:
+    """JPEG leaves grey levels around black and white; those of a photograph, or of soft edges, are no labels."""
+    y, x = np.mgrid[:200, :300]
+    disc = np.hypot(x - 150, y - 100) < 60
+    Image.fromarray(np.where(disc, 255, 0).astype(np.uint8)).save(tmp_path / "mask.jpg", quality=90)
+    found = read_outline(tmp_path / "mask.jpg", disc.shape)
+    assert (found != disc).sum() < 20
+    soft = np.clip(255 * (0.5 - (np.hypot(x - 150, y - 100) - 60) / 40), 0, 255).astype(np.uint8)
+    noisy = np.random.default_rng(0).normal(120, 20, disc.shape).clip(0, 255).astype(np.uint8)
+    for name, image in (("soft.png", soft), ("photograph.png", noisy)):
+        Image.fromarray(image).save(tmp_path / name)
+        with pytest.raises(InputError, match=f"{name}: neither black and white nor a label image"):
+            read_outline(tmp_path / name, disc.shape)

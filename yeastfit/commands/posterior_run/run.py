@@ -251,10 +251,12 @@ class InferRun:
         with written_whole(copy) as temporary:
             shutil.copyfile(reuse / SIMULATIONS, temporary)
             try:
-                self._store(temporary).close()
+                with self._store(temporary) as store:
+                    torn = [one.replace(temporary.name, f"--reuse: {reuse / SIMULATIONS}") for one in store.notes]
             except InputError as error:
                 told = str(error).replace(str(temporary), str(reuse / SIMULATIONS))
                 raise InputError(f"--reuse: {told}") from None
+        self.folder.notes.extend(torn)
         if not getattr(self.sampler, "learns", False) and (reuse / RUN).is_file():
             now = {**self.folder.configuration, "seed": self.folder.seed}
             self.folder.notes.extend(doubts_of_reused(reuse, read_run(reuse / RUN), now))

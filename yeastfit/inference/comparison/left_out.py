@@ -20,6 +20,7 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.stats import binom, norm
 
+from yeastfit.errors import InputError
 from yeastfit.storage import as_json, from_json, reads_saved, written_whole
 
 SHARES = (0.05, 0.25, 0.5, 0.75, 0.95)
@@ -176,6 +177,12 @@ class LeftOut:
             words = from_json(str(file["words"]))
             arrays = {one.name: file[one.name] for one in fields(LeftOut) if one.name not in WORDS}
         labels, colonies, doubts = (tuple(words[name]) for name in WORDS)
+        table = (len(colonies), len(labels))
+        shapes = {"observed": table, "below": table, "group": table[:1], "log_density": table[:1]}
+        shapes["quantiles"] = (table[0], len(SHARES), table[1])
+        for name, shape in shapes.items():
+            if arrays[name].shape != shape or not np.issubdtype(arrays[name].dtype, np.number):
+                raise InputError(f"{name} has shape {arrays[name].shape}, need numbers of shape {shape}")
         return LeftOut(labels=labels, colonies=colonies, doubts=doubts, **arrays)
 
 

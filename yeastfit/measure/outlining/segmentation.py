@@ -35,7 +35,6 @@ from skimage import measure
 
 from yeastfit.errors import InputError
 from yeastfit.measure.outlining.background import estimate_background, frame_mask
-from yeastfit.measure.outlining.binary_images import BinaryImage, recognise_binary, recognise_labels
 from yeastfit.measure.outlining.boundary import boundary_pixels, coarse_outline, detection_limit, edge_blur, fine_mask
 from yeastfit.measure.outlining.colony_selection import object_at, select_colony
 from yeastfit.measure.outlining.doubts import doubts_of_mask, doubts_of_photograph
@@ -47,6 +46,7 @@ from yeastfit.measure.outlining.mask_operations import (
     blurred,
     without_specks,
 )
+from yeastfit.measure.reading.binary_images import BinaryImage, recognise_binary, recognise_labels
 from yeastfit.measure.reading.images import MIN_SIDE
 from yeastfit.measure.reading.outline_files import chosen, objects_of
 from yeastfit.measure.reading.segmentation_options import SegmentationOptions

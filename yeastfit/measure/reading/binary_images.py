@@ -6,8 +6,7 @@ import numpy as np
 import numpy.typing as npt
 from jaxtyping import Bool
 
-from yeastfit.measure.outlining.mask_operations import Mask
-
+Mask = Bool[np.ndarray, "row column"]
 UNSURE = (0.25, 0.75)  # share of the border's bright pixels between which polarity is unsure
 LEVELS = 3  # grey levels around black and white that lossy compression may leave, of 255
 NEARLY = 0.9  # share of pixels within them

@@ -19,6 +19,7 @@ Condition and replicate together identify a colony. At the top of `manifest.toml
 the note may be given once, for all images that do not say otherwise.
 """
 
+import os
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from difflib import get_close_matches
@@ -95,8 +96,11 @@ class Dataset:
 
 
 def find_manifest(folder: Path) -> Path | None:
-    """The manifest in a folder, or None; raises `InputError` where there are two."""
-    found = [folder / name for name in MANIFESTS if (folder / name).is_file()]
+    """The manifest in a folder, or None; raises `InputError` where there are two, or it is no file."""
+    found = [folder / name for name in MANIFESTS if os.path.lexists(folder / name)]
+    for path in found:
+        if not _is_file(path):
+            raise InputError(f"{path}: a folder, a pipe or a link to nowhere, need a file or none")
     if len(found) > 1:
         raise InputError(f"{folder}: holds {' and '.join(MANIFESTS)}, a data set has one of them")
     return found[0] if found else None

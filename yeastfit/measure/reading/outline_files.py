@@ -15,9 +15,11 @@ import numpy.typing as npt
 from jaxtyping import Bool
 
 from yeastfit.errors import InputError
+from yeastfit.measure.reading.binary_images import recognise_binary, recognise_labels
 from yeastfit.measure.reading.images import MAX_PIXELS, read_image
 
 MAX_BYTES = 8 * MAX_PIXELS
+AREAS = {"polygon", "freehand", "traced", "rect", "oval"}  # ImageJ's selections that enclose something
 HARMLESS = {
     ("numpy", "ndarray"),
     ("numpy", "dtype"),
@@ -56,7 +58,7 @@ def read_outline(
             )
         if labels.min() < 0:
             raise InputError(f"{path}: a label is {labels.min()}, labels must be whole numbers from 0 on")
-        objects = objects_of(labels)
+        objects = _objects(labels, path)
     if not objects:
         raise InputError(f"{path}: holds no object, need the outline of a colony")
     return chosen(objects, seed_point, path)
@@ -68,6 +70,19 @@ def write_mask(path: Path, mask: np.ndarray, pixel_size: float | None = None) ->
 
     density: dict[str, Any] = {} if pixel_size is None else {"dpi": (25_400 / pixel_size, 25_400 / pixel_size)}
     Image.fromarray(mask).save(path, optimize=True, **density)
+
+
+def _objects(image: Labels, path: Path) -> list[Bool[np.ndarray, "row column"]]:
+    """Objects of a mask, which lossy compression may have touched, or of a label image; `InputError` for others."""
+    binary = recognise_binary(image)
+    if binary is not None:
+        return [binary.mask] if binary.doubts else objects_of(image)
+    if len(np.unique(image)) > 1 and recognise_labels(image - image.min()) is None:
+        raise InputError(
+            f"{path}: neither black and white nor a label image, as a photograph or an outline with soft edges: need "
+            "one value for each object"
+        )
+    return objects_of(image)
 
 
 def objects_of(labels: Labels) -> list[Bool[np.ndarray, "row column"]]:
@@ -101,9 +116,15 @@ def _regions(path: Path, shape: tuple[int, int]) -> list[Bool[np.ndarray, "row c
 
     try:
         read = roifile.roiread(path)
-        each = [one.coordinates() for one in (read if isinstance(read, list) else [read])]
+        regions = read if isinstance(read, list) else [read]
+        each = [one.coordinates() for one in regions]
     except Exception as error:  # a damaged file makes readers raise anything at all
         raise InputError(f"{path}: cannot be read as ImageJ's regions ({error}), need a .roi or a .zip") from error
+    lines = sorted({one.roitype.name.lower() for one in regions} - AREAS)
+    if lines:
+        raise InputError(
+            f"{path}: holds a selection that is no area ({', '.join(lines)}), need {', '.join(sorted(AREAS))}"
+        )
     filled = [polygon2mask(shape, np.asarray(one)[:, ::-1] - 0.5) for one in each if one is not None and len(one) > 2]
     return [one for one in filled if one.any()]
 

@@ -82,20 +82,22 @@ def read_options(values: Mapping[str, Any], where: str) -> SegmentationOptions:
     """Read options from texts or numbers.
 
     Arguments:
-        values: By the names of the options; others are ignored. Corners of the roi are rounded to whole pixels.
+        values: By the names of the options; others are ignored.
         where: What messages begin with.
 
     Returns:
         The options.
 
     Raises:
-        InputError: The threshold is not above 0, the seed point not two numbers, the roi not four, or `colonies` not
-            one of `COLONIES`.
+        InputError: The threshold is not above 0, the seed point not two numbers, the roi not four whole ones, or
+            `colonies` not one of `COLONIES`.
     """
     point, roi = (
         _numbers(values[name], name, size, where) if values.get(name) is not None else None
         for name, size in (("seed_point", 2), ("roi", 4))
     )
+    if roi is not None and any(one != round(one) for one in roi):
+        raise InputError(f"{where}: roi is {quoted(values['roi'])}, need four whole numbers of pixels x0, y0, x1, y1")
     threshold, colonies = values.get("threshold"), values.get("colonies")
     if colonies is not None and colonies not in COLONIES:
         raise InputError(f"{where}: colonies is {quoted(colonies)}, it must be {' or '.join(COLONIES)}")
