@@ -405,3 +405,14 @@ def test_a_pipe_is_no_manifest_and_users_files_beside_those_of_a_run_stay(tmp_pa
 def test_a_manifest_that_yeastfit_cannot_have_written_is_a_file_like_any_other(tmp_path: Path, text: bytes) -> None:
     (tmp_path / "manifest.json").write_bytes(text)
     assert "holds manifest.json, which yeastfit did not write" in refused(tmp_path, "fit", overwrite=True)
+
+
+def test_an_input_that_is_gone_at_the_end_costs_no_results(tmp_path: Path) -> None:
+    """Somebody removed a photograph while others were measured."""
+    out, photograph = tmp_path / "out", tmp_path / "a.tif"
+    with results_folder(out, "measure") as results:
+        write(results.partial, OLD)
+        results.finish(inputs=[photograph])
+    assert_whole(out, OLD)
+    manifest = json.loads((out / "manifest.json").read_text())
+    assert manifest["inputs"] == {str(photograph): "gone when the command ended"}

@@ -27,6 +27,7 @@ def main() -> None:
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="backslashreplace")  # as standard error does, where a terminal has no µ
     warnings.showwarning = _in_one_line
+    sys.warnoptions.append("ignore:resource_tracker")  # Python's, of a run that a signal ended; processes inherit it
     if logging.lastResort is not None:
         logging.lastResort.setFormatter(logging.Formatter("warning: %(message)s"))
     with signals.answered_signals():

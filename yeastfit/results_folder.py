@@ -86,7 +86,7 @@ class ResultsFolder:
             **({} if seed is None else {"seed": seed}),
             "versions": versions(),
             **device_used(),
-            "inputs": {str(path): sha256_of(path) for path in inputs},
+            "inputs": {str(path): _hash_of_input(path) for path in inputs},
             **more,
             "files": dict(sorted({**staying, **new}.items())),
         }
@@ -244,6 +244,14 @@ def _held(lock: FileLock) -> bool:
 
 def _in_use(path: Path) -> InputError:
     return InputError(f"--out: {path} is in use: {Contents.of(path).holder} writes there")
+
+
+def _hash_of_input(path: str | Path) -> str:
+    """SHA-256, or what became of the file while the command ran."""
+    try:
+        return sha256_of(path)
+    except FileNotFoundError:
+        return "gone when the command ended"
 
 
 def _hashes(folder: Path, part: str = "") -> dict[str, str]:
