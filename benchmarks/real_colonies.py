@@ -97,7 +97,8 @@ def _tails(report: Report, folder: Path, posterior: Posterior, title: str) -> li
     with h5py.File(folder / "simulations.h5") as file:
         rows = file["simulations"][...]
     rows = rows[rows["check"] != 0]
-    low, high = (posterior.quantile(share) for share in MIDDLE)
+    count = rows["values"].shape[1]  # without how much colonies vary
+    low, high = (posterior.quantile(share)[:count] for share in MIDDLE)
     statistics = rows["statistics"][((rows["values"] > low) & (rows["values"] < high)).all(axis=1)]
     statistics = statistics[np.isfinite(statistics).all(axis=1)]
     if len(statistics) < FEWEST:

@@ -1,5 +1,7 @@
 """The off-lattice model as a simulator: it is one, and its rows are what growing and measuring by hand give."""
 
+from functools import partial
+
 import numpy as np
 import pytest
 
@@ -72,6 +74,14 @@ def test_what_came_to_nothing_is_nan_and_told() -> None:
         "not simulated: a parameter lies outside [0, 1]; left out": 1,
         "no pseudohyphal cell could bud any more; left out": 1,
     }
+
+
+def test_a_colony_that_the_frame_cuts_is_told_of() -> None:
+    whole = OfflatticeSimulator.of(["area"], cells=500)
+    cut = OfflatticeSimulator.of(["area"], cells=500, draw=partial(BinnedOutlines.of, frame=(20, 40)))
+    assert cut(VALUES, SEEDS)[0, 0] < whole(VALUES, SEEDS)[0, 0]
+    assert cut.problems == {"the frame of Li et al.'s masks cuts the colony off": 2}
+    assert not whole.problems
 
 
 @pytest.mark.parametrize(

@@ -26,6 +26,8 @@ from yeastfit.offlattice.status import Status
 from yeastfit.parameter_set import ParameterSet
 from yeastfit.specification import Specification, described, module_outside, path_of, undescribed
 
+CUT = "the frame of Li et al.'s masks cuts the colony off"
+
 
 class Picture(Protocol):
     """Masks of a colony's first cells, such as `BinnedOutlines` and `Ellipses`."""
@@ -178,10 +180,12 @@ class OfflatticeSimulator:
         """The mask of a colony that is measured, µm per pixel, and what its area ran into; empty for nothing."""
         picture = self.draw(colony)
         if self.area is None:
-            return picture.mask(colony.x.size), picture.pixel_size, ""
-        matched = self.match(picture.mask, colony.x.size, self.area)
-        problem = "" if matched.match is Match.MATCHED else matched.match.value
-        return matched.mask, picture.pixel_size, problem
+            mask, problem = picture.mask(colony.x.size), ""
+        else:
+            matched = self.match(picture.mask, colony.x.size, self.area)
+            mask, problem = matched.mask, "" if matched.match is Match.MATCHED else matched.match.value
+        cut = mask[[0, -1]].any() or mask[:, [0, -1]].any()
+        return mask, picture.pixel_size, problem or (CUT if cut else "")
 
     def _measured(self, job: tuple[tuple[float, ...], int]) -> tuple[list[float], str]:
         """One row, and what the colony ran into; empty where it was nothing."""

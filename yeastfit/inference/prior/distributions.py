@@ -79,7 +79,7 @@ class SpikeHalfNormal:
     def isf(self, share: Float[np.ndarray, "*any"]) -> Float[np.ndarray, "*any"]:
         """Value that is exceeded with this probability."""
         above = np.minimum(np.asarray(share, dtype=float) / (1.0 - self.zero), 1.0)
-        return np.asarray(self.sd * np.sqrt(2.0) * scipy.special.erfcinv(above))
+        return np.asarray(self.sd * np.sqrt(2.0) * scipy.special.erfcinv(above) + 0.0)  # −0 becomes 0
 
     def ppf(self, share: Float[np.ndarray, "*any"]) -> Float[np.ndarray, "*any"]:
         """Quantiles."""
