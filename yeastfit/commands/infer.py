@@ -84,7 +84,10 @@ def infer(
         ),
     ] = False,
     draws: Annotated[
-        int, typer.Option(min=10, help="Data sets simulated at the end to check the posterior.", rich_help_panel=RUN)
+        int,
+        typer.Option(
+            min=10, help="Data sets simulated at the end to check the posterior, at least 10.", rich_help_panel=RUN
+        ),
     ] = Request.draws,
     prior_draws: Annotated[
         int,

@@ -46,10 +46,14 @@ def fit_page(
         HTML.
     """
     colonies = max(int(each.targets.replicates.max()) for each in result.conditions)
+    freedom = result.degrees_of_freedom
     lead = page.facts(
         [
             ("yes" if result.converged else "no", "converged"),
-            (page.number(result.chi_square), f"chi-square, on {result.degrees_of_freedom} degrees of freedom"),
+            (
+                page.number(result.chi_square),
+                f"chi-square, on {freedom} degree{'' if freedom == 1 else 's'} of freedom",
+            ),
             (colonies, f"{model.nouns[1]} measured"),
             (page.number(result.simulations), f"{model.nouns[1]} simulated"),
         ]

@@ -96,10 +96,10 @@ class Design:
             after, fewer = one.typical_error, one.log_standard_errors
             each = ", ".join(f"{name} {percent(errors[name])} → {percent(fewer[name])}" for name in self.free)
             when = "" if np.isnan(one.time) else f" at {one.time:g}"
-            said.append(
-                f"measure {', '.join(one.statistics)}{when} in {who}: "
-                f"the typical error falls from {percent(before)} to {percent(after)} ({each})"
-            )
+            gain = f"falls from {percent(before)} to {percent(after)}"
+            if percent(before) == percent(after):
+                gain = f"stays at {percent(after)}: nothing is gained"
+            said.append(f"measure {', '.join(one.statistics)}{when} in {who}: the typical error {gain} ({each})")
             before, errors = after, fewer
         return said
 
