@@ -69,7 +69,9 @@ def _compared(report: Report, folder: Path) -> list[str]:
 def _run(report: Report, folder: Path, title: str) -> list[str]:
     """One run: its figures and tables, and what they mean."""
     posterior, predicted = Posterior.load(folder / "posterior.npz"), Predictive.load(folder / "predictive.npz")
-    report.add(f"{title}: settled", float(posterior.settled), "", 1, note=f"{posterior.simulations} colonies")
+    reused = getattr(posterior.diagnostics, "reused", 0)
+    made = f"{posterior.simulations} colonies" + (f", and {reused} of earlier runs (`--reuse`)" if reused else "")
+    report.add(f"{title}: settled", float(posterior.settled), "", 1, note=made)
     ends = posterior.interval(0.9)
     report.table(
         f"{title}: parameters",
