@@ -46,11 +46,12 @@ def rows(path: Path) -> list[dict[str, str]]:
 def test_all_images_of_a_folder_are_measured_in_counting_order(tmp_path: Path) -> None:
     for name in ("s10.png", "s9.PNG", "notes.txt", ".hidden.png"):
         (tmp_path / name).write_bytes(b"x")
+    (tmp_path / "s1.png").symlink_to(tmp_path / "s10.png")
     images, dataset, skipped = find_images([tmp_path], 0.5, SegmentationOptions(threshold=9.0))
     assert [image.label for image in images] == ["s9.PNG", "s10.png"]
     assert all(image.pixel_size == 0.5 and image.options.threshold == 9 and image.hours is None for image in images)
     assert dataset is None
-    assert [path.name for path in skipped] == ["notes.txt"]
+    assert [path.name for path in skipped] == ["notes.txt", "s1.png"]
 
 
 def test_what_the_manifest_says_goes_before_the_options(tmp_path: Path) -> None:

@@ -94,7 +94,8 @@ def measure(
     measured = [outcome for outcome in outcomes if outcome.row]
     warn([f"{outcome.image.label}: {doubt}" for outcome in measured for doubt in outcome.doubts])
     if skipped:
-        warn([f"passed over, no images by their names: {', '.join(path.name for path in skipped)}"])
+        names = ", ".join(path.name for path in skipped)
+        warn([f"passed over, no images by their names, or links to others: {names}"])
     out.print(f"{len(measured)} of {len(images)} micrographs measured. Results in {folder}, on one page: index.html")
     if failed:
         fail(failed)

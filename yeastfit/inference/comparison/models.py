@@ -142,6 +142,7 @@ def _scored(name: str, found: LeftOut, best: str, of_best: LeftOut) -> Scored:
     both = of_best.log_density - found.log_density
     both = both[np.isfinite(both)]
     if not len(both):
-        raise InputError(f"{best} and {name}: no colony has a density in both")
+        runs = name if name == best else f"{best} and {name}"
+        raise InputError(f"{runs}: no colony left out has a density")
     error = float("nan") if name == best else standard_error(both)
     return Scored(name, found, float(both.sum()), error, len(both))

@@ -59,7 +59,8 @@ def find_images(
         options: How to outline images of which no manifest says it.
 
     Returns:
-        The images, the data set they come from, and files of folders that are no images by their names.
+        The images, the data set they come from, and files of folders that are no images by their names, or
+        links to others.
 
     Raises:
         InputError: A path does not exist, a data set is given beside other things, a file is given twice, there is no
@@ -128,8 +129,11 @@ def images_in(folder: Path) -> tuple[list[Path], list[Path]]:
 
 
 def _images(folder: Path) -> tuple[list[Path], list[Path]]:
+    """Images, and what else there is: links to images of the same folder, too."""
     inside = sorted((path for path in folder.iterdir() if path.name[0] != "."), key=_natural_order)
     images = [path for path in inside if path.suffix.lower() in SUFFIXES]
+    files = {os.path.realpath(path) for path in images if not path.is_symlink()}
+    images = [path for path in images if not (path.is_symlink() and os.path.realpath(path) in files)]
     return images, [path for path in inside if path not in images]
 
 
