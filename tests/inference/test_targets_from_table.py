@@ -171,6 +171,8 @@ def test_rows_that_no_fit_can_use_are_refused_in_words(measured: Path, tmp_path:
     for twice in ([{**row, "replicate": ""} for row in rows], [*rows, {**rows[0], "file": "again.tif"}]):
         with pytest.raises(InputError, match=r"at 6 hours appears twice, colony01_06\.0h\.tif is of it, too"):
             targets_of(twice, measured)
+    with pytest.raises(InputError, match=r"colony01_06\.0h\.tif: its replicate is empty, others have one"):
+        targets_of([{**rows[0], "replicate": ""}, *rows[1:]], measured)
     with pytest.raises(InputError, match="'colour' is not in the table, which has"):
         targets_of(rows, measured, statistics=("colour",))
     sizes = [{**row, "um_per_pixel": row["um_per_pixel"] * (1 + 0.1 * k)} for k, row in enumerate(rows)]

@@ -68,6 +68,7 @@ BAD = {
     GOOD + "optics = { blur = 'much' }": "optics blur: got 'much'",
     GOOD + "optics = { blur = 1e9 }": "optics blur: got 1000000000.0, need a number, finite, at least 0 and at most",
     GOOD + "optics = { specks = 1e12 }": "and at most 1000",
+    GOOD + "optics = { base = 1e300 }": "and at most 100",
     GOOD + "optics = { speck_radius = 1 }": "optics speck_radius: got 1",
     GOOD + "model = 'uniform'": "model is 'uniform', it must be a table of rules",
     GOOD + "model = { budding = 'uniform' }": "budding is 'uniform'",

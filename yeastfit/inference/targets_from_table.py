@@ -281,6 +281,9 @@ def checked_rows(rows: Sequence[Mapping[str, Any]], condition: str | None) -> li
         for name in ("um_per_pixel", "max_radius"):
             if name in row:
                 (KNOWN.get(name) or STATISTICS[name].admissible).read(row[name], f"{row['file']}: {name}")
+    unnamed = [row for row in chosen if not str(row["replicate"] or "")]
+    if unnamed and len(unnamed) < len(chosen):
+        raise InputError(f"{unnamed[0]['file']}: its replicate is empty, others have one: say which colony it is of")
     _refuse_twice(chosen)
     return chosen
 

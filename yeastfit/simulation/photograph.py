@@ -86,6 +86,7 @@ class Optics:
     def __post_init__(self) -> None:
         largest = {"background": 255.0, "gradient": 0.5, "curvature": 0.1, "speck_darkness": 1.0}
         largest |= {"blur": 100.0, "grain": 100.0, "specks": 1000.0, "speck_radius": 100.0}  # of what an image takes
+        largest |= {"base": 100.0, "depth": 100.0, "rim": 100.0, "texture": 10.0, "noise": 255.0}  # black, or noise
         for name, value in vars(self).items():
             limit = largest.get(name, float("inf"))
             pair = name.startswith("speck_")

@@ -1,6 +1,8 @@
 """Outlines made elsewhere: which object counts, what is refused, and a data set that brings them."""
 
 import os
+import struct
+import tracemalloc
 from pathlib import Path
 from typing import Any
 
@@ -142,3 +144,25 @@ def test_masks_that_were_compressed_are_masks_and_photographs_are_none(tmp_path:
         Image.fromarray(image).save(tmp_path / name)
         with pytest.raises(InputError, match=f"{name}: neither black and white nor a label image"):
             read_outline(tmp_path / name, disc.shape)
+
+
+def test_small_files_take_little_memory(tmp_path: Path) -> None:
+    """A pickle of 137 bytes that asks for 2 GB, and a label image of four thousand labels: 1 MB each would be 4 GB."""
+    crafted = b"\x80\x04Nr" + struct.pack("<I", 0x0FFFFFFF) + b"."
+    with (tmp_path / "a_seg.npy").open("wb") as file:
+        np.lib.format.write_array_header_1_0(file, {"descr": "|O", "fortran_order": False, "shape": ()})
+        file.write(crafted)
+    with pytest.raises(InputError, match="it asks for more memory than it can fill"):
+        read_outline(tmp_path / "a_seg.npy", SHAPE)
+    labels = np.zeros((1000, 1000), dtype=np.uint16)
+    for k in range(3900):
+        labels[16 * (k // 62) + 4 : 16 * (k // 62) + 12, 16 * (k % 62) + 4 : 16 * (k % 62) + 12] = k + 1
+    labels[4:12, 4:14] = 1
+    tifffile.imwrite(tmp_path / "labels.tif", labels)
+    tracemalloc.start()
+    found = read_outline(tmp_path / "labels.tif", labels.shape)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    np.testing.assert_array_equal(found, labels == 1)
+    assert peak < 200e6
+    assert read_outline(tmp_path / "labels.tif", labels.shape, (24.0, 8.0)).sum() == 64

@@ -140,12 +140,15 @@ def distance_of(name: DistanceName, problem: Problem, data_sets: Simulator, coun
     if name == "li":
         areas = [k for k, one in enumerate(problem.simulator.observables) if one.statistic == "area"]
         return LiDistance(observed, areas[-1] if areas and len(observed) > 1 else None)
+    free = len(problem.prior.free)
+    needed = (free + 1) * (free + 2) // 2 + 2 * len(observed)  # terms of a quadratic, and statistics
+    if count < needed:
+        raise InputError(f"pilot is {count}, the scatter of {len(observed)} statistics needs at least {needed}")
     pilot = pilot_of(problem, data_sets, WeightedCurves(observed, np.ones(len(observed))), count, seed)
     whole = np.isfinite(pilot.distances)
     x, statistics = pilot.x[whole], pilot.statistics[whole]
     x = (x - x.mean(axis=0)) / x.std(axis=0)
     terms = monomials(x)
-    needed = terms.shape[1] + 2 * len(observed)
     if len(x) < needed:
         raise InputError(
             f"pilot: {len(x)} of {count} simulations succeeded, the scatter of {len(observed)} statistics "

@@ -23,7 +23,7 @@ from yeastfit.inference.sensitivity.result import Sensitivity
 from yeastfit.inference.simulator import Simulator
 from yeastfit.inference.targets import Targets
 from yeastfit.inference.targets_from_table import OF_ANYTHING, targets_in_hours
-from yeastfit.measure.statistics.registry import STATISTICS, known_statistics, names_in_tables
+from yeastfit.measure.statistics.registry import STATISTICS, known_statistics
 from yeastfit.model.model import Model
 from yeastfit.panel import Panel
 from yeastfit.parameter_set import ParameterSet
@@ -115,7 +115,8 @@ class ForwardModel(ABC):
         Raises:
             InputError: One is unknown, or appears twice, which would double its weight.
         """
-        known = {*known_statistics("smooth"), *known_statistics("mask"), *names_in_tables()}
+        known = {*known_statistics("smooth"), *known_statistics("mask")}
+        known |= {name for name, one in STATISTICS.items() if not one.forms}
         for name in names:
             if name not in known:
                 raise InputError(f"--statistics: {name!r} is unknown, expected some of {', '.join(sorted(known))}")

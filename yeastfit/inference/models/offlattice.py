@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, get_args
 
 import numpy as np
 from jaxtyping import Float
@@ -101,6 +101,9 @@ class Offlattice(ForwardModel):
             POSITIVE.read(self.area, "area")
         if self.pixel_size is not None:
             PIXEL_SIZES.read(self.pixel_size, "pixel_size")
+        for name, value, known in (("match", self.match, Match), ("masks", self.masks, Masks)):
+            if value is not None and value not in get_args(known):
+                raise InputError(f"{name} is {value!r}, it must be {' or '.join(get_args(known))}")
         Range(0.0).read(self.delay, "delay")
 
     @property

@@ -48,7 +48,7 @@ from yeastfit.measure.outlining.mask_operations import (
 )
 from yeastfit.measure.reading.binary_images import BinaryImage, recognise_binary, recognise_labels
 from yeastfit.measure.reading.images import MIN_SIDE
-from yeastfit.measure.reading.outline_files import chosen, objects_of
+from yeastfit.measure.reading.outline_files import background_of, object_in
 from yeastfit.measure.reading.segmentation_options import SegmentationOptions
 
 
@@ -126,12 +126,14 @@ def segment(
     if labels is not None:
         inside = np.zeros(labels.shape, dtype=bool)
         inside[window] = True
-        objects = [one & inside for one in objects_of(labels) if one[window].any()]
-        if not objects:
+        background = background_of(labels)
+        kept = np.where(inside, labels, background)
+        count = len(np.setdiff1d(labels[window], [background]))
+        if not count:
             raise InputError(f"{name}: no object within roi {roi!r}, need one around it")
-        every = np.logical_or.reduce(objects)
-        found = given_outline(image, every if colonies == "all" else chosen(objects, seed_point, Path(name)))
-        several = ("several objects",) if seed_point is None and colonies is None and len(objects) > 1 else ()
+        one = kept != background if colonies == "all" else object_in(kept, seed_point, Path(name))
+        found = given_outline(image, one)
+        several = ("several objects",) if seed_point is None and colonies is None and count > 1 else ()
         doubts = (*several, *(one for one in found.warnings if one != "corrected by hand"))
         return Segmentation(found.mask, found.background, 0.5, 0.0, 0.0, doubts)
     part = _segment_photograph(_checked(image[window], name), min_area, options, name)

@@ -6,6 +6,7 @@ when it is opened; it is read by an unpickler that knows arrays, numbers and tex
 
 import io
 import pickle
+import pickletools
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -48,20 +49,18 @@ def read_outline(
     """
     suffix = path.suffix.lower()
     if suffix in (".roi", ".zip"):
-        objects = _regions(path, shape)
-    else:
-        labels = _array(path) if suffix == ".npy" else read_image(path)
-        if labels.shape != shape:
-            raise InputError(
-                f"{path}: an outline of {labels.shape[1]} x {labels.shape[0]} pixels, need {shape[1]} x {shape[0]} as "
-                "its photograph has"
-            )
-        if labels.min() < 0:
-            raise InputError(f"{path}: a label is {labels.min()}, labels must be whole numbers from 0 on")
-        objects = _objects(labels, path)
-    if not objects:
-        raise InputError(f"{path}: holds no object, need the outline of a colony")
-    return chosen(objects, seed_point, path)
+        return _region(path, shape, seed_point)
+    labels = _array(path) if suffix == ".npy" else read_image(path)
+    if labels.shape != shape:
+        raise InputError(
+            f"{path}: an outline of {labels.shape[1]} x {labels.shape[0]} pixels, need {shape[1]} x {shape[0]} as its "
+            "photograph has"
+        )
+    if labels.min() < 0:
+        raise InputError(f"{path}: a label is {labels.min()}, labels must be whole numbers from 0 on")
+    if suffix == ".npy":
+        return object_in(labels, seed_point, path)
+    return _object(labels, seed_point, path)
 
 
 def write_mask(path: Path, mask: np.ndarray, pixel_size: float | None = None) -> None:
@@ -72,42 +71,59 @@ def write_mask(path: Path, mask: np.ndarray, pixel_size: float | None = None) ->
     Image.fromarray(mask).save(path, optimize=True, **density)
 
 
-def _objects(image: Labels, path: Path) -> list[Bool[np.ndarray, "row column"]]:
-    """Objects of a mask, which lossy compression may have touched, or of a label image; `InputError` for others."""
+def _object(image: Labels, seed_point: Sequence[float] | None, path: Path) -> Bool[np.ndarray, "row column"]:
+    """Of a mask, which lossy compression may have touched, or of a label image; `InputError` for others."""
     binary = recognise_binary(image)
     if binary is not None:
-        return [binary.mask] if binary.doubts else objects_of(image)
+        return object_in(binary.mask.astype(np.uint8) if binary.doubts else image, seed_point, path)
     if len(np.unique(image)) > 1 and recognise_labels(image - image.min()) is None:
         raise InputError(
             f"{path}: neither black and white nor a label image, as a photograph or an outline with soft edges: need "
             "one value for each object"
         )
-    return objects_of(image)
+    return object_in(image, seed_point, path)
 
 
-def objects_of(labels: Labels) -> list[Bool[np.ndarray, "row column"]]:
-    """Objects of a label image: each value but that of the background, which holds most of the border's corners."""
+def background_of(labels: Labels) -> Any:
+    """The value of most of the corners."""
     corners = [labels[row, column] for row in (0, -1) for column in (0, -1)]
     values, counts = np.unique(corners, return_counts=True)
-    background = values[counts == counts.max()].min()
-    return [labels == value for value in np.unique(labels) if value != background]
+    return values[counts == counts.max()].min()
 
 
-def chosen(
-    objects: Sequence[Bool[np.ndarray, "row column"]], seed_point: Sequence[float] | None, path: Path
-) -> Bool[np.ndarray, "row column"]:
-    """The object at the seed point, else the largest."""
+def object_in(labels: Labels, seed_point: Sequence[float] | None, path: Path) -> Bool[np.ndarray, "row column"]:
+    """The object of a label image at the seed point, else the largest; each value but the background's is one.
+
+    Raises:
+        InputError: There is none, or none at the seed point.
+    """
+    values, counts = np.unique(labels, return_counts=True)
+    others = values != background_of(labels)
+    values, counts = values[others], counts[others]
+    if not len(values):
+        raise InputError(f"{path}: holds no object, need the outline of a colony")
     if seed_point is None:
-        return max(objects, key=lambda one: int(one.sum()))
+        return np.asarray(labels == values[counts.argmax()])
+    row, column = _at(seed_point, labels.shape)
+    value = labels[row, column]
+    if value not in values:
+        raise _none_there(path, seed_point, len(values))
+    return np.asarray(labels == value)
+
+
+def _at(seed_point: Sequence[float], shape: tuple[int, ...]) -> tuple[int, int]:
+    """Row and column of the pixel."""
     column, row = (round(value) for value in seed_point)
-    for one in objects:
-        if one[min(row, one.shape[0] - 1), min(column, one.shape[1] - 1)]:
-            return one
-    raise InputError(f"{path}: no object at seed_point {column}, {row}, need a pixel of one of its {len(objects)}")
+    return min(row, shape[0] - 1), min(column, shape[1] - 1)
 
 
-def _regions(path: Path, shape: tuple[int, int]) -> list[Bool[np.ndarray, "row column"]]:
-    """Regions of interest, filled; those that hold no pixel are left out."""
+def _none_there(path: Path, seed_point: Sequence[float], count: int) -> InputError:
+    column, row = (round(value) for value in seed_point)
+    return InputError(f"{path}: no object at seed_point {column}, {row}, need a pixel of one of its {count}")
+
+
+def _region(path: Path, shape: tuple[int, int], seed_point: Sequence[float] | None) -> Bool[np.ndarray, "row column"]:
+    """The region of interest at the seed point, else the largest, filled; those that hold no pixel are left out."""
     try:
         import roifile
     except ImportError as error:
@@ -125,8 +141,22 @@ def _regions(path: Path, shape: tuple[int, int]) -> list[Bool[np.ndarray, "row c
         raise InputError(
             f"{path}: holds a selection that is no area ({', '.join(lines)}), need {', '.join(sorted(AREAS))}"
         )
-    filled = [polygon2mask(shape, np.asarray(one)[:, ::-1] - 0.5) for one in each if one is not None and len(one) > 2]
-    return [one for one in filled if one.any()]
+    count, largest, best = 0, 0, np.zeros(shape, dtype=bool)
+    for corners in each:
+        if corners is None or len(corners) < 3:
+            continue
+        filled = polygon2mask(shape, np.asarray(corners)[:, ::-1] - 0.5)
+        size = int(filled.sum())
+        count += size > 0
+        if seed_point is not None and filled[_at(seed_point, shape)]:
+            return np.asarray(filled)
+        if size > largest:
+            largest, best = size, filled
+    if not count:
+        raise InputError(f"{path}: holds no object, need the outline of a colony")
+    if seed_point is not None:
+        raise _none_there(path, seed_point, count)
+    return best
 
 
 def _array(path: Path) -> Labels:
@@ -140,7 +170,7 @@ def _array(path: Path) -> Labels:
             if header(file)[2] != np.dtype(object):
                 found: Any = np.load(path, allow_pickle=False)
             else:
-                found = _Unpickler(io.BytesIO(file.read())).load()
+                found = _unpickled(file.read())
     except InputError:
         raise
     except Exception as error:
@@ -150,6 +180,14 @@ def _array(path: Path) -> Labels:
     if not isinstance(labels, np.ndarray) or labels.ndim != 2 or labels.dtype.kind not in "bui":
         raise InputError(f"{path}: holds no flat array of labels, need one, or cellpose's dictionary with `masks`")
     return labels
+
+
+def _unpickled(content: bytes) -> Any:
+    """What a pickle holds, if it is harmless, and its places for objects are no more than its bytes."""
+    for operation, argument, _ in pickletools.genops(content):
+        if operation.name.endswith("PUT") and isinstance(argument, int) and argument > len(content):
+            raise pickle.UnpicklingError("it asks for more memory than it can fill")
+    return _Unpickler(io.BytesIO(content)).load()
 
 
 class _Unpickler(pickle.Unpickler):
