@@ -344,7 +344,7 @@ def test_a_mask_of_another_image_is_refused(tmp_path: Path, refused: Run) -> Non
     Image.fromarray(DISC < 100).save(tmp_path / "data" / "masks" / "a.png")
     other = table().replace("700", "600")
     written(source, other)
-    assert "a.png: area is 600 µm², its mask" in refused(["fit", source])
+    assert "a.png: area is 600 µm² in the table, its mask" in refused(["fit", source])
 
 
 TRUTHS = {"empty": "", "list": "[1]", "other names": "{}", "text": '{"diffusivity": "much"}', "nested": "[" * 10**5}

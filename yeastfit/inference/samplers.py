@@ -117,8 +117,10 @@ def sampler_of(method: str, settings: Mapping[str, Any]) -> Sampler:
     for name in settings:
         if name not in setting_names(method):
             owners = [other for other in SAMPLERS if name in setting_names(other)]
-            what = f"a setting of {' and '.join(owners)}" if owners else "no setting of any method"
-            raise InputError(f"{name} is {what}: leave it out; {method} has {', '.join(setting_names(method))}")
+            if owners:
+                raise InputError(f"{name} is a setting of {' and '.join(owners)}, not of {method}: leave it out")
+            has = ", ".join(setting_names(method))
+            raise InputError(f"{name} is no setting of any method: leave it out, {method} has {has}")
     return SAMPLERS[method](**settings)
 
 

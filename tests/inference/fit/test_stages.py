@@ -202,7 +202,7 @@ def test_bad_arguments_are_named(arguments: dict, message: str | None, targets: 
     if message is None:
         arguments, message = (
             {"targets": few, "free": PARAMETERS.names},
-            "7 target values cannot determine 7 free parameters",
+            r"7 target values \(statistics × times\) cannot determine 7 free parameters",
         )
     with pytest.raises(InputError, match=message):
         fit(**{"targets": targets, **arguments})

@@ -114,6 +114,27 @@ def test_files_keep_every_bit(tmp_path: Path) -> None:
     assert replace(found, warnings=()).warned("one", "two").warnings == ("one", "two")
 
 
+@pytest.mark.parametrize(
+    ("name", "shape", "words"),
+    [
+        ("values", (2, 3, 4), r"values has shape \(2, 3, 4\), it must be \(2, 50, 4\)"),
+        ("observed", (7,), r"observed has shape \(7,\), it must be"),
+        ("weights", (2, 50), "weights holds numbers that are not finite"),
+    ],
+)
+def test_arrays_that_do_not_fit_each_other_are_refused(
+    name: str, shape: tuple[int, ...], words: str, tmp_path: Path
+) -> None:
+    path = tmp_path / "posterior.npz"
+    made_up(walk(0.5, 2, 50)).save(path)
+    with np.load(path) as file:
+        arrays = {key: file[key] for key in file.files}
+    arrays[name] = np.full(shape, np.nan)
+    np.savez(path, **arrays)
+    with pytest.raises(InputError, match=words):
+        Posterior.load(path)
+
+
 def test_diagnostics_that_no_imported_file_defines_are_refused() -> None:
     with pytest.raises(InputError, match="diagnostics are of kind 'Elsewhere', which no imported file defines"):
         Diagnostics.restored({"kind": "Elsewhere"})

@@ -211,6 +211,7 @@ class Posterior(Draws):
             arrays = {name: file[name] for name in (*ARRAYS, *({LIKELIHOOD} & set(file.files)))}
             rest = from_json(str(file["rest"]))
         rest |= {name: tuple(rest[name]) for name in ("labels", "warnings")}
+        _check_shapes(arrays, len(rest["labels"]))
         arrays |= {name: np.array(rest.pop(name)) for name in ("noise", "worth") if rest[name] is not None}
         rest |= {"prior": Prior.of(rest["prior"]), "status": Status[rest["status"]]}
         return Posterior(**rest | {"diagnostics": Diagnostics.restored(rest["diagnostics"])}, **arrays)
@@ -231,3 +232,16 @@ class Posterior(Draws):
             "settings": as_json(self.settings),
             "warnings": as_json(self.warnings),
         }
+
+
+def _check_shapes(arrays: dict[str, np.ndarray], statistics: int) -> None:
+    """Raise `ValueError` where arrays of a file do not fit each other."""
+    draws = arrays["weights"].shape
+    shapes = {"log_probability": draws, "observed": (statistics,), "statistics": (*draws, statistics)}
+    shapes |= {"values": (*draws, *arrays["values"].shape[-1:])}
+    for name, shape in shapes.items():
+        if arrays[name].shape != shape or len(draws) != 2:
+            raise ValueError(f"{name} has shape {arrays[name].shape}, it must be {shape}")
+    for name in ("values", "weights"):
+        if not np.isfinite(arrays[name]).all():
+            raise ValueError(f"{name} holds numbers that are not finite")
