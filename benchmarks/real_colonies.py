@@ -19,6 +19,7 @@ quantile say whether they are.
 """
 
 import argparse
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -137,6 +138,10 @@ def main(arguments: list[str] | None = None) -> None:
         )
         if report.docs is not None:
             words = "## In words\n\n" + "\n".join(f"- {one}" for one in said) + "\n"
+            picture = own.work / "comparison" / "marginals.png"
+            if picture.is_file():
+                shutil.copyfile(picture, report.docs / "real.png")
+                words += "\n![Posterior densities](real.png)\n\nPosterior densities of every parameter, by set.\n"
             text = "\n".join([report.head(__doc__), "", words, *report.sections()])
             (report.docs / "real.md").write_text(text, encoding="utf-8")
 
