@@ -99,6 +99,13 @@ def test_a_result_is_whole(found: Sensitivity, tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"damaged\.json.*jacobian holds NaN"):
         Sensitivity.load(tmp_path / "damaged.json")
     whole = read_json(tmp_path / "sensitivity.json")
+    for name, most in (
+        ("mean", "1e\\+300, it can be at most 1e"),
+        ("pathwise_share", "1e\\+300, it can be at most 1.00001"),
+    ):
+        write_json(tmp_path / "damaged.json", {**whole, name: [1e300, *whole[name][1:]]})
+        with pytest.raises(InputError, match=rf"damaged\.json.*{name} holds {most}"):
+            Sensitivity.load(tmp_path / "damaged.json")
     for name in ("at", "runs", "free", "observables", "mean", "jacobian", "error", "scatter", "correlation"):
         for value in (None, "x", list[str](), -1):
             write_json(tmp_path / "damaged.json", {**whole, name: value})

@@ -18,6 +18,10 @@ Jacobian = Float[np.ndarray, "observable free"]
 Means = Float[np.ndarray, " observable"]
 
 
+LARGEST = 1e30  # of what an estimate can hold; squares of it are of double precision
+ROUNDING = 1e-5
+
+
 class SensitivityStatus(StrEnum):
     """Whether an estimate is to be doubted; the values are messages."""
 
@@ -176,6 +180,11 @@ def _check_shapes(data: dict[str, Any], arrays: dict[str, np.ndarray]) -> None:
         shape = (rows, rows) if name in square else (rows, columns) if name in table else (rows,)
         if values.shape != shape:
             raise ValueError(f"{name} has the shape {values.shape} instead of {shape}")
+    largest = {"correlation": 1.0 + ROUNDING, "pathwise_share": 1.0 + ROUNDING}
+    for name, values in arrays.items():
+        most = np.abs(values[np.isfinite(values)]).max(initial=0.0)
+        if most > largest.get(name, LARGEST):
+            raise ValueError(f"{name} holds {most:g}, it can be at most {largest.get(name, LARGEST):g}")
     if strange := [name for name in data["free"] if name not in data["at"]]:
         raise ValueError(f"free names {short(strange[0])}, of which at says nothing")
     if not all(isinstance(value, int | float) for value in data["at"].values()):
