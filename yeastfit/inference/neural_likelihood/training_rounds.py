@@ -19,7 +19,7 @@ FEW = 0.01  # of the draws, above which outlying ones are warned of
 NEAR = 0.99  # of draws so many times as wide as the posterior with its trail lie in its neighbourhood
 LOCAL = 1.6  # times as wide as proposals is the neighbourhood that a posterior is learnt in, once it is found
 FOUND = 1.0  # standard deviations: a posterior that moved less is found
-PRESSED = 0.05  # of the draws at most lie outside the proposals of the round before where a posterior is found
+STRAY = 0.05  # of the draws at most lie outside the proposals of the round before where a posterior is found
 OUTSIDE = 1e-3  # of the draws at most lie outside the neighbourhood that an emulator is restricted to
 TRIES = 100  # times that draws outside the prior are repeated
 
@@ -46,7 +46,7 @@ class Neighbourhood:
 
     def surrounds(self, draws: Float[np.ndarray, "draw free"], widen: float) -> bool:
         """Whether nearly all draws lie where proposals from it do."""
-        return 1.0 - float(self.holds(draws, widen).mean()) <= PRESSED
+        return 1.0 - float(self.holds(draws, widen).mean()) <= STRAY
 
     def kept_to(
         self, draws: Float[np.ndarray, "draw free"], simulations: Values, widen: float, least: int
