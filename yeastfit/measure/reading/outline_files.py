@@ -101,7 +101,7 @@ def object_in(labels: Labels, seed_point: Sequence[float] | None, path: Path) ->
     others = values != background_of(labels)
     values, counts = values[others], counts[others]
     if not len(values):
-        raise InputError(f"{path}: holds no object, need the outline of a colony")
+        raise _nothing_in(path)
     if seed_point is None:
         return np.asarray(labels == values[counts.argmax()])
     row, column = _at(seed_point, labels.shape)
@@ -115,6 +115,10 @@ def _at(seed_point: Sequence[float], shape: tuple[int, ...]) -> tuple[int, int]:
     """Row and column of the pixel."""
     column, row = (round(value) for value in seed_point)
     return min(row, shape[0] - 1), min(column, shape[1] - 1)
+
+
+def _nothing_in(path: Path) -> InputError:
+    return InputError(f"{path}: holds no object, need the outline of a colony")
 
 
 def _none_there(path: Path, seed_point: Sequence[float], count: int) -> InputError:
@@ -153,7 +157,7 @@ def _region(path: Path, shape: tuple[int, int], seed_point: Sequence[float] | No
         if size > largest:
             largest, best = size, filled
     if not count:
-        raise InputError(f"{path}: holds no object, need the outline of a colony")
+        raise _nothing_in(path)
     if seed_point is not None:
         raise _none_there(path, seed_point, count)
     return best
