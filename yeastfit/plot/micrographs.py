@@ -75,7 +75,8 @@ def thumbnail(pixels: np.ndarray, mask: np.ndarray | None, side: int) -> bytes:
     size = [max(2, round(length * scale)) for length in pixels.shape[::-1]]
     image = Image.fromarray(grey).resize((size[0], size[1]), Image.Resampling.BICUBIC).convert("RGB")
     canvas, width = ImageDraw.Draw(image), max(3, round(side / 140))
-    for contour in [] if mask is None else outline(mask):
+    drawn = [] if mask is None else [part for part in outline(mask) if np.ptp(part, axis=0).max() * scale >= 2]
+    for contour in drawn:  # but for specks below a pixel of the picture: grain has a million of them
         canvas.line([(x, y) for y, x in ((contour + 0.5) * scale).tolist()], fill=OUTLINE, width=width, joint="curve")
     buffer = BytesIO()
     image.reduce(2).save(buffer, "JPEG", quality=82, optimize=True)
