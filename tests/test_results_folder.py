@@ -357,6 +357,10 @@ def test_links_in_a_folder_are_not_followed(tmp_path: Path) -> None:
         )
     with pytest.raises(InputError, match="masks"):
         made(out, {"other.csv": "1"}, overwrite=True)
+    (tmp_path / "empty").mkdir()
+    (out / "masks").unlink()
+    (out / "masks").symlink_to(tmp_path / "empty")
+    assert "masks/a.png, masks/deep/b.png in place of a file that yeastfit wrote: move it" in refused(out)
     assert files_in(tmp_path / "elsewhere") == {"a.png": "2", "deep/b.png": "3"}
     (out / "masks").unlink()
     (out / WORK).symlink_to(tmp_path / "elsewhere")

@@ -19,6 +19,7 @@ def main() -> None:
     _open_closed_streams()
     if len(os.environ.get("COLUMNS", "")) > 4:
         del os.environ["COLUMNS"]  # no terminal is that wide, and text would be padded
+    os.environ["MPLBACKEND"] = "agg"  # figures go into files, whatever the user's notebooks draw on
     # one JAX device per processor, over which ensembles are shared out
     os.environ.setdefault("JAX_NUM_CPU_DEVICES", str(available_processors()))
     gc.set_threshold(

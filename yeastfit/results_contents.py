@@ -117,7 +117,12 @@ def misplaced_files(folder: Path, listed: Listed) -> list[str]:
     def misplaced(file: Path) -> bool:
         return (file.is_dir() and not file.is_symlink()) or not file.parent.resolve().is_relative_to(where)
 
-    return [name for name in listed if os.path.lexists(folder / name) and misplaced(folder / name)]
+    def behind_link(name: str) -> bool:
+        return any((folder / parent).is_symlink() for parent in PurePath(name).parents[:-1])
+
+    return [
+        name for name in listed if behind_link(name) or (os.path.lexists(folder / name) and misplaced(folder / name))
+    ]
 
 
 def changed_files(folder: Path, listed: Listed) -> list[str]:

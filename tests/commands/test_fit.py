@@ -155,13 +155,13 @@ def test_a_fit_that_did_not_converge_is_exit_code_1(
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["--prior", "mobility"], ["--prior is 'mobility'", "mobility=0.5:2"]),
+        (["--prior", "mobility"], ["--prior is 'mobility'", "mobility=1:0.1"]),
         (["--prior", "mobility=1:wide"], ["--prior is 'mobility=1:wide'"]),
-        (["--prior", "elasticity=5:0.1"], ["prior names 'elasticity'", "not free"]),
-        (["--prior", "mobility=1:0"], ["prior of mobility is 1, 0"]),
+        (["--prior", "elasticity=5:0.1"], ["--prior names 'elasticity'", "not free"]),
+        (["--prior", "mobility=1:0"], ["--prior of mobility is 1, 0"]),
         (["--bounds", "mobility=2"], ["--bounds is 'mobility=2'"]),
-        (["--bounds", "mobility=2:1"], ["bounds of mobility are 2, 1"]),
-        (["--own", "elasticity"], ["own names 'elasticity'"]),
+        (["--bounds", "mobility=2:1"], ["--bounds of mobility are 2, 1"]),
+        (["--own", "elasticity"], ["--own names 'elasticity'"]),
         (["--own", "mobility"], ["there is one condition only"]),
         (["--free", "speed"], ["'speed' is unknown"]),
         (["--condition", "none"], ["condition: got 'none'"]),

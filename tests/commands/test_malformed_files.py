@@ -135,7 +135,7 @@ CSV: dict[str, Case] = {
     "open quote": (HEADER + 'a.png,"1,2,1\n', "line 2: not CSV"),
     "text after quote": (HEADER + '"a.png"x,1,2,1\n', "line 2: not CSV"),
     "semicolons": (HEADER.replace(",", ";") + "a.png;1;2,5;1\n", "by commas and not by semicolons"),
-    "tabs": (HEADER.replace(",", "\t"), "no column 'file'"),
+    "tabs": (HEADER.replace(",", "\t"), "by commas and not by tabs"),
     "missing column": ("file,replicate,hours\na.png,1,2\n", "no column 'um_per_pixel'"),
     "twice a column": (HEADER.replace("hours", "hours,hours"), "line 1: a column appears twice, 'hours'"),
     "unknown column": (HEADER.replace("\n", ",size\n"), "'size' is unknown"),

@@ -268,9 +268,9 @@ def test_a_region_and_a_seed_point_choose_the_colony(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        (["--seed-point", "5"], "seed_point is '5', it must be 2 numbers"),
+        (["--seed-point", "5"], "--seed-point is '5', it must be 2 numbers"),
         (["--roi", "1,2,3,x"], "roi is '1,2,3,x', it must be 4 numbers"),
-        (["--threshold", "-1"], "threshold is -1.0, it must be a number above 0"),
+        (["--threshold", "-1"], "--threshold is -1.0, it must be a number above 0"),
         (["--roi", "0,0,500,500"], "roi"),
     ],
 )

@@ -26,6 +26,7 @@ from yeastfit.commands.options import (
     names_in,
 )
 from yeastfit.commands.run_folder import inputs_of
+from yeastfit.errors import InputError
 from yeastfit.inference.fit.bootstrap_profile import Bootstrap, Profile, explore, profiles
 from yeastfit.inference.fit.least_squares import check_search
 from yeastfit.inference.fit.least_squares import fit as run_fit
@@ -119,13 +120,16 @@ def fit(
     options: dict[str, Any] = {
         "own": () if own == "none" else names_in(own),
         "bounds": named_pairs_in("--bounds", bounds or (), "the ends of a range"),
-        "prior": named_pairs_in("--prior", prior or (), "its centre and width"),
+        "prior": named_pairs_in("--prior", prior or (), "its centre and width", "mobility=1:0.1"),
     }
     settings = FitSettings(method=method, starts=starts, measurement_error=measurement_error)  # type: ignore[arg-type]
     held = {**model.parameters.defaults, **chosen.values}
     held = {name: value for name, value in held.items() if name not in model.parameters.subset(fitted)}
     chosen.check_free(fitted)
-    check_search(model.parameters.subset(fitted), condition or ("",), **options)
+    try:
+        check_search(model.parameters.subset(fitted), condition or ("",), **options)
+    except InputError as error:
+        raise InputError(f"--{error}" if str(error).startswith(tuple(options)) else str(error)) from None
     check_source(source, condition or (), model.columns)
     known = truth_of(source, model.parameters) if truth else None
     with results_folder(folder, "fit", reads=inputs_of(source), overwrite=overwrite) as results:

@@ -97,13 +97,16 @@ def numbers_in(option: str, text: str) -> list[float]:
     return numbers
 
 
-def named_pairs_in(option: str, texts: Sequence[str], what: str) -> dict[str, tuple[float, float]]:
+def named_pairs_in(
+    option: str, texts: Sequence[str], what: str, example: str = "mobility=0.5:2"
+) -> dict[str, tuple[float, float]]:
     """Read an option NAME=A:B that may be given several times.
 
     Arguments:
         option: Its name, for the error.
         texts: What was given.
         what: What A and B are, for the error.
+        example: For the error.
 
     Returns:
         Pairs by name.
@@ -116,7 +119,7 @@ def named_pairs_in(option: str, texts: Sequence[str], what: str) -> dict[str, tu
         name, _, pair = text.partition("=")
         numbers = [number_of(part) for part in pair.split(":")]
         if len(numbers) != 2 or not all(map(math.isfinite, numbers)):
-            raise InputError(f"{option} is {quoted(text)}, it must be a name and {what}, such as mobility=0.5:2")
+            raise InputError(f"{option} is {quoted(text)}, it must be a name and {what}, such as {example}")
         key = name.strip().replace("-", "_")
         if key in found:
             raise InputError(f"{option} is given twice for {key}, {quoted(text)} is the second: leave out one")

@@ -181,6 +181,7 @@ def _range(parameter: Parameter, bounds: tuple[float, float] | None) -> tuple[fl
     low, high = bounds
     if not (0 < low < high <= most and low >= least and np.isfinite(high)):
         below = f"at least {least:g}" if least > 0 else "above 0"
-        raise InputError(f"bounds of {name} are {low:g}, {high:g}: they must rise, from {below} to at most {most:g}")
+        above = f" to at most {most:g}" if most < np.inf else ""
+        raise InputError(f"bounds of {name} are {low:g}, {high:g}: they must rise, from {below}{above}")
     parameter.check(np.array(bounds))
     return float(low), float(high)

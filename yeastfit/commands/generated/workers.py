@@ -7,7 +7,8 @@ from yeastfit.commands.console.terminal import Pace, err
 from yeastfit.commands.generated.options import Option
 from yeastfit.errors import InputError
 from yeastfit.inference.workers.dask_crew import imported
-from yeastfit.inference.workers.spread import BLOCK, Workers
+from yeastfit.inference.workers.spread import BLOCK, PROCESS, Workers
+from yeastfit.memory import check_count
 from yeastfit.progress import Progress
 
 PANEL = "Workers"
@@ -54,6 +55,7 @@ class WorkerOptions:
                 if name in given:
                     raise InputError(f"--{name.replace('_', '-')} is given without --workers or --scheduler: add one")
             return None
+        check_count("--workers", given.get("workers", 1), PROCESS)
         imported()
         more = {name: given[name] for name in ("mixed_arithmetic", "block") if name in given}
         return Workers(given.get("workers"), given.get("scheduler"), say=_said, **more)

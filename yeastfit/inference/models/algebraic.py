@@ -27,9 +27,9 @@ from yeastfit.model.nutrient import check_alpha
 from yeastfit.model.parameters import Parameters, Scales
 from yeastfit.model.relaxation import HARD, Relaxation
 from yeastfit.model.snapshot import Snapshot
-from yeastfit.numbers import PIXEL_SIZES, Range
+from yeastfit.numbers import CELL_LENGTHS, GROWTH_RATES, PIXEL_SIZES, Range
 from yeastfit.panel import Panel
-from yeastfit.parameter_set import ParameterSet
+from yeastfit.parameter_set import LARGEST, ParameterSet
 from yeastfit.simulation.simulate import member_keys, sample_times
 from yeastfit.simulation.simulate import simulate as run_simulation
 
@@ -139,12 +139,13 @@ class Algebraic(ForwardModel):
     ] = Scales.length
 
     def __post_init__(self) -> None:
-        Scales(self.length, self.rate)
+        CELL_LENGTHS.check(self.length, "length")
+        GROWTH_RATES.check(self.rate, "rate")
         Resolution(self.dt, self.spacing, self.capacity)
         PIXEL_SIZES.read(self.pixel_size, "pixel_size")
         for name in ("until_area", "until_cells"):
             if (end := getattr(self, name)) is not None:
-                Range(0, above=True).check(end, name)
+                Range(0, LARGEST, above=True).check(end, name)
 
     @property
     def until(self) -> dict[str, float] | None:

@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from yeastfit.inference.curve_covariance import Square
+from yeastfit.numbers import POSITIVE, SEEDS, Range
 from yeastfit.observable import Observable
 from yeastfit.storage import read_json, reads_saved, write_json
 from yeastfit.text import short
@@ -189,3 +190,13 @@ def _check_shapes(data: dict[str, Any], arrays: dict[str, np.ndarray]) -> None:
         raise ValueError(f"free names {short(strange[0])}, of which at says nothing")
     if not all(isinstance(value, int | float) for value in data["at"].values()):
         raise ValueError(f"at is {short(data['at'])}")
+    SEEDS.check(data["seed"], "seed")
+    POSITIVE.check(data["spread"], "spread")
+    for name in ("runs", "seconds"):
+        for key, value in data[name].items():
+            Range(0.0).check(value, f"{name}, {short(key)},")
+    if not all(isinstance(one, str) for one in data["warnings"]):
+        raise ValueError(f"warnings are {short(data['warnings'])}")
+    status = SensitivityStatus.DOUBTFUL if data["warnings"] else SensitivityStatus.ESTIMATED
+    if data.get("status", status) != status:
+        raise ValueError(f"status is {short(data['status'])}, with these warnings it is {str(status)!r}")

@@ -154,8 +154,9 @@ def _csv_rows(manifest: Path) -> list[tuple[str, dict[str, str]]]:
 def _check_columns(names: list[str], manifest: Path) -> None:
     missing = [name for name in COLUMNS if name not in names]
     if missing:
-        semicolons = ", separated by commas and not by semicolons" if ";" in "".join(names) else ""
-        raise InputError(f"{manifest}: no column {missing[0]!r}, expected {', '.join(COLUMNS)}{semicolons}")
+        other = next((word for mark, word in ((";", "semicolons"), ("\t", "tabs")) if mark in "".join(names)), None)
+        commas = f", separated by commas and not by {other}" if other else ""
+        raise InputError(f"{manifest}: no column {missing[0]!r}, expected {', '.join(COLUMNS)}{commas}")
     _check_names(names, KNOWN, f"{manifest}, line 1: column")
 
 

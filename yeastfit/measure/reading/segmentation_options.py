@@ -78,12 +78,12 @@ AUTOMATIC = SegmentationOptions()
 """Everything is left to `segment`."""
 
 
-def read_options(values: Mapping[str, Any], where: str) -> SegmentationOptions:
+def read_options(values: Mapping[str, Any], where: str | None) -> SegmentationOptions:
     """Read options from texts or numbers.
 
     Arguments:
         values: By the names of the options; others are ignored.
-        where: What messages begin with.
+        where: What messages begin with; None for options of the command line.
 
     Returns:
         The options.
@@ -92,30 +92,34 @@ def read_options(values: Mapping[str, Any], where: str) -> SegmentationOptions:
         InputError: The threshold is not above 0, the seed point not two numbers, the roi not four whole ones, or
             `colonies` not one of `COLONIES`.
     """
+    said = {
+        name: f"--{name.replace('_', '-')}" if where is None else f"{where}: {name}"
+        for name in ("seed_point", "threshold", "roi", "colonies")
+    }
     point, roi = (
-        _numbers(values[name], name, size, where) if values.get(name) is not None else None
+        _numbers(values[name], said[name], size) if values.get(name) is not None else None
         for name, size in (("seed_point", 2), ("roi", 4))
     )
     if roi is not None and any(one != round(one) for one in roi):
-        raise InputError(f"{where}: roi is {quoted(values['roi'])}, need four whole numbers of pixels x0, y0, x1, y1")
+        raise InputError(f"{said['roi']} is {quoted(values['roi'])}, need four whole numbers of pixels x0, y0, x1, y1")
     threshold, colonies = values.get("threshold"), values.get("colonies")
     if colonies is not None and colonies not in COLONIES:
-        raise InputError(f"{where}: colonies is {quoted(colonies)}, it must be {' or '.join(COLONIES)}")
+        raise InputError(f"{said['colonies']} is {quoted(colonies)}, it must be {' or '.join(COLONIES)}")
     return SegmentationOptions(
         None if point is None else (point[0], point[1]),
-        None if threshold is None else CONTRASTS.read(threshold, f"{where}: threshold"),
+        None if threshold is None else CONTRASTS.read(threshold, said["threshold"]),
         None if roi is None else (round(roi[0]), round(roi[1]), round(roi[2]), round(roi[3])),
         colonies,
     )
 
 
-def _numbers(value: Any, name: str, size: int, where: str) -> tuple[float, ...]:
+def _numbers(value: Any, name: str, size: int) -> tuple[float, ...]:
     """`size` finite numbers from a list, or from a text in which commas, semicolons or spaces stand between them."""
     parts = value.replace(",", " ").replace(";", " ").split() if isinstance(value, str) else value
     numbers = tuple(map(number_of, parts)) if isinstance(parts, list | tuple) else ()
     if len(numbers) != size or not all(map(math.isfinite, numbers)):
         names = "x y" if size == 2 else "x0 y0 x1 y1"
-        raise InputError(f"{where}: {name} is {quoted(value)}, it must be {size} numbers, {names} in pixels")
+        raise InputError(f"{name} is {quoted(value)}, it must be {size} numbers, {names} in pixels")
     return numbers
 
 
