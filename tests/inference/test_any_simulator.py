@@ -5,9 +5,11 @@ N(t) = K / (1 + (K / N0 − 1) e^{−r t}), and each replicate has its own N0, l
 
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from helpers import wrong_types
 
 import yeastfit
 
@@ -42,6 +44,12 @@ class Logistic:
         own = founders * np.exp(0.1 * normal[:, :1])
         mean = capacity / (1 + (capacity / own - 1) * np.exp(-rate * np.array(self.times)))
         return mean * (1 + self.noise * normal[:, 1:])
+
+
+class Silent:
+    """Has what a simulator has but its call."""
+
+    parameters, observables = Logistic().parameters, Logistic().observables
 
 
 def replicates(truth: dict[str, float], seed: int, count: int = 10) -> yeastfit.Targets:
@@ -154,6 +162,21 @@ def test_what_does_not_go_together_is_named() -> None:
         yeastfit.fit(data, Logistic(), free=["rate"])
     with pytest.raises(yeastfit.InputError, match="targets have no imaging: colonies need to know"):
         yeastfit.fit(data)
+
+
+@pytest.mark.parametrize(
+    ("simulator", "words"),
+    [(len, "has no parameters and no observables"), (Logistic, "is a class"), (Silent(), "cannot be called")],
+    ids=("function", "class", "uncalled"),
+)
+def test_what_is_no_simulator_is_refused(simulator: Any, words: str) -> None:
+    prior = yeastfit.Prior.default(Logistic().parameters)
+    with wrong_types(), pytest.raises(yeastfit.InputError, match=rf"simulator \(.*\) {words}"):
+        yeastfit.fit(replicates(TRUTH, 1), simulator)
+    with wrong_types(), pytest.raises(yeastfit.InputError, match=rf"fine \(.*\) {words}"):
+        yeastfit.fit(replicates(TRUTH, 1), Logistic(), fine=simulator)
+    with wrong_types(), pytest.raises(yeastfit.InputError, match=rf"simulator \(.*\) {words}"):
+        yeastfit.infer(simulator, prior, [1.0] * len(HOURS))
 
 
 def test_the_mean_at_the_estimate_is_corrected_for_curvature() -> None:

@@ -201,6 +201,9 @@ def test_it_is_synthesised_from_python_and_by_name(tmp_path: Path, monkeypatch: 
     )
     with pytest.raises(InputError, match=r"recipes.toml, \[slow\]: births: rule 'own clocks' is unknown"):
         read_recipes(file)
+    monkeypatch.setitem(RULES["births"], "own clocks", Clocks())
+    with pytest.raises(InputError, match=r"births: rule 'own clocks' is registered as an object"):
+        read_recipes(file)
     monkeypatch.setitem(RULES["births"], "own clocks", Clocks)
     monkeypatch.setitem(RULES["budding"], "towards food", TowardsFood)
     synthesize(read_recipes(file)["slow"], tmp_path / "file")

@@ -236,6 +236,8 @@ def _rule_of(question: str, settings: Any) -> Rule:
     name, known = settings["rule"], RULES[question]
     if name not in known:
         raise InputError(f"{question}: rule {name!r} is unknown, expected one of {', '.join(known)}")
+    if not isinstance(known[name], type):
+        raise InputError(f"{question}: rule {name!r} is registered as an object, RULES holds classes of rules")
     given = {
         key: _rule_of(question, value) if isinstance(value, Mapping) else value
         for key, value in settings.items()

@@ -106,7 +106,7 @@ def test_a_result_is_whole(found: Sensitivity, tmp_path: Path) -> None:
         write_json(tmp_path / "damaged.json", {**whole, name: [1e300, *whole[name][1:]]})
         with pytest.raises(InputError, match=rf"damaged\.json.*{name} holds {most}"):
             Sensitivity.load(tmp_path / "damaged.json")
-    damaged = {
+    damaged: dict[str, object] = {
         "seed": {},
         "spread": "x",
         "seconds": {"mean": -1},
@@ -114,8 +114,8 @@ def test_a_result_is_whole(found: Sensitivity, tmp_path: Path) -> None:
         "warnings": [1],
         "status": "fine",
     }
-    for name, value in damaged.items():
-        write_json(tmp_path / "damaged.json", {**whole, name: value})
+    for name, wrong in damaged.items():
+        write_json(tmp_path / "damaged.json", {**whole, name: wrong})
         with pytest.raises(InputError, match=rf"damaged\.json: .*{name}"):
             Sensitivity.load(tmp_path / "damaged.json")
     for name in ("at", "runs", "free", "observables", "mean", "jacobian", "error", "scatter", "correlation"):

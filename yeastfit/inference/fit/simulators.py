@@ -5,7 +5,7 @@ from typing import Any
 
 from yeastfit.errors import InputError
 from yeastfit.inference.colony_simulator import ColonySimulator, Resolution
-from yeastfit.inference.simulator import Simulator, inside
+from yeastfit.inference.simulator import Simulator, check_simulator, inside
 from yeastfit.inference.targets import Targets
 from yeastfit.model.model import Model
 from yeastfit.parameter_set import ParameterSet
@@ -75,7 +75,11 @@ def given_simulators(
     ensembles lie around it.
     """
     given = _by_condition("simulator", simulator, targets)
-    return given, given if fine is None else _by_condition("fine", fine, targets)
+    finer = given if fine is None else _by_condition("fine", fine, targets)
+    for name, simulators in (("simulator", given), ("fine", finer)):
+        for one in simulators.values():
+            check_simulator(one, name)
+    return given, finer
 
 
 def common_parameters(simulators: Mapping[str, Simulator]) -> ParameterSet:

@@ -28,7 +28,16 @@ from yeastfit.inference.polynomial import sobol_points
 from yeastfit.inference.posterior.limits import Limits, check_limits, within
 from yeastfit.inference.prior.prior import Prior
 from yeastfit.inference.prior.variation import ColonyCoordinates, Variation
-from yeastfit.inference.simulator import Mismeasured, Replicates, Simulator, Stream, labels_of, root_of, stream_of
+from yeastfit.inference.simulator import (
+    Mismeasured,
+    Replicates,
+    Simulator,
+    Stream,
+    check_simulator,
+    labels_of,
+    root_of,
+    stream_of,
+)
 from yeastfit.inference.targets import Targets
 
 ROUNDING = 1e-9  # of a covariance's largest entry: an eigenvalue may be as much below 0
@@ -132,6 +141,7 @@ class Problem:
         Raises:
             InputError: They do not belong together.
         """
+        check_simulator(simulator)
         if not isinstance(observed, Targets):
             data = np.asarray(observed, dtype=float)
             if data.ndim != 2:
