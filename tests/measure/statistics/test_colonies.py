@@ -29,6 +29,17 @@ def test_the_largest_of_several_objects_is_measured_by_itself() -> None:
     assert [own[name] for name in NAMES] == [1, 1.0, own.area, own.compactness, own.radius]
 
 
+def test_of_several_largest_objects_the_same_is_taken_however_the_image_is_turned() -> None:
+    """A square and a bar of as many pixels; and a checkerboard's hundred thousand single pixels, in a moment."""
+    mask = np.zeros((40, 40), dtype=bool)
+    mask[2:6, 2:6] = mask[20, 10:26] = True
+    for turns in range(4):
+        assert measure_mask(np.rot90(mask, turns)).largest_radius == pytest.approx(4.0)
+    apart = np.zeros((600, 600), dtype=bool)
+    apart[::2, ::2] = True
+    assert measure_mask(apart).largest_area == 1.0
+
+
 def photograph() -> np.ndarray:
     """Two dark discs, a speck, and one disc cut by the border, on a bright background with noise."""
     y, x = np.mgrid[:160, :200]

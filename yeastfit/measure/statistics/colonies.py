@@ -24,11 +24,16 @@ TOUCHING = ndimage.generate_binary_structure(2, 2)
 
 
 def largest_object(pixels: Pixels) -> Pixels:
-    """O; of two of the same size the upper one."""
+    """O; of several of the same size the one whose pixels scatter most, however the image is turned."""
     labels, count = ndimage.label(pixels.colony, TOUCHING)
     if count == 1:
         return pixels
-    return Pixels.of(labels == 1 + np.argmax(np.bincount(labels.ravel())[1:]))
+    sizes = np.bincount(labels.ravel())[1:]
+    largest = 1 + np.flatnonzero(sizes == sizes.max())
+    if len(largest) > 1:
+        across = (np.broadcast_to(axis, labels.shape) for axis in np.indices(labels.shape, sparse=True))
+        largest = largest[[np.argmax(sum(ndimage.variance(axis, labels, largest) for axis in across))]]
+    return Pixels.of(labels == largest[0])
 
 
 def _largest_compactness(pixels: Pixels) -> float:
