@@ -22,7 +22,6 @@ MANIFEST, RUN = "manifest.json", "run.json"  # of `results_contents`, which impo
 NO_ROOM = "RESOURCE_EXHAUSTED"  # XLA's word in the message of an exception of jax
 OF_VARIABLES = {  # by words of libraries that refuse a variable's value; jax names it
     "for environment 'JAX_": "",
-    "not a valid value for backend": "MPLBACKEND: ",
     "Number of threads specified must be > 0": "NUMBA_NUM_THREADS: ",
 }
 UsageError = typer.BadParameter.__base__ or Exception  # what typer says of options; it does not export the name
