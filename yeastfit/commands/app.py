@@ -60,7 +60,7 @@ class _Command(TyperCommand):
         try:
             return super().invoke(ctx)
         except InputError as error:  # "contact_width is -1" begins with a name in Python
-            name = re.match(r"([a-z_]+)(?= is )", str(error))
+            name = re.match(r"([a-z_]+)(?= (is|of|names) )", str(error))
             typed = {one.name: one.opts[0] for one in self.params if ctx.params.get(one.name or "") is not None}
             if name is None or name[0] not in typed:
                 raise

@@ -26,7 +26,6 @@ from yeastfit.commands.options import (
     names_in,
 )
 from yeastfit.commands.run_folder import inputs_of
-from yeastfit.errors import InputError
 from yeastfit.inference.fit.bootstrap_profile import Bootstrap, Profile, explore, profiles
 from yeastfit.inference.fit.least_squares import check_search
 from yeastfit.inference.fit.least_squares import fit as run_fit
@@ -126,10 +125,7 @@ def fit(
     held = {**model.parameters.defaults, **chosen.values}
     held = {name: value for name, value in held.items() if name not in model.parameters.subset(fitted)}
     chosen.check_free(fitted)
-    try:
-        check_search(model.parameters.subset(fitted), condition or ("",), **options)
-    except InputError as error:
-        raise InputError(f"--{error}" if str(error).startswith(tuple(options)) else str(error)) from None
+    check_search(model.parameters.subset(fitted), condition or ("",), **options)
     check_source(source, condition or (), model.columns)
     known = truth_of(source, model.parameters) if truth else None
     with results_folder(folder, "fit", reads=inputs_of(source), overwrite=overwrite) as results:

@@ -68,7 +68,7 @@ def measure(
     and the others are still measured; the exit code is then 2.
     """
     options: dict[str, Any] = {"seed_point": seed_point, "threshold": threshold, "roi": roi, "colonies": colonies}
-    images, dataset, skipped = find_images(paths, pixel_size, read_options(options, None))
+    images, dataset, skipped = find_images(paths, pixel_size, read_options(options))
     images = [replace(image, frame=frame) for image in images]
     options |= {"pixel_size": pixel_size, "frame": frame}
     settings = {name: value for name, value in options.items() if value is not None}

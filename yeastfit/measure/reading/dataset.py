@@ -209,7 +209,7 @@ def _is_file(path: Path) -> bool:
 def _optional(row: Mapping[str, Any], where: str) -> tuple[float | None, str, SegmentationOptions]:
     """Checked values of `SHARED`."""
     size = PIXEL_SIZES.read(row["um_per_pixel"], f"{where}: um_per_pixel") if "um_per_pixel" in row else None
-    return size, _text(row, "condition", where), read_options(row, where)
+    return size, _text(row, "condition", where), read_options(row, f"{where}: ")
 
 
 def _text(row: Mapping[str, Any], name: str, where: str) -> str:

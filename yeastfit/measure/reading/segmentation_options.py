@@ -78,12 +78,12 @@ AUTOMATIC = SegmentationOptions()
 """Everything is left to `segment`."""
 
 
-def read_options(values: Mapping[str, Any], where: str | None) -> SegmentationOptions:
+def read_options(values: Mapping[str, Any], where: str = "") -> SegmentationOptions:
     """Read options from texts or numbers.
 
     Arguments:
         values: By the names of the options; others are ignored.
-        where: What messages begin with; None for options of the command line.
+        where: What messages begin with, before the name of the option.
 
     Returns:
         The options.
@@ -92,22 +92,18 @@ def read_options(values: Mapping[str, Any], where: str | None) -> SegmentationOp
         InputError: The threshold is not above 0, the seed point not two numbers, the roi not four whole ones, or
             `colonies` not one of `COLONIES`.
     """
-    said = {
-        name: f"--{name.replace('_', '-')}" if where is None else f"{where}: {name}"
-        for name in ("seed_point", "threshold", "roi", "colonies")
-    }
     point, roi = (
-        _numbers(values[name], said[name], size) if values.get(name) is not None else None
+        _numbers(values[name], f"{where}{name}", size) if values.get(name) is not None else None
         for name, size in (("seed_point", 2), ("roi", 4))
     )
     if roi is not None and any(one != round(one) for one in roi):
-        raise InputError(f"{said['roi']} is {quoted(values['roi'])}, need four whole numbers of pixels x0, y0, x1, y1")
+        raise InputError(f"{where}roi is {quoted(values['roi'])}, need four whole numbers of pixels x0, y0, x1, y1")
     threshold, colonies = values.get("threshold"), values.get("colonies")
     if colonies is not None and colonies not in COLONIES:
-        raise InputError(f"{said['colonies']} is {quoted(colonies)}, it must be {' or '.join(COLONIES)}")
+        raise InputError(f"{where}colonies is {quoted(colonies)}, it must be {' or '.join(COLONIES)}")
     return SegmentationOptions(
         None if point is None else (point[0], point[1]),
-        None if threshold is None else CONTRASTS.read(threshold, said["threshold"]),
+        None if threshold is None else CONTRASTS.read(threshold, f"{where}threshold"),
         None if roi is None else (round(roi[0]), round(roi[1]), round(roi[2]), round(roi[3])),
         colonies,
     )
