@@ -103,7 +103,7 @@ def check_unchanged(folder: Path, names: Sequence[str]) -> None:
 
 
 def misplaced_files(folder: Path, listed: Listed) -> list[str]:
-    """Find listed files in whose places there are folders, or which lie behind links that lead elsewhere.
+    """Find listed files in whose places there are folders, or which lie behind links.
 
     Arguments:
         folder: Of the files.
@@ -112,17 +112,12 @@ def misplaced_files(folder: Path, listed: Listed) -> list[str]:
     Returns:
         Their names.
     """
-    where = folder.resolve()
 
-    def misplaced(file: Path) -> bool:
-        return (file.is_dir() and not file.is_symlink()) or not file.parent.resolve().is_relative_to(where)
+    def misplaced(name: str) -> bool:
+        file, parents = folder / name, PurePath(name).parents[:-1]
+        return (file.is_dir() and not file.is_symlink()) or any((folder / one).is_symlink() for one in parents)
 
-    def behind_link(name: str) -> bool:
-        return any((folder / parent).is_symlink() for parent in PurePath(name).parents[:-1])
-
-    return [
-        name for name in listed if behind_link(name) or (os.path.lexists(folder / name) and misplaced(folder / name))
-    ]
+    return [name for name in listed if misplaced(name)]
 
 
 def changed_files(folder: Path, listed: Listed) -> list[str]:

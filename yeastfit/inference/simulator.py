@@ -97,14 +97,17 @@ class Wrapper:
 def check_simulator(simulator: object, name: str = "simulator") -> None:
     """Raise `InputError` where an object lacks what makes a simulator, or is its class instead."""
     lacks = [part for part in ("parameters", "observables") if not hasattr(simulator, part)]
-    if isinstance(simulator, type) or lacks or not callable(simulator):
-        kind = simulator.__name__ if isinstance(simulator, type) else type(simulator).__name__
-        what = f"has no {' and no '.join(lacks)}" if lacks else "cannot be called"
-        what = "is a class" if isinstance(simulator, type) else what
-        raise InputError(
-            f"{name} ({kind}) {what}: it must be an object with parameters, observables and a call "
-            "(values, seeds) -> rows"
-        )
+    if isinstance(simulator, type):
+        what = f"({simulator.__name__}) is a class"
+    elif lacks:
+        what = f"({type(simulator).__name__}) has no {' and no '.join(lacks)}"
+    elif not callable(simulator):
+        what = f"({type(simulator).__name__}) cannot be called"
+    else:
+        return
+    raise InputError(
+        f"{name} {what}: it must be an object with parameters, observables and a call (values, seeds) -> rows"
+    )
 
 
 def inside(simulator: Simulator) -> Simulator:

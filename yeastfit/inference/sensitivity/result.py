@@ -155,7 +155,7 @@ class Sensitivity:
             raise ValueError(
                 f"method is {short(data['method'])}, it must be one of {', '.join(get_args(EstimatorName))}"
             )
-        _check_shapes(data, read)
+        _check_parts(data, read)
         changed = {
             "free": tuple(data["free"]),
             "plausible": {name: tuple(ends) for name, ends in data["plausible"].items()},
@@ -167,11 +167,14 @@ class Sensitivity:
             "warnings": tuple(data["warnings"]),
             **read,
         }
-        return Sensitivity(**{one.name: changed.get(one.name, data[one.name]) for one in fields(Sensitivity)})
+        found = Sensitivity(**{one.name: changed.get(one.name, data[one.name]) for one in fields(Sensitivity)})
+        if data.get("status", found.status) != found.status:
+            raise ValueError(f"status is {short(data['status'])}, with these warnings it is {str(found.status)!r}")
+        return found
 
 
-def _check_shapes(data: dict[str, Any], arrays: dict[str, np.ndarray]) -> None:
-    """Raise `ValueError` where the parts of a file do not fit each other."""
+def _check_parts(data: dict[str, Any], arrays: dict[str, np.ndarray]) -> None:
+    """Raise `ValueError` where the parts of a file are none, or do not fit each other."""
     for name, kind in {"at": dict, "plausible": dict, "runs": dict, "free": list, "observables": list}.items():
         if not isinstance(data[name], kind) or not data[name]:
             raise ValueError(f"{name} is {short(data[name])}")
@@ -197,6 +200,3 @@ def _check_shapes(data: dict[str, Any], arrays: dict[str, np.ndarray]) -> None:
             Range(0.0).check(value, f"{name}, {short(key)},")
     if not all(isinstance(one, str) for one in data["warnings"]):
         raise ValueError(f"warnings are {short(data['warnings'])}")
-    status = SensitivityStatus.DOUBTFUL if data["warnings"] else SensitivityStatus.ESTIMATED
-    if data.get("status", status) != status:
-        raise ValueError(f"status is {short(data['status'])}, with these warnings it is {str(status)!r}")

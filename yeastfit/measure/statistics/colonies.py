@@ -31,9 +31,10 @@ def largest_object(pixels: Pixels) -> Pixels:
     sizes = np.bincount(labels.ravel())[1:]
     largest = 1 + np.flatnonzero(sizes == sizes.max())
     if len(largest) > 1:
-        across = (np.broadcast_to(axis, labels.shape) for axis in np.indices(labels.shape, sparse=True))
-        largest = largest[[np.argmax(sum(ndimage.variance(axis, labels, largest) for axis in across))]]
-    return Pixels.of(labels == largest[0])
+        rows, columns = np.broadcast_arrays(*np.ogrid[: labels.shape[0], : labels.shape[1]])
+        scatter = ndimage.variance(rows, labels, largest) + ndimage.variance(columns, labels, largest)
+        largest = largest[np.argmax(scatter)]
+    return Pixels.of(labels == largest)
 
 
 def _largest_compactness(pixels: Pixels) -> float:
