@@ -260,6 +260,7 @@ class Stream(IntEnum):
     SCREENING = 8
     SURFACE = 9
     COLONIES = 10
+    SEARCH = 11
 
 
 def seed_of(seed: int, numbers: Sequence[int] | np.ndarray) -> Shaped[np.ndarray, " number"]:

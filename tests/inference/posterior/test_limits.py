@@ -1,6 +1,6 @@
 """Limits around data: where they lie, what they do to a posterior, and what is refused."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -9,8 +9,12 @@ from known_likelihoods import Known, fragile, linear
 
 from yeastfit import InputError
 from yeastfit.inference.neural_likelihood.network import TrainingSettings
+from yeastfit.inference.neural_likelihood.rounds import EmulatorDiagnostics
+from yeastfit.inference.neural_likelihood.search import nearest
 from yeastfit.inference.neural_likelihood.sequential import SequentialEmulator
+from yeastfit.inference.neural_likelihood.training import fewest
 from yeastfit.inference.posterior.limits import limits_around, within
+from yeastfit.inference.posterior.problem import Problem
 from yeastfit.inference.samplers import infer
 from yeastfit.inference.simulator import seed_of
 
@@ -79,6 +83,44 @@ def test_outliers_do_not_move_a_posterior() -> None:
     assert found.sentences() == []
     blind = infer(outlying(known), known.prior, rows, method=SMALL, seed=0)
     assert (blind.sd > 2.0 * found.sd).any()
+
+
+@pytest.mark.usefixtures("unchecked")
+@pytest.mark.parametrize("seed", [pytest.param(0, marks=pytest.mark.thorough), 1])
+def test_data_that_hardly_a_simulation_of_the_prior_is_like_are_found(seed: int) -> None:
+    """Narrow data near the prior's edge: more simulations are made where they are, and the posterior is exact."""
+    wide = linear()
+    known = replace(wide, moments=lambda values: (wide.moments(values)[0], 1e-3 * wide.moments(values)[1]))
+    rows = colonies_of(known, (3.0, 0.3), 6)
+    limits = limits_around(rows)
+    settings = replace(SETTINGS, first=128, each=128, simulations=2048, batch=128)
+    problem = Problem.of(known, known.prior, rows, limits=limits)
+    prior = known(problem.prior_values(128, seed), seed_of(seed, range(128)))
+    assert np.isfinite(within(prior, limits)).all(axis=1).sum() < fewest(2, 4, settings.training)
+    found = infer(known, known.prior, rows, method=settings, seed=seed, limits=limits)
+    assert found.settled
+    assert isinstance(found.diagnostics, EmulatorDiagnostics)
+    first = found.diagnostics.rounds[0]
+    assert first.simulations > 128
+    assert first.simulations - first.failed >= fewest(2, 4, settings.training)
+    mean, covariance = known.posterior(rows.mean(axis=0), len(rows))
+    x, sd = np.log(found.flat), np.sqrt(np.diag(covariance))
+    np.testing.assert_allclose((x.mean(axis=0) - mean) / sd, 0.0, atol=0.3)
+    np.testing.assert_allclose(x.std(axis=0) / sd, 1.0, atol=0.15)
+
+
+def test_the_nearest_simulations_are_those_within_the_limits_first() -> None:
+    limits = np.array([[0.0, 2.0], [-np.inf, np.inf], [10.0, 30.0]])
+    statistics = np.array(
+        [[1.0, 9.0, 20.0], [np.nan, 9.0, 20.0], [3.0, 9.0, 20.0], [1.5, -9.0, 12.0], [1.0, 0.0, 80.0]]
+    )
+    x = np.arange(5.0)[:, None]
+    near = nearest(x, statistics, limits, 3)
+    assert near is not None
+    np.testing.assert_array_equal(near.ravel(), [0.0, 3.0, 2.0])
+    assert nearest(x, statistics, limits, 2) is None  # enough are within
+    assert nearest(x, statistics, limits, 5) is None  # too few came to anything
+    assert nearest(x, statistics, None, 3) is None
 
 
 def test_limits_that_are_refused() -> None:

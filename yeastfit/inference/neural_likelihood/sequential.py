@@ -1,6 +1,7 @@
 """Posteriors by an emulator of the likelihood, trained in rounds where the posterior is.
 
 1. λ of low discrepancy from the prior (scrambled Sobol') are simulated.
+   Where too few of them are like the data to learn from, more are made where such are (`search`).
 2. An emulator is trained on all simulations so far (`emulator`); chains sample its likelihood times the prior, briefly
    between rounds and at length after the last (`mcmc`).
 3. Unless the posterior has settled, further λ are simulated: draws x + √(w² − 1) ξ in the prior's coordinates, x from
@@ -35,6 +36,7 @@ import numpy as np
 from jaxtyping import Float
 
 from yeastfit.errors import InputError
+from yeastfit.inference.neural_likelihood import search
 from yeastfit.inference.neural_likelihood.coordinates import Values
 from yeastfit.inference.neural_likelihood.error_share import error_share
 from yeastfit.inference.neural_likelihood.mcmc import BRIEFLY, LONGER, ROUGHLY, LogPosterior, Walk
@@ -183,12 +185,15 @@ class _Rounds:
         statistics = self._simulated(values, 0)
         whole = np.isfinite(statistics).all(axis=1)
         warnings = self.problem.unreached(statistics[whole]) if whole.any() else []
+        while len(values) < most and (near := self._nearest(values, statistics)) is not None:
+            progress("search", len(values) / most)
+            rng = np.random.default_rng(stream_of(self.seed, Stream.SEARCH, len(values)))
+            values, statistics = self._with_more(values, statistics, near, search.WIDEN, rng)
         rounds = [self._round(values, statistics, None)]
         while not self._settled(rounds[-1]) and len(values) < most:
             progress(f"round {len(rounds)}", len(values) / most)
-            new = self._proposals(rounds[-1], min(self.each, most - len(values)), len(rounds))
-            statistics = np.concatenate([statistics, self._simulated(new, len(values))])
-            values = np.concatenate([values, new])
+            rng = np.random.default_rng(stream_of(self.seed, Stream.PROPOSALS, len(rounds)))
+            values, statistics = self._with_more(values, statistics, rounds[-1].x, self.settings.widen, rng)
             rounds.append(self._round(values, statistics, rounds[-1]))
         rounds[-1] = replace(rounds[-1], chains=rounds[-1].walk.until())
         progress("done", 1.0)
@@ -245,12 +250,25 @@ class _Rounds:
     def _settled(self, one: Round) -> bool:
         return one.moved <= self.settings.settle and one.error_share <= self.settings.settle**2
 
-    def _proposals(self, last: Round, count: int, number: int) -> Values:
-        """The first of a whole round's proposals, so that a longer run uses each of them."""
-        rng = np.random.default_rng(stream_of(self.seed, Stream.PROPOSALS, number))
-        whole = max(count, self.each)
-        x = proposed(last.x, whole, self.settings.widen, self.problem.prior, rng)
-        return self.problem.prior.values(x[:count])
+    def _nearest(self, values: Values, statistics: Statistics) -> Float[np.ndarray, "near free"] | None:
+        """Where to look for simulations like the data; None once there are enough of them (`search`)."""
+        values, statistics = together((values, statistics), (self.reused_values, self.reused_statistics))
+        least = fewest(values.shape[1], statistics.shape[1], self.settings.training)
+        return search.nearest(self.problem.prior.coordinates(values), statistics, self.problem.limits, least)
+
+    def _with_more(
+        self,
+        values: Values,
+        statistics: Statistics,
+        around: Float[np.ndarray, "draw free"],
+        widen: float,
+        rng: np.random.Generator,
+    ) -> tuple[Values, Statistics]:
+        """With the first of a whole round's proposals, so that a longer run uses each of them."""
+        x = proposed(around, self.each, widen, self.problem.prior, rng)[: self.settings.simulations - len(values)]
+        new = self.problem.prior.values(x)
+        more = self._simulated(new, len(values))
+        return np.concatenate([values, new]), np.concatenate([statistics, more])
 
     def posterior(self, rounds: list[Round]) -> Posterior:
         """The last round's chains."""
