@@ -19,7 +19,10 @@ from PIL import Image
 from yeastfit import STATISTICS
 from yeastfit.commands import app as cli
 from yeastfit.commands.measure_batch import measure_batch
+from yeastfit.commands.measured_source import recorded_warnings
+from yeastfit.commands.run_folder import inputs_of
 from yeastfit.errors import InputError
+from yeastfit.inference.targets_from_table import read_measurements
 from yeastfit.measure.reading.batch_inputs import find_images
 from yeastfit.measure.reading.segmentation_options import SegmentationOptions
 from yeastfit.measure.replicate_curves import condition_curves
@@ -100,6 +103,32 @@ def test_paths_that_cannot_be_meant_are_refused(tmp_path: Path) -> None:
     for out in (image.parent, tmp_path):
         assert cli.run(["measure", str(image), "--out", str(out)]) == 2
         assert not (out / "index.html").exists()
+
+
+def test_an_outline_made_elsewhere_is_an_input(tmp_path: Path) -> None:
+    image, mask = write_disc(tmp_path / "data" / "a.png"), tmp_path / "masks" / "b.png"
+    mask.parent.mkdir()
+    Image.fromarray(np.pad(np.ones((60, 60), dtype=bool), 30)).save(mask)
+    manifest = tmp_path / "data" / "manifest.csv"
+    manifest.write_text("file,replicate,hours,um_per_pixel,mask\na.png,1,2,1,../masks/b.png\n")
+    assert inputs_of(tmp_path / "data") == [manifest, image, tmp_path / "data" / "../masks/b.png"]
+    assert cli.run(["measure", str(tmp_path / "data"), "--out", str(mask.parent)]) == 2  # it holds the data
+    assert cli.run(["measure", str(tmp_path / "data"), "--out", str(tmp_path / "out")]) == 0
+    named = json.loads((tmp_path / "out" / "manifest.json").read_text())["inputs"]
+    assert [Path(name).name for name in named] == ["manifest.csv", "a.png", "b.png"]
+
+
+def test_a_pixel_size_that_overrules_the_file_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    said = "is 2 µm given by the user; the file says 1 µm (PNG resolution)"
+    for name in ("a.png", "b.png"):
+        with Image.open(write_disc(tmp_path / name)) as image:
+            image.save(tmp_path / name, dpi=(25_400, 25_400))
+    assert cli.run(["measure", str(tmp_path), "--pixel-size", "2", "--out", str(tmp_path / "out")]) == 0
+    assert f"pixel size of a.png {said}; likewise 1 more" in " ".join(capsys.readouterr().err.split())
+    rows = read_measurements(tmp_path / "out" / "measurements.csv", ())
+    assert f"pixel size of a.png {said}; likewise 1 more" in recorded_warnings(rows, tmp_path / "out")
+    assert cli.run(["measure", str(tmp_path), "--pixel-size", "1", "--out", str(tmp_path / "same")]) == 0
+    assert "pixel size" not in capsys.readouterr().err
 
 
 # ------------------------------------------------------------------------------------------------------------ processes

@@ -11,6 +11,7 @@ from yeastfit.commands.console.terminal import fail, out, shown_progress, warn
 from yeastfit.commands.measure_batch import measure_batch
 from yeastfit.commands.options import Jobs, Out, Overwrite
 from yeastfit.measure.reading.batch_inputs import find_images
+from yeastfit.measure.reading.pixel_size import overruled_sizes
 from yeastfit.measure.reading.segmentation_options import read_options
 from yeastfit.processors import available_processors
 from yeastfit.report.measurement_files import write_results
@@ -74,12 +75,13 @@ def measure(
     settings = {name: value for name, value in options.items() if value is not None}
     place = dataset.folder if dataset else paths[0] if len(paths) == 1 else folder
     title = f"Micrographs of {os.path.basename(os.path.realpath(place))}"
-    with results_folder(folder, "measure", reads=[image.path for image in images], overwrite=overwrite) as results:
+    reads = [file for image in images for file in image.files]
+    with results_folder(folder, "measure", reads=reads, overwrite=overwrite) as results:
         with shown_progress("measuring micrographs") as progress:
             outcomes = measure_batch(images, results.partial, jobs=jobs or available_processors(), progress=progress)
         write_results(results.partial, title, outcomes, dataset=dataset, skipped=skipped, settings=settings)
         inputs = [dataset.manifest] if dataset else []
-        inputs += [outcome.image.path for outcome in outcomes if outcome.sha256]
+        inputs += [file for outcome in outcomes if outcome.sha256 for file in outcome.image.files]
         failed = [outcome.error for outcome in outcomes if not outcome.row]
         if results.finished and len(failed) == len(outcomes):
             fail([*failed, f"no micrograph was measured: the earlier results in {folder} stay"])
@@ -92,6 +94,7 @@ def measure(
             photographs={image.label: _from(folder, image.path) for image in images},
         )
     measured = [outcome for outcome in outcomes if outcome.row]
+    warn(overruled_sizes([outcome.row for outcome in measured if outcome.row]))
     warn([f"{outcome.image.label}: {doubt}" for outcome in measured for doubt in outcome.doubts])
     if skipped:
         names = ", ".join(path.name for path in skipped)

@@ -20,6 +20,7 @@ from yeastfit.inference.targets_from_table import (
 )
 from yeastfit.measure.reading.batch_inputs import dataset_images
 from yeastfit.measure.reading.dataset import MANIFESTS, dataset_folder, read_dataset
+from yeastfit.measure.reading.pixel_size import overruled_sizes
 from yeastfit.progress import Progress
 from yeastfit.report.measurement_files import write_results
 from yeastfit.report.outcome import Outcome
@@ -112,8 +113,8 @@ def measure_source(source: Path, folder: Path, jobs: int, progress: Progress) ->
     if not rows:
         raise InputError("; ".join(failed))
     doubts = [f"{outcome.image.label}: {doubt}" for outcome in outcomes for doubt in outcome.doubts]
-    inputs = [dataset.manifest, *(outcome.image.path for outcome in outcomes if outcome.row)]
-    return Measurements(rows, folder, inputs, failed + doubts, tuple(outcomes))
+    inputs = [dataset.manifest, *(file for outcome in outcomes if outcome.row for file in outcome.image.files)]
+    return Measurements(rows, folder, inputs, failed + overruled_sizes(rows) + doubts, tuple(outcomes))
 
 
 def recorded_warnings(rows: Sequence[Mapping[str, Any]], folder: Path) -> list[str]:
@@ -124,7 +125,8 @@ def recorded_warnings(rows: Sequence[Mapping[str, Any]], folder: Path) -> list[s
         folder: Of measurements.csv.
 
     Returns:
-        One sentence for each image left out, each doubt, and each condition of which a mask is missing.
+        One sentence for each image left out, each doubt, and each condition of which a mask is missing; one where files
+        state other pixel sizes than the user.
 
     Raises:
         InputError: There is a failures.csv that `yeastfit measure` did not write.
@@ -136,7 +138,8 @@ def recorded_warnings(rows: Sequence[Mapping[str, Any]], folder: Path) -> list[s
             raise InputError(f"{failures}: no columns file and error, need that of `yeastfit measure`, or none")
         failed = [f"left out: {row.get('error', row.get('file'))}" for _, row in left_out]
     doubts = [(row["file"], one) for row in rows for one in str(row.get("warnings") or "").split(";")]
-    return failed + [f"{name}: {one.strip()}" for name, one in doubts if one.strip()] + missing_masks(rows, folder)
+    told = failed + overruled_sizes(rows)
+    return told + [f"{name}: {one.strip()}" for name, one in doubts if one.strip()] + missing_masks(rows, folder)
 
 
 def truth_of(source: Path, parameters: Iterable[str]) -> dict[str, float]:

@@ -132,10 +132,10 @@ class RunFolder:
 
 
 def inputs_of(source: Path) -> list[Path]:
-    """What a run reads: manifest and images of a data set, or a table of measurements and its masks."""
+    """What a run reads: manifest, images and outlines of a data set, or a table of measurements and its masks."""
     if where := dataset_folder(source):
         dataset = read_dataset(where)
-        return [dataset.manifest, *(frame.path for frame in dataset.frames)]
+        return [dataset.manifest, *(file for frame in dataset.frames for file in frame.files)]
     table = table_in(source)
     return files_of(table, read_measurements(table, OF_ANYTHING))
 

@@ -215,7 +215,9 @@ def test_sizes_beyond_the_limit_are_refused_from_the_header(tmp_path):
 def test_the_user_comes_first(tmp_path):
     tifffile.imwrite(tmp_path / "a.tif", GREY, resolution=(10_000, 10_000), resolutionunit="CENTIMETER")
     micrograph = read_micrograph(tmp_path / "a.tif", 0.5)
-    assert (micrograph.pixel_size, micrograph.pixel_size_source) == (0.5, "given by the user")
+    said = "given by the user; the file says 1 µm (TIFF resolution per centimetre)"
+    assert (micrograph.pixel_size, micrograph.pixel_size_source) == (0.5, said)
+    assert read_micrograph(tmp_path / "a.tif", 1.001).pixel_size_source == "given by the user"
     assert micrograph.path == tmp_path / "a.tif"
     assert read_micrograph(str(tmp_path / "a.tif")).pixel_size == pytest.approx(1.0)
 

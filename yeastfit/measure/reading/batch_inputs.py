@@ -47,6 +47,11 @@ class InputImage:
     frame: int | None = None
     side: int = 480
 
+    @property
+    def files(self) -> list[Path]:
+        """The image, and the file with its outline where there is one."""
+        return [self.path, *([self.outline] if self.outline else [])]
+
 
 def find_images(
     paths: Sequence[Path], pixel_size: float | None = None, options: SegmentationOptions = AUTOMATIC

@@ -17,7 +17,7 @@ import numpy.typing as npt
 from jaxtyping import Float32, UInt8, UInt16
 
 from yeastfit.errors import InputError, PixelSizeError
-from yeastfit.measure.reading.pixel_size import PixelSize, pillow_sizes, tiff_sizes
+from yeastfit.measure.reading.pixel_size import PixelSize, given_instead, pillow_sizes, tiff_sizes
 from yeastfit.measure.reading.vendor_files import check_frame, read_vendor, vendor_of
 from yeastfit.numbers import PIXEL_SIZES
 
@@ -92,7 +92,7 @@ def read_micrograph(path: str | Path, pixel_size: float | None = None, frame: in
 
     Arguments:
         path: The file.
-        pixel_size: In µm per pixel; by default what the file states.
+        pixel_size: In µm per pixel; by default what the file states. The source says it where the two differ.
         frame: Of a time lapse or a z-stack, from 1 on.
 
     Returns:
@@ -107,7 +107,7 @@ def read_micrograph(path: str | Path, pixel_size: float | None = None, frame: in
     given = None if pixel_size is None else PIXEL_SIZES.read(pixel_size, "pixel_size")
     contents = _read(path, frame)
     if given is not None:
-        return Micrograph(contents.pixels, given, "given by the user", path)
+        return Micrograph(contents.pixels, given, given_instead(given, contents.sizes), path)
     if not contents.sizes:
         raise PixelSizeError(
             f"{path}: no pixel size in the file{contents.remark}, pass pixel_size / --pixel-size in µm"

@@ -1,12 +1,13 @@
 """Find the size of a pixel in the metadata of an image file, in µm along x and y."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 from xml.etree import ElementTree
 
 from yeastfit.numbers import POSITIVE, number_of
 
 LARGEST_PIXEL = 20.0  # µm; a coarser print density (72, 96, 300 dpi, 1 x 1) says nothing about a microscope
+SAME = 0.01  # sizes that differ by less are one, rounded
 MICROMETRES = {
     **dict.fromkeys(("µm", "μm", "um", "\\u00b5m", "\\u00B5m", "micron", "microns", "micrometer", "micrometre"), 1.0),
     **dict.fromkeys(("nm", "nanometer", "nanometre"), 1e-3),
@@ -33,6 +34,8 @@ class PixelSize(NamedTuple):
     y: float
 
 
+GIVEN = "given by the user"
+INSTEAD = f"{GIVEN}; the file says "
 Stated = tuple[list[PixelSize], str]  # sizes, the most trustworthy first, and a remark on one that is not trusted
 
 
@@ -44,6 +47,22 @@ def tiff_sizes(tif: Any, page: Any) -> Stated:
 def pillow_sizes(image: Any) -> Stated:
     """Sizes that an image states which Pillow opened."""
     return _trusted(_of_pillow(image))
+
+
+def given_instead(given: float, stated: Sequence[PixelSize]) -> str:
+    """Where a size comes from that the user gave, and what the file states, first and foremost, if that is another."""
+    if not stated or abs(stated[0].x - given) <= SAME * given:
+        return GIVEN
+    return f"{INSTEAD}{stated[0].x:.4g} µm ({stated[0].source})"
+
+
+def overruled_sizes(rows: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Say of how many rows of a table of measurements the file states another pixel size than the user."""
+    found = [row for row in rows if str(row.get("pixel_size_from") or "").startswith(INSTEAD)]
+    if not found:
+        return []
+    first = f"{float(found[0]['um_per_pixel']):.4g} µm {found[0]['pixel_size_from']}"
+    return [f"pixel size of {found[0]['file']} is {first}" + (f"; likewise {len(found) - 1} more" * (len(found) > 1))]
 
 
 def _trusted(found: Iterable[tuple[bool, PixelSize]]) -> Stated:
