@@ -81,7 +81,7 @@ def test_what_is_no_result_is_refused_by_the_name_of_its_file(load: Callable[[Pa
             load(file)
         assert "\n" not in str(refused.value)
         assert len(str(refused.value)) < 300 + len(str(tmp_path))
-    with pytest.raises(InputError, match="No such file"):
+    with pytest.raises(InputError, match="there is no such file"):
         load(tmp_path / "nowhere")
     with pytest.raises(InputError, match="this is no file"):
         load(tmp_path)

@@ -192,6 +192,8 @@ def reads_saved(
                     raise
                 raise InputError(f"{path}: {error}") from None
             except Exception as error:  # what a damaged file comes to, nobody knows
+                if not Path(path).exists():
+                    raise InputError(f"{path}: there is no such file") from None
                 why = os.strerror(error.errno) if isinstance(error, OSError) and error.errno else short(error)
                 raise InputError(
                     f"{path}: this is no {what} that was saved whole ({type(error).__name__}: {why})"

@@ -195,6 +195,17 @@ def test_every_command_has_help(command: str, capsys: pytest.CaptureFixture[str]
     assert cli.loaded(command).help.partition("\n")[0] == cli.COMMANDS[command]
 
 
+def test_an_option_that_is_given_again_is_told_of(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    again = ["--births", "clocks", "--births", "clocks", "--only", "a", "--only", "b"]
+    assert cli.run(["synthesize", "--recipe", str(tmp_path / "none.toml"), "--out", str(tmp_path), *again[:2]]) == 2
+    assert "more than once" not in capsys.readouterr().err
+    given = ["--recipe", str(tmp_path / "none.toml"), "--out", str(tmp_path), *again]
+    assert cli.run(["synthesize", *given]) == 2
+    assert capsys.readouterr().err.splitlines()[:-1] == [
+        "warning: --births is given more than once, the last one counts"
+    ]
+
+
 def test_a_computation_that_comes_to_nothing_is_one_line_and_exit_code_1(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
-from typer.core import TyperCommand, TyperGroup
+from typer.core import TyperCommand, TyperGroup, TyperOption
 
 from yeastfit.commands.console import signals
 from yeastfit.commands.console.failures import explained
@@ -51,7 +51,15 @@ class Running:
 
 
 class _Command(TyperCommand):
-    """A command that says where its results go, and names its options as they are typed."""
+    """A command that tells of repeated options, says where its results go, and names options as they are typed."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Parse them, with a warning of what is given again although it counts once."""
+        given = self.make_parser(ctx).parse_args(args=list(args))[2]
+        once = [one for one in given if isinstance(one, TyperOption) and not one.multiple and not one.is_flag]
+        for name in dict.fromkeys(one.opts[0] for one in once if once.count(one) > 1):
+            print(f"warning: {name} is given more than once, the last one counts", file=sys.stderr)
+        return super().parse_args(ctx, args)
 
     def invoke(self, ctx: Any) -> Any:
         """Run it."""

@@ -55,7 +55,8 @@ def _as_float(value: Value) -> Array:
         raise InputError(f"a parameter must be a number or an array of numbers, got {value!r}")
     if isinstance(value, jax.Array):
         return jnp.asarray(value, dtype=jnp.result_type(float))
-    return jax.device_put(np.array(value, dtype=jnp.result_type(float)))  # which compiles nothing, as asarray would
+    with np.errstate(over="ignore"):  # infinity is not admissible, which the check says
+        return jax.device_put(np.array(value, dtype=jnp.result_type(float)))  # which compiles nothing, as asarray would
 
 
 @jax.tree_util.register_pytree_with_keys_class

@@ -159,7 +159,9 @@ def _recipe(table: Any, where: str) -> Recipe:
         values = _checked(table["parameters"], dict, "parameters", "a table")
         values = {name: Range().check(value, f"parameters: {short(name)}") for name, value in values.items()}
         hours = tuple(_checked(table["hours"], list, "hours", "a list of numbers"))
-        recipe = Recipe(**{**table, **made, "model": Model.of(rules), "parameters": values, "hours": hours})
+        model = Model.of(rules)
+        model.parameters.check(values)
+        recipe = Recipe(**{**table, **made, "model": model, "parameters": values, "hours": hours})
         recipe.truth()
         return recipe
     except InputError as error:

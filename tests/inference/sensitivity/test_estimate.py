@@ -205,8 +205,8 @@ def test_exploded_tails_are_said() -> None:
     ("values", "message"),
     [
         ({"free": ["speed"]}, "'speed' is unknown"),
-        ({"free": []}, "need at least one, each once"),
-        ({"free": ["mobility", "mobility"]}, "need at least one, each once"),
+        ({"free": []}, "no parameter is named, need at least one of"),
+        ({"free": ["mobility", "mobility"]}, "'mobility' is named twice"),
         ({"method": "guess"}, "method is 'guess'"),
         ({"runs": 20}, "runs is 20, it must be a multiple of 16"),
         ({"runs": 16, "model": BIASED, "parameters": Parameters(budding_bias=2.0)}, "runs is 16, 8 parameters need at"),
