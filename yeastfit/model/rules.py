@@ -25,8 +25,10 @@ from dataclasses import fields
 from typing import ClassVar
 
 import equinox as eqx
+import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, UInt32
 
+from yeastfit.errors import InputError
 from yeastfit.model.cells import Cells
 from yeastfit.model.colony import Colony
 from yeastfit.model.interpolation import gradient_at, growth_rate, nutrient_at
@@ -120,6 +122,14 @@ class Rule(eqx.Module):
     def objection(self, rules: Mapping[str, "Rule"]) -> str | None:
         """Why it cannot be in one model with some of these rules, by question; None where it can."""
         return None
+
+    def answered(self, found: Array, shape: tuple[int, ...]) -> Array:
+        """What one of its methods found; raises `InputError` where it is of another shape."""
+        if jnp.shape(found) != shape:
+            raise InputError(
+                f"{self.question}: rule {self.name!r} gave an array of shape {jnp.shape(found)}, not {shape}"
+            )
+        return found
 
     @property
     def parts(self) -> tuple["Rule", ...]:

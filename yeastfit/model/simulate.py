@@ -54,7 +54,8 @@ def step(
     cells = model.shape.cells(colony, parameters)
     context = seen(colony)
     context = seen(model.medium.stepped(context, cells, model.uptake), step=colony.step + 1)
-    context = seen(context.colony, nutrient=model.fluctuations.shaken(context))
+    shaken = model.fluctuations.answered(model.fluctuations.shaken(context), context.colony.nutrient.shape)
+    context = seen(context.colony, nutrient=shaken)
     context = seen(context.colony, node_state=model.advance(context))
     context = seen(model.death.deaths(context))
 
@@ -64,7 +65,8 @@ def step(
 
     colony = jax.lax.cond(model.births.due(context), with_births, lambda: context.colony)
     parted = seen(model.detachment.detached(seen(colony), model.node_state()))
-    positions = model.motion.moved(parted, velocity(parted, model.contact, model.medium, model.springs))
+    going = velocity(parted, model.contact, model.medium, model.springs)
+    positions = model.motion.answered(model.motion.moved(parted, going), going.shape)
     from_edge = 0.5 * numerics.domain - jnp.abs(positions)
     problems, at_edge = parted.colony.problems, jnp.any((from_edge < 1.0) & (from_edge >= 0.0))
     problems = eqx.tree_at(lambda p: p.left_domain, problems, problems.left_domain | at_edge)

@@ -217,6 +217,7 @@ def test_exploded_tails_are_said() -> None:
         ({"times": [2.0, 1.0]}, "times is"),
         ({"times": None}, "times are missing"),
         ({"at": {"mobility": 1.0}}, "at is given without simulator"),
+        ({"simulator": 1}, r"simulator \(int\) has no parameters and no observables"),
     ],
     ids=str,
 )

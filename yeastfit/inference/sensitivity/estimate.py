@@ -16,7 +16,7 @@ from yeastfit.inference.sensitivity.colonies import (
 from yeastfit.inference.sensitivity.estimator import Estimator
 from yeastfit.inference.sensitivity.pathwise import COUNT, ColonyPaths
 from yeastfit.inference.sensitivity.result import EstimatorName, Sensitivity
-from yeastfit.inference.simulator import Simulator
+from yeastfit.inference.simulator import Simulator, check_simulator
 from yeastfit.measure.statistics.smooth_statistics import SmoothStatistics
 from yeastfit.model.model import Model
 from yeastfit.model.numerics import Numerics
@@ -92,6 +92,7 @@ def sensitivity(
     of_colonies |= {"model": model, "numerics": numerics, "relaxation": relaxation, "path_numerics": path_numerics}
     of_colonies |= {"path_relaxation": path_relaxation, "observe": observe}
     if simulator is not None:
+        check_simulator(simulator)
         for name, value in of_colonies.items():
             if value is not None:
                 raise InputError(f"{name} is of colonies, the simulator that is given has its own: leave it out")

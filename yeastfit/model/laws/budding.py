@@ -69,7 +69,8 @@ def bud(context: Context, births: Births, budding: BuddingRule, newborn: Mapping
     room = capacity - colony.count
 
     lineages = child_lineages(colony.lineages[births.parents], births.event)
-    angles = budding.angles(context, births.parents, lineages).astype(births.weights.dtype)
+    angles = budding.answered(budding.angles(context, births.parents, lineages), births.parents.shape)
+    angles = angles.astype(births.weights.dtype)
     offsets = context.numerics.bud_distance * jnp.stack([jnp.cos(angles), jnp.sin(angles)], axis=-1)
 
     # the unborn take slot `capacity`, which scatter drops

@@ -40,7 +40,7 @@ def velocity(
     colony, parameters = context.colony, context.parameters
     pull = parameters.elasticity * springs.pull(colony)
     drift = medium.drift(context)
-    motion = pull + contact.velocity(context, pull + drift) + drift
+    motion = pull + contact.answered(contact.velocity(context, pull + drift), pull.shape) + drift
     return jnp.where(colony.alive[:, None], motion, 0.0)
 
 

@@ -41,7 +41,7 @@ def nutrient_of_step(
     context: Context, uptake: UptakeRule, g: Float[Array, "x y"], nutrient: Float[Array, "x y"]
 ) -> Float[Array, "x y"]:
     """c on a window one step later, given the level set there."""
-    rate = uptake.rate(context, g, nutrient)
+    rate = uptake.answered(uptake.rate(context, g, nutrient), nutrient.shape)
     return nutrient_step(nutrient, rate, context.parameters.diffusivity, context.numerics)
 
 

@@ -1,0 +1,69 @@
+"""What a rule of one's own may get wrong, and what is said of it."""
+
+from typing import Any
+
+import jax.numpy as jnp
+import pytest
+from jaxtyping import Array
+
+from yeastfit import (
+    BuddingRule,
+    ContactRule,
+    Context,
+    FluctuationRule,
+    InputError,
+    Model,
+    MotionRule,
+    Numerics,
+    Parameters,
+    UptakeRule,
+    member_keys,
+    simulate,
+)
+from yeastfit.model.rules import Rule
+
+SMALL = Numerics(domain=8.0, spacing=0.4, capacity=8)
+
+
+class OneAngle(BuddingRule):
+    name = "one angle"
+
+    def angles(self, context: Context, parents: Array, lineages: Array) -> Array:
+        return jnp.zeros(())
+
+
+class Sideways(ContactRule):
+    name = "sideways"
+
+    def velocity(self, context: Context, motion: Array) -> Array:
+        return motion[:, 0]
+
+
+class Still(MotionRule):
+    name = "still"
+
+    def moved(self, context: Context, velocity: Array) -> Array:
+        return context.colony.positions[:-1]
+
+
+class Flat(FluctuationRule):
+    name = "flat"
+
+    def shaken(self, context: Context) -> Array:
+        return context.colony.nutrient[0]
+
+
+class Everywhere(UptakeRule):
+    name = "everywhere"
+
+    def rate(self, context: Context, level_set: Array, nutrient: Array) -> Array:
+        return context.parameters.metabolic_rate
+
+
+@pytest.mark.usefixtures("unchecked")
+@pytest.mark.parametrize("rule", [OneAngle(), Sideways(), Still(), Flat(), Everywhere()], ids=lambda rule: rule.name)
+def test_an_answer_of_another_shape_is_refused(rule: Rule) -> None:
+    rules: dict[str, Any] = {rule.question: rule}
+    said = rf"{rule.question}: rule '{rule.name}' gave an array of shape \(.*\), not \("
+    with pytest.raises(InputError, match=said):
+        simulate(Parameters(), member_keys(0, 1), times=[0.1], model=Model(**rules), numerics=SMALL)
