@@ -51,6 +51,13 @@ def test_distributions_are_those_of_the_textbooks() -> None:
     np.testing.assert_allclose(PRIOR.log_density(values), [sum(plain)])
 
 
+@pytest.mark.parametrize("name", TABLES)
+def test_densities_are_scipys_to_the_last_bit_and_to_the_ends(name: str) -> None:
+    one = PRIOR.distributions[name]
+    x = np.concatenate([one.density.ppf(np.linspace(0.0, 1.0, 1001)[1:-1]), one.density.support()])
+    np.testing.assert_array_equal(one.log_density(x), one.density.logpdf(x))
+
+
 def test_outside_the_support_there_is_nothing() -> None:
     inside = PRIOR.quantile(np.full((1, 5), 0.5))
     outside = np.repeat(inside, 10, axis=0)

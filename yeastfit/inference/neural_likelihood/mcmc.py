@@ -19,7 +19,6 @@ from functools import cached_property
 import emcee
 import numpy as np
 from jaxtyping import Float
-from scipy.stats import norm
 from threadpoolctl import threadpool_limits
 
 from yeastfit.inference.neural_likelihood.emulator import Emulator, in_pieces
@@ -38,6 +37,8 @@ APART = 0.5  # autocorrelation times between draws that are kept
 KERNELS = 10  # walkers per parameter, at least, for a kernel density that is worth drawing from
 FARTHEST = 30.0  # |z|, of prior probability 10⁻¹⁹⁷, from where τ(z) is soon infinite in double precision
 FEWEST = 50  # draws that are kept of a chain, however correlated; it is then said to be too short
+
+LOG_ROOT_2PI = np.log(np.sqrt(2.0 * np.pi))
 
 LogDensity = Callable[[np.ndarray], np.ndarray]  # of rows
 Known = Callable[[np.ndarray], np.ndarray]  # of rows
@@ -78,7 +79,7 @@ class LogPosterior:
         self, x: Float[np.ndarray, "walker free"], z: Float[np.ndarray, "walker varied"]
     ) -> Float[np.ndarray, " walker"]:
         """Of λ in the prior's coordinates, and of z."""
-        return self.problem.prior.log_density_of_coordinates(x) + norm.logpdf(z).sum(axis=1)
+        return self.problem.prior.log_density_of_coordinates(x) - (z**2 / 2.0 + LOG_ROOT_2PI).sum(axis=1)
 
     @cached_property
     def _likelihood(self) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:

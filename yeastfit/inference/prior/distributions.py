@@ -25,6 +25,7 @@ from yeastfit.numbers import number_of
 from yeastfit.text import quoted
 
 Numbers = Mapping[str, float]
+LogDensity = Callable[[Float[np.ndarray, "*any"]], Float[np.ndarray, "*any"]]
 
 
 @dataclass(frozen=True)
@@ -36,12 +37,14 @@ class Family:
         defaults: Numbers that may be left out.
         logarithmic: Whether the coordinate is log λ.
         density: Makes p(x), a frozen distribution of scipy, from the numbers.
+        log_density: Makes log p(x) for x in the support; by default scipy's, whose checks take 0.2 ms a call.
     """
 
     required: tuple[str, ...]
     defaults: dict[str, float]
     logarithmic: bool
     density: Callable[[Numbers], Any]
+    log_density: Callable[[Numbers], LogDensity] | None = None
 
 
 def _uniform(n: Numbers) -> Any:
@@ -64,6 +67,22 @@ def _log_normal(n: Numbers) -> Any:
 
 def _beta(n: Numbers) -> Any:
     return scipy.stats.beta(n["a"], n["b"], n["low"], n["high"] - n["low"])
+
+
+def _log_of_uniform(low: float, high: float) -> LogDensity:
+    log_width = np.log(high - low)
+    return lambda x: np.full(x.shape, -log_width)
+
+
+def _log_of_beta(n: Numbers) -> LogDensity:
+    low, width, a, b = n["low"], n["high"] - n["low"], n["a"], n["b"]
+    log_whole, log_width = scipy.special.betaln(a, b), np.log(width)
+
+    def log_density(x: Float[np.ndarray, "*any"]) -> Float[np.ndarray, "*any"]:
+        u = (x - low) / width
+        return scipy.special.xlog1py(b - 1.0, -u) + scipy.special.xlogy(a - 1.0, u) - log_whole - log_width
+
+    return log_density
 
 
 @dataclass(frozen=True)
@@ -118,11 +137,13 @@ def _spike_half_normal(n: Numbers) -> Any:
 
 
 FAMILIES: dict[str, Family] = {
-    "uniform": Family(("low", "high"), {}, False, _uniform),
-    "log-uniform": Family(("low", "high"), {}, True, _log_uniform),
+    "uniform": Family(("low", "high"), {}, False, _uniform, lambda n: _log_of_uniform(n["low"], n["high"])),
+    "log-uniform": Family(
+        ("low", "high"), {}, True, _log_uniform, lambda n: _log_of_uniform(np.log(n["low"]), np.log(n["high"]))
+    ),
     "normal": Family(("mean", "sd"), {"low": -math.inf, "high": math.inf}, False, _normal),
     "log-normal": Family(("median", "sd"), {"low": 0.0, "high": math.inf}, True, _log_normal),
-    "beta": Family(("a", "b"), {"low": 0.0, "high": 1.0}, False, _beta),
+    "beta": Family(("a", "b"), {"low": 0.0, "high": 1.0}, False, _beta, _log_of_beta),
 }
 MIXED = {"spike-half-normal": Family(("zero", "sd"), {}, False, _spike_half_normal)}
 """Those in which a single value has a probability of its own, which chains in x cannot sample; no parameter has one."""
@@ -168,6 +189,12 @@ class Distribution:
     def density(self) -> Any:
         """p(x), a frozen distribution of scipy."""
         return KNOWN[self.family].density(self.numbers)
+
+    @cached_property
+    def log_density(self) -> LogDensity:
+        """log p(x), of x in the support."""
+        own = KNOWN[self.family].log_density
+        return self.density.logpdf if own is None else own(self.numbers)
 
     @cached_property
     def median(self) -> float:

@@ -68,7 +68,7 @@ class Prior:
         inside = (self._rows(values) >= low) & (values <= high) & ((values > 0) | ~self._logarithmic)
         x = self.coordinates(np.where(inside, values, self._medians))
         columns = zip(self.distributions.values(), x.T, strict=True)
-        density = np.stack([one.density.logpdf(column) for one, column in columns], axis=1)
+        density = np.stack([one.log_density(column) for one, column in columns], axis=1)
         return np.where(inside, density - np.where(self._logarithmic, x, 0.0), -np.inf)
 
     def log_density_of_coordinates(self, x: Values) -> Float[np.ndarray, " draw"]:
@@ -243,7 +243,7 @@ class Prior:
 
     def _log_density(self, x: Values) -> Float[np.ndarray, " draw"]:
         columns = zip(self.distributions.values(), x.T, strict=True)
-        return np.sum([one.density.logpdf(column) for one, column in columns], axis=0)
+        return np.sum([one.log_density(column) for one, column in columns], axis=0)
 
 
 def template(prior: Prior, parameters: ParameterSet) -> str:
