@@ -6,7 +6,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from yeastfit import InputError
 from yeastfit.text import HIDDEN, JOINERS, LONGEST, LONGEST_NAME, as_html, file_name, quoted, shown
+from yeastfit.text_files import check_look_alikes
 
 # any text, surrogates of file names that are not UTF-8 included
 TEXTS = st.text(st.characters(exclude_categories=()), max_size=40)
@@ -92,3 +94,10 @@ def test_values_of_messages_are_short() -> None:
     for _ in range(10**5):
         nested = [nested]
     assert quoted(nested) == "a list nested thousands of times"
+
+
+def test_names_that_look_alike_are_refused() -> None:
+    check_look_alikes(["50 µM", "50 µM", "HIS3", "his3", "01", "1", ""], "conditions")
+    for first, second in (("50 µM", "50 \u03bcM"), ("a b", "a\u00a0b"), ("é", "e\u0301")):
+        with pytest.raises(InputError, match=r"^t\.csv: conditions '.*' and '.*' look alike"):
+            check_look_alikes([first, "other", second], "t.csv: conditions")

@@ -3,7 +3,8 @@
 import codecs
 import csv
 import tomllib
-from collections.abc import Callable
+import unicodedata
+from collections.abc import Callable, Iterable
 from io import StringIO
 from pathlib import Path
 from typing import Any
@@ -101,3 +102,22 @@ def read_toml(path: str | Path) -> dict[str, Any]:
         raise InputError(f"{path}: not TOML ({str(error).partition(';')[0]})") from None
     except RecursionError:
         raise InputError(f"{path}: not TOML that can be read (tables within tables, too many)") from None
+
+
+def check_look_alikes(names: Iterable[str], what: str) -> None:
+    """Check that no two names look the same, as "50 µM" with a micro sign and with a Greek letter do.
+
+    Arguments:
+        names: Of conditions, for instance; those that are the same in Unicode's compatible form, with plain spaces,
+            look the same.
+        what: They are, and where.
+
+    Raises:
+        InputError: Two of them do.
+    """
+    seen: dict[str, str] = {}
+    for name in names:
+        first = seen.setdefault(" ".join(unicodedata.normalize("NFKC", name).split()), name)
+        if first != name:
+            alike = f"{first!a} and {name!a}"
+            raise InputError(f"{what} {alike} look alike and are of different characters: write both the same")

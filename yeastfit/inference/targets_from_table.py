@@ -25,7 +25,7 @@ from yeastfit.model.parameters import Scales
 from yeastfit.numbers import HOURS, PIXEL_SIZES, Range
 from yeastfit.results_contents import check_finished
 from yeastfit.text import quoted, shown
-from yeastfit.text_files import read_csv
+from yeastfit.text_files import check_look_alikes, read_csv
 
 TABLE = "measurements.csv"
 OF_ANYTHING = ("file", "replicate", "hours")  # columns that every table has
@@ -82,6 +82,8 @@ def read_measurements(path: str | Path, needed: Sequence[str] = NEEDED) -> list[
         }
         rows.append(values)
         _check_row(rows[-1], where)
+    for name in ("condition", "replicate"):
+        check_look_alikes((str(row.get(name, "")) for row in rows), f"{path}: {name}s")
     return rows
 
 

@@ -44,6 +44,7 @@ def folder(tmp_path: Path, text: str | bytes) -> Path:
         (HEADER.replace("\n", ",conditon\n"), ["line 1", "'conditon' is unknown", "did you mean 'condition'?"]),
         (HEADER.replace("\n", ",Seed point\n"), ["'Seed point' is unknown", "did you mean 'seed_point'?"]),
         (HEADER.replace("\n", ",xyz\n"), ["'xyz' is unknown", "known are file, replicate"]),
+        (HEADER + "a.png,1 µm,2,1\na.png,1 \u03bcm,2,1\n", [r"replicates '1 \xb5m' and '1 \u03bcm' look alike"]),
         (HEADER.replace("\n", ",hours\n"), ["line 1", "appears twice"]),
         (HEADER.replace("\n", ",roi\n") + "a.png,1,2,1,1 2 3\n", ["line 2", "roi is '1 2 3'", "4 numbers"]),
         (HEADER.replace("\n", ",seed_point\n") + "a.png,1,2,1,1 inf\n", ["line 2", "seed_point is '1 inf'"]),

@@ -31,7 +31,7 @@ from yeastfit.measure.reading.segmentation_options import AUTOMATIC, Segmentatio
 from yeastfit.numbers import HOURS, PIXEL_SIZES
 from yeastfit.results_contents import check_finished
 from yeastfit.text import quoted, short, shown
-from yeastfit.text_files import read_csv, read_toml
+from yeastfit.text_files import check_look_alikes, read_csv, read_toml
 
 MANIFESTS = ("manifest.csv", "manifest.toml")
 NEEDED = ("file", "replicate", "hours")
@@ -148,6 +148,8 @@ def read_dataset(folder: str | Path) -> Dataset:
                 f"{rows[k][0]}: replicate {frame.replicate}{condition} at {frame.hours:g} hours appears twice, "
                 f"{frames[first].path.name} and {frame.path.name}: a colony has one image at one time"
             )
+    check_look_alikes((frame.condition for frame in frames), f"{manifest}: conditions")
+    check_look_alikes((frame.replicate for frame in frames), f"{manifest}: replicates")
     return Dataset(folder, frames)
 
 
