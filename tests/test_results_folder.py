@@ -1,5 +1,6 @@
 """The folder of results: whose it is, what is replaced and what is never touched, and kills at every step."""
 
+import errno
 import json
 import os
 import shutil
@@ -411,12 +412,46 @@ def test_a_manifest_that_yeastfit_cannot_have_written_is_a_file_like_any_other(t
     assert "holds manifest.json, which yeastfit did not write" in refused(tmp_path, "fit", overwrite=True)
 
 
-def test_an_input_that_is_gone_at_the_end_costs_no_results(tmp_path: Path) -> None:
-    """Somebody removed a photograph while others were measured."""
-    out, photograph = tmp_path / "out", tmp_path / "a.tif"
-    with results_folder(out, "measure") as results:
+def test_an_input_that_is_gone_or_another_at_the_end_costs_no_results_and_is_told(tmp_path: Path) -> None:
+    """Somebody removed a photograph while others were measured, and edited another."""
+    out, photographs = tmp_path / "out", [tmp_path / name for name in ("a.tif", "b.tif", "c.tif")]
+    for one in photographs:
+        one.write_text(one.name)
+    with results_folder(out, "measure", reads=photographs) as results:
         write(results.partial, OLD)
-        results.finish(inputs=[photograph])
+        photographs[0].unlink()
+        photographs[1].write_text("edited")
+        told = results.finish(inputs=photographs)
     assert_whole(out, OLD)
+    known = ["gone when the command ended", "changed while the command ran", sha256_of(photographs[2])]
     manifest = json.loads((out / "manifest.json").read_text())
-    assert manifest["inputs"] == {str(photograph): "gone when the command ended"}
+    assert manifest["inputs"] == dict(zip(map(str, photographs), known, strict=True))
+    assert told == [f"{one} {what}" for one, what in zip(photographs[:2], known[:2], strict=True)]
+
+
+@pytest.mark.parametrize("stuck", ["manifest.json", "masks/a.png", "pictures/c.png"])
+def test_where_one_file_cannot_be_replaced_none_is(tmp_path: Path, stuck: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The system refuses to move a file, as it does with an immutable one, or to make a new one."""
+    made(out := tmp_path / "out", OLD)
+    write(out, FOREIGN)
+    before, rename = {**files_in(out), "manifest.json": (out / "manifest.json").read_text()}, Path.rename
+
+    def refusing(source: Path, target: Path) -> Path:
+        if out / stuck in (source, target):
+            raise PermissionError(errno.EPERM, os.strerror(errno.EPERM), str(out / stuck))
+        return rename(source, target)
+
+    def again() -> None:
+        with results_folder(out, "measure") as results:
+            write(results.partial, NEW)
+            monkeypatch.setattr(Path, "rename", refusing)
+            results.finish(inputs=[])
+
+    with pytest.raises(PermissionError):
+        again()
+    assert {**files_in(out), "manifest.json": (out / "manifest.json").read_text()} == before
+    assert not (out / WORK).exists()
+    assert_whole(out, OLD)
+    monkeypatch.undo()
+    made(out, NEW)
+    assert files_in(out) == NEW | FOREIGN

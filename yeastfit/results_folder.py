@@ -5,10 +5,11 @@
     OUT/.yeastfit/       while a run is in the folder: its lock, owner.json, results/, what it has made so far, and
                          unfinished/, what the same command goes on with after a kill
 
-Results take their places when all of them are ready: the manifest of an earlier run is removed, then its files, then
-the new files are renamed into place, the manifest last. Before that owner.json lists the files of both, so that a run
-after a kill knows which are the package's. A folder with owner.json, or with the run.json of `infer`, is unfinished
-until it has a manifest. A file that no list names, or whose bytes are others than those listed, is never touched.
+Results take their places when all of them are ready: the manifest of an earlier run is moved aside, then its files,
+then the new files are renamed into place, the manifest last; where the system refuses one of these, all go back. Before
+that owner.json lists the files of both, so that a run after a kill knows which are the package's. A folder with
+owner.json, or with the run.json of `infer`, is unfinished until it has a manifest. A file that no list names, or whose
+bytes are others than those listed, is never touched.
 """
 
 import os
@@ -27,9 +28,11 @@ from yeastfit.errors import InputError
 from yeastfit.processors import device_used
 from yeastfit.results_check import check_folder, listing, unwritable
 from yeastfit.results_contents import LOCK, MANIFEST, OWNER, Contents, Listed, changed_files, misplaced_files
+from yeastfit.results_exchange import exchange, remove_empty
 from yeastfit.storage import WORK, check_room, sha256_of, versions, write_json
 
-RESULTS, UNFINISHED = "results", "unfinished"
+RESULTS, EARLIER, UNFINISHED = "results", "earlier", "unfinished"
+GONE, CHANGED = "gone when the command ended", "changed while the command ran"
 PATIENCE = 0.5  # seconds: a run that is just ending lets go of its lock
 
 
@@ -44,6 +47,7 @@ class ResultsFolder:
         earlier: SHA-256 of the files of earlier runs, by name.
         overwrite: Whether earlier files may go that were changed since.
         endless: Whether the manifest lists no files.
+        reads: SHA-256 of files that the run reads, when it began, by absolute path.
     """
 
     path: Path
@@ -52,6 +56,7 @@ class ResultsFolder:
     earlier: Listed
     overwrite: bool = False
     endless: bool = False
+    reads: dict[str, str] = field(default_factory=dict)
     _stays: bool = field(default=False, init=False)
 
     @property
@@ -66,7 +71,7 @@ class ResultsFolder:
 
     def finish(
         self, *, inputs: Sequence[str | Path], seed: int | None = None, kept: Iterable[str] = (), **more: Any
-    ) -> None:
+    ) -> list[str]:
         """Put the results into their places and write manifest.json, both instead of those of an earlier run.
 
         Arguments:
@@ -75,8 +80,12 @@ class ResultsFolder:
             kept: Files and folders of the run that lie in their places already.
             more: Anything else that belongs to the record.
 
+        Returns:
+            Warnings of inputs that are no longer what they were when the run began.
+
         Raises:
             InputError: A file that the package did not write is in the way.
+            OSError: A file cannot be moved; earlier results are as they were.
         """
         new = _hashes(self.partial)
         staying = {name: one for part in kept for name, one in _hashes(self.path, part).items()}
@@ -86,11 +95,11 @@ class ResultsFolder:
             **({} if seed is None else {"seed": seed}),
             "versions": versions(),
             **device_used(),
-            "inputs": {str(path): _hash_of_input(path) for path in inputs},
+            "inputs": {str(path): self._hash_of_input(path) for path in inputs},
             **more,
             "files": dict(sorted({**staying, **new}.items())),
         }
-        write_json(self.path / WORK / MANIFEST, manifest)
+        write_json(self.partial / MANIFEST, manifest)
         replaced = {name: known for name, known in self.earlier.items() if name not in staying}
         if in_the_way := self._in_the_way(new, replaced):
             self._stays = True
@@ -100,13 +109,10 @@ class ResultsFolder:
             )
         both = {name: (*replaced.get(name, ()), *([new[name]] if name in new else [])) for name in {**replaced, **new}}
         self._own(both)
-        self._unfinish()
-        self._remove(name for name in replaced if name not in new)
-        for name in new:
-            (self.path / name).parent.mkdir(parents=True, exist_ok=True)
-            (self.partial / name).replace(self.path / name)
-        (self.path / WORK / MANIFEST).replace(self.path / MANIFEST)
+        aside = self.path / WORK / EARLIER
+        exchange(self.path, [MANIFEST, *replaced], [*new, MANIFEST], made=self.partial, aside=aside)
         self.finished = True
+        return [f"{path} {what}" for path, what in manifest["inputs"].items() if what in (GONE, CHANGED)]
 
     def keep(self, name: str) -> Path:
         """Put a file or folder into its place before the end, for a run that may be resumed; return its place."""
@@ -142,6 +148,14 @@ class ResultsFolder:
             if self.finished or not (self.earlier or self.unfinished.exists()):
                 (self.path / WORK / OWNER).unlink(missing_ok=True)
 
+    def _hash_of_input(self, path: str | Path) -> str:
+        """SHA-256, or what became of the file while the command ran."""
+        try:
+            now = sha256_of(path)
+        except FileNotFoundError:
+            return GONE
+        return now if self.reads.get(os.path.abspath(path), now) == now else CHANGED
+
     def _own(self, files: Listed) -> None:
         self.earlier = files
         process = {"pid": os.getpid(), "host": socket.gethostname(), "arguments": sys.argv[1:]}
@@ -165,13 +179,10 @@ class ResultsFolder:
 
     def _remove(self, names: Iterable[str]) -> None:
         """Remove files, and the folders that are empty then."""
-        gone = [PurePath(name) for name in names]
+        gone = [name for name in names if os.path.lexists(self.path / name)]
         for name in gone:
-            if os.path.lexists(self.path / name):
-                (self.path / name).unlink()
-        for parent in sorted({one for name in gone for one in name.parents[:-1]}, key=lambda one: -len(one.parts)):
-            with suppress(OSError):
-                (self.path / parent).rmdir()
+            (self.path / name).unlink()
+        remove_empty(self.path, gone)
 
 
 @contextmanager
@@ -213,7 +224,8 @@ def results_folder(
         found = check_folder(path, command, reads=reads, overwrite=overwrite, resume=resume)
         check_room(work / OWNER)
         _clear_work(work)
-        folder = ResultsFolder(path, command, found.finished, found.listed, overwrite, found.endless)
+        begun = _hashes_of_inputs(reads)
+        folder = ResultsFolder(path, command, found.finished, found.listed, overwrite, found.endless, begun)
         folder._own(found.listed)
         folder.partial.mkdir()
     except Timeout:
@@ -246,12 +258,13 @@ def _in_use(path: Path) -> InputError:
     return InputError(f"--out: {path} is in use: {Contents.of(path).holder} writes there")
 
 
-def _hash_of_input(path: str | Path) -> str:
-    """SHA-256, or what became of the file while the command ran."""
-    try:
-        return sha256_of(path)
-    except FileNotFoundError:
-        return "gone when the command ended"
+def _hashes_of_inputs(reads: Iterable[Path]) -> dict[str, str]:
+    """SHA-256 of those that can be read, by absolute path."""
+    hashes = {}
+    for one in reads:
+        with suppress(OSError):  # which the command says
+            hashes[os.path.abspath(one)] = sha256_of(one)
+    return hashes
 
 
 def _hashes(folder: Path, part: str = "") -> dict[str, str]:
@@ -262,11 +275,11 @@ def _hashes(folder: Path, part: str = "") -> dict[str, str]:
 
 
 def _clear_work(work: Path) -> None:
-    """Remove what a run has made so far: results, a manifest, and temporary files, whose names begin with a dot."""
+    """Remove what a run has made so far: results, and temporary files, whose names begin with a dot."""
     for one in work.iterdir():
-        if one.name == RESULTS and one.is_dir() and not one.is_symlink():
+        if one.name in (RESULTS, EARLIER) and one.is_dir() and not one.is_symlink():
             shutil.rmtree(one, ignore_errors=True)  # where a process that ends still writes, the next run clears it
-        elif one.name in (RESULTS, MANIFEST) or (one.name.startswith(".") and one.is_file()):
+        elif one.name in (RESULTS, EARLIER) or (one.name.startswith(".") and one.is_file()):
             one.unlink()
 
 

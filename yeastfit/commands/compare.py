@@ -45,8 +45,8 @@ def compare(
     made["versions"] = ", ".join(f"{name} {one}" for name, one in run_versions().items())
     with results_folder(folder, "compare", reads=reads, overwrite=overwrite) as results:
         write_comparison(results.partial, found, drawn, made)
-        results.finish(inputs=reads, doubts=found.doubts, verdicts=found.sentences())
-    warn(list(found.doubts))
+        changed = results.finish(inputs=reads, doubts=found.doubts, verdicts=found.sentences())
+    warn([*changed, *found.doubts])
     for sentence in found.sentences():
         out.print(sentence, highlight=False)
     out.print(f"Results in {folder}, on one page: index.html")

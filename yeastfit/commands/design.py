@@ -130,8 +130,8 @@ def design(
         more: dict[str, Any] = {"configuration": {**how, "parameters": found.at, "free": result.free, **known}}
         if workers is not None:
             more["workers"] = workers.asdict()
-        results.finish(seed=found.seed, inputs=inputs, **more)
-    warn(list(found.warnings))
+        changed = results.finish(seed=found.seed, inputs=inputs, **more)
+    warn([*changed, *found.warnings])
     warn(result.before.sentences())
     values_used = ", ".join(f"{name} {value:g}" for name, value in found.at.items())
     out.print(f"at {values_used}", highlight=False)

@@ -152,8 +152,8 @@ def fit(
         more: dict[str, Any] = {"configuration": configuration, "status": result.message}
         if workers is not None:
             more["workers"] = workers.asdict()
-        results.finish(seed=seed, inputs=data.inputs, seconds=result.seconds, **more)
-    warn(list(result.warnings))
+        changed = results.finish(seed=seed, inputs=data.inputs, seconds=result.seconds, **more)
+    warn([*changed, *result.warnings])
     out.print(_table(result, known))
     for line in lines:
         out.print(line, highlight=False)

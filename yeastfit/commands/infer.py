@@ -228,10 +228,11 @@ def _run(run: InferRun, truth: Mapping[str, float] | None, workers: Workers | No
         more |= {"status": posterior.status.name}
         if workers is not None or run.mixed():
             more["workers"] = {**({} if workers is None else workers.asdict()), "mixed_arithmetic": run.mixed()}
-        run.folder.results.finish(seed=run.request.seed, inputs=inputs_of(run.source), kept=STORED, **more)
+        finish = run.folder.results.finish
+        changed = finish(seed=run.request.seed, inputs=inputs_of(run.source), kept=STORED, **more)
     except OSError as error:
         raise InputError(f"{folder}: {reason(error)}; {run.folder.resume_hint()}") from error
-    warn([*(one for one in summary.warnings if one not in run.data.warnings), *remarks])
+    warn([*changed, *(one for one in summary.warnings if one not in run.data.warnings), *remarks])
     out.print(summary.table())
     for line in summary.lines():
         out.print(line, highlight=False)

@@ -75,7 +75,7 @@ def measure(
     settings = {name: value for name, value in options.items() if value is not None}
     place = dataset.folder if dataset else paths[0] if len(paths) == 1 else folder
     title = f"Micrographs of {os.path.basename(os.path.realpath(place))}"
-    reads = [file for image in images for file in image.files]
+    reads = [*([dataset.manifest] if dataset else []), *(file for image in images for file in image.files)]
     with results_folder(folder, "measure", reads=reads, overwrite=overwrite) as results:
         with shown_progress("measuring micrographs") as progress:
             outcomes = measure_batch(images, results.partial, jobs=jobs or available_processors(), progress=progress)
@@ -86,7 +86,7 @@ def measure(
         if results.finished and len(failed) == len(outcomes):
             fail([*failed, f"no micrograph was measured: the earlier results in {folder} stay"])
         overruled = {image.label: image.options.as_arguments() for image in images if image.options.as_arguments()}
-        results.finish(
+        changed = results.finish(
             inputs=inputs,
             configuration={**settings, "overruled": overruled},
             failed=failed,
@@ -94,6 +94,7 @@ def measure(
             photographs={image.label: _from(folder, image.path) for image in images},
         )
     measured = [outcome for outcome in outcomes if outcome.row]
+    warn(changed)
     warn(overruled_sizes([outcome.row for outcome in measured if outcome.row]))
     warn([f"{outcome.image.label}: {doubt}" for outcome in measured for doubt in outcome.doubts])
     if skipped:

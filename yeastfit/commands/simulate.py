@@ -100,8 +100,8 @@ def simulate(
             for member, mask in enumerate(drawn[0]):
                 write_mask(results.partial / "masks" / f"colony_{member}.png", mask, drawn[1])
         write_simulation_page(results.partial, result, chosen.forward, parameters, members, configuration)
-        results.finish(seed=seed, inputs=reads, configuration=configuration, seconds=result.seconds)
-    warn(result.warnings())
+        changed = results.finish(seed=seed, inputs=reads, configuration=configuration, seconds=result.seconds)
+    warn([*changed, *result.warnings()])
     out.print(f"{result.sentence()}. Results in {folder}, on one page: index.html")
 
 
