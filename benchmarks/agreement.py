@@ -54,7 +54,7 @@ from yeastfit.inference.posterior.draws import weighted_quantile
 from yeastfit.inference.posterior.result import Posterior
 from yeastfit.processors import available_processors
 from yeastfit.progress import silent
-from yeastfit.results_folder import results_folder
+from yeastfit.results.folder import results_folder
 from yeastfit.simulation.recipe import read_truth
 from yeastfit.storage import write_table
 

@@ -31,7 +31,7 @@ from benchmarks.report import Report, command
 from yeastfit.inference.comparison.left_out import LeftOut
 from yeastfit.inference.posterior.predictive_check import Predictive
 from yeastfit.inference.posterior.result import Posterior
-from yeastfit.results_contents import MANIFEST, RUN
+from yeastfit.results.contents import MANIFEST, RUN
 from yeastfit.storage import read_json
 
 SETS = ("awri796-50um", "awri796-500um", "simi-white-50um")

@@ -17,10 +17,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from yeastfit import results_folder as door
 from yeastfit.errors import InputError
-from yeastfit.results_contents import Contents, check_finished
-from yeastfit.results_folder import ResultsFolder, results_folder
+from yeastfit.results import folder as door
+from yeastfit.results.contents import Contents, check_finished
+from yeastfit.results.folder import ResultsFolder, results_folder
 from yeastfit.storage import WORK, sha256_of, write_json, written_whole
 
 OLD = {"table.csv": "1", "masks/a.png": "2", "masks/deep/b.png": "3"}
@@ -223,7 +223,7 @@ def test_a_folder_without_permission_is_said(tmp_path: Path) -> None:
 HOLDER = """
 import sys, time
 from pathlib import Path
-from yeastfit.results_folder import results_folder
+from yeastfit.results.folder import results_folder
 with results_folder(sys.argv[1], "measure") as results:
     (results.partial / "half.csv").write_text("half")
     print("inside", flush=True)

@@ -25,7 +25,7 @@ from yeastfit.text import short, shown
 
 PACKAGES = ("yeastfit", "jax", "equinox", "optimistix", "numpy", "scipy", "scikit-image", "matplotlib", "tifffile")
 NOT_FINITE = {"NaN": math.nan, "Infinity": math.inf, "-Infinity": -math.inf}
-WORK = ".yeastfit"  # folder inside that of a run's results, for what is on its way (`results_folder`)
+WORK = ".yeastfit"  # folder inside that of a run's results, for what is on its way (`results.folder`)
 Options = ParamSpec("Options")
 Saved = TypeVar("Saved")
 BOOKKEEPING = 1 << 21  # bytes: a chunk of every dataset fits in

@@ -14,7 +14,7 @@ from made_posteriors import made_posterior
 from yeastfit.commands import app as cli
 from yeastfit.inference.comparison.left_out import LeftOut
 from yeastfit.inference.posterior.status import Status
-from yeastfit.results_folder import results_folder
+from yeastfit.results.folder import results_folder
 from yeastfit.storage import write_json
 
 COLONIES = 8

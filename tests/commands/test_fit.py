@@ -23,7 +23,7 @@ from yeastfit.inference.fit.response_surface import response_surface
 from yeastfit.inference.targets_from_table import NEEDED, TABLE
 from yeastfit.measure.statistics.registry import STATISTICS as KINDS
 from yeastfit.model.parameters import PARAMETERS
-from yeastfit.results_folder import results_folder
+from yeastfit.results.folder import results_folder
 from yeastfit.storage import write_json, write_table
 
 FILES = (

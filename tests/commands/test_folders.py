@@ -15,8 +15,8 @@ from yeastfit.commands import app as cli
 from yeastfit.commands import fit, gradcheck, infer, measure
 from yeastfit.errors import InputError, SimulationError
 from yeastfit.inference.models.algebraic import Algebraic
-from yeastfit.results_check import check_folder
-from yeastfit.results_folder import results_folder
+from yeastfit.results.check import check_folder
+from yeastfit.results.folder import results_folder
 from yeastfit.simulation import synthetic_data
 from yeastfit.simulation.recipe import read_recipes
 from yeastfit.storage import WORK, write_json

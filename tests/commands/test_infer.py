@@ -46,7 +46,7 @@ from yeastfit.inference.store.simulation_store import DATASET
 from yeastfit.inference.store.simulations import Simulations
 from yeastfit.model.parameters import PARAMETERS
 from yeastfit.progress import Progress, silent
-from yeastfit.results_folder import results_folder
+from yeastfit.results.folder import results_folder
 
 TINY = {
     "emulator": ["--simulations", "96", "--walkers", "8", "--most-steps", "500"],

@@ -26,7 +26,7 @@ from known_colonies import RECIPE, write_measurements
 from PIL import Image
 
 from yeastfit.inference.store.simulation_store import DATASET
-from yeastfit.results_contents import Contents
+from yeastfit.results.contents import Contents
 from yeastfit.storage import WORK, sha256_of
 
 KILLS = 14

@@ -14,8 +14,8 @@ from yeastfit.inference.comparison.left_out import LeftOut
 from yeastfit.inference.comparison.runs import ComparedRun, Comparison
 from yeastfit.inference.posterior.result import Posterior
 from yeastfit.report.comparison_files import write_comparison
-from yeastfit.results_contents import MANIFEST, RUN, check_finished, check_unchanged
-from yeastfit.results_folder import results_folder
+from yeastfit.results.contents import MANIFEST, RUN, check_finished, check_unchanged
+from yeastfit.results.folder import results_folder
 
 OF_THE_RUN = ("settings", "prior", "draws", "condition", "model", "reuse", "method", "leave_out", "further", "free")
 

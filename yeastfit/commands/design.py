@@ -21,8 +21,8 @@ from yeastfit.inference.information.identifiability import percent
 from yeastfit.inference.sensitivity.result import Sensitivity
 from yeastfit.inference.workers.spread import Workers
 from yeastfit.report.design_files import write_design
-from yeastfit.results_contents import check_finished
-from yeastfit.results_folder import results_folder
+from yeastfit.results.contents import check_finished
+from yeastfit.results.folder import results_folder
 
 RUNS = 256
 

@@ -39,7 +39,7 @@ from yeastfit.report.fit_files import write_bootstrap, write_fit, write_profiles
 from yeastfit.report.fit_page import fit_page
 from yeastfit.report.measurement_page import measurement_sections
 from yeastfit.report.pictures import as_words
-from yeastfit.results_folder import results_folder
+from yeastfit.results.folder import results_folder
 from yeastfit.storage import versions, written_whole
 
 MANY_AT_EDGE = 0.02  # of bootstrap draws: from where intervals are visibly too narrow

@@ -16,7 +16,7 @@ from yeastfit.model.model import Model
 from yeastfit.model.numerics import Numerics
 from yeastfit.model.parameters import Parameters
 from yeastfit.model.relaxation import Relaxation
-from yeastfit.results_folder import results_folder
+from yeastfit.results.folder import results_folder
 from yeastfit.storage import write_table
 
 

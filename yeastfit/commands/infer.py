@@ -26,7 +26,7 @@ from yeastfit.inference.prior.variation import Variation
 from yeastfit.inference.samplers import SAMPLERS
 from yeastfit.inference.workers.spread import Workers
 from yeastfit.processors import available_processors
-from yeastfit.results_folder import ResultsFolder, results_folder
+from yeastfit.results.folder import ResultsFolder, results_folder
 
 DATA, MODEL, RUN = "Data", "Model and prior", "The run"
 

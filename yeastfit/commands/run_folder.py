@@ -21,8 +21,8 @@ from yeastfit.errors import InputError
 from yeastfit.inference.targets_from_table import OF_ANYTHING, files_of, read_measurements, table_in
 from yeastfit.inference.workers.arithmetic import xla_threads
 from yeastfit.measure.reading.dataset import dataset_folder, read_dataset
-from yeastfit.results_contents import RUN
-from yeastfit.results_folder import ResultsFolder
+from yeastfit.results.contents import RUN
+from yeastfit.results.folder import ResultsFolder
 from yeastfit.storage import as_json, from_json, read_json, reads_saved, sha256_of, versions, write_json
 from yeastfit.text import quoted
 

@@ -19,7 +19,7 @@ from yeastfit.measure.reading.dataset import read_dataset
 from yeastfit.measure.reading.outline_files import write_mask
 from yeastfit.panel import Panel
 from yeastfit.report.simulation_page import write_simulation_page
-from yeastfit.results_folder import results_folder
+from yeastfit.results.folder import results_folder
 from yeastfit.storage import write_table
 
 FRAMES = 40  # of a movie

@@ -13,7 +13,7 @@ from yeastfit.commands.generated.rules import RecipeOptions
 from yeastfit.commands.options import Out, Overwrite
 from yeastfit.errors import InputError
 from yeastfit.numbers import SEEDS
-from yeastfit.results_check import check_folder
+from yeastfit.results.check import check_folder
 from yeastfit.simulation.recipe import Recipe, read_recipes
 from yeastfit.simulation.synthetic_data import synthesize as make_dataset
 

@@ -16,7 +16,7 @@ from yeastfit.measure.reading.batch_inputs import InputImage, dataset_images
 from yeastfit.measure.reading.dataset import read_dataset
 from yeastfit.measure.reading.images import read_image
 from yeastfit.measure.reading.outline_files import read_outline, write_mask
-from yeastfit.results_contents import MANIFEST, Contents, check_finished
+from yeastfit.results.contents import MANIFEST, Contents, check_finished
 from yeastfit.storage import read_json, written_whole
 from yeastfit.text import short
 from yeastfit.text_files import read_csv

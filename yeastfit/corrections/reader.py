@@ -12,7 +12,7 @@ import numpy as np
 
 from yeastfit.corrections.measured_folder import MeasuredFolder
 from yeastfit.errors import InputError
-from yeastfit.results_contents import Contents
+from yeastfit.results.contents import Contents
 
 METADATA = "yeastfit"
 COLOURS = {1: "orange", None: "transparent"}  # of labels

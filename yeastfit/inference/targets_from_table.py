@@ -23,7 +23,7 @@ from yeastfit.measure.statistics.registry import STATISTICS, Estimator, most_tel
 from yeastfit.measure.statistics.smooth_statistics import measure_mask_smoothly
 from yeastfit.model.parameters import Scales
 from yeastfit.numbers import HOURS, PIXEL_SIZES, Range
-from yeastfit.results_contents import check_finished
+from yeastfit.results.contents import check_finished
 from yeastfit.text import quoted, shown
 from yeastfit.text_files import check_look_alikes, read_csv
 

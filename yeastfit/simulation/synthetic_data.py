@@ -27,7 +27,7 @@ from yeastfit.model.cells import Cells
 from yeastfit.model.relaxation import HARD
 from yeastfit.model.snapshot import Snapshot
 from yeastfit.progress import Progress, silent
-from yeastfit.results_folder import results_folder
+from yeastfit.results.folder import results_folder
 from yeastfit.seeds import photograph_stream
 from yeastfit.simulation.cell_coverage import coverage, true_mask
 from yeastfit.simulation.photograph import photograph, write_micrograph

@@ -18,7 +18,7 @@ from yeastfit.text import quoted, shown
 
 COMPUTATION, GIVEN, FAULT = 1, 2, 70
 REPORT = "yeastfit-error.txt"  # the traceback, beside the results of a run
-MANIFEST, RUN = "manifest.json", "run.json"  # of `results_contents`, which imports what failed, perhaps
+MANIFEST, RUN = "manifest.json", "run.json"  # of `results.contents`, which imports what failed, perhaps
 NO_ROOM = "RESOURCE_EXHAUSTED"  # XLA's word in the message of an exception of jax
 OF_VARIABLES = {  # by words of libraries that refuse a variable's value; jax names it
     "for environment 'JAX_": "",

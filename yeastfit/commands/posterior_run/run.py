@@ -40,8 +40,8 @@ from yeastfit.progress import Progress, silent
 from yeastfit.report.fit_files import write_targets
 from yeastfit.report.posterior_files import photographs, with_arviz, write_results
 from yeastfit.report.posterior_summary import Summary
-from yeastfit.results_contents import RUN, check_finished
-from yeastfit.results_folder import ResultsFolder
+from yeastfit.results.contents import RUN, check_finished
+from yeastfit.results.folder import ResultsFolder
 from yeastfit.storage import written_whole
 
 SIMULATIONS, REUSED, PROBLEMS_MET = "simulations.h5", "reused.h5", "problems.json"

@@ -29,7 +29,7 @@ from typing import Any
 from yeastfit.errors import InputError
 from yeastfit.measure.reading.segmentation_options import AUTOMATIC, SegmentationOptions, read_options
 from yeastfit.numbers import HOURS, PIXEL_SIZES
-from yeastfit.results_contents import check_finished
+from yeastfit.results.contents import check_finished
 from yeastfit.text import quoted, short, shown
 from yeastfit.text_files import check_look_alikes, read_csv, read_toml
 

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from yeastfit.errors import InputError
-from yeastfit.results_contents import RUN, Contents, changed_files, misplaced_files
+from yeastfit.results.contents import RUN, Contents, changed_files, misplaced_files
 from yeastfit.storage import WORK
 
 NAMED = 3  # files in the way that an error names

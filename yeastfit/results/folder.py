@@ -26,9 +26,9 @@ from filelock import FileLock, Timeout
 
 from yeastfit.errors import InputError
 from yeastfit.processors import device_used
-from yeastfit.results_check import check_folder, listing, unwritable
-from yeastfit.results_contents import LOCK, MANIFEST, OWNER, Contents, Listed, changed_files, misplaced_files
-from yeastfit.results_exchange import exchange, remove_empty
+from yeastfit.results.check import check_folder, listing, unwritable
+from yeastfit.results.contents import LOCK, MANIFEST, OWNER, Contents, Listed, changed_files, misplaced_files
+from yeastfit.results.exchange import exchange, remove_empty
 from yeastfit.storage import WORK, check_room, sha256_of, versions, write_json
 
 RESULTS, EARLIER, UNFINISHED = "results", "earlier", "unfinished"
