@@ -122,6 +122,17 @@ def test_models_and_conditions_together() -> None:
     assert "mobility is smaller in new-p than in new-q by a factor of 0.50" in " ".join(found.sentences())
 
 
+def test_the_same_numbers_are_the_same_data() -> None:
+    """One run read the photographs, the other the table that was measured on them."""
+    density = np.linspace(-4, -2, COLONIES)
+    first, second = (run(name, "m", data, 1.0, predicted(density)) for name, data in (("a", "p"), ("b", "table")))
+    seen = [replace(one, posterior=replace(one.posterior, observed=np.array([3.25]))) for one in (first, second)]
+    found = Comparison.of(seen)
+    assert [[one.name for one in each.runs] for each in found.models] == [["a", "b"]]
+    assert found.conditions == ()
+    assert Comparison.of([first, second]).models == ()  # 0 of both, as a count may be
+
+
 def test_doubts() -> None:
     """What has not settled, what differs besides, and runs that left nothing out are said."""
     first, second = run("a", "m", "p", 1.0, cells=1000), run("b", "m", "q", 1.0, cells=2000)

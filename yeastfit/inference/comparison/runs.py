@@ -1,7 +1,7 @@
 """Several runs beside each other: those on the same data as models, those under one model as conditions."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import Any
 
@@ -56,7 +56,7 @@ class Comparison:
         Raises:
             InputError: There are fewer than two runs, two of one name, or nothing to compare.
         """
-        names = [one.name for one in runs]
+        runs, names = _told_apart(runs), [one.name for one in runs]
         if len(runs) < 2:
             raise InputError(f"runs: got {', '.join(names) or 'none'}, need at least two to compare")
         if twice := [name for name in names if names.count(name) > 1]:
@@ -80,6 +80,23 @@ class Comparison:
         """All verdicts."""
         of_models = [sentence for each in self.models for sentence in each.sentences()]
         return of_models + [sentence for each in self.conditions for sentence in each.sentences()]
+
+
+def _told_apart(runs: Sequence[ComparedRun]) -> list[ComparedRun]:
+    """Runs with one name of the data for all that have seen the same numbers, as photographs or as a table of them."""
+    found = list[ComparedRun]()
+    for one in runs:
+        first = next((other for other in found if _same_numbers(one.posterior, other.posterior)), one)
+        found.append(replace(one, data=first.data))
+    return found
+
+
+def _same_numbers(one: Posterior, other: Posterior) -> bool:
+    """Whether all statistics that both have seen are the same, and not all of them counts."""
+    values, others = (dict(zip(each.labels, each.observed.tolist(), strict=True)) for each in (one, other))
+    shared = [name for name in values if name in others]
+    same = all(values[name] == others[name] for name in shared)
+    return same and not all(float(values[name]).is_integer() for name in shared)
 
 
 def _models(runs: Sequence[ComparedRun]) -> tuple[tuple[ModelComparison, ...], list[str]]:
