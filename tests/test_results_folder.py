@@ -429,6 +429,22 @@ def test_an_input_that_is_gone_or_another_at_the_end_costs_no_results_and_is_tol
     assert told == [f"{one} {what}" for one, what in zip(photographs[:2], known[:2], strict=True)]
 
 
+def test_a_signal_while_a_run_puts_its_things_away_leaves_none(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    clear, calls = door._clear_work, list[Path]()
+
+    def interrupted(work: Path) -> None:
+        calls.append(work)
+        if len(calls) == 2:  # the first one is before the run
+            raise KeyboardInterrupt
+        clear(work)
+
+    monkeypatch.setattr(door, "_clear_work", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        made(tmp_path / "out", OLD)
+    assert not (tmp_path / "out" / WORK).exists()
+    assert_whole(tmp_path / "out", OLD)
+
+
 @pytest.mark.parametrize("stuck", ["manifest.json", "masks/a.png", "pictures/c.png"])
 def test_where_one_file_cannot_be_replaced_none_is(tmp_path: Path, stuck: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """The system refuses to move a file, as it does with an immutable one, or to make a new one."""

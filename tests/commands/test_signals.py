@@ -85,7 +85,7 @@ def ended(program: str, *numbers: int) -> tuple[int, str, float]:
 def test_a_signal_ends_the_process_with_one_line(program: str, number: int) -> None:
     code, errors, seconds = ended(globals()[program], number)
     assert code == 128 + number
-    assert errors == "interrupted: what stands in the folder without a manifest.json is not a result\n"
+    assert errors == "interrupted: a folder of results is whole only with its manifest.json\n"
     assert seconds < 2.5  # two, and what a busy machine adds
 
 
@@ -100,7 +100,7 @@ def test_an_import_is_not_broken_off() -> None:
     """Compiled modules crash of an exception that comes while they begin."""
     code, errors, seconds = ended(QUICKLY, signal.SIGINT)
     assert code == 130
-    assert errors == "imported, interrupted: what stands in the folder without a manifest.json is not a result\n"
+    assert errors == "imported, interrupted: a folder of results is whole only with its manifest.json\n"
     assert seconds < 2.5
 
 

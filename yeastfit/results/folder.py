@@ -236,8 +236,13 @@ def results_folder(
     try:
         yield folder
     finally:
-        folder.close()
-        _let_go(lock, made)
+        try:
+            folder.close()
+            _let_go(lock, made)
+        except KeyboardInterrupt:  # of a signal that came meanwhile; there is only one
+            folder.close()
+            _let_go(lock, made)
+            raise
 
 
 def _held(lock: FileLock) -> bool:

@@ -40,7 +40,7 @@ class Interruption:
     number: int = signal.SIGINT
     received: bool = False
     told: bool = False
-    remains: str = "what stands in the folder without a manifest.json is not a result"
+    remains: str = "a folder of results is whole only with its manifest.json"
 
     @property
     def code(self) -> int:
