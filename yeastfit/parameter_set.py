@@ -134,11 +134,11 @@ class ParameterSet(Mapping[str, Parameter]):
         """
         for name in names:
             if name not in self.names:
-                raise InputError(f"parameter {name!r} is unknown, expected some of {', '.join(self.names)}")
+                raise InputError(f"free names {name!r}, which is unknown, expected some of {', '.join(self.names)}")
         if not names:
-            raise InputError(f"no parameter is named, need at least one of {', '.join(self.names)}")
+            raise InputError(f"free names no parameter, need at least one of {', '.join(self.names)}")
         if twice := [name for name in names if list(names).count(name) > 1]:
-            raise InputError(f"parameter {twice[0]!r} is named twice, need each once")
+            raise InputError(f"free names {twice[0]!r} twice, need each once")
         return ParameterSet(tuple(one for one in self.parameters if one.name in names))
 
     def check(self, values: Mapping[str, float]) -> None:

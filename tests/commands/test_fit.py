@@ -163,7 +163,7 @@ def test_a_fit_that_did_not_converge_is_exit_code_1(
         (["--bounds", "mobility=2:1"], ["--bounds of mobility are 2, 1"]),
         (["--own", "elasticity"], ["--own names 'elasticity'"]),
         (["--own", "mobility"], ["there is one condition only"]),
-        (["--free", "speed"], ["'speed' is unknown"]),
+        (["--free", "speed"], ["--free names 'speed', which is unknown"]),
         (["--condition", "none"], ["condition: got 'none'"]),
         (["--method", "guess"], ["method is 'guess'", "dogleg"]),
         (["--statistics", "colour"], ["'colour'"]),

@@ -581,7 +581,7 @@ def test_settings_that_do_not_go_together(method: str, settings: dict[str, Any],
     [
         ({"statistics": ("compactnes",)}, "'compactnes' is unknown, expected some of angular_index, area"),
         ({"model": "other"}, "--model is 'other', it must be one of algebraic"),
-        ({"free": ("speed",)}, "parameter 'speed' is unknown"),
+        ({"free": ("speed",)}, "free names 'speed', which is unknown"),
         ({"fixed": {"aspect_ratio": 2.0}}, "aspect_ratio .* is 2, it must be in"),
     ],
 )

@@ -338,6 +338,16 @@ def test_a_malformed_file_beside_a_table_is_refused(tmp_path: Path, refused: Run
     assert words in line
 
 
+def test_a_number_that_a_mask_has_and_its_table_has_not_is_refused(tmp_path: Path, refused: Run) -> None:
+    """Who empties a cell to leave an image out is told how to."""
+    source = written(tmp_path / "data" / "measurements.csv", table().replace("700", ""))
+    (tmp_path / "data" / "masks").mkdir()
+    Image.fromarray(DISC < 100).save(tmp_path / "data" / "masks" / "a.png")
+    line = refused(["fit", source])
+    assert "a.png: area is empty in the table, its mask" in line
+    assert "leave the row out for the image not to count" in line
+
+
 def test_a_mask_of_another_image_is_refused(tmp_path: Path, refused: Run) -> None:
     source = written(tmp_path / "data" / "measurements.csv", table())
     (tmp_path / "data" / "masks").mkdir()

@@ -25,7 +25,9 @@ def test_capacity_is_a_whole_number_of_at_least_two(capacity: float) -> None:
 
 @pytest.mark.parametrize(("domain", "spacing"), [(10.0, 0.3), (0.3, 0.1)])
 def test_the_domain_is_a_whole_number_of_intervals(domain: float, spacing: float) -> None:
-    with pytest.raises(InputError, match=rf"domain / spacing is {domain:g} / {spacing:g} = .* at least 4"):
+    with pytest.raises(
+        InputError, match=rf"spacing is {spacing:g}: domain / spacing is {domain:g} / {spacing:g} = .* at least 4"
+    ):
         Numerics(domain=domain, spacing=spacing)
 
 

@@ -90,7 +90,7 @@ def test_a_colony_that_the_frame_cuts_is_told_of() -> None:
         ({"statistics": ["areas"]}, "got 'areas', need some of li2024_csr_radius"),
         ({"statistics": ["cell_count"]}, "got 'cell_count'"),
         ({"statistics": []}, "need at least one"),
-        ({"free": ("forks",)}, "'forks' is unknown"),
+        ({"free": ("forks",)}, "free names 'forks', which is unknown"),
         ({"fixed": {"fork": 0.5}}, "'fork' is free"),
         ({"free": ("fork",), "fixed": {"any_mother": 2.0}}, "any_mother"),
     ],

@@ -1,5 +1,6 @@
 """The command line: the commands, each imported when it is run, and what happens to errors."""
 
+import errno
 import importlib
 import inspect
 import os
@@ -40,6 +41,7 @@ COMMANDS = {
 }
 """First paragraph of each command's help, shown without importing what the command needs."""
 INTERRUPTED = 130  # what typer makes of `KeyboardInterrupt`
+NO_FILES = (errno.EMFILE, errno.ENFILE)  # no more files can be opened, of the process or of the machine
 UNREAD = 141  # what a shell says of a program whose output nobody reads
 
 
@@ -56,7 +58,8 @@ class _Command(TyperCommand):
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """Parse them, with a warning of what is given again although it counts once."""
         given = self.make_parser(ctx).parse_args(args=list(args))[2]
-        once = [one for one in given if isinstance(one, TyperOption) and not one.multiple and not one.is_flag]
+        options = [one for one in given if isinstance(one, TyperOption) and not one.multiple]
+        once = [one for one in options if not one.is_flag or one.secondary_opts]  # --hard --relaxed
         for name in dict.fromkeys(one.opts[0] for one in once if once.count(one) > 1):
             print(f"warning: {name} is given more than once, the last one counts", file=sys.stderr)
         return super().parse_args(ctx, args)
@@ -69,7 +72,7 @@ class _Command(TyperCommand):
             return super().invoke(ctx)
         except InputError as error:  # "contact_width is -1" begins with a name in Python
             name = re.match(r"([a-z_]+)(?= (is|of|names) )", str(error))
-            typed = {one.name: one.opts[0] for one in self.params if ctx.params.get(one.name or "") is not None}
+            typed = {one.name: one.opts[0] for one in self.params if one.param_type_name == "option"}
             if name is None or name[0] not in typed:
                 raise
             raise InputError(typed[name[0]] + str(error)[name.end() :]) from None
@@ -151,7 +154,8 @@ def run(arguments: list[str] | None = None) -> int:
 
 def _failed(error: Exception, folder: Path | None) -> int:
     """Say in one line what went wrong; the exit code."""
-    if isinstance(error, OSError) and error.errno and error.filename is None:  # all files are written under their names
+    if isinstance(error, OSError) and error.errno not in (None, *NO_FILES) and error.filename is None:
+        # all files are written under their names
         error.filename = "standard output"
         _drop_output()
     if isinstance(error, BrokenPipeError):

@@ -23,6 +23,7 @@ from yeastfit.results.folder import results_folder
 from yeastfit.storage import write_table
 
 FRAMES = 40  # of a movie
+FAR = 10.0  # times the largest plausible value, from where a parameter is doubted
 
 
 @generated(chosen=ModelOptions("simulate"))
@@ -68,6 +69,10 @@ def simulate(
     in cell lengths L0.
     """
     parameters = {**chosen.forward.parameters.defaults, **chosen.values}
+    for name, value in parameters.items():
+        low, high = chosen.forward.parameters[name].plausible
+        if abs(value) > FAR * max(abs(low), abs(high)):
+            warn([f"{name} is {value:g}, plausible is {low:g} to {high:g}: equations may not be solved well"])
     configuration = {**chosen.configuration("simulate"), "parameters": parameters, "members": members}
     if beside is not None and not movie:
         raise InputError("--beside is given without --movie, which shows the photographs: give both, or neither")

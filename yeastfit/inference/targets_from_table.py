@@ -263,6 +263,11 @@ def read_mask(path: Path, row: Mapping[str, Any], statistics: Sequence[str] = ()
     """
     mask = read_image(path) > 0
     known = ["area", *(name for name in statistics if name in names_with("mask"))]
+    if empty := [name for name in known if name in row and not math.isfinite(float(row[name]))]:
+        raise InputError(
+            f"{row['file']}: {empty[0]} is empty in the table, its mask {path} has it: leave the row out for the image "
+            "not to count, or measure it again"
+        )
     for name, value in measure_mask(mask, row["um_per_pixel"], dict.fromkeys(known)).items():
         stated, unit = float(row.get(name, math.nan)), f" {STATISTICS[name].unit('µm')}".rstrip()
         if math.isfinite(stated) and abs(value - stated) > OF_MASK * max(abs(value), abs(stated)):

@@ -62,7 +62,7 @@ class Numerics:
         check_memory(POINT * (intervals + 1) * (intervals + 1), what)
         if abs(intervals - round(intervals)) > 1e-6 * intervals or round(intervals) < 4:
             raise InputError(
-                f"domain / spacing is {self.domain:g} / {self.spacing:g} = {intervals:g}, "
+                f"spacing is {self.spacing:g}: domain / spacing is {self.domain:g} / {self.spacing:g} = {intervals:g}, "
                 "it must be a whole number of at least 4 grid intervals"
             )
 

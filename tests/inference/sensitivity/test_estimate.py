@@ -204,9 +204,9 @@ def test_exploded_tails_are_said() -> None:
 @pytest.mark.parametrize(
     ("values", "message"),
     [
-        ({"free": ["speed"]}, "'speed' is unknown"),
-        ({"free": []}, "no parameter is named, need at least one of"),
-        ({"free": ["mobility", "mobility"]}, "'mobility' is named twice"),
+        ({"free": ["speed"]}, "free names 'speed', which is unknown"),
+        ({"free": []}, "free names no parameter, need at least one of"),
+        ({"free": ["mobility", "mobility"]}, "free names 'mobility' twice"),
         ({"method": "guess"}, "method is 'guess'"),
         ({"runs": 20}, "runs is 20, it must be a multiple of 16"),
         ({"runs": 16, "model": BIASED, "parameters": Parameters(budding_bias=2.0)}, "runs is 16, 8 parameters need at"),

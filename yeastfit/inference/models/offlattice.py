@@ -104,7 +104,7 @@ class Offlattice(ForwardModel):
         for name, value, known in (("match", self.match, Match), ("masks", self.masks, Masks)):
             if value is not None and value not in get_args(known):
                 raise InputError(f"{name} is {value!r}, it must be {' or '.join(get_args(known))}")
-        Range(0.0).read(self.delay, "delay")
+        Range(0.0, 1.0).read(self.delay, "delay")
 
     @property
     def parameters(self) -> ParameterSet:
