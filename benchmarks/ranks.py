@@ -7,6 +7,7 @@ Säilynoja et al. (2022, doi:10.1007/s11222-022-10090-6), by simulation.
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from textwrap import fill
 from typing import Any, Protocol
 
 import numpy as np
@@ -178,7 +179,8 @@ def picture(parts: Sequence[Ranked], records: Sequence[Sequence[Record]], path: 
         for n, name in enumerate(quantities(whole)):
             ranks = column(whole, "rank", name)
             _histogram(panels[2 * k, n], part, ranks)
-            panels[2 * k, n].set(title=f"{part.method}: {name.replace('_', ' ')}", xlabel="rank of the truth")
+            panels[2 * k, n].set(xlabel="rank of the truth")
+            panels[2 * k, n].set_title(f"{part.method}:\n{fill(name.replace('_', ' '), 18)}", fontsize=9)
             low, high = uniform.band()
             panel = panels[2 * k + 1, n]
             panel.fill_between(uniform.at, low, high, color="#c9a57b", alpha=0.4, lw=0, label="95 %, all of it")
