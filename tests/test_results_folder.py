@@ -446,16 +446,24 @@ def test_a_signal_while_a_run_puts_its_things_away_leaves_none(tmp_path: Path, m
 
 
 @pytest.mark.parametrize("stuck", ["manifest.json", "masks/a.png", "pictures/c.png"])
-def test_where_one_file_cannot_be_replaced_none_is(tmp_path: Path, stuck: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The system refuses to move a file, as it does with an immutable one, or to make a new one."""
+@pytest.mark.parametrize("when", ["refused", "before", "after"])
+def test_where_one_file_is_not_replaced_none_is(
+    tmp_path: Path, stuck: str, when: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The system refuses to move a file, as an immutable one, or a signal comes before it is moved or after."""
     made(out := tmp_path / "out", OLD)
     write(out, FOREIGN)
     before, rename = {**files_in(out), "manifest.json": (out / "manifest.json").read_text()}, Path.rename
 
     def refusing(source: Path, target: Path) -> Path:
-        if out / stuck in (source, target):
+        if out / stuck not in (source, target):
+            return rename(source, target)
+        if when == "refused":
             raise PermissionError(errno.EPERM, os.strerror(errno.EPERM), str(out / stuck))
-        return rename(source, target)
+        monkeypatch.undo()  # one signal comes
+        if when == "after":
+            rename(source, target)
+        raise KeyboardInterrupt
 
     def again() -> None:
         with results_folder(out, "measure") as results:
@@ -463,7 +471,7 @@ def test_where_one_file_cannot_be_replaced_none_is(tmp_path: Path, stuck: str, m
             monkeypatch.setattr(Path, "rename", refusing)
             results.finish(inputs=[])
 
-    with pytest.raises(PermissionError):
+    with pytest.raises((PermissionError, KeyboardInterrupt)):
         again()
     assert {**files_in(out), "manifest.json": (out / "manifest.json").read_text()} == before
     assert not (out / WORK).exists()

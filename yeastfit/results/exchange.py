@@ -1,4 +1,4 @@
-"""Put new results into the places of earlier ones: all of them, or none where the system refuses one."""
+"""Put new results into the places of earlier ones: all of them, or none where one cannot be moved or a signal comes."""
 
 from collections.abc import Sequence
 from contextlib import suppress
@@ -9,7 +9,7 @@ from pathlib import Path, PurePath
 def exchange(folder: Path, earlier: Sequence[str], new: Sequence[str], *, made: Path, aside: Path) -> None:
     """Move earlier files of a folder aside and new ones into their places, in order.
 
-    Where a file cannot be moved, all that were moved go back. A kill meanwhile leaves some of both.
+    Where a file cannot be moved, or Ctrl-C comes, all that were moved go back. A kill meanwhile leaves some of both.
 
     Arguments:
         folder: Of the results.
@@ -25,8 +25,8 @@ def exchange(folder: Path, earlier: Sequence[str], new: Sequence[str], *, made: 
 
     def move(source: Path, target: Path) -> None:
         target.parent.mkdir(parents=True, exist_ok=True)
+        moved.append((source, target))  # first: a signal may come when the file has moved
         source.rename(target)
-        moved.append((source, target))
 
     try:
         for name in earlier:
@@ -34,9 +34,10 @@ def exchange(folder: Path, earlier: Sequence[str], new: Sequence[str], *, made: 
                 move(folder / name, aside / name)
         for name in new:
             move(made / name, folder / name)
-    except OSError:
+    except BaseException:  # KeyboardInterrupt, too
         for source, target in reversed(moved):
-            target.rename(source)
+            if not lexists(source):
+                target.rename(source)
         remove_empty(folder, new)
         raise
     remove_empty(folder, earlier)
