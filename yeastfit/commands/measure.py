@@ -75,13 +75,13 @@ def measure(
     settings = {name: value for name, value in options.items() if value is not None}
     place = dataset.folder if dataset else paths[0] if len(paths) == 1 else folder
     title = f"Micrographs of {os.path.basename(os.path.realpath(place))}"
-    reads = [*([dataset.manifest] if dataset else []), *(file for image in images for file in image.files)]
+    manifest = [dataset.manifest] if dataset else []
+    reads = [*manifest, *(file for image in images for file in image.files)]
     with results_folder(folder, "measure", reads=reads, overwrite=overwrite) as results:
         with shown_progress("measuring micrographs") as progress:
             outcomes = measure_batch(images, results.partial, jobs=jobs or available_processors(), progress=progress)
         write_results(results.partial, title, outcomes, dataset=dataset, skipped=skipped, settings=settings)
-        inputs = [dataset.manifest] if dataset else []
-        inputs += [file for outcome in outcomes if outcome.sha256 for file in outcome.image.files]
+        inputs = [*manifest, *(file for outcome in outcomes if outcome.sha256 for file in outcome.image.files)]
         failed = [outcome.error for outcome in outcomes if not outcome.row]
         if results.finished and len(failed) == len(outcomes):
             fail([*failed, f"no micrograph was measured: the earlier results in {folder} stay"])

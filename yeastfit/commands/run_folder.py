@@ -20,6 +20,7 @@ import jax
 from yeastfit.errors import InputError
 from yeastfit.inference.targets_from_table import OF_ANYTHING, files_of, read_measurements, table_in
 from yeastfit.inference.workers.arithmetic import xla_threads
+from yeastfit.measure.reading.batch_inputs import dataset_images
 from yeastfit.measure.reading.dataset import dataset_folder, read_dataset
 from yeastfit.results.contents import RUN
 from yeastfit.results.folder import ResultsFolder
@@ -135,7 +136,7 @@ def inputs_of(source: Path) -> list[Path]:
     """What a run reads: manifest, images and outlines of a data set, or a table of measurements and its masks."""
     if where := dataset_folder(source):
         dataset = read_dataset(where)
-        return [dataset.manifest, *(file for frame in dataset.frames for file in frame.files)]
+        return [dataset.manifest, *(file for image in dataset_images(dataset) for file in image.files)]
     table = table_in(source)
     return files_of(table, read_measurements(table, OF_ANYTHING))
 

@@ -63,11 +63,6 @@ class Frame:
     options: SegmentationOptions = AUTOMATIC
     outline: Path | None = None
 
-    @property
-    def files(self) -> list[Path]:
-        """The image, and the file with its outline where there is one."""
-        return [self.path, *([self.outline] if self.outline else [])]
-
 
 @dataclass(frozen=True)
 class Dataset:
