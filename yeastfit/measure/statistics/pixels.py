@@ -4,6 +4,7 @@ Everything is in pixels, in the frame of the mask cropped to the colony, so that
 image the colony lies.
 """
 
+import weakref
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -50,9 +51,13 @@ class Pixels:
         return cls(np.pad(cropped, 1), (int(rows[0]) - 1, int(columns[0]) - 1))
 
     def derived(self, make: "Callable[[Pixels], Derived]") -> Derived:
-        """`make(self)`, computed once however many statistics ask for it."""
+        """`make(self)`, computed once however many statistics ask for it; it may keep the pixels it is given.
+
+        They are a weak reference to these, which would be kept by what they keep: megabytes until Python looks for
+        cycles, and it may not for thousands of masks.
+        """
         if make not in self._derived:
-            self._derived[make] = make(self)
+            self._derived[make] = make(weakref.proxy(self))
         return self._derived[make]
 
     @cached_property
