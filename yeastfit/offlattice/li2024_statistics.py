@@ -1,14 +1,17 @@
 """The summary statistics of Li et al. 2024, of a mask of theirs, of a photograph or of a simulation: the same numbers.
 
-With (row, column) of pixel centres, A the number of colony pixels, r their distances from the centroid (of the first
-component, 8-connected and column by column, where there are several), r_max the largest, ρ = A / (π r_max²), rings of
-δ = 4 pixels and n_i the number of pixels with δ (i − 1) < r ≤ δ i:
+With (row, column) of pixel centres, A the number of colony pixels, r their distances from the centroid of the largest
+8-connected component, r_max the largest, ρ = A / (π r_max²), rings of δ = 4 pixels and n_i the number of pixels with
+δ (i − 1) < r ≤ δ i:
 
     f_i   = n_i / (π ρ δ² (2i − 1)),    i = 1 … round(r_max / δ)
     r_CSR = δ · (first i that minimises |1 − f_i|)
     I_F   = (share of pixels at r' ≥ r_CSR) / 0.65              r' from the pixel that the centroid rounds to
     I_R   = (r_max / r_CSR − 1.1) / 1.7
     I_B   = (ends − 25) / 575
+
+Their program takes the centroid of the first component, column by column. All masks of theirs have only one, so both
+rules are one there; in another photograph the first may be a speck at the colony's edge.
 
 Ends are those of the skeleton (`golay_skeleton`) of the pixels at r' ≥ r_CSR in one quadrant, up to the centroid's
 pixel in rows and columns. Those that cutting off the core and the other quadrants makes count too.
@@ -80,21 +83,18 @@ def li2024_statistics(mask: Bool[np.ndarray, "row column"]) -> Li2024:
 
 @array_kernel
 def centroid(mask: Bool[np.ndarray, "row column"]) -> tuple[float, float]:
-    """Row and column of the centroid of the first component, 8-connected and column by column; it must have one."""
+    """Row and column of the centroid of the largest 8-connected component, of equals the one that ends first by rows."""
     runs = _runs(mask)
     root = _linked(runs)
-    first = 0  # the run of the topmost pixel of the leftmost column
+    pixels, rows, columns = np.zeros((3, len(runs)), dtype=np.int64)  # of the component whose root is this run
     for k in range(len(runs)):
-        if runs[k, 1] < runs[first, 1]:
-            first = k
-    pixels, rows, columns = 0, 0, 0
-    for k in range(len(runs)):
-        if _root(root, k) == _root(root, first):
-            row, start, stop = runs[k]
-            pixels += stop - start
-            rows += row * (stop - start)
-            columns += (stop - start) * (start + stop - 1) // 2
-    return rows / pixels, columns / pixels
+        row, start, stop = runs[k]
+        of = _root(root, k)
+        pixels[of] += stop - start
+        rows[of] += row * (stop - start)
+        columns[of] += (stop - start) * (start + stop - 1) // 2
+    largest = np.argmax(pixels)
+    return rows[largest] / pixels[largest], columns[largest] / pixels[largest]
 
 
 @array_kernel
