@@ -72,3 +72,20 @@ def test_chains_that_nothing_moves_come_back_as_they_are() -> None:
     found = Walk.start(log_density, places, walkers=16, most_steps=1000, seed=0).until()
     assert np.isinf(found.times).all()
     assert found.x.shape[1] >= 50
+
+
+def test_what_a_density_raises_is_not_printed(capsys: pytest.CaptureFixture[str]) -> None:
+    """emcee writes all walkers and a traceback, where Ctrl-C is to leave one line."""
+    asked = 0
+
+    def log_density(x: np.ndarray) -> np.ndarray:
+        nonlocal asked
+        asked += 1
+        if asked > 100:
+            raise KeyboardInterrupt
+        return -0.5 * np.sum(x**2, axis=1)
+
+    places = np.random.default_rng(0).normal(size=(200, 2))
+    with pytest.raises(KeyboardInterrupt):
+        Walk.start(log_density, places, walkers=40, most_steps=5000, seed=0).until()
+    assert capsys.readouterr() == ("", "")

@@ -38,6 +38,7 @@ from yeastfit.inference.abc.pilot import DISTANCES, DistanceName, Pilot, distanc
 from yeastfit.inference.abc.proposals import MOVES, Move, move_of
 from yeastfit.inference.abc.standstills import standstills
 from yeastfit.inference.posterior.diagnostics import Diagnostics
+from yeastfit.inference.posterior.ensemble import Ensemble
 from yeastfit.inference.posterior.problem import Problem
 from yeastfit.inference.posterior.result import Posterior
 from yeastfit.inference.posterior.settings import Setting, check_at_least, check_choice
@@ -261,27 +262,12 @@ class _Target:
         return log_probability, np.column_stack([distances, statistics])
 
 
-class _Ensemble(emcee.EnsembleSampler):
-    """emcee's sampler, asking for the target as it is.
-
-    The wrapper that emcee puts around a log-probability prints whatever it raises, Ctrl-C among it.
-    """
-
-    def __init__(self, target: _Target, *shape: int, moves: emcee.moves.Move) -> None:
-        super().__init__(*shape, target, moves=moves)
-        self.target = target
-
-    def compute_log_prob(self, coords: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Log-probability and blobs."""
-        return self.target(coords)
-
-
 def _walk(
     target: _Target, start: emcee.State, covariance: Float[np.ndarray, "free free"], progress: Progress
 ) -> Backend:
     """All steps of the chains, each with random numbers of its own."""
     steps = target.settings.steps
-    sampler = _Ensemble(target, *start.coords.shape, moves=move_of(target.settings.move, covariance))
+    sampler = Ensemble(start.coords.shape, target, move_of(target.settings.move, covariance))
     start.random_state = target.begin(0)
     for step, _ in enumerate(sampler.sample(start, iterations=steps, skip_initial_state_check=True), start=1):
         progress("chains", step / steps)

@@ -1,15 +1,14 @@
 """Chains of emcee on a posterior whose likelihood is an emulator's.
 
 They walk in the prior's coordinates, log λ where its distribution is one of log λ, and in z where colonies scatter by
-τ(z) (`prior.variation`). Given `KERNELS` walkers per
-parameter, half of the steps propose each half of the walkers from a kernel density of the other half, which moves them
-along thin trails and between modes at once; the other steps are differential evolution (ter Braak 2006,
-doi:10.1007/s11222-006-8769-1), which works in any number of parameters. On the demo's trail 128 chains then decorrelate
-in 20 steps, by differential evolution alone in 110. emcee's snooker update is not used: as of 3.1.6 it does not leave
-the density invariant (of a normal one in three dimensions it makes standard deviations of 0.89). Chains start at
-simulations drawn by their posterior density, and run for a number of autocorrelation times: `ENOUGH` for a result,
-`ROUGHLY` to see where the next simulations belong, within a number of steps at most: `BRIEFLY` until the posterior is
-found, as it may have modes then that are none, and `LONGER` afterwards.
+τ(z) (`prior.variation`). Given `KERNELS` walkers per parameter, half of the steps propose each half of the walkers from
+a kernel density of the other half, which moves them along thin trails and between modes at once; the other steps are
+differential evolution (ter Braak 2006, doi:10.1007/s11222-006-8769-1), which works in any number of parameters. On the
+demo's trail 128 chains then decorrelate in 20 steps, by differential evolution alone in 110. emcee's snooker update is
+not used: as of 3.1.6 it does not leave the density invariant (of a normal one in three dimensions it makes standard
+deviations of 0.89). Chains start at simulations drawn by their posterior density, and run for a number of
+autocorrelation times: `ENOUGH` for a result, `ROUGHLY` to see where the next simulations belong, within a number of
+steps at most: `BRIEFLY` until the posterior is found, as it may have modes then that are none, and `LONGER` afterwards.
 """
 
 from collections.abc import Callable
@@ -24,6 +23,7 @@ from threadpoolctl import threadpool_limits
 from yeastfit.inference.neural_likelihood.emulator import Emulator, in_pieces
 from yeastfit.inference.neural_likelihood.single_colonies import likelihood_of_colonies
 from yeastfit.inference.posterior.chain_diagnostics import LONG, autocorrelation_time
+from yeastfit.inference.posterior.ensemble import Ensemble
 from yeastfit.inference.posterior.problem import Problem
 
 ENOUGH = 1.2 * LONG  # autocorrelation times; `diagnose` estimates them again, and asks for LONG
@@ -124,7 +124,7 @@ class Chains:
 class Walk:
     """Chains under way; `state` is where the walkers are."""
 
-    sampler: emcee.EnsembleSampler
+    sampler: Ensemble
     state: emcee.State
     most_steps: int
 
@@ -141,7 +141,7 @@ class Walk:
         rng = np.random.default_rng(seed)
         places = places[np.sort(np.unique(places, axis=0, return_index=True)[1])]  # replicates share one
         start, density = _start(log_density, places, walkers, rng)
-        sampler = emcee.EnsembleSampler(*start.shape, log_density, moves=_moves(*start.shape), vectorize=True)
+        sampler = Ensemble(start.shape, lambda x: (log_density(x), None), _moves(*start.shape))
         random = np.random.RandomState(rng.integers(2**32)).get_state()
         return Walk(sampler, emcee.State(start, log_prob=density, random_state=random), most_steps)
 
