@@ -432,6 +432,23 @@ def test_a_time_step_too_long_for_the_prior_is_refused_at_once(
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.parametrize(
+    ("method", "given", "said"),
+    [
+        ("emulator", ["--first", "16"], "the first round has 16 simulations"),
+        ("abc-mcmc", ["--walkers", "2", "--move", "stretch"], "walkers is 2"),
+        ("abc-smc", ["--pilot", "2", "--distance", "mahalanobis"], "pilot is 2"),
+    ],
+)
+def test_settings_that_a_sampler_refuses_leave_nothing(
+    data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], method: str, given: list[str], said: str
+) -> None:
+    """So that the corrected command can be given."""
+    assert cli.run(arguments(data, tmp_path / "out", method, *given)) == 2
+    assert said in " ".join(capsys.readouterr().err.split())
+    assert not (tmp_path / "out").exists()
+
+
 def test_ctrl_c_says_how_to_go_on(
     data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -449,8 +466,12 @@ def test_ctrl_c_says_how_to_go_on(
 def test_what_lies_in_the_folder_is_never_overwritten(
     data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
+    grown = [0]
+
     def failing(simulator: Any, values: np.ndarray, seeds: np.ndarray) -> None:
-        raise InputError("no colonies today")
+        if grown[0] > 0:
+            raise InputError("no more colonies today")
+        grown[0] += len(values)
 
     monkeypatch.setattr(known_colonies, "before", failing)
     first = arguments(data, tmp_path / "out", "abc-mcmc")
@@ -461,7 +482,7 @@ def test_what_lies_in_the_folder_is_never_overwritten(
         (line,) = [line for line in capsys.readouterr().err.splitlines() if not line.startswith("warning: ")]
         return line
 
-    assert "no colonies today" in refused(*first)
+    assert "no more colonies today" in refused(*first)
     before = (tmp_path / "out" / "run.json").read_bytes()
     assert "a run that was not finished: give --resume" in refused(*first)
     assert "--mobility is 3, but mobility is free" in refused(*first, "--resume", "--mobility", "3")
@@ -667,7 +688,7 @@ def test_what_is_missing_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[s
 def test_one_condition_at_a_time(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     two = write_measurements(tmp_path / "data" / "measurements.csv", conditions=("a", "b"))
     assert cli.run(arguments(two, tmp_path / "out", "abc-mcmc")) == 2
-    assert "--condition: the data have 'a', 'b'" in capsys.readouterr().err
+    assert capsys.readouterr().err.endswith("--condition: the data have 'a', 'b'; choose one\n")
 
 
 @pytest.mark.slow

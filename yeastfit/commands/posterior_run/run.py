@@ -163,7 +163,20 @@ class InferRun:
         return self.request.prior_draws if with_arviz() else 0
 
     def sample(self, tell: Callable[[int], None], progress: Progress) -> Posterior:
-        """The sampler's run, its posterior saved."""
+        """The sampler's run, its posterior saved.
+
+        Raises:
+            InputError: The sampler refuses its settings or the data. Where it has not simulated anything before, the
+                folder is as if there had been no run.
+        """
+        try:
+            return self._sampled(tell, progress)
+        except InputError:
+            if not self.tally.simulated:
+                self.folder.take_back()
+            raise
+
+    def _sampled(self, tell: Callable[[int], None], progress: Progress) -> Posterior:
         path, partial = self.folder.path, self.folder.results.partial
         with self._store(path / SIMULATIONS) as store:
             if self.request.reuse is not None:
