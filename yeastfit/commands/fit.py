@@ -126,7 +126,7 @@ def fit(
     held = {name: value for name, value in held.items() if name not in model.parameters.subset(fitted)}
     chosen.check_free(fitted)
     check_search(model.parameters.subset(fitted), condition or ("",), **options)
-    check_source(source, condition or (), model.columns)
+    check_source(source, condition or (), model.columns, several=True)
     known = truth_of(source, model.parameters) if truth else None
     with results_folder(folder, "fit", reads=inputs_of(source), overwrite=overwrite) as results:
         with shown_progress("measuring micrographs") as progress:

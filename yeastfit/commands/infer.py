@@ -181,8 +181,8 @@ def infer(
         raise InputError(f"{'SOURCE' if source is None else '--out'} is missing: yeastfit infer SOURCE --out FOLDER")
     if resume and overwrite:
         raise InputError("--overwrite starts over, --resume continues: give one of the two")
-    true_values = truth_of(source, request.forward_model.parameters) if truth else None
     check_source(source, [] if condition is None else [condition], request.forward_model.columns)
+    true_values = truth_of(source, request.forward_model.parameters) if truth else None
     reads = [*inputs_of(source), *([reuse / SIMULATIONS] if reuse else [])]
     with results_folder(folder, "infer", reads=reads, overwrite=overwrite, resume=resume) as results:
         run = _begun(request, source, results, resume, jobs or available_processors())

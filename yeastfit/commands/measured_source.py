@@ -61,26 +61,31 @@ class Measurements:
             InputError: A condition is not there, or none of several is chosen.
         """
         present = conditions_of(self.rows)
-        _check_chosen(chosen, present)
+        _check_chosen(chosen, present, several=True)
         return {name: model.seen(self.rows, self.folder, name, statistics) for name in chosen or present}
 
 
-def check_source(source: Path, chosen: Sequence[str], columns: Sequence[str] = NEEDED) -> None:
+def check_source(
+    source: Path, chosen: Sequence[str], columns: Sequence[str] = NEEDED, *, several: bool = False
+) -> None:
     """Check that there are data and conditions of these names, before anything is measured or written.
 
     Arguments:
         source: A data set, or a table of measurements, or its folder.
         chosen: Names of conditions; none chooses the only one there is.
         columns: What a table must have.
+        several: Whether the command takes more than one condition.
 
     Raises:
         InputError: There are no data, a column or a condition is not there, or none of several is chosen.
     """
+    if not source.exists():
+        raise InputError(f"{source}: there is no such file or folder, need a data set or a {TABLE}")
     table, where = table_in(source), dataset_folder(source)
     if where is not None:
-        _check_chosen(chosen, read_dataset(where).conditions)
+        _check_chosen(chosen, read_dataset(where).conditions, several)
     elif table.is_file():
-        _check_chosen(chosen, conditions_of(read_measurements(table, columns)))
+        _check_chosen(chosen, conditions_of(read_measurements(table, columns)), several)
     else:
         raise InputError(f"{source}: neither a data set, with {' or '.join(MANIFESTS)}, nor a {TABLE}")
 
@@ -164,11 +169,12 @@ def truth_of(source: Path, parameters: Iterable[str]) -> dict[str, float]:
     return known
 
 
-def _check_chosen(chosen: Sequence[str], present: Sequence[str]) -> None:
+def _check_chosen(chosen: Sequence[str], present: Sequence[str], several: bool) -> None:
     """Raise `InputError` where a condition is not there, or none of several is chosen."""
     names = ", ".join(map(repr, present))
     for name in chosen:
         if name not in present:
             raise InputError(f"--condition: got {name!r}, the data have {names}")
     if not chosen and len(present) > 1:
-        raise InputError(f"--condition: the data have {names}; choose one, or several by giving it again")
+        more = ", or several by giving it again" if several else ""
+        raise InputError(f"--condition: the data have {names}; choose one{more}")
