@@ -83,7 +83,10 @@ def li2024_statistics(mask: Bool[np.ndarray, "row column"]) -> Li2024:
 
 @array_kernel
 def centroid(mask: Bool[np.ndarray, "row column"]) -> tuple[float, float]:
-    """Row and column of the centroid of the largest 8-connected component, of equals the one that ends first by rows."""
+    """Row and column of the centroid of the largest 8-connected component; of equal ones that which ends first by rows.
+
+    There must be one.
+    """
     runs = _runs(mask)
     root = _linked(runs)
     pixels, rows, columns = np.zeros((3, len(runs)), dtype=np.int64)  # of the component whose root is this run

@@ -172,7 +172,7 @@ def _around(thin: Mask, own: Mask) -> tuple[Int[np.ndarray, " own"], Float[np.nd
 
     A step across counts only where no two steps along lead to the same place.
     """
-    rows, columns = np.nonzero(own)
+    rows, columns = np.divmod(np.flatnonzero(own), own.shape[1])  # few of many: np.nonzero takes ten times as long
     near = {(i, j): thin[rows + i, columns + j] for i in (-1, 0, 1) for j in (-1, 0, 1) if i or j}
     steps = np.zeros(len(rows))
     for (i, j), there in near.items():

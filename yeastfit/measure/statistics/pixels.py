@@ -73,8 +73,13 @@ class Pixels:
     @cached_property
     def indices(self) -> tuple[Int[np.ndarray, " pixel"], Int[np.ndarray, " pixel"]]:
         """Rows [pixel] and columns [pixel] of all colony pixels, a pair."""
-        rows, columns = np.nonzero(self.colony)
-        return rows, columns
+        rows = np.repeat(np.arange(len(self.colony)), self._in_rows)
+        return rows, np.flatnonzero(self.colony) - rows * self.colony.shape[1]  # three times as fast as np.nonzero
+
+    @cached_property
+    def _in_rows(self) -> Int[np.ndarray, " row"]:
+        """Number of colony pixels in each row."""
+        return np.count_nonzero(self.colony, axis=1)
 
     @cached_property
     def centre(self) -> tuple[float, float]:
@@ -85,8 +90,9 @@ class Pixels:
     @cached_property
     def distance(self) -> PerPixel:
         """[pixel], distance of every colony pixel from the centroid."""
-        (rows, columns), (row, column) = self.indices, self.centre
-        return np.sqrt((rows - row) ** 2 + (columns - column) ** 2)  # three times as fast as np.hypot
+        (height, width), (row, column) = self.colony.shape, self.centre
+        down2, across2 = (np.arange(height) - row) ** 2, (np.arange(width) - column) ** 2
+        return np.sqrt(np.repeat(down2, self._in_rows) + across2[self.indices[1]])  # np.hypot takes three times as long
 
     @cached_property
     def angle(self) -> PerPixel:
