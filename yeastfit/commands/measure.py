@@ -96,7 +96,7 @@ def measure(
     measured = [outcome for outcome in outcomes if outcome.row]
     warn(changed)
     warn(overruled_sizes([outcome.row for outcome in measured if outcome.row]))
-    warn([f"{outcome.image.label}: {doubt}" for outcome in measured for doubt in outcome.doubts])
+    warn([f"{outcome.image.label}: {doubt}" for outcome in measured for doubt in outcome.in_doubt])
     if skipped:
         names = ", ".join(path.name for path in skipped)
         warn([f"passed over, no images by their names, or links to others: {names}"])

@@ -18,6 +18,7 @@ from yeastfit.inference.targets_from_table import (
     read_measurements,
     table_in,
 )
+from yeastfit.measure.outlining.doubts import to_be_checked
 from yeastfit.measure.reading.batch_inputs import dataset_images
 from yeastfit.measure.reading.dataset import MANIFESTS, dataset_folder, read_dataset
 from yeastfit.measure.reading.pixel_size import overruled_sizes
@@ -117,7 +118,7 @@ def measure_source(source: Path, folder: Path, jobs: int, progress: Progress) ->
     failed = [f"left out: {outcome.error}" for outcome in outcomes if not outcome.row]
     if not rows:
         raise InputError("; ".join(failed))
-    doubts = [f"{outcome.image.label}: {doubt}" for outcome in outcomes for doubt in outcome.doubts]
+    doubts = [f"{outcome.image.label}: {doubt}" for outcome in outcomes for doubt in outcome.in_doubt]
     inputs = [dataset.manifest, *(file for outcome in outcomes if outcome.row for file in outcome.image.files)]
     return Measurements(rows, folder, inputs, failed + overruled_sizes(rows) + doubts, tuple(outcomes))
 
@@ -142,9 +143,10 @@ def recorded_warnings(rows: Sequence[Mapping[str, Any]], folder: Path) -> list[s
         if not {"file", "error"} <= set(names):
             raise InputError(f"{failures}: no columns file and error, need that of `yeastfit measure`, or none")
         failed = [f"left out: {row.get('error', row.get('file'))}" for _, row in left_out]
-    doubts = [(row["file"], one) for row in rows for one in str(row.get("warnings") or "").split(";")]
+    stated = [(row["file"], [one.strip() for one in str(row.get("warnings") or "").split(";")]) for row in rows]
+    doubts = [(name, one) for name, found in stated for one in to_be_checked(found) if one]
     told = failed + overruled_sizes(rows)
-    return told + [f"{name}: {one.strip()}" for name, one in doubts if one.strip()] + missing_masks(rows, folder)
+    return told + [f"{name}: {one}" for name, one in doubts] + missing_masks(rows, folder)
 
 
 def truth_of(source: Path, parameters: Iterable[str]) -> dict[str, float]:

@@ -11,7 +11,7 @@ from jaxtyping import Bool
 
 from yeastfit.corrections.manifest_masks import name_mask
 from yeastfit.errors import InputError
-from yeastfit.measure.outlining.doubts import DOUBTS
+from yeastfit.measure.outlining.doubts import BY_HAND, DOUBTS
 from yeastfit.measure.reading.batch_inputs import InputImage, dataset_images
 from yeastfit.measure.reading.dataset import read_dataset
 from yeastfit.measure.reading.images import read_image
@@ -22,7 +22,6 @@ from yeastfit.text import short
 from yeastfit.text_files import read_csv
 
 CORRECTED = "corrected"  # folder of the data set in which corrected outlines are saved
-BY_HAND = "corrected by hand"
 
 Mask = Bool[np.ndarray, "row column"]
 

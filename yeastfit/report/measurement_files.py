@@ -91,7 +91,7 @@ def _write_contact_sheet(folder: Path, outcomes: Sequence[Outcome]) -> None:
     if not shown:
         return
     captions = [_caption(outcome) for outcome in shown]
-    doubtful = [bool(outcome.doubts) or not outcome.row for outcome in shown]
+    doubtful = [bool(outcome.in_doubt) or not outcome.row for outcome in shown]
     hours = len({outcome.image.hours for outcome in shown})
     columns = hours if 3 < hours <= 16 else math.ceil(math.sqrt(1.6 * len(shown)))
     figure = plot.thumbnail_sheet([outcome.thumbnail for outcome in shown], captions, doubtful, columns)

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from yeastfit.measure.outlining.doubts import DOUBTS
+from yeastfit.measure.outlining.doubts import BY_HAND, DOUBTS
 from yeastfit.measure.statistics.registry import STATISTICS, names_with
 from yeastfit.report import html as page
 from yeastfit.report.outcome import Outcome
@@ -28,7 +28,7 @@ def measurement_page(
         HTML.
     """
     measured = [outcome for outcome in outcomes if outcome.row]
-    doubtful = [outcome for outcome in measured if outcome.doubts]
+    doubtful = [outcome for outcome in measured if outcome.in_doubt]
     lead = page.facts(
         [
             (len(outcomes), "micrograph" if len(outcomes) == 1 else "micrographs"),
@@ -74,8 +74,9 @@ def _troubles(outcomes: Sequence[Outcome], skipped: Sequence[Path]) -> str:
     for doubt in dict.fromkeys(doubt for outcome in outcomes for doubt in outcome.doubts):
         named = [_link(k, outcome) for k, outcome in enumerate(outcomes) if doubt in outcome.doubts]
         rest = f" and {len(named) - LINKED} more" if len(named) > LINKED else ""
+        kind = "note" if doubt == BY_HAND else "note doubt"
         parts.append(
-            f'<div class="note doubt"><p><strong>{page.text(doubt)}</strong> ({len(named)} of {len(outcomes)}): '
+            f'<div class="{kind}"><p><strong>{page.text(doubt)}</strong> ({len(named)} of {len(outcomes)}): '
             f"{page.text(DOUBTS[doubt])}</p><p>{', '.join(named[:LINKED])}{rest}</p></div>"
         )
     if skipped:
@@ -117,9 +118,10 @@ def _card(number: int, outcome: Outcome) -> str:
         lines.append(f"area {page.number(row['area'])} µm², compactness {page.number(row['compactness'])}")
     if image.options.as_arguments():
         lines.append("set by hand: " + page.text(", ".join(image.options.as_arguments()).replace("_", " ")))
-    lines += [f'<span class="tag doubt">{page.text(doubt)}</span>' for doubt in outcome.doubts]
+    lines += [f'<span class="tag doubt">{page.text(doubt)}</span>' for doubt in outcome.in_doubt]
+    lines += [page.text(BY_HAND)] if BY_HAND in outcome.doubts else []
     lines += [] if row else ['<span class="tag bad">not measured</span>']
-    alt = f"{_name(outcome)}, outlined" + (f"; in doubt: {', '.join(outcome.doubts)}" if outcome.doubts else "")
+    alt = f"{_name(outcome)}, outlined" + (f"; in doubt: {', '.join(outcome.in_doubt)}" if outcome.in_doubt else "")
     return page.card(f"image{number}", outcome.thumbnail, alt, "<br>".join(lines))
 
 

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 from typing import Any
 
+from yeastfit.measure.outlining.doubts import to_be_checked
 from yeastfit.measure.reading.batch_inputs import InputImage
 
 
@@ -25,3 +26,8 @@ class Outcome:
     error: str = ""
     thumbnail: bytes = b""
     sha256: str = ""
+
+    @property
+    def in_doubt(self) -> tuple[str, ...]:
+        """Doubts that somebody should check; that an outline was corrected by hand is none."""
+        return to_be_checked(self.doubts)

@@ -1,11 +1,14 @@
 """What may be wrong with an outline, by name and in words, and when each of these doubts is raised."""
 
+from collections.abc import Iterable
+
 import numpy as np
 import numpy.typing as npt
 from scipy import ndimage
 
 from yeastfit.measure.outlining.mask_operations import NEIGHBOURS, Field, Mask
 
+BY_HAND = "corrected by hand"  # a remark among the doubts: somebody has looked
 DOUBTS: dict[str, str] = {
     "several objects": "There is another object of more than a tenth of the colony's size: in a photograph only the "
     "largest is measured, in a ready-made mask all are together.",
@@ -22,7 +25,7 @@ DOUBTS: dict[str, str] = {
     "tiny": "The colony has fewer than 100 pixels: its outline is coarse.",
     "nearly empty": "The colony fills less than a thousandth of the image: it may be a speck.",
     "fills the image": "The colony fills over four fifths of the image: little background is left to compare with.",
-    "corrected by hand": "The outline was given beside the photograph, not found in it.",
+    BY_HAND: "The outline was given beside the photograph, not found in it.",
     "polarity unsure": "Both values of the mask lie along its border: dark and bright may be mistaken for each other.",
     "not quite black and white": "Nearly a mask, as lossy compression leaves it: cut at half of its range.",
 }
@@ -32,6 +35,11 @@ FULL = 0.8  # of the image
 BLURRED = 1.8  # px; the measured blur ends at 2
 PILED_UP = 0.01  # of the image, at the end of the scale
 UNEVEN = 2.0  # brightest over darkest background
+
+
+def to_be_checked(doubts: Iterable[str]) -> tuple[str, ...]:
+    """Those of which somebody should check the outline."""
+    return tuple(doubt for doubt in doubts if doubt != BY_HAND)
 
 
 def doubts_of_mask(mask: Mask, visible: Mask) -> list[str]:

@@ -37,7 +37,7 @@ from yeastfit.errors import InputError
 from yeastfit.measure.outlining.background import estimate_background, frame_mask
 from yeastfit.measure.outlining.boundary import boundary_pixels, coarse_outline, detection_limit, edge_blur, fine_mask
 from yeastfit.measure.outlining.colony_selection import object_at, select_colony
-from yeastfit.measure.outlining.doubts import doubts_of_mask, doubts_of_photograph
+from yeastfit.measure.outlining.doubts import BY_HAND, doubts_of_mask, doubts_of_photograph, to_be_checked
 from yeastfit.measure.outlining.mask_operations import (
     SMOOTHING,
     Field,
@@ -134,7 +134,7 @@ def segment(
         one = kept != background if colonies == "all" else object_in(kept, seed_point, Path(name))
         found = given_outline(image, one)
         several = ("several objects",) if seed_point is None and colonies is None and count > 1 else ()
-        doubts = (*several, *(one for one in found.warnings if one != "corrected by hand"))
+        doubts = (*several, *to_be_checked(found.warnings))
         return Segmentation(found.mask, found.background, 0.5, 0.0, 0.0, doubts)
     part = _segment_photograph(_checked(image[window], name), min_area, options, name)
     mask = np.zeros(image.shape, dtype=bool)
@@ -147,7 +147,7 @@ def segment(
 def given_outline(pixels: npt.NDArray[Any], mask: Mask) -> Segmentation:
     """The colony of a photograph whose outline was made elsewhere; the background is the median of the rest."""
     level = float(np.median(pixels[~mask])) if not mask.all() else float(np.max(pixels))
-    doubts = ["corrected by hand", *doubts_of_mask(mask, np.ones_like(mask))]
+    doubts = [BY_HAND, *doubts_of_mask(mask, np.ones_like(mask))]
     background = np.full(mask.shape, level, dtype=np.float32)
     contrast = max(level - float(np.median(pixels[mask])), 0.0)
     return Segmentation(mask, background, contrast / 2, 0.0, 0.0, tuple(doubts))
