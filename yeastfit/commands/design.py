@@ -9,7 +9,7 @@ import numpy as np
 import typer
 
 from yeastfit.commands.console.terminal import out, shown_progress, warn
-from yeastfit.commands.generated.model import ChosenModel, Free, ModelOptions, Statistics
+from yeastfit.commands.generated.model import ChosenModel, Fitted, ModelOptions, Statistics
 from yeastfit.commands.generated.options import flag_of, generated
 from yeastfit.commands.generated.workers import WorkerOptions, paced
 from yeastfit.commands.options import Out, Overwrite, Seed, names_in, numbers_in
@@ -30,7 +30,7 @@ RUNS = 256
 @generated(chosen=ModelOptions("design"), workers=WorkerOptions())
 def design(
     folder: Out,
-    free: Free = None,
+    free: Fitted = None,
     statistics: Statistics = None,
     measured_times: Annotated[
         str | None,

@@ -11,7 +11,7 @@ import typer
 from yeastfit.commands.console.failures import reason
 from yeastfit.commands.console.signals import remaining
 from yeastfit.commands.console.terminal import Pace, out, shown_progress, warn
-from yeastfit.commands.generated.model import ChosenModel, Free, ModelOptions, Statistics
+from yeastfit.commands.generated.model import ChosenModel, Inferred, ModelOptions, Statistics
 from yeastfit.commands.generated.options import generated
 from yeastfit.commands.generated.samplers import SamplerOptions
 from yeastfit.commands.generated.workers import WorkerOptions
@@ -48,7 +48,7 @@ def infer(
             rich_help_panel=MODEL,
         ),
     ] = None,
-    free: Free = None,
+    free: Inferred = None,
     statistics: Statistics = None,
     condition: Annotated[
         str | None,

@@ -1,6 +1,6 @@
 """Options of a forward model: which one, its settings, its rules, and the parameters that it and the rules have."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import MISSING, dataclass, fields, replace
 from typing import Annotated, Any, get_origin
 
@@ -22,15 +22,17 @@ from yeastfit.inference.models.registry import DEFAULT, FORWARD_MODELS, model_na
 from yeastfit.model.model import Model
 
 PANEL = "Model"
-Free = Annotated[
-    str | None,
-    typer.Option(
-        help="Names of the free parameters, with commas; the others keep the values given below. By default "
-        + "; ".join(f"{','.join(one.fitted or one.free)} for {name}" for name, one in FORWARD_MODELS.items())
-        + ".",
-        show_default=False,
-    ),
-]
+
+
+def _free(default: Callable[[type[ForwardModel]], Sequence[str]]) -> Any:
+    """The option --free, which says what is free by default."""
+    by_model = "; ".join(f"{','.join(default(one))} for {name}" for name, one in FORWARD_MODELS.items())
+    words = f"Names of the free parameters, with commas; the others keep the values given below. By default {by_model}."
+    return typer.Option(help=words, show_default=False)
+
+
+Fitted = Annotated[str | None, _free(lambda model: model.fitted or model.free)]
+Inferred = Annotated[str | None, _free(lambda model: model.free)]
 Statistics = Annotated[
     str | None,
     typer.Option(
