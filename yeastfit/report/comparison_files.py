@@ -10,7 +10,9 @@ from yeastfit.storage import write_json, write_table, written_whole
 
 
 def write_comparison(folder: Path, comparison: Comparison, drawn: Mapping[str, bytes], made: Mapping[str, str]) -> None:
-    """Write models.csv, statistics.csv, colonies.csv, conditions.csv, comparison.json, pictures and index.html.
+    """Write comparison.json, pictures, index.html, and tables of what is compared.
+
+    They are models.csv, statistics.csv and colonies.csv of models on the same colonies, conditions.csv of conditions.
 
     Arguments:
         folder: Where to.

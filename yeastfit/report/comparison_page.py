@@ -43,7 +43,9 @@ def comparison_page(comparison: Comparison, pictures: Mapping[str, bytes], made:
     if drawn := _drawn(comparison, pictures):
         sections.append(("Colonies", drawn))
     sections.append(("How this was made", page.pairs(made.items())))
-    foot = '<p class="soft">Numbers: models.csv, statistics.csv, colonies.csv, conditions.csv, comparison.json.</p>'
+    of_models = ("models.csv", "statistics.csv", "colonies.csv") if comparison.models else ()
+    of_conditions = ("conditions.csv",) if comparison.conditions else ()
+    foot = f'<p class="soft">Numbers: {", ".join((*of_models, *of_conditions, "comparison.json"))}.</p>'
     return page.document("Comparison of runs", lead, sections, foot)
 
 

@@ -67,7 +67,7 @@ class Algebraic(ForwardModel):
     columns: ClassVar = NEEDED
     units: ClassVar = (
         "Parameters are dimensionless. Statistics are named by their times in units of 1/μ*; lengths are in L0, areas "
-        "in L0²; in the picture and in predictive.csv there are hours, too."
+        "in L0². Pictures and tables of results count hours, too."
     )
 
     rules: Model = field(default_factory=Model)
