@@ -89,7 +89,7 @@ def test_a_table_becomes_a_fit_with_tables_pictures_and_a_manifest(
     write_json(tmp_path / "truth" / "parameters.json", TRUTH.asdict())
     arguments = ["--statistics", ",".join(STATISTICS), "--bootstrap", "20", "--profile", "--truth", "--seed", "3"]
     assert cli.run(["fit", str(source), "--out", str(out), *arguments]) == 0
-    assert {path.name for path in out.iterdir()} == {*FILES, "targets.csv"}
+    assert {path.name for path in out.iterdir()} == {*FILES, "targets.csv", "colonies.csv"}
     for picture in out.glob("*.png"):
         with Image.open(picture) as image:
             assert min(image.size) > 200

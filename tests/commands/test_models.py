@@ -37,6 +37,7 @@ from yeastfit.inference.fit.simulators import colonies_in
 from yeastfit.inference.models.algebraic import Algebraic
 from yeastfit.inference.models.offlattice import Offlattice
 from yeastfit.inference.simulator import names_of
+from yeastfit.inference.targets_from_table import read_measurements
 from yeastfit.model.model import BASES
 from yeastfit.offlattice.li2024_mask import BinnedOutlines
 from yeastfit.offlattice.simulation import OfflatticeSimulation
@@ -144,8 +145,21 @@ def test_infer_from_end_images(table: Path, tmp_path: Path, capsys: pytest.Captu
     assert "Parameters are shares and probabilities" in page
     assert (tmp_path / "colonies.png").is_file()
     assert "hours" in rows(tmp_path / "predictive.csv")[0]
+    single = [row["value"] for row in rows(tmp_path / "colonies.csv") if row["statistic"] == "compactness"]
+    np.testing.assert_allclose(np.array(single, float), [float(row["compactness"]) for row in rows(table)], rtol=1e-8)
+    assert "Statistics of every single colony" in page
     assert cli.run(["infer", "--model", "offlattice", "--print-prior"]) == 0
     assert "a = 5.0" in capsys.readouterr().out
+
+
+def test_colonies_keep_their_names_whatever_the_order_of_their_images(table: Path) -> None:
+    """The last images of colonies may be in another order than their first ones."""
+    read = read_measurements(table)[:3]
+    early = [{**row, "hours": 100.0, "area": 1.0} for row in read]
+    seen = Offlattice().seen([*early, read[2], read[0], read[1]], table.parent, None, ("area",))
+    assert seen.targets.colonies == ("2", "0", "1")
+    assert seen.targets.curves is not None
+    np.testing.assert_array_equal(seen.targets.curves[:, 0, 0], [read[k]["area"] for k in (2, 0, 1)])
 
 
 @pytest.mark.usefixtures("undrawn")

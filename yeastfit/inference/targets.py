@@ -34,11 +34,12 @@ class Targets:
         imaging: How shapes of colonies were measured. Only simulators of colonies need it; lengths are in L0 then.
         time_label: What times count where there is no imaging.
         length_unit: Of statistics that are lengths, and squared of areas.
+        colonies: Names of the single replicates, where they are known.
 
     Raises:
-        InputError: Shapes disagree, times do not rise, a name appears twice, a measured mean is not finite, or scatter
-            is 0 over several replicates. With `imaging` also where the estimator does not have a statistic, or a size
-            is not above 0.
+        InputError: Shapes or numbers of replicates disagree, times do not rise, a name appears twice, a measured mean
+            is not finite, or scatter is 0 over several replicates. With `imaging` also where the estimator does not
+            have a statistic, or a size is not above 0.
     """
 
     names: tuple[str, ...]
@@ -50,6 +51,7 @@ class Targets:
     imaging: Imaging | None = None
     time_label: str = "time"
     length_unit: str = "L0"
+    colonies: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         shape = (len(self.names), len(self.times))
@@ -57,6 +59,9 @@ class Targets:
             values = getattr(self, name)
             if values.shape != shape:
                 raise InputError(f"targets: {name} has shape {values.shape}, (statistics, times) is {shape}")
+        if self.colonies and len(self.colonies) != (0 if self.curves is None else len(self.curves)):
+            many = 0 if self.curves is None else len(self.curves)
+            raise InputError(f"targets: {len(self.colonies)} names of colonies, there are curves of {many}")
         if not self.names or len(set(self.names)) != len(self.names):
             raise InputError(f"targets: statistics are {list(self.names)}, need at least one, each once")
         times = self.times
@@ -150,7 +155,8 @@ class Targets:
         imaging = None if data["imaging"] is None else Imaging.fromdict(data["imaging"])
         replicates = np.array(data["replicates"], dtype=int)
         units = data["time_label"], data["length_unit"]
-        return Targets(tuple(data["names"]), times, mean, scatter, replicates, curves, imaging, *units)
+        colonies = tuple(data.get("colonies", ()))  # files of earlier versions have none
+        return Targets(tuple(data["names"]), times, mean, scatter, replicates, curves, imaging, *units, colonies)
 
     @staticmethod
     def from_means(
@@ -190,6 +196,7 @@ class Targets:
         times: Sequence[float] | np.ndarray,
         *,
         imaging: Imaging | None = None,
+        colonies: Sequence[str] = (),
     ) -> "Targets":
         """Mean and scatter of replicate curves.
 
@@ -197,6 +204,7 @@ class Targets:
             curves: By statistic; nan where a replicate is missing. One replicate has no scatter.
             times: Rising.
             imaging: How colonies were measured; lengths are in L0 then.
+            colonies: Names of the replicates.
 
         Raises:
             InputError: As `Targets`.
@@ -210,7 +218,8 @@ class Targets:
             squares = np.where(known, stacked - mean, 0.0) ** 2
             scatter = np.where(counts > 1, np.sqrt(squares.sum(axis=0) / (counts - 1)), np.nan)
         at = np.asarray(times, dtype=float)
-        return Targets(names, at, mean, scatter, counts, stacked, _reaching(imaging, names, mean))
+        seen = _reaching(imaging, names, mean)
+        return Targets(names, at, mean, scatter, counts, stacked, seen, colonies=tuple(colonies))
 
     @staticmethod
     def from_dataset(
@@ -244,7 +253,8 @@ class Targets:
             extent = max(extent, one.shape.max_radius / scales.length)
         curves, hours = replicate_curves(dataset, rows, names)
         imaging = Imaging(extent, "smooth", spacing, smoothing, scales)
-        return Targets.from_replicates(curves, scales.time(np.array(hours)), imaging=imaging)
+        colonies = sorted({frame.replicate for frame in dataset.frames})
+        return Targets.from_replicates(curves, scales.time(np.array(hours)), imaging=imaging, colonies=colonies)
 
     def _check_imaged(self, imaging: Imaging) -> None:
         """Raise `InputError` where colonies cannot have been measured so."""

@@ -172,9 +172,9 @@ def targets_of(
         reach = Range(high=LARGEST_REACH * spacing * scales.length, unit="µm")
         reach.read(row["max_radius"], f"{row['file']}: max_radius")
     extent = max(float(row["max_radius"]) for row in chosen) / scales.length
-    curves, hours = _by_replicate(chosen, values, statistics)
+    colonies, curves, hours = _by_replicate(chosen, values, statistics)
     imaging = Imaging(extent, estimator, spacing, smoothing, scales)
-    return Targets.from_replicates(curves, scales.time(hours), imaging=imaging)
+    return Targets.from_replicates(curves, scales.time(hours), imaging=imaging, colonies=colonies)
 
 
 def targets_in_hours(
@@ -182,30 +182,29 @@ def targets_in_hours(
 ) -> Targets:
     """Curves of one condition as the table has them, over hours and in µm. Raises `InputError` as `targets_of`."""
     chosen = checked_rows(rows, condition)
-    curves, hours = _by_replicate(
-        chosen, [_in_lengths(row, statistics, Scales(length=1.0)) for row in chosen], statistics
-    )
-    return replace(Targets.from_replicates(curves, hours), time_label="hours", length_unit="µm")
+    values = [_in_lengths(row, statistics, Scales(length=1.0)) for row in chosen]
+    colonies, curves, hours = _by_replicate(chosen, values, statistics)
+    return replace(Targets.from_replicates(curves, hours, colonies=colonies), time_label="hours", length_unit="µm")
 
 
 def _by_replicate(
     rows: Sequence[Mapping[str, Any]], values: Sequence[Mapping[str, float]], statistics: Sequence[str]
-) -> tuple[dict[str, np.ndarray], np.ndarray]:
-    """Curves [replicate, time], nan where there is no image, and hours.
+) -> tuple[list[str], dict[str, np.ndarray], np.ndarray]:
+    """Names of the replicates, curves [replicate, time], nan where there is no image, and hours.
 
     Raises:
         InputError: A statistic has no number in any row.
     """
     hours = sorted({float(row["hours"]) for row in rows})
-    replicates = list(dict.fromkeys(row["replicate"] for row in rows))
+    replicates = list(dict.fromkeys(str(row["replicate"]) for row in rows))
     curves = {name: np.full((len(replicates), len(hours)), np.nan) for name in statistics}
     for row, value in zip(rows, values, strict=True):
         for name in statistics:
-            curves[name][replicates.index(row["replicate"]), hours.index(float(row["hours"]))] = value[name]
+            curves[name][replicates.index(str(row["replicate"])), hours.index(float(row["hours"]))] = value[name]
     for name, curve in curves.items():
         if not np.isfinite(curve).any():
             raise InputError(f"statistics: {name!r} has no number in any of the {len(rows)} rows: leave it out")
-    return curves, np.array(hours)
+    return replicates, curves, np.array(hours)
 
 
 def conditions_of(rows: Sequence[Mapping[str, Any]]) -> tuple[str, ...]:

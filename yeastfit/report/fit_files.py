@@ -13,7 +13,7 @@ from yeastfit.storage import write_table
 
 
 def write_targets(folder: Path, targets: Mapping[str, Targets]) -> None:
-    """Write targets.csv, the curves to be fitted.
+    """Write targets.csv, the curves to be fitted, and colonies.csv, what single colonies have, where that is known.
 
     Arguments:
         folder: Where to.
@@ -36,6 +36,21 @@ def write_targets(folder: Path, targets: Mapping[str, Targets]) -> None:
             for row, column in np.argwhere(each.measured)
         ],
     )
+    single = [
+        {
+            "condition": name,
+            "colony": colony,
+            "statistic": each.names[row],
+            "time": float(each.times[column]),
+            "hours": float(each.clock[column]),
+            "value": float(curve[row, column]),
+        }
+        for name, each in targets.items()
+        for colony, curve in zip(each.colonies, [] if each.curves is None else each.curves, strict=True)
+        for row, column in np.argwhere(np.isfinite(curve))
+    ]
+    if single:
+        write_table(folder / "colonies.csv", single)
 
 
 def write_fit(folder: Path, result: Fit, truth: Mapping[str, float] | None = None) -> None:

@@ -72,7 +72,8 @@ def fit_page(
         ("How this was made", page.pairs(made.items())),
         *((f"Measurements: {name[:1].lower()}{name[1:]}", body) for name, body in measured),
     ]
-    foot = '<p class="soft">Numbers: parameters.csv, targets.csv, fit.json.</p>'
+    single = "colonies.csv, " if any(each.targets.colonies for each in result.conditions) else ""
+    foot = f'<p class="soft">Numbers: parameters.csv, targets.csv, {single}fit.json.</p>'
     return page.document("Fit of the parameters", lead, sections, foot)
 
 

@@ -107,7 +107,7 @@ def write_results(
         plot.save(figure, folder / f"{name}.png")
     pictures = {name: (folder / f"{name}.png").read_bytes() for name in figures}
     with written_whole(folder / "index.html") as temporary:
-        page = posterior_page(summary, pictures, made, photographed=bool(observed))
+        page = posterior_page(summary, targets, pictures, made, photographed=bool(observed))
         temporary.write_text(page, encoding="utf-8")
     if not with_arviz():
         return ["posterior.nc is left out: ArviZ is not installed (pip install yeastfit[arviz])"]

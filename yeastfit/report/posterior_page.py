@@ -4,10 +4,12 @@ from collections.abc import Mapping
 from typing import Any
 
 from yeastfit.inference.comparison.left_out import LeftOut
+from yeastfit.inference.targets import Targets
 from yeastfit.report import html as page
 from yeastfit.report.learnt import learnt_by_posterior
 from yeastfit.report.posterior_summary import Summary
 
+WIDEST = 8  # statistics side by side in a table
 IN_UNITS = "90 % interval in units"
 ALT = {
     "corner": "Posterior of every parameter and pair of parameters, with the prior",
@@ -21,12 +23,13 @@ ALT = {
 
 
 def posterior_page(
-    summary: Summary, pictures: Mapping[str, bytes], made: Mapping[str, str], *, photographed: bool
+    summary: Summary, targets: Targets, pictures: Mapping[str, bytes], made: Mapping[str, str], *, photographed: bool
 ) -> str:
     """One HTML file.
 
     Arguments:
         summary: Of the posterior.
+        targets: The data.
         pictures: PNG by name, see `ALT`.
         made: How the run was made: versions, settings.
         photographed: Whether there are photographs among the pictures.
@@ -43,7 +46,10 @@ def posterior_page(
     sections = [
         ("Doubts", _doubts(summary)),
         ("Parameters", _parameters(summary) + _figure(pictures, "corner")),
-        ("The data, predicted", _predicted(summary) + _figure(pictures, "predictive") + _predictions(summary)),
+        (
+            "The data, predicted",
+            _predicted(summary) + _figure(pictures, "predictive") + _predictions(summary) + _single(targets, summary),
+        ),
     ]
     if "colonies" in pictures:
         words = (_PHOTOGRAPHS if photographed else "") + _drawn(summary)
@@ -56,7 +62,11 @@ def posterior_page(
     if method := _method(summary):
         sections.append(("Method", method + _figure(pictures, "emulator")))
     sections.append(("How this was made", page.pairs(made.items())))
-    foot = '<p class="soft">Numbers: posterior.csv, predictive.csv, diagnostics.json; draws: posterior.npz.</p>'
+    single = "colonies.csv, " if targets.colonies else ""
+    foot = (
+        f'<p class="soft">Numbers: targets.csv, {single}posterior.csv, predictive.csv, diagnostics.json; draws: '
+        "posterior.npz.</p>"
+    )
     return page.document("Posterior of the parameters", lead, sections, foot)
 
 
@@ -124,6 +134,18 @@ def _predictions(summary: Summary) -> str:
     columns = [page.Column(name, words=name in ("statistic", "inside_90")) for name in rows[0]]
     table = page.table("Observed statistics and their predictions", columns, _cells(rows), ["predictive"] * len(rows))
     return f"<details><summary>All {len(rows)} statistics</summary>{table}</details>"
+
+
+def _single(targets: Targets, summary: Summary) -> str:
+    """Statistics of the single colonies, where they are few enough for a table."""
+    if targets.curves is None or not targets.colonies or len(targets.points) > WIDEST:
+        return ""
+    values = targets.curves[:, targets.measured]
+    columns = [page.Column(summary.model.nouns[0], words=True), *(page.Column(name) for name in targets.points)]
+    rows = [[name, *row] for name, row in zip(targets.colonies, values.tolist(), strict=True)]
+    words = f"Statistics of every single {summary.model.nouns[0]}"
+    table = page.table(words, columns, rows, ["predictive"] * len(rows))
+    return f"<details><summary>{page.text(words)}</summary>{table}</details>"
 
 
 def _left_out(found: LeftOut) -> str:

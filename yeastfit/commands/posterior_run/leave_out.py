@@ -1,8 +1,5 @@
 """What `yeastfit infer --leave-out K` adds to a run: every colony predicted from the others."""
 
-from collections.abc import Mapping, Sequence
-from typing import Any
-
 import numpy as np
 from jaxtyping import Float
 
@@ -38,7 +35,6 @@ def predicted_from_others(
     store: Store,
     *,
     targets: Targets,
-    rows: Sequence[Mapping[str, Any]],
     groups: int,
     sampler: Sampler,
     seed: int,
@@ -51,22 +47,20 @@ def predicted_from_others(
         problem: What was sampled.
         colonies: Statistics of the single ones.
         store: The run's simulations.
-        targets: Names of the statistics.
-        rows: Measurements of the colonies, for their names.
+        targets: Names of statistics and colonies.
         groups: Into which they are dealt.
         sampler: Of the run.
         seed: Of the run.
         progress: Told how far it is.
     """
     values, _, statistics = store.all()
-    names = dict.fromkeys(str(row["replicate"]) for row in rows)
     return cross_validate(
         posterior,
         problem,
         colonies,
         (values, statistics),
         groups=groups,
-        names=tuple(names),
+        names=targets.colonies,
         labels=targets.points,
         settings=sampler,
         seed=seed,

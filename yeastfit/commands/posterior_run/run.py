@@ -2,8 +2,8 @@
 
 Files of a run from its beginning: run.json (what it is), measured/ (where micrographs were measured), simulations.h5
 (every simulation; those of another run also in reused.h5), problems.json (what simulations ran into). At its end:
-targets.csv, chains.h5 (the chains, as emcee reads them), posterior.npz, what `posterior_files` makes of them, and
-manifest.json.
+targets.csv, colonies.csv, chains.h5 (the chains, as emcee reads them), posterior.npz, what `posterior_files` makes of
+them, and manifest.json.
 """
 
 import shutil
@@ -34,7 +34,7 @@ from yeastfit.inference.simulator import Simulator, Tally, labels_of, member_see
 from yeastfit.inference.store.cached_simulator import CachedSimulator
 from yeastfit.inference.store.simulation_store import Store
 from yeastfit.inference.targets import Targets
-from yeastfit.inference.targets_from_table import TABLE, read_measurements, rows_of
+from yeastfit.inference.targets_from_table import TABLE, read_measurements
 from yeastfit.inference.workers.spread import Workers
 from yeastfit.progress import Progress, silent
 from yeastfit.report.fit_files import write_targets
@@ -228,7 +228,6 @@ class InferRun:
             single_colonies(targets, groups, self.model.nouns),
             store,
             targets=targets,
-            rows=rows_of(self.data.rows, self.request.condition),
             groups=groups,
             sampler=self.sampler,
             seed=self.request.seed,

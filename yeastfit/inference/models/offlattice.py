@@ -147,7 +147,7 @@ class Offlattice(ForwardModel):
         check_same_size(chosen)
         values = [_measured(row, folder, (*statistics, "area")) for row in chosen]
         curves = {name: np.array([[value[name]] for value in values]) for name in statistics}
-        targets = Targets.from_replicates(curves, [hours])
+        targets = Targets.from_replicates(curves, [hours], colonies=[str(row["replicate"]) for row in chosen])
         area = float(np.mean([value["area"] for value in values])) if self.area is None else self.area
         pixel = float(np.mean([row["um_per_pixel"] for row in chosen])) if self.pixel_size is None else self.pixel_size
         seen = replace(self, area=None if self.match == "none" else area, pixel_size=pixel)
