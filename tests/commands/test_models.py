@@ -2,6 +2,7 @@
 
 import csv
 import json
+import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
@@ -40,7 +41,9 @@ from yeastfit.inference.simulator import names_of
 from yeastfit.inference.targets_from_table import read_measurements
 from yeastfit.model.model import BASES
 from yeastfit.offlattice.li2024_mask import BinnedOutlines
+from yeastfit.offlattice.parameters import PARAMETERS
 from yeastfit.offlattice.simulation import OfflatticeSimulation
+from yeastfit.offlattice.simulator import OfflatticeSimulator
 from yeastfit.simulation.recipe import Recipe
 from yeastfit.storage import write_table
 
@@ -160,6 +163,28 @@ def test_colonies_keep_their_names_whatever_the_order_of_their_images(table: Pat
     assert seen.targets.colonies == ("2", "0", "1")
     assert seen.targets.curves is not None
     np.testing.assert_array_equal(seen.targets.curves[:, 0, 0], [read[k]["area"] for k in (2, 0, 1)])
+
+
+@pytest.mark.parametrize("masks", ["li2024", "ellipses"])
+def test_cells_that_do_not_cover_the_area_are_refused(
+    table: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], masks: str
+) -> None:
+    """With a number that covers it."""
+    few = ["infer", str(table), "--model", "offlattice", "--masks", masks, "--out", str(tmp_path / "out")]
+    line = said(capsys, *few, "--cells", "500")
+    assert "--cells is 500, which cover" in line
+    assert not (tmp_path / "out").exists()
+    (enough,) = re.findall(r"give about --cells (\d+),", line)
+    assert 900 < int(enough) < 1700
+    model = Offlattice(cells=int(enough), masks=masks)  # type: ignore[arg-type]
+    seen = model.seen(read_measurements(table), table.parent, None, model.statistics_named(["li2024"]))
+    simulator = seen.model.simulator(seen.targets, PARAMETERS.names, {})
+    values = np.random.default_rng(1).beta(2, 5, size=(40, 5))
+    simulator(values, np.arange(40))
+    assert isinstance(simulator, OfflatticeSimulator)
+    assert simulator.problems["all cells together cover no more than the area: all are kept"] <= 10
+    whole = Offlattice(cells=500, match="none").seen(read_measurements(table), table.parent, None, ("radius",))
+    whole.model.simulator(whole.targets, PARAMETERS.names, {})
 
 
 @pytest.mark.usefixtures("undrawn")

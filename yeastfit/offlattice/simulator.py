@@ -176,6 +176,29 @@ class OfflatticeSimulator:
         rates = rates_of({**self.fixed, **dict(zip(self.parameters.names, values, strict=True))})
         return grow(rates, cells=self.cells, seed=seed, delay=self.delay, most_attempts=self.most_attempts)
 
+    def covered(
+        self, values: Float[np.ndarray, "row parameter"], seeds: Shaped[np.ndarray, " row"]
+    ) -> Float[np.ndarray, " row"]:
+        """Area that all cells of a colony cover.
+
+        Arguments:
+            values: Free parameters, one colony a row.
+            seeds: Of the rows.
+
+        Returns:
+            Areas in µm²; nan where a colony did not grow to the end.
+        """
+
+        def one(job: tuple[list[float], int]) -> float:
+            colony = self.colony(*job)
+            if colony.status is not Status.GROWN:
+                return np.nan
+            picture = self.draw(colony)
+            return np.count_nonzero(picture.mask(colony.x.size)) * picture.pixel_size**2
+
+        jobs = [(row, int(seed)) for row, seed in zip(values.tolist(), seeds, strict=True)]
+        return np.array(in_threads(one, jobs, self.threads))
+
     def seen(self, colony: OfflatticeColony) -> tuple[Bool[np.ndarray, "row column"], float, str]:
         """The mask of a colony that is measured, µm per pixel, and what its area ran into; empty for nothing."""
         picture = self.draw(colony)

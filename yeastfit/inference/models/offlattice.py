@@ -7,6 +7,7 @@ cover the mean area of the data.
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from math import ceil, floor, log10
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, get_args
 
@@ -36,6 +37,9 @@ if TYPE_CHECKING:
 
 THEIRS = "li2024"
 COMPARED = ("fit", "infer", "design")
+TRIED = 16  # colonies that show whether the cells cover the area of the data
+COVERED = 0.75  # share of it that is enough; below 1 a warning counts the colonies that do not cover it
+ROOM = 1.1  # times as many cells as cover it: Li et al. took as many
 Masks = Literal["li2024", "ellipses"]
 Match = Literal["li2024", "exactly", "none"]
 
@@ -125,10 +129,15 @@ class Offlattice(ForwardModel):
         return tuple(dict.fromkeys(found))
 
     def simulator(self, targets: Targets, free: Sequence[str], fixed: Mapping[str, float]) -> "OfflatticeSimulator":
-        """Colonies that are seen as the data are, and no farther from them than their limits."""
+        """Colonies that are seen as the data are, and no farther from them than their limits.
+
+        Raises:
+            InputError: All cells of most colonies cover less than the area at which they are compared.
+        """
         limits = self.limits(targets)
         held = None if limits is None else tuple((low, high) for low, high in limits.tolist())
         simulator = self._simulator(targets.names, free, fixed)
+        self._check_reach(simulator)
         return replace(simulator, observables=targets.observables, limits=held)
 
     def limits(self, targets: Targets) -> Limits | None:
@@ -212,6 +221,23 @@ class Offlattice(ForwardModel):
         match = match_exactly if self.match == "exactly" else search_from_below
         return OfflatticeSimulator.of(
             statistics, cells=self.cells, area=area, free=free, fixed=fixed, draw=draw, match=match, delay=self.delay
+        )
+
+    def _check_reach(self, simulator: "OfflatticeSimulator") -> None:
+        """Raise `InputError` where the median of some colonies of the prior is far from covering the area."""
+        if self.area is None or self.match == "none":
+            return
+        values = self.prior(simulator.parameters).sample(TRIED, np.random.default_rng(0))
+        covered = simulator.covered(values, member_seeds(0, TRIED))
+        reached = float(np.median(covered[np.isfinite(covered)])) if np.isfinite(covered).any() else np.inf
+        if reached >= COVERED * self.area:
+            return
+        enough = ROOM * self.cells * self.area / reached
+        rounded = ceil(enough / (step := 10 ** floor(log10(enough) - 1))) * step
+        raise InputError(
+            f"--cells is {self.cells}, which cover {reached:.3g} µm² (median of {TRIED} colonies of the prior), and "
+            f"colonies are compared at {self.area:.3g} µm²: give about --cells {rounded}, or --match none to compare "
+            "whole colonies of any area"
         )
 
     def _drawn(self, statistics: Sequence[str]) -> tuple[Callable[[Any], Any], float]:
