@@ -165,6 +165,16 @@ def test_colonies_keep_their_names_whatever_the_order_of_their_images(table: Pat
     np.testing.assert_array_equal(seen.targets.curves[:, 0, 0], [read[k]["area"] for k in (2, 0, 1)])
 
 
+def test_colonies_too_large_to_grow_by_the_hundred_are_told_of() -> None:
+    """Real ones after days, of 1.4 mm², and not the demo's."""
+    data = Path(__file__).parents[2] / "data"
+    real = read_measurements(data / "real" / "awri796-50um" / "measurements.csv")
+    (note,) = Algebraic().seen(real, data, None, ("compactness", "radius")).notes
+    assert "has the area of about 63000 cells of 7.5 µm" in note
+    small = [{**row, "area": 1e5} for row in real]
+    assert Algebraic().seen(small, data, None, ("compactness", "radius")).notes == ()
+
+
 @pytest.mark.parametrize("masks", ["li2024", "ellipses"])
 def test_cells_that_do_not_cover_the_area_are_refused(
     table: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], masks: str

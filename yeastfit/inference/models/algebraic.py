@@ -19,7 +19,7 @@ from yeastfit.inference.sensitivity.estimate import sensitivity as estimate_sens
 from yeastfit.inference.sensitivity.result import Sensitivity
 from yeastfit.inference.simulator import Simulator
 from yeastfit.inference.targets import Targets
-from yeastfit.inference.targets_from_table import NEEDED, targets_of
+from yeastfit.inference.targets_from_table import NEEDED, checked_rows, targets_of
 from yeastfit.measure.statistics.model_as_mask import HardStatistics
 from yeastfit.model.model import Model
 from yeastfit.model.numerics import Numerics, most_nodes
@@ -53,6 +53,8 @@ class Unmeasured:
 
 
 PHOTOGRAPHED = 1.55  # µm per pixel of the micrographs of Li et al. 2024
+MANY = 5000  # cells of a colony from which on a fit takes days
+CELL = 0.5  # area that a cell covers, in L0²
 FAR = 0.999  # cumulative probability of a prior beyond which there are few draws
 SIMULATE, DATA = ("simulate",), ("simulate", "fit", "infer")
 
@@ -194,7 +196,19 @@ class Algebraic(ForwardModel):
     def seen(self, rows: Sequence[Row], folder: Path, condition: str | None, statistics: Sequence[str]) -> Seen:
         """Curves over time, lengths in L0."""
         targets = targets_of(rows, folder, condition=condition, statistics=statistics, scales=self.scales)
-        return Seen(self, targets)
+        return Seen(self, targets, tuple(self._too_many_cells(checked_rows(rows, condition))))
+
+    def _too_many_cells(self, rows: Sequence[Row]) -> list[str]:
+        """Say that colonies are too large to grow hundreds of them, where the table has their areas."""
+        areas = [float(row["area"]) for row in rows if np.isfinite(float(row.get("area", np.nan)))]
+        cells = max(areas, default=0.0) / (CELL * self.length**2)
+        if cells < MANY:
+            return []
+        return [
+            f"the largest colony has the area of about {round(cells, -3):.0f} cells of {self.length:g} µm: this model "
+            "grows each of hundreds of colonies cell by cell, which takes hours to days; --model offlattice is for such "
+            "colonies"
+        ]
 
     def check(self, prior: Prior, fixed: Mapping[str, float]) -> None:
         """Raise `InputError` where the prior reaches a diffusivity for which the time step is too long."""
