@@ -176,7 +176,7 @@ def test_progress_goes_from_nothing_to_all(targets: Targets) -> None:
     shares = [share for _, share in told]
     assert shares == sorted(shares)
     assert 0 <= shares[0] < shares[-1] <= 1
-    assert told[0][0] == "screening the box"
+    assert told[0][0] == "trying starting points"
     assert told[-1][0].startswith("stage 3 of 3, step ")
 
 

@@ -85,7 +85,7 @@ class Fitter:
     def _screened(self) -> list[Descent]:
         """The best of some points of the box, apart from each other."""
         settings = self.settings
-        self.progress("screening the box", 0.0)
+        self.progress("trying starting points", 0.0)
         points = self.space.sobol_points(settings.screened, stream_of(self.ensembles.seed, Stream.SCREENING, 0))
         rows = self.ensembles.single_simulations(points, Stream.SCREENING)
         sigma = np.diag(self.ensembles.screening_covariance(members=2))

@@ -68,8 +68,9 @@ class Algebraic(ForwardModel):
     nouns: ClassVar = ("colony", "colonies")
     columns: ClassVar = NEEDED
     units: ClassVar = (
-        "Parameters are dimensionless. Statistics are named by their times in units of 1/μ*; lengths are in L0, areas "
-        "in L0². Pictures and tables of results count hours, too."
+        "Parameters are dimensionless. Lengths are in L0, the mean length of a cell, areas in L0²; statistics are "
+        "named by their times in units of 1/μ*, μ* the largest growth rate of cells. Pictures and tables count hours, "
+        "too."
     )
 
     rules: Model = field(default_factory=Model)
@@ -206,8 +207,7 @@ class Algebraic(ForwardModel):
             return []
         return [
             f"the largest colony has the area of about {round(cells, -3):.0f} cells of {self.length:g} µm: this model "
-            "grows each of hundreds of colonies cell by cell, which takes hours to days; --model offlattice is for such "
-            "colonies"
+            "grows hundreds of colonies cell by cell, for hours to days; --model offlattice is for such colonies"
         ]
 
     def check(self, prior: Prior, fixed: Mapping[str, float]) -> None:
