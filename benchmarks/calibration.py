@@ -64,10 +64,11 @@ from yeastfit.inference.abc.smc import SmcDiagnostics
 from yeastfit.inference.neural_likelihood.emulator import Emulator
 from yeastfit.inference.posterior.calibration_ranks import joint_rank
 from yeastfit.inference.posterior.result import Posterior
-from yeastfit.inference.simulator import Simulator, Stream, labels_of, stream_of
+from yeastfit.inference.simulator import Simulator, labels_of
 from yeastfit.inference.store.simulation_store import Store
 from yeastfit.inference.workers.spread import Workers
 from yeastfit.processors import available_processors
+from yeastfit.seeds import Stream, stream_of
 
 
 @dataclass(frozen=True)

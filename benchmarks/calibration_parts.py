@@ -17,9 +17,10 @@ from yeastfit.inference.posterior.limits import limits_around
 from yeastfit.inference.posterior.result import Posterior
 from yeastfit.inference.prior.prior import Prior
 from yeastfit.inference.samplers import infer
-from yeastfit.inference.simulator import Replicates, Simulator, Stream, labels_of, seed_of, stream_of
+from yeastfit.inference.simulator import Replicates, Simulator, labels_of, seed_of
 from yeastfit.inference.store.cached_simulator import CachedSimulator
 from yeastfit.inference.store.simulation_store import Store
+from yeastfit.seeds import Stream, stream_of
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,8 @@ from yeastfit.inference.curve_covariance import Square, whitened
 from yeastfit.inference.fit.ensemble import Ensembles
 from yeastfit.inference.fit.response_surface import ResponseSurface, response_surface
 from yeastfit.inference.parameter_space import ONLY, ParameterSpace, Points, Vector
-from yeastfit.inference.simulator import Rows, Stream, member_seeds
+from yeastfit.inference.simulator import Rows, member_seeds
+from yeastfit.seeds import Stream
 
 MARGIN = 2.0  # of χ² above its minimum that counts as the same residual
 REACH = 0.2  # of the surface around the truth, in log λ

@@ -35,7 +35,8 @@ from yeastfit.inference.neural_likelihood.training import train
 from yeastfit.inference.posterior.draws import weighted_quantile
 from yeastfit.inference.posterior.problem import Problem
 from yeastfit.inference.prior.variation import ColonyCoordinates, Variation, Varied
-from yeastfit.inference.simulator import Simulator, Stream, seed_of, stream_of
+from yeastfit.inference.simulator import Simulator, seed_of
+from yeastfit.seeds import Stream, stream_of
 
 COLONIES, SD, ALONE, SEED = 14, 0.3, 0.2, 2024
 GROUPS = {"none": "τ = 0", "common": "τ of all parameters", "one": "one parameter scatters"}

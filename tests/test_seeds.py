@@ -11,9 +11,9 @@ from yeastfit.commands import app as cli
 from yeastfit.commands.synthesize import read_recipes
 from yeastfit.errors import InputError
 from yeastfit.inference.polynomial import sobol_points
-from yeastfit.inference.simulator import Stream, member_seeds, seed_of, stream_of
+from yeastfit.inference.simulator import member_seeds, seed_of
 from yeastfit.offlattice.random_numbers import seeded
-from yeastfit.seeds import check_seed, key_of, keys_of, photograph_stream
+from yeastfit.seeds import Stream, check_seed, key_of, keys_of, photograph_stream, stream_of
 from yeastfit.simulation.simulate import member_keys
 
 HIGH = 2**64 - 1

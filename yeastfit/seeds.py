@@ -1,5 +1,6 @@
 """Seeds of random numbers: whole numbers from 0 to 2⁶⁴ − 1, each with a stream of its own."""
 
+from enum import IntEnum
 from typing import Any
 
 import jax
@@ -11,6 +12,23 @@ from yeastfit.numbers import SEEDS
 from yeastfit.text import quoted
 
 LOW_HALF = 0xFFFFFFFF
+
+
+class Stream(IntEnum):
+    """What a run draws random numbers for, besides its simulations."""
+
+    TRUTH = 0
+    PRIOR = 1
+    PROPOSALS = 2
+    DRAWS = 3
+    PREDICTIVE = 4
+    ERRORS = 5
+    STARTS = 6
+    RESAMPLING = 7
+    SCREENING = 8
+    SURFACE = 9
+    COLONIES = 10
+    SEARCH = 11
 
 
 def check_seed(seed: Any) -> int:
@@ -28,6 +46,14 @@ def check_seed(seed: Any) -> int:
     if not isinstance(seed, int | np.integer) or isinstance(seed, bool) or not SEEDS.low <= int(seed) <= SEEDS.high:
         raise InputError(f"seed is {quoted(seed)}, it must be {SEEDS.whole}")
     return int(seed)
+
+
+def stream_of(seed: int, stream: Stream, *key: int) -> np.random.SeedSequence:
+    """Where the random numbers of a named stream come from; further numbers say which of it, such as a step."""
+    if not key:
+        raise InputError(f"key is empty, a stream needs at least one number: {stream!r} alone is a simulation's")
+    check_seed(seed)
+    return np.random.SeedSequence(seed, spawn_key=(int(stream), *key))
 
 
 def key_of(seed: int | Array) -> Array:

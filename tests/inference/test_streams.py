@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from yeastfit.inference.simulator import Stream, member_seeds, stream_of, stream_seeds
+from yeastfit.inference.simulator import member_seeds, stream_seeds
+from yeastfit.seeds import Stream, stream_of
 
 
 def test_no_stream_shares_a_simulation_with_another_or_with_a_neighbouring_seed() -> None:

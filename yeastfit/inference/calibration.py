@@ -22,12 +22,13 @@ from yeastfit.inference.posterior.result import Posterior
 from yeastfit.inference.posterior.sampler import Sampler
 from yeastfit.inference.prior.prior import Prior
 from yeastfit.inference.samplers import infer
-from yeastfit.inference.simulator import Rows, Seeds, Simulator, Stream, Values, Wrapper, seed_of, stream_of
+from yeastfit.inference.simulator import Rows, Seeds, Simulator, Values, Wrapper, seed_of
 from yeastfit.inference.store.simulation_store import opened_store
 from yeastfit.inference.store.simulations import Simulations
 from yeastfit.memory import check_count
 from yeastfit.observable import Observable
 from yeastfit.progress import Progress, silent
+from yeastfit.seeds import Stream, stream_of
 
 
 @dataclass(frozen=True)

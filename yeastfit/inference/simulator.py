@@ -16,7 +16,6 @@ Wrappers count what is simulated, average replicates and add errors of measureme
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from enum import IntEnum
 from typing import Any, Protocol, runtime_checkable
 
 import jax
@@ -26,7 +25,7 @@ from jaxtyping import Array, Float, Shaped
 from yeastfit.errors import InputError
 from yeastfit.observable import Observable
 from yeastfit.parameter_set import ParameterSet
-from yeastfit.seeds import check_seed
+from yeastfit.seeds import Stream, check_seed, stream_of
 from yeastfit.simulation.simulate import member_keys
 
 Values = Float[np.ndarray, "row parameter"]
@@ -246,23 +245,6 @@ def root_of(covariance: Float[np.ndarray, "statistic statistic"]) -> Float[np.nd
     return vectors * np.sqrt(np.maximum(values, 0.0))
 
 
-class Stream(IntEnum):
-    """What a run draws random numbers for, besides its simulations."""
-
-    TRUTH = 0
-    PRIOR = 1
-    PROPOSALS = 2
-    DRAWS = 3
-    PREDICTIVE = 4
-    ERRORS = 5
-    STARTS = 6
-    RESAMPLING = 7
-    SCREENING = 8
-    SURFACE = 9
-    COLONIES = 10
-    SEARCH = 11
-
-
 def seed_of(seed: int, numbers: Sequence[int] | np.ndarray) -> Shaped[np.ndarray, " number"]:
     """Seeds, 0 ≤ seed < 2³², of the simulations with these numbers in a run.
 
@@ -286,14 +268,6 @@ def member_seeds(seed: int | Array, members: int) -> Shaped[np.ndarray, " member
     """
     words = np.asarray(jax.random.key_data(member_keys(seed, members))).astype(np.uint64)
     return (words[:, 0] << np.uint64(32)) | words[:, 1]
-
-
-def stream_of(seed: int, stream: Stream, *key: int) -> np.random.SeedSequence:
-    """Where the random numbers of a named stream come from; further numbers say which of it, such as a step."""
-    if not key:
-        raise InputError(f"key is empty, a stream needs at least one number: {stream!r} alone is a simulation's")
-    check_seed(seed)
-    return np.random.SeedSequence(seed, spawn_key=(int(stream), *key))
 
 
 def stream_seeds(seed: int, stream: Stream, members: int) -> Shaped[np.ndarray, " member"]:

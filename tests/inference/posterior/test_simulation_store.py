@@ -14,10 +14,11 @@ import pytest
 from simulators import observables_named, parameters_named
 
 from yeastfit import InputError
-from yeastfit.inference.simulator import Simulator, Stream, seed_of, stream_of
+from yeastfit.inference.simulator import Simulator, seed_of
 from yeastfit.inference.store.cached_simulator import CachedSimulator
 from yeastfit.inference.store.simulation_store import Store
 from yeastfit.inference.store.simulations import ROOM, Simulations
+from yeastfit.seeds import Stream, stream_of
 
 FREE, LABELS = ("mobility", "aspect_ratio"), ("area", "compactness", "radius")
 

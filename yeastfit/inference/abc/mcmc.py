@@ -43,11 +43,12 @@ from yeastfit.inference.posterior.problem import Problem
 from yeastfit.inference.posterior.result import Posterior
 from yeastfit.inference.posterior.settings import Setting, check_at_least, check_choice
 from yeastfit.inference.prior.prior import Prior
-from yeastfit.inference.simulator import Simulator, Stream, seed_of, stream_of
+from yeastfit.inference.simulator import Simulator, seed_of
 from yeastfit.inference.store.cached_simulator import CachedSimulator
 from yeastfit.inference.store.simulations import Simulations
 from yeastfit.memory import check_memory
 from yeastfit.progress import Progress
+from yeastfit.seeds import Stream, stream_of
 
 CHAIN = 32  # bytes of a step of a chain, at least
 PILOT_QUANTILE = 0.02

@@ -38,10 +38,11 @@ from yeastfit.inference.posterior.problem import Problem
 from yeastfit.inference.posterior.result import Posterior
 from yeastfit.inference.posterior.settings import Setting, check_at_least, check_choice
 from yeastfit.inference.posterior.status import Status
-from yeastfit.inference.simulator import Simulator, Stream, seed_of, stream_of
+from yeastfit.inference.simulator import Simulator, seed_of
 from yeastfit.inference.store.cached_simulator import CachedSimulator
 from yeastfit.inference.store.simulations import Simulations
 from yeastfit.progress import Progress
+from yeastfit.seeds import Stream, stream_of
 
 PROMISE = 10  # accepted proposals that the lowest acceptable share promises: with fewer, a population is given up
 FEWEST = 25.0  # independent draws that the result must be worth: an error of the mean of a fifth of its sd

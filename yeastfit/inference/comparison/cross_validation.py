@@ -25,8 +25,8 @@ from yeastfit.inference.neural_likelihood.training_rounds import Neighbourhood
 from yeastfit.inference.posterior.problem import Problem
 from yeastfit.inference.posterior.result import Posterior
 from yeastfit.inference.posterior.sampler import Sampler
-from yeastfit.inference.simulator import Stream, stream_of
 from yeastfit.progress import Progress, silent
+from yeastfit.seeds import Stream, stream_of
 
 GROUPS = 5
 MOST_DRAWS = 4000  # of each posterior that colonies are predicted from

@@ -19,9 +19,10 @@ from yeastfit.inference.fit.response_surface import Minima, ResponseSurface, res
 from yeastfit.inference.fit.result import Fit
 from yeastfit.inference.fit.simulators import Simulators, colony_simulators, given_simulators
 from yeastfit.inference.parameter_space import Vector
-from yeastfit.inference.simulator import Simulator, Stream, stream_of
+from yeastfit.inference.simulator import Simulator
 from yeastfit.memory import check_count
 from yeastfit.model.model import Model
+from yeastfit.seeds import Stream, stream_of
 
 REACH = 3.5  # standard errors: 1 draw of a bootstrap in 2000 lies beyond
 NEAREST = 0.1  # of log λ, the spread of the last stage's pairs: nearer, Monte-Carlo errors hide the slopes

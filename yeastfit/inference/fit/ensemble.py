@@ -41,7 +41,6 @@ from yeastfit.inference.simulator import (
     Counted,
     Rows,
     Simulator,
-    Stream,
     Tally,
     labels_of,
     member_seeds,
@@ -50,6 +49,7 @@ from yeastfit.inference.simulator import (
     stream_seeds,
 )
 from yeastfit.inference.targets import Targets
+from yeastfit.seeds import Stream
 
 SCATTER = 0.2  # of the mean: scatter of one replicate where nobody knows it, at screening only
 TOLERANCE = 0.05  # of the mean, at screening: the error of a mean of 16 with that scatter, those of the first stage

@@ -19,8 +19,8 @@ from yeastfit.inference.fit.simulators import Rules
 from yeastfit.inference.information.fisher import information
 from yeastfit.inference.information.result import Information
 from yeastfit.inference.parameter_space import Vector
-from yeastfit.inference.simulator import Stream, stream_of
 from yeastfit.progress import Progress
+from yeastfit.seeds import Stream, stream_of
 
 NEAR_AT_FIRST = 9.0  # of χ², three standard errors: what a start may lag behind the best and still go on
 NEAR_LATER = 4.0  # two standard errors

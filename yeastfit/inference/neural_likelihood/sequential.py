@@ -57,11 +57,12 @@ from yeastfit.inference.posterior.result import Posterior
 from yeastfit.inference.posterior.robust_summary import apart
 from yeastfit.inference.posterior.settings import Setting, check_at_least
 from yeastfit.inference.posterior.status import Status
-from yeastfit.inference.simulator import Stream, seed_of, stream_of
+from yeastfit.inference.simulator import seed_of
 from yeastfit.inference.store.cached_simulator import CachedSimulator
 from yeastfit.inference.store.simulations import Simulations
 from yeastfit.memory import check_memory
 from yeastfit.progress import Progress
+from yeastfit.seeds import Stream, stream_of
 
 CHAIN = 32  # bytes of a step of a chain, at least
 FIRST = 512  # simulations of the first round, where many are allowed

@@ -37,7 +37,7 @@ from yeastfit.errors import InputError
 from yeastfit.inference.posterior.calibration_ranks import Calibration
 from yeastfit.inference.posterior.draws import Draws
 from yeastfit.inference.posterior.predictive_check import Predictive
-from yeastfit.inference.simulator import Stream, stream_of
+from yeastfit.seeds import Stream, stream_of
 from yeastfit.storage import check_room, written_whole
 
 STATISTICS, SIMULATED, WEIGHTED = "statistics", "simulated", "weighted_draws"

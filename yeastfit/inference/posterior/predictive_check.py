@@ -23,16 +23,9 @@ from jaxtyping import Bool, Float
 from yeastfit.errors import InputError
 from yeastfit.inference.posterior.draws import Draws
 from yeastfit.inference.prior.variation import simulator_of_draws
-from yeastfit.inference.simulator import (
-    Mismeasured,
-    Replicates,
-    Simulator,
-    Stream,
-    labels_of,
-    root_of,
-    stream_of,
-)
+from yeastfit.inference.simulator import Mismeasured, Replicates, Simulator, labels_of, root_of
 from yeastfit.memory import check_count
+from yeastfit.seeds import Stream, stream_of
 from yeastfit.storage import reads_saved, written_whole
 
 LEAST_P = 0.025  # below, a warning says that the model does not make such data; 40 draws resolve just that

@@ -28,17 +28,9 @@ from yeastfit.inference.polynomial import sobol_points
 from yeastfit.inference.posterior.limits import Limits, check_limits, within
 from yeastfit.inference.prior.prior import Prior
 from yeastfit.inference.prior.variation import ColonyCoordinates, Variation
-from yeastfit.inference.simulator import (
-    Mismeasured,
-    Replicates,
-    Simulator,
-    Stream,
-    check_simulator,
-    labels_of,
-    root_of,
-    stream_of,
-)
+from yeastfit.inference.simulator import Mismeasured, Replicates, Simulator, check_simulator, labels_of, root_of
 from yeastfit.inference.targets import Targets
+from yeastfit.seeds import Stream, stream_of
 
 ROUNDING = 1e-9  # of a covariance's largest entry: an eigenvalue may be as much below 0
 

@@ -25,8 +25,9 @@ from jaxtyping import Float
 from yeastfit.errors import InputError
 from yeastfit.inference.prior.distributions import Distribution, SpikeHalfNormal
 from yeastfit.inference.prior.prior import Prior
-from yeastfit.inference.simulator import Rows, Seeds, Simulator, Stream, Values, Wrapper, stream_of
+from yeastfit.inference.simulator import Rows, Seeds, Simulator, Values, Wrapper
 from yeastfit.parameter_set import Parameter, ParameterSet
+from yeastfit.seeds import Stream, stream_of
 
 NAME = "colony_variation"
 TAU = Parameter(
