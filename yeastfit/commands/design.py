@@ -132,7 +132,7 @@ def design(
             more["workers"] = workers.asdict()
         changed = results.finish(seed=found.seed, inputs=inputs, **more)
     warn([*changed, *found.warnings])
-    warn(result.before.sentences())
+    warn([*result.before.sentences(), *result.doubts()])
     values_used = ", ".join(f"{name} {value:g}" for name, value in found.at.items())
     out.print(f"at {values_used}", highlight=False)
     errors = ", ".join(f"{name} {percent(error)}" for name, error in result.before.log_standard_errors.items())

@@ -49,7 +49,7 @@ def design_page(
     pairs = ("ellipses",) if result.before.has_pairs else ()
     steps = "".join(f"<li>{page.text(one)}</li>" for one in result.sentences())
     sections = [
-        ("Doubts", page.doubts([*warnings, *result.before.sentences()])),
+        ("Doubts", page.doubts([*warnings, *result.before.sentences(), *result.doubts()])),
         ("What to measure next", f"<ol>{steps}</ol>{figures(folder, PICTURES, 'design')}"),
         ("What the existing data see", _errors(result, model, at) + figures(folder, PICTURES, "spectrum", *pairs)),
         ("All candidates", _candidates(result)),

@@ -110,6 +110,18 @@ def test_an_image_tells_at_least_as_much_as_each_of_its_statistics() -> None:
     assert ([choice.reduction for choice in found.images] >= found.table().max(axis=0) - 1e-9).all()
 
 
+def test_a_statistic_that_seems_to_tell_more_than_its_image_is_doubted() -> None:
+    found = design(FOUND)
+    assert found.doubts() == []
+    image = found.images[0]
+    more = [
+        replace(one, reduction=image.reduction + 0.3) if one.time == image.time else one for one in found.singles[:2]
+    ]
+    (said,) = replace(found, singles=tuple(more)).doubts()
+    assert said.startswith(f"{found.singles[0].statistics[0]} alone at {image.time:g} seems to lower")
+    assert "take more runs" in said
+
+
 def test_from_nothing_the_plausible_range_is_where_errors_start() -> None:
     """One parameter, then one image: variance 1 / (1/τ² + R jᵀS⁻¹j)."""
     found = design(FOUND, free=["mobility"], measured_times=[], added=10, steps=1, measurement_error=0.0)

@@ -12,6 +12,7 @@ from yeastfit.inference.information.result import Information, InformationStatus
 from yeastfit.storage import read_json, reads_saved, write_json
 
 Criterion = Literal["mean", "volume"]
+MORE = 0.02  # of the typical error, by which one statistic may seem to tell more than the image that it is of
 
 
 @dataclass(frozen=True)
@@ -101,6 +102,21 @@ class Design:
                 gain = f"stays at {percent(after)}: nothing is gained"
             said.append(f"measure {', '.join(one.statistics)}{when} in {who}: the typical error {gain} ({each})")
             before, errors = after, fewer
+        return said
+
+    def doubts(self) -> list[str]:
+        """What is to be doubted about the candidates: a statistic that tells more than the image that it is of."""
+        said = list[str]()
+        for image in self.images:
+            own = [one for one in self.singles if self.column(one) == self.column(image)]
+            best = max(own, key=lambda one: one.reduction, default=image)
+            if best.reduction > image.reduction + MORE:
+                when = "" if np.isnan(image.time) else f" at {image.time:g}"
+                said.append(
+                    f"{best.statistics[0]} alone{when} seems to lower the typical error by "
+                    f"{100 * best.reduction:.0f} %, all statistics of the image by {100 * image.reduction:.0f} %, "
+                    "which cannot be: the noise of the derivatives decides between candidates, take more runs"
+                )
         return said
 
     def rows(self) -> list[dict[str, Any]]:
