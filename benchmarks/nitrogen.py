@@ -3,9 +3,9 @@
 Filamentous colonies of Li et al. 2024 grew on 50 or 500 µM ammonium sulphate: nitrogen runs out, carbon does not, and
 the colonies with less nitrogen are the more filamentous. Here colonies of long, mobile cells (λ = 0.1, 5, 5, 0.5, 6, 1,
 0.4) grow by the scarcer of carbon, which a reservoir supplies, and nitrogen, of which a dish holds an amount ν; hard
-rules, h = 0.2, Δt = 0.02. Every birth takes its nitrogen, q = 150, from the dish, and nothing else uses any; nodes
+rules, h = 0.2, Δt = 0.02. Every birth takes its nitrogen, q_N = 150, from the dish, and nothing else uses any; nodes
 drift along carbon alone. c0 is 10 µM of ammonium, below which growth slows, so that ν = 10 and 100 are 50 and 500 µM
-ammonium sulphate; q is the nitrogen of three cells above one another on agar 4 mm deep (where the numbers come from
+ammonium sulphate; q_N is the nitrogen of three cells above one another on agar 4 mm deep (where the numbers come from
 stands in `yeastfit/model/mechanisms/nitrogen_medium.py`). Dishes of three sizes, the part of a real one that a colony
 has for itself, hold ν = 10, 30 and 100, with eight colonies each: the smallest makes colonies of some hundred to some
 thousand cells, the largest colonies of the size of real ones (26 000 L0²). Compactness C, the filament area index I_F

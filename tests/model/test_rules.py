@@ -7,6 +7,7 @@ import pytest
 from jaxtyping import Array
 
 from yeastfit import (
+    RULES,
     BuddingRule,
     ContactRule,
     Context,
@@ -20,6 +21,8 @@ from yeastfit import (
     member_keys,
     simulate,
 )
+from yeastfit.model.laws.budding import TurnedBudding
+from yeastfit.model.parameters import PARAMETERS
 from yeastfit.model.rules import Rule
 
 SMALL = Numerics(domain=8.0, spacing=0.4, capacity=8)
@@ -67,3 +70,14 @@ def test_an_answer_of_another_shape_is_refused(rule: Rule) -> None:
     said = rf"{rule.question}: rule '{rule.name}' gave an array of shape \(.*\), not \("
     with pytest.raises(InputError, match=said):
         simulate(Parameters(), member_keys(0, 1), times=[0.1], model=Model(**rules), numerics=SMALL)
+
+
+def test_no_two_parameters_have_one_symbol() -> None:
+    symbols = {info.symbol: {name} for name, info in PARAMETERS.items()}
+    for kinds in RULES.values():
+        for kind in kinds.values():
+            if kind is not TurnedBudding:  # which needs turns, and brings no parameter
+                for info in kind().parameters:
+                    symbols.setdefault(info.symbol, set()).add(info.name)
+    assert len(symbols) > 20
+    assert {symbol: names for symbol, names in symbols.items() if len(names) > 1} == {}

@@ -8,18 +8,18 @@ e^(−n/w). Drift is λ5 ∇c + γ_N ∇n. The boundary of nitrogen is a `dish`,
 eaten is gone, or a `reservoir` at n = ν. Fields hold n / ν, which the amount ν = `nitrogen` does not change. With
 ν = 1, D_N = λ1, r_N = λ6 and a reservoir, the two nutrients are one: the source.
 
-A birth takes q = `nitrogen_per_birth` from the dish, everywhere in proportion to what is there,
+A birth takes q_N = `nitrogen_per_birth` from the dish, everywhere in proportion to what is there,
 
-    n ← n (1 − q B / ∫n dx),    B ≤ ∫n dx / q,
+    n ← n (1 − q_N B / ∫n dx),    B ≤ ∫n dx / q_N,
 
 as ammonium spreads by √(4 D t) = 1000 L0 in a cell cycle (D = 1.9e-9 m²/s in water). Children that there is no nitrogen
-for are not born, those of the best fed mothers first; their mothers wait. So ∫n dx + q (children) is constant where
-r_N = 0. With q = 0 births are free.
+for are not born, those of the best fed mothers first; their mothers wait. So ∫n dx + q_N (children) is constant where
+r_N = 0. With q_N = 0 births are free.
 
-What q is: a diploid cell has 20 pg of dry mass (Sherman 2002, Methods Enzymol. 350:3), 8 % of it nitrogen (Lange &
+What q_N is: a diploid cell has 20 pg of dry mass (Sherman 2002, Methods Enzymol. 350:3), 8 % of it nitrogen (Lange &
 Heijnen 2001, Biotechnol. Bioeng. 75:334), so 0.11 pmol. 50 µM ammonium sulphate has that below 5 L0² of agar 4 mm deep,
 or below 15 L0² for a node that stands for three cells above one another. Ammonium limits growth below some 10 µM (Km of
-Mep1, Marini et al. 1997, Mol. Cell. Biol. 17:4282): with that for c0, 50 µM are ν = 10, and q is 50 to 150.
+Mep1, Marini et al. 1997, Mol. Cell. Biol. 17:4282): with that for c0, 50 µM are ν = 10, and q_N is 50 to 150.
 """
 
 import dataclasses
@@ -49,7 +49,7 @@ NITROGEN = Parameter("nitrogen", "ν", "nitrogen at the start, in units of c0", 
 NITROGEN_DIFFUSIVITY = Parameter("nitrogen_diffusivity", "D_N", "diffusion of nitrogen, over μ* L0²", (0.01, 10.0), 0.1)
 NITROGEN_UPTAKE = Parameter("nitrogen_uptake", "r_N", "uptake of nitrogen, over μ*", (0.05, 20.0), 1.0)
 NITROGEN_MOBILITY = Parameter("nitrogen_mobility", "γ_N", "drift along nitrogen's gradient", (0.02, 20.0), 0.0)
-NITROGEN_PER_BIRTH = Parameter("nitrogen_per_birth", "q", "nitrogen of a birth, over c0", (1.0, 500.0), 0.0, "L0²")
+NITROGEN_PER_BIRTH = Parameter("nitrogen_per_birth", "q_N", "nitrogen of a birth, over c0", (1.0, 500.0), 0.0, "L0²")
 
 
 class NitrogenMedium(MediumRule):
