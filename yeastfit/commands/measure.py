@@ -13,6 +13,7 @@ from yeastfit.commands.options import Jobs, Out, Overwrite
 from yeastfit.measure.reading.batch_inputs import find_images
 from yeastfit.measure.reading.pixel_size import overruled_sizes
 from yeastfit.measure.reading.segmentation_options import read_options
+from yeastfit.measure.replicate_curves import shrunk_colonies
 from yeastfit.processors import available_processors
 from yeastfit.report.measurement_files import write_results
 from yeastfit.results.folder import results_folder
@@ -95,7 +96,8 @@ def measure(
         )
     measured = [outcome for outcome in outcomes if outcome.row]
     warn(changed)
-    warn(overruled_sizes([outcome.row for outcome in measured if outcome.row]))
+    rows = [outcome.row for outcome in measured if outcome.row]
+    warn([*overruled_sizes(rows), *shrunk_colonies(rows)])
     warn([f"{outcome.image.label}: {doubt}" for outcome in measured for doubt in outcome.in_doubt])
     if skipped:
         names = ", ".join(path.name for path in skipped)

@@ -22,6 +22,7 @@ from yeastfit.measure.outlining.doubts import to_be_checked
 from yeastfit.measure.reading.batch_inputs import dataset_images
 from yeastfit.measure.reading.dataset import MANIFESTS, dataset_folder, read_dataset
 from yeastfit.measure.reading.pixel_size import overruled_sizes
+from yeastfit.measure.replicate_curves import shrunk_colonies
 from yeastfit.progress import Progress
 from yeastfit.report.measurement_files import write_results
 from yeastfit.report.outcome import Outcome
@@ -120,7 +121,8 @@ def measure_source(source: Path, folder: Path, jobs: int, progress: Progress) ->
         raise InputError("; ".join(failed))
     doubts = [f"{outcome.image.label}: {doubt}" for outcome in outcomes for doubt in outcome.in_doubt]
     inputs = [dataset.manifest, *(file for outcome in outcomes if outcome.row for file in outcome.image.files)]
-    return Measurements(rows, folder, inputs, failed + overruled_sizes(rows) + doubts, tuple(outcomes))
+    told = failed + overruled_sizes(rows) + shrunk_colonies(rows) + doubts
+    return Measurements(rows, folder, inputs, told, tuple(outcomes))
 
 
 def recorded_warnings(rows: Sequence[Mapping[str, Any]], folder: Path) -> list[str]:
@@ -131,8 +133,8 @@ def recorded_warnings(rows: Sequence[Mapping[str, Any]], folder: Path) -> list[s
         folder: Of measurements.csv.
 
     Returns:
-        One sentence for each image left out, each doubt, and each condition of which a mask is missing; one where files
-        state other pixel sizes than the user.
+        One sentence for each image left out, each doubt, the first colonies that get smaller, and each condition of
+        which a mask is missing; one where files state other pixel sizes than the user.
 
     Raises:
         InputError: There is a failures.csv that `yeastfit measure` did not write.
@@ -145,7 +147,7 @@ def recorded_warnings(rows: Sequence[Mapping[str, Any]], folder: Path) -> list[s
         failed = [f"left out: {row.get('error', row.get('file'))}" for _, row in left_out]
     stated = [(row["file"], [one.strip() for one in str(row.get("warnings") or "").split(";")]) for row in rows]
     doubts = [(name, one) for name, found in stated for one in to_be_checked(found) if one]
-    told = failed + overruled_sizes(rows)
+    told = failed + overruled_sizes(rows) + shrunk_colonies(rows)
     return told + [f"{name}: {one}" for name, one in doubts] + missing_masks(rows, folder)
 
 

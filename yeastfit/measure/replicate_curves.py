@@ -1,7 +1,11 @@
-"""Statistics over time: a curve for each replicate colony, and the mean and spread of each condition's colonies."""
+"""Statistics over time: a curve for each replicate colony, and the mean and spread of each condition's colonies.
+
+Colonies that get smaller are told of: mostly hours, replicates or outlines are mixed up.
+"""
 
 import math
 from collections.abc import Mapping, Sequence
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -9,6 +13,9 @@ from jaxtyping import Float
 
 from yeastfit.errors import InputError
 from yeastfit.measure.reading.dataset import Dataset
+
+SHRUNK = 0.1  # share of its area by which a colony may get smaller from one image to the next; outlines differ by less
+NAMED = 3  # colonies that are named, others are counted
 
 
 def replicate_curves(
@@ -75,3 +82,31 @@ def condition_curves(rows: Sequence[Mapping[str, Any]], names: Sequence[str]) ->
                 }
             )
     return curves
+
+
+def shrunk_colonies(rows: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Say which colonies get smaller by more than a tenth.
+
+    Arguments:
+        rows: One for each image, with `file`, `condition`, `replicate`, `hours` and `area`; those without hours or area
+            are passed over.
+
+    Returns:
+        One sentence for each of the first colonies, and how many more there are.
+    """
+    colonies: dict[tuple[str, str], list[tuple[float, float, str]]] = {}
+    for row in rows:
+        hours, area = (math.nan if row.get(name) in (None, "") else float(row[name]) for name in ("hours", "area"))
+        if math.isfinite(hours) and math.isfinite(area):
+            key = str(row.get("condition") or ""), str(row.get("replicate") or "")
+            colonies.setdefault(key, []).append((hours, area, str(row["file"])))
+    found = []
+    for images in colonies.values():
+        falls = [(one, other) for one, other in pairwise(sorted(images)) if other[1] < (1 - SHRUNK) * one[1]]
+        if falls:
+            (early, before, first), (late, after, last) = falls[0]
+            found.append(
+                f"the colony of {last} has {after:.4g} µm² at {late:g} h, less than {before:.4g} µm² at {early:g} h in "
+                f"{first}: are hours, replicate and outlines right?"
+            )
+    return found[:NAMED] + ([f"{len(found) - NAMED} more colonies get smaller"] if len(found) > NAMED else [])

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from yeastfit.measure.outlining.doubts import BY_HAND, DOUBTS
+from yeastfit.measure.replicate_curves import shrunk_colonies
 from yeastfit.measure.statistics.registry import STATISTICS, names_with
 from yeastfit.report import html as page
 from yeastfit.report.outcome import Outcome
@@ -79,6 +80,9 @@ def _troubles(outcomes: Sequence[Outcome], skipped: Sequence[Path]) -> str:
             f'<div class="{kind}"><p><strong>{page.text(doubt)}</strong> ({len(named)} of {len(outcomes)}): '
             f"{page.text(DOUBTS[doubt])}</p><p>{', '.join(named[:LINKED])}{rest}</p></div>"
         )
+    if smaller := shrunk_colonies([outcome.row for outcome in outcomes if outcome.row]):
+        items = "".join(f"<li>{page.text(one)}</li>" for one in smaller)
+        parts.append(f'<div class="note doubt"><p><strong>smaller than before</strong></p><ul>{items}</ul></div>')
     if skipped:
         names = ", ".join(path.name for path in skipped[:LINKED])
         rest = f" and {len(skipped) - LINKED} more" if len(skipped) > LINKED else ""
