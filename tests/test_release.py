@@ -95,7 +95,7 @@ def test_type_checkers_see_the_types() -> None:
 def test_the_demo_fits_the_data_set_that_comes_with_the_package(
     options: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    def look(source: Path, *_: object) -> None:
+    def look(source: Path, *_: object, **__: object) -> None:
         raise InputError(f"{len(read_dataset(source).frames)} photographs")
 
     monkeypatch.setattr("yeastfit.commands.fit.check_source", look)

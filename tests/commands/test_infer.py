@@ -679,7 +679,7 @@ def test_what_is_missing_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[s
     for given, said in (
         (["infer"], "SOURCE is missing"),
         (["infer", str(tmp_path)], "--out is missing"),
-        (["infer", str(tmp_path), "--out", str(tmp_path / "out")], "neither a data set"),
+        (["infer", str(tmp_path), "--out", str(tmp_path / "out")], "no data there, need a data set"),
     ):
         assert cli.run(given) == 2
         assert said in capsys.readouterr().err

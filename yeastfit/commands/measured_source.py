@@ -81,15 +81,16 @@ def check_source(
     Raises:
         InputError: There are no data, a column or a condition is not there, or none of several is chosen.
     """
+    wanted = f"a data set, with {' or '.join(MANIFESTS)}, or a {TABLE}"
     if not source.exists():
-        raise InputError(f"{source}: there is no such file or folder, need a data set or a {TABLE}")
+        raise InputError(f"{source}: there is no such file or folder, need {wanted}")
     table, where = table_in(source), dataset_folder(source)
     if where is not None:
         _check_chosen(chosen, read_dataset(where).conditions, several)
     elif table.is_file():
         _check_chosen(chosen, conditions_of(read_measurements(table, columns)), several)
     else:
-        raise InputError(f"{source}: neither a data set, with {' or '.join(MANIFESTS)}, nor a {TABLE}")
+        raise InputError(f"{source}: no data there, need {wanted}")
 
 
 def measure_source(source: Path, folder: Path, jobs: int, progress: Progress) -> Measurements:
