@@ -20,7 +20,7 @@ from yeastfit.commands import fit as cli_fit
 from yeastfit.commands.options import named_pairs_in
 from yeastfit.inference.fit.bootstrap_profile import Explored, _box
 from yeastfit.inference.fit.response_surface import response_surface
-from yeastfit.inference.targets_from_table import NEEDED, TABLE
+from yeastfit.measure.measurements_table import NEEDED, TABLE
 from yeastfit.measure.statistics.registry import STATISTICS as KINDS
 from yeastfit.model.parameters import PARAMETERS
 from yeastfit.results.folder import results_folder

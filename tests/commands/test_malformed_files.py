@@ -16,7 +16,7 @@ from PIL import Image
 
 from yeastfit.commands import app as cli
 from yeastfit.errors import InputError
-from yeastfit.inference.targets_from_table import NEEDED, read_measurements
+from yeastfit.measure.measurements_table import NEEDED, read_measurements
 
 DISC = np.where(np.hypot(*(np.mgrid[:64, :64] - 31.5)) < 15, 60, 150).astype(np.uint8)
 DISC += np.random.default_rng(0).integers(0, 5, DISC.shape).astype(np.uint8)

@@ -22,7 +22,7 @@ from yeastfit.commands.measure_batch import measure_batch
 from yeastfit.commands.measured_source import recorded_warnings
 from yeastfit.commands.run_folder import inputs_of
 from yeastfit.errors import InputError
-from yeastfit.inference.targets_from_table import read_measurements
+from yeastfit.measure.measurements_table import read_measurements
 from yeastfit.measure.reading.batch_inputs import find_images
 from yeastfit.measure.reading.segmentation_options import SegmentationOptions
 from yeastfit.measure.replicate_curves import condition_curves

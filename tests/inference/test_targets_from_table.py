@@ -12,14 +12,8 @@ import pytest
 from yeastfit import Imaging, InputError, Targets, measure_dataset, read_dataset
 from yeastfit.commands.measured_source import measure_source
 from yeastfit.inference.imaging import SMOOTHING, SPACING
-from yeastfit.inference.targets_from_table import (
-    OF_ANYTHING,
-    TABLE,
-    conditions_of,
-    read_measurements,
-    targets_in_hours,
-    targets_of,
-)
+from yeastfit.inference.targets_from_table import targets_in_hours, targets_of
+from yeastfit.measure.measurements_table import OF_ANYTHING, TABLE, conditions_of, read_measurements
 from yeastfit.measure.statistics import registry
 from yeastfit.measure.statistics.statistic import Statistic
 from yeastfit.progress import silent

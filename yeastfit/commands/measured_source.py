@@ -8,7 +8,7 @@ from typing import Any
 from yeastfit.commands.measure_batch import measure_batch
 from yeastfit.errors import InputError
 from yeastfit.inference.models.forward_model import ForwardModel, Seen
-from yeastfit.inference.targets_from_table import (
+from yeastfit.measure.measurements_table import (
     NEEDED,
     OF_ANYTHING,
     TABLE,

@@ -18,8 +18,8 @@ from typing import Any
 import jax
 
 from yeastfit.errors import InputError
-from yeastfit.inference.targets_from_table import OF_ANYTHING, files_of, read_measurements, table_in
 from yeastfit.inference.workers.arithmetic import xla_threads
+from yeastfit.measure.measurements_table import OF_ANYTHING, files_of, read_measurements, table_in
 from yeastfit.measure.reading.batch_inputs import dataset_images
 from yeastfit.measure.reading.dataset import dataset_folder, read_dataset
 from yeastfit.results.contents import RUN

@@ -19,7 +19,7 @@ from yeastfit import plot
 from yeastfit.inference.neural_likelihood.rounds import EmulatorDiagnostics
 from yeastfit.inference.posterior.predictive_check import Predictive
 from yeastfit.inference.targets import Targets
-from yeastfit.inference.targets_from_table import rows_of
+from yeastfit.measure.measurements_table import rows_of
 from yeastfit.measure.reading.images import read_image
 from yeastfit.report.posterior_page import posterior_page
 from yeastfit.report.posterior_summary import Summary

@@ -28,8 +28,9 @@ from yeastfit import (
 from yeastfit.commands import app
 from yeastfit.commands.measure_batch import measure_batch
 from yeastfit.inference.colony_simulator import COARSE, ColonySimulator
-from yeastfit.inference.targets_from_table import read_measurements, targets_of
+from yeastfit.inference.targets_from_table import targets_of
 from yeastfit.measure import HardStatistics, measure_mask
+from yeastfit.measure.measurements_table import read_measurements
 from yeastfit.measure.reading.batch_inputs import find_images
 from yeastfit.measure.statistics.registry import (
     OTHER_COLUMNS,

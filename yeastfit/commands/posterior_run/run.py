@@ -34,8 +34,8 @@ from yeastfit.inference.simulator import Simulator, Tally, labels_of, member_see
 from yeastfit.inference.store.cached_simulator import CachedSimulator
 from yeastfit.inference.store.simulation_store import Store
 from yeastfit.inference.targets import Targets
-from yeastfit.inference.targets_from_table import TABLE, read_measurements
 from yeastfit.inference.workers.spread import Workers
+from yeastfit.measure.measurements_table import TABLE, read_measurements
 from yeastfit.progress import Progress, silent
 from yeastfit.report.fit_files import write_targets
 from yeastfit.report.posterior_files import photographs, with_arviz, write_results

@@ -19,7 +19,8 @@ from yeastfit.inference.sensitivity.estimate import sensitivity as estimate_sens
 from yeastfit.inference.sensitivity.result import Sensitivity
 from yeastfit.inference.simulator import Simulator
 from yeastfit.inference.targets import Targets
-from yeastfit.inference.targets_from_table import NEEDED, checked_rows, targets_of
+from yeastfit.inference.targets_from_table import targets_of
+from yeastfit.measure.measurements_table import NEEDED, checked_rows
 from yeastfit.measure.statistics.model_as_mask import HardStatistics
 from yeastfit.model.model import Model
 from yeastfit.model.numerics import Numerics, most_nodes

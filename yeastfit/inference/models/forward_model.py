@@ -22,7 +22,8 @@ from yeastfit.inference.prior.prior import Prior
 from yeastfit.inference.sensitivity.result import Sensitivity
 from yeastfit.inference.simulator import Simulator
 from yeastfit.inference.targets import Targets
-from yeastfit.inference.targets_from_table import OF_ANYTHING, targets_in_hours
+from yeastfit.inference.targets_from_table import targets_in_hours
+from yeastfit.measure.measurements_table import OF_ANYTHING
 from yeastfit.measure.statistics.registry import STATISTICS, known_statistics
 from yeastfit.model.model import Model
 from yeastfit.panel import Panel

@@ -25,7 +25,7 @@ from yeastfit.inference.sensitivity.estimate import sensitivity as estimate_sens
 from yeastfit.inference.sensitivity.result import Sensitivity
 from yeastfit.inference.simulator import member_seeds
 from yeastfit.inference.targets import Targets
-from yeastfit.inference.targets_from_table import NEEDED, check_same_size, checked_rows, read_mask
+from yeastfit.measure.measurements_table import NEEDED, check_same_size, checked_rows, read_mask
 from yeastfit.numbers import PIXEL_SIZES, POSITIVE, Range
 from yeastfit.offlattice.parameters import PARAMETERS, PRIOR
 from yeastfit.panel import Panel
