@@ -1,7 +1,7 @@
 """The measurements that `yeastfit fit` and `yeastfit infer` start from: read from a table, or made from micrographs."""
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -26,8 +26,11 @@ from yeastfit.measure.replicate_curves import shrunk_colonies
 from yeastfit.progress import Progress
 from yeastfit.report.measurement_files import write_results
 from yeastfit.report.outcome import Outcome
+from yeastfit.results.folder import ResultsFolder
 from yeastfit.simulation.recipe import read_truth
 from yeastfit.text_files import read_csv
+
+MEASURED = "measured"  # folder of a run, of what was measured for it
 
 
 @dataclass(frozen=True)
@@ -124,6 +127,30 @@ def measure_source(source: Path, folder: Path, jobs: int, progress: Progress) ->
     inputs = [dataset.manifest, *(file for outcome in outcomes if outcome.row for file in outcome.image.files)]
     told = failed + overruled_sizes(rows) + shrunk_colonies(rows) + doubts
     return Measurements(rows, folder, inputs, told, tuple(outcomes))
+
+
+def measure_once(source: Path, results: ResultsFolder, jobs: int, progress: Progress) -> Measurements:
+    """`measure_source` in the folder of a run, which keeps what was measured for when it is resumed.
+
+    Arguments:
+        source: As of `measure_source`; its files have not changed since.
+        results: The folder.
+        jobs: As of `measure_source`.
+        progress: Likewise.
+
+    Returns:
+        The measurements.
+
+    Raises:
+        InputError: As `measure_source`.
+    """
+    place = results.path / MEASURED
+    if (place / TABLE).is_file():
+        rows = read_measurements(place / TABLE)
+        return Measurements(rows, place, [], recorded_warnings(rows, place))
+    made = results.partial / MEASURED
+    data = measure_source(source, made, jobs, progress)
+    return replace(data, folder=results.keep(MEASURED)) if data.folder == made else data
 
 
 def recorded_warnings(rows: Sequence[Mapping[str, Any]], folder: Path) -> list[str]:

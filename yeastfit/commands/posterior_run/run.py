@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from yeastfit.commands.generated.samplers import extending
-from yeastfit.commands.measured_source import Measurements, measure_source, recorded_warnings
+from yeastfit.commands.measured_source import MEASURED, Measurements, measure_once
 from yeastfit.commands.posterior_run.config import Request
 from yeastfit.commands.posterior_run.doubts import doubts_of, doubts_of_reused
 from yeastfit.commands.posterior_run.leave_out import predicted_from_others, single_colonies
@@ -35,7 +35,6 @@ from yeastfit.inference.store.cached_simulator import CachedSimulator
 from yeastfit.inference.store.simulation_store import Store
 from yeastfit.inference.targets import Targets
 from yeastfit.inference.workers.spread import Workers
-from yeastfit.measure.measurements_table import TABLE, read_measurements
 from yeastfit.progress import Progress, silent
 from yeastfit.report.fit_files import write_targets
 from yeastfit.report.posterior_files import photographs, with_arviz, write_results
@@ -45,7 +44,7 @@ from yeastfit.results.folder import ResultsFolder
 from yeastfit.storage import written_whole
 
 SIMULATIONS, REUSED, PROBLEMS_MET = "simulations.h5", "reused.h5", "problems.json"
-POSTERIOR, CHAINS, MEASURED = "posterior.npz", "chains.h5", "measured"
+POSTERIOR, CHAINS = "posterior.npz", "chains.h5"
 LEFT_OUT, COLONIES = "left_out.npz", "colonies.png"
 STORED = (RUN, MEASURED, SIMULATIONS, REUSED, PROBLEMS_MET)  # what a stopped run goes on with
 BATCH = 32  # simulations of the predictive check that run together
@@ -122,7 +121,7 @@ class InferRun:
         """The run in its folder, with data and problem."""
         results, path = folder.results, folder.path
         chosen = [] if request.condition is None else [request.condition]
-        data = _measured(source, results, jobs, progress)
+        data = measure_once(source, results, jobs, progress)
         (name, seen), *_ = data.seen(request.forward_model, chosen, request.statistics).items()
         folder.notes.extend(seen.notes)
         model, single = seen.model, seen.targets
@@ -297,14 +296,3 @@ class InferRun:
         made = {name: str(value) for name, value in plain.items() if value is not None and name != "settings"}
         made |= {"seed": str(self.request.seed), "inputs (SHA-256)": f"{len(self.folder.inputs)}: {inputs}"}
         return made | {"versions": ", ".join(f"{name} {one}" for name, one in run_versions().items())}
-
-
-def _measured(source: Path, results: ResultsFolder, jobs: int, progress: Progress) -> Measurements:
-    """Measurements of the data, made once; the inputs have not changed since."""
-    place = results.path / MEASURED
-    if (place / TABLE).is_file():
-        rows = read_measurements(place / TABLE)
-        return Measurements(rows, place, [], recorded_warnings(rows, place))
-    made = results.partial / MEASURED
-    data = measure_source(source, made, jobs, progress)
-    return replace(data, folder=results.keep(MEASURED)) if data.folder == made else data
