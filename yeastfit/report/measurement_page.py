@@ -10,6 +10,11 @@ from yeastfit.measure.statistics.registry import STATISTICS, names_with
 from yeastfit.report import html as page
 from yeastfit.report.outcome import Outcome
 
+REMEDY = (
+    "A wrong outline is corrected, and a right one accepted, by an outline of its own in the column mask of the "
+    "manifest; a pixel inside the colony (seed_point) or a part of the image (roi) is often enough. The page Your own "
+    "photographs of the documentation says how."
+)
 LINKED = 12  # images that a doubt names one by one; the others are counted
 
 
@@ -80,6 +85,8 @@ def _troubles(outcomes: Sequence[Outcome], skipped: Sequence[Path]) -> str:
             f'<div class="{kind}"><p><strong>{page.text(doubt)}</strong> ({len(named)} of {len(outcomes)}): '
             f"{page.text(DOUBTS[doubt])}</p><p>{', '.join(named[:LINKED])}{rest}</p></div>"
         )
+    if any(outcome.in_doubt for outcome in outcomes):
+        parts.append(f'<p class="soft">{REMEDY}</p>')
     if smaller := shrunk_colonies([outcome.row for outcome in outcomes if outcome.row]):
         items = "".join(f"<li>{page.text(one)}</li>" for one in smaller)
         parts.append(f'<div class="note doubt"><p><strong>smaller than before</strong></p><ul>{items}</ul></div>')
