@@ -29,6 +29,7 @@ def main() -> None:
         sys.stdout.reconfigure(errors="backslashreplace")  # as standard error does, where a terminal has no µ
     warnings.showwarning = _in_one_line
     sys.warnoptions.append("ignore:resource_tracker")  # Python's, of a run that a signal ended; processes inherit it
+    logging.getLogger("matplotlib").setLevel(logging.ERROR)  # it warns of a missing cache, which it can do without
     if logging.lastResort is not None:
         logging.lastResort.setFormatter(logging.Formatter("warning: %(message)s"))
     with signals.answered_signals():
@@ -46,7 +47,8 @@ def main() -> None:
 def _in_one_line(message: Warning | str, *where: object, **more: object) -> None:
     """Write a library's warning as the commands write theirs, without the line of code that gave it."""
     if sys.stderr is not None:
-        sys.stderr.write(f"warning: {' '.join(str(message).split())}\n")
+        said = " ".join(str(message).split()).split(" The parse failed with")[0]  # what follows is numba's traceback
+        sys.stderr.write(f"warning: {said}\n")
 
 
 def _open_closed_streams() -> None:

@@ -48,6 +48,14 @@ def test_an_exception_is_one_line_and_an_exit_code(
     assert not output.out
 
 
+IMPORTED = """
+import warnings
+from yeastfit.__main__ import _in_one_line
+warnings.showwarning = _in_one_line
+import yeastfit.compiled
+"""
+
+
 def simulated(out: Path, variable: str, value: str) -> subprocess.CompletedProcess[str]:
     """`yeastfit simulate` of one small colony, with an environment variable."""
     small = ("--members", "1", "--time", "1", "--domain", "6", "--spacing", "0.2", "--capacity", "4")
@@ -64,6 +72,7 @@ def simulated(out: Path, variable: str, value: str) -> subprocess.CompletedProce
     ("variable", "value", "words"),
     [
         ("JAX_PLATFORMS", "cuda", "error: JAX_PLATFORMS is 'cuda': JAX has no such device here"),
+        ("JAX_PLATFORMS", "cpu,none", "error: JAX_PLATFORMS is 'cpu,none': JAX has no such device here"),
         ("JAX_PLATFORMS", "none", "error: JAX_PLATFORMS is 'none': JAX has no such device here"),
         ("JAX_ENABLE_X64", "maybe", "error: invalid truth value 'maybe' for environment 'JAX_ENABLE_X64'"),
     ],
@@ -80,6 +89,20 @@ def test_a_variable_that_a_library_refuses_is_named(variable: str, value: str, w
 def test_where_a_notebook_would_draw_is_of_no_account(tmp_path: Path) -> None:
     assert simulated(tmp_path / "out", "MPLBACKEND", "odd").returncode == 0
     assert (tmp_path / "out" / "index.html").is_file()
+
+
+def test_a_variable_that_numba_cannot_read_is_one_line() -> None:
+    ran = subprocess.run(
+        [sys.executable, "-c", IMPORTED],
+        env={**os.environ, "NUMBA_NUM_THREADS": "many"},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert ran.stderr == (
+        "warning: Environment variable 'NUMBA_NUM_THREADS' is defined but its associated value 'many' could not be "
+        "parsed.\n"
+    )
 
 
 def test_nobody_is_told_that_nobody_reads(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:

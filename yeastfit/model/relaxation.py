@@ -18,12 +18,17 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from yeastfit.errors import InputError
+from yeastfit.numbers import Range
+
+WIDTHS = Range(1e-6, 1e6)
 
 
-def _as_width(value: float | Array | None) -> Array | None:
+def _as_width(name: str, value: float | Array | None) -> Array | None:
     """None and 0 are the hard rule, anything else a width."""
     if value is None or (isinstance(value, int | float) and value == 0):
         return None
+    if isinstance(value, int | float) and 0 < value < np.inf:
+        WIDTHS.read(value, f"relaxation width {name}")
     return jax.device_put(np.asarray(value, jnp.result_type(float))) if isinstance(value, int | float) else value
 
 
@@ -65,7 +70,8 @@ class Relaxation(eqx.Module):
         turning: float | Array | None = None,
         overhang: float | Array | None = None,
     ) -> None:
-        self.union, self.contact, self.boundary = _as_width(union), _as_width(contact), _as_width(boundary)
+        self.union, self.contact = _as_width("union", union), _as_width("contact", contact)
+        self.boundary = _as_width("boundary", boundary)
         self.births = births
         self.turning, self.overhang = (
             None if share is None else jnp.asarray(share, jnp.result_type(float)) for share in (turning, overhang)

@@ -19,6 +19,7 @@ from yeastfit.text import quoted, shown
 COMPUTATION, GIVEN, FAULT = 1, 2, 70
 REPORT = "yeastfit-error.txt"  # the traceback, beside the results of a run
 MANIFEST, RUN = "manifest.json", "run.json"  # of `results.contents`, which imports what failed, perhaps
+NO_DEVICE = "Unable to initialize backend"  # jax's words where JAX_PLATFORMS names one that is not there
 NO_ROOM = "RESOURCE_EXHAUSTED"  # XLA's word in the message of an exception of jax
 OF_VARIABLES = {  # by words of libraries that refuse a variable's value; jax names it
     "for environment 'JAX_": "",
@@ -53,8 +54,8 @@ def explained(error: Exception, folder: Path | None) -> tuple[int, str]:
     for words, variable in OF_VARIABLES.items():
         if isinstance(error, ValueError) and words in str(error):
             return GIVEN, shown(variable + _in_one_line(error))
-    if _without_device():
-        named = f"JAX_PLATFORMS is {os.environ['JAX_PLATFORMS']!r}"
+    if NO_DEVICE in str(error) or _without_device():
+        named = f"JAX_PLATFORMS is {os.environ.get('JAX_PLATFORMS', '')!r}"
         return GIVEN, shown(f"{named}: JAX has no such device here; unset the variable, or set it to cpu")
     what = f"{type(error).__name__}: {_in_one_line(error)}" if str(error) else type(error).__name__
     return FAULT, shown(f"a fault of yeastfit, please report it with the file {_reported(error, folder)}: {what}")

@@ -64,6 +64,7 @@ class Request:
 
     def __post_init__(self) -> None:
         check_count("draws", self.draws)
+        check_count("prior_draws", self.prior_draws)
         try:
             check_variation(self.sampler, self.variation)
         except InputError as error:

@@ -232,6 +232,8 @@ class Offlattice(ForwardModel):
         reached = float(np.median(covered[np.isfinite(covered)])) if np.isfinite(covered).any() else np.inf
         if reached >= COVERED * self.area:
             return
+        if not reached:
+            raise InputError(f"--pixel-size is {self.pixel_size:g} µm: simulated colonies have no pixel, give less")
         enough = ROOM * self.cells * self.area / reached
         rounded = ceil(enough / (step := 10 ** floor(log10(enough) - 1))) * step
         raise InputError(

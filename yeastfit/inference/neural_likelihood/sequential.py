@@ -61,10 +61,12 @@ from yeastfit.inference.simulator import seed_of
 from yeastfit.inference.store.cached_simulator import CachedSimulator
 from yeastfit.inference.store.simulations import Simulations
 from yeastfit.memory import check_memory
+from yeastfit.numbers import POSITIVE, Range
 from yeastfit.progress import Progress
 from yeastfit.seeds import Stream, stream_of
 
 CHAIN = 32  # bytes of a step of a chain, at least
+WIDEST = 1000.0  # proposals, in standard deviations of the posterior
 FIRST = 512  # simulations of the first round, where many are allowed
 
 Statistics = Float[np.ndarray, "row statistic"]
@@ -112,8 +114,8 @@ class SequentialEmulator:
             raise InputError(
                 f"simulations is {self.simulations}, it must be at least those of the first round, {self.first}"
             )
-        if not self.widen >= 1 or not self.settle > 0:
-            raise InputError(f"widen is {self.widen} and settle {self.settle}, they must be at least 1 and above 0")
+        Range(1.0, WIDEST).read(self.widen, "widen")
+        POSITIVE.read(self.settle, "settle")
 
     @property
     def simulations_at_most(self) -> int:

@@ -148,6 +148,9 @@ FAMILIES: dict[str, Family] = {
 MIXED = {"spike-half-normal": Family(("zero", "sd"), {}, False, _spike_half_normal)}
 """Those in which a single value has a probability of its own, which chains in x cannot sample; no parameter has one."""
 KNOWN = FAMILIES | MIXED
+LEAST = 0.05  # a and b of a beta distribution
+MIDDLE = (0.05, 0.95)
+NARROWEST = 1e-6  # relative width of the middle 90 % of a distribution
 
 
 @dataclass(frozen=True)
@@ -169,6 +172,20 @@ class Distribution:
         if self.family not in KNOWN:
             raise InputError(f"distribution is {self.family!r}, expected one of {', '.join(FAMILIES)}")
         object.__setattr__(self, "numbers", _completed(self.family, self.numbers))
+        if self.family in FAMILIES:
+            self._check_width()
+
+    def _check_width(self) -> None:
+        """Raise `InputError` where what is left to infer is so narrow that rounding hides it."""
+        with np.errstate(all="ignore"):
+            low, high = (float(end) for end in self.density.ppf(MIDDLE))
+        scale = 1.0 if self.logarithmic else max(abs(low), abs(high))
+        if not high - low > NARROWEST * scale:
+            numbers = ", ".join(f"{name} {value:g}" for name, value in self.numbers.items())
+            raise InputError(
+                f"{self.family} of {numbers} is too narrow: 90 % of it lies between values that differ by less than "
+                f"{NARROWEST:g} of their size; hold the parameter at a value instead"
+            )
 
     @property
     def logarithmic(self) -> bool:
@@ -221,6 +238,9 @@ def _completed(name: str, numbers: Mapping[str, Any]) -> dict[str, float]:
     for key in ("sd", "a", "b", "median"):
         if key in completed and completed[key] <= 0:
             raise InputError(f"{key} is {completed[key]:g}, it must be above 0")
+    for key in ("a", "b"):
+        if completed.get(key, LEAST) < LEAST:
+            raise InputError(f"{key} is {completed[key]:g}, it must be at least {LEAST:g}: below, all lies at the ends")
     if not 0 <= completed.get("zero", 0.0) < 1:
         raise InputError(f"zero is {completed['zero']:g}, a probability from 0 to below 1 is expected")
     low, high = completed.get("low", 0.0), completed.get("high", math.inf)

@@ -30,6 +30,7 @@ from yeastfit.parameter_set import Parameter, ParameterSet
 from yeastfit.seeds import Stream, stream_of
 
 NAME = "colony_variation"
+LARGEST = 10.0  # standard deviation of log λ that a prior of the scatter may have
 TAU = Parameter(
     NAME,
     "τ",
@@ -48,7 +49,7 @@ class Variation:
         sd: Of the half-normal distribution of τ where it is not.
 
     Raises:
-        InputError: `zero` is no probability below 1, or `sd` not above 0.
+        InputError: `zero` is no probability below 1, or `sd` not above 0 and at most `LARGEST`.
     """
 
     zero: float = 0.5
@@ -59,6 +60,8 @@ class Variation:
             _ = self.prior
         except InputError as error:
             raise InputError(f"variation: {error}") from None
+        if self.sd > LARGEST:
+            raise InputError(f"variation: sd is {self.sd:g}, it must be at most {LARGEST:g}, a factor of e^{LARGEST:g}")
 
     @property
     def prior(self) -> Distribution:
