@@ -337,6 +337,9 @@ def test_what_cannot_be_reused_is_refused(data: Path, tmp_path: Path, capsys: py
         cli.run(arguments(data, tmp_path / "two", "abc-smc", "--dt", "0.01", "--reuse", str(tmp_path / "other"))) == 2
     )
     assert "run.json: this is no run that was saved whole" in capsys.readouterr().err
+    (tmp_path / "other" / "manifest.json").unlink()
+    assert cli.run(arguments(data, tmp_path / "two", "abc-smc", "--reuse", str(tmp_path / "other"))) == 2
+    assert "has no manifest.json, need the folder of a finished run" in " ".join(capsys.readouterr().err.split())
     assert not (tmp_path / "two").exists()  # nor reused.h5, which the next run would find in its way
 
 
@@ -673,6 +676,21 @@ def test_prior_of_a_file_and_its_template(data: Path, tmp_path: Path, capsys: py
     assert cli.run(arguments(data, tmp_path / "out", "abc-mcmc", "--prior", str(file))) == 2
     assert "cauchy" in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
+
+
+def test_why_simulations_failed_is_said(data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Where too few are left to learn from."""
+
+    def failing(simulator: KnownColonies, values: np.ndarray, seeds: np.ndarray) -> None:
+        simulator.problems["it rained"] += len(values)
+        values *= np.nan
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(known_colonies, "before", failing)
+        assert cli.run(arguments(data, tmp_path / "out", "emulator")) == 2
+    said = " ".join(capsys.readouterr().err.split())
+    assert "0 of 64 simulations succeeded" in said
+    assert said.endswith("; 64 of 64 discs: it rained")
 
 
 def test_what_is_missing_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -239,7 +239,7 @@ def test_gradcheck_ends_with_1_where_something_does_not_agree(
     ("arguments", "words"),
     [
         (["--contact-width", "0"], "relaxation width contact is None"),
-        (["--time", "0"], "times is"),
+        (["--time", "0"], "--time is 0.0, it must be a number above 0"),
         (["--mobility", "-1"], "mobility"),
         (["--elasticity", "60"], "dt is 0.02, too large for the springs"),
     ],

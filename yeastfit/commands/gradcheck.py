@@ -16,6 +16,7 @@ from yeastfit.model.model import Model
 from yeastfit.model.numerics import Numerics
 from yeastfit.model.parameters import Parameters
 from yeastfit.model.relaxation import Relaxation
+from yeastfit.numbers import POSITIVE
 from yeastfit.results.folder import results_folder
 from yeastfit.storage import write_table
 
@@ -50,6 +51,7 @@ def gradcheck(
     widths of the smoothed rules, and along random changes of the initial positions, the nutrient and the budding
     angles. The table shows the worst case of each. Ends with exit code 1 unless all agree.
     """
+    POSITIVE.read(time, "--time")
     model: Model = chosen.forward.rules  # type: ignore[attr-defined]
     parameters = model.complete(Parameters(**chosen.values))
     numerics = Numerics(domain=domain, spacing=spacing, dt=dt, capacity=capacity)

@@ -163,7 +163,7 @@ def infer(
             "draws": draws,
             "prior_draws": prior_draws,
             "measurement_error": measurement_error,
-            "variation": Variation(variation_zero, variation_sd) if variation else None,
+            "variation": _variation(variation_zero, variation_sd) if variation else None,
             "leave_out": leave_out,
             "reuse": reuse,
             "seed": seed,
@@ -190,6 +190,14 @@ def infer(
         settled = _finished(run, truth) if results.finished else _run(run, true_values, workers)
     if not settled:
         raise typer.Exit(1)
+
+
+def _variation(zero: float, sd: float) -> Variation:
+    """Raise `InputError` by the names of the options."""
+    try:
+        return Variation(zero, sd)
+    except InputError as error:
+        raise InputError(str(error).replace("variation: ", "--variation-")) from None
 
 
 def _begun(request: Request, source: Path, results: ResultsFolder, resume: bool, jobs: int) -> InferRun:

@@ -109,8 +109,9 @@ class RunFolder:
             raise InputError(f"--resume: {path} holds another run: {'; '.join(different + changed[:5])}")
         for name in extents:
             if now[name] < before[name]:
+                option = f"--{name.replace('_', '-')}"
                 raise InputError(
-                    f"--resume: {path} holds a run of {before[name]} {name}, now it is {now[name]}: give --{name} "
+                    f"--resume: {path} holds a run of {before[name]} {name}, now it is {now[name]}: give {option} "
                     f"{before[name]} or more"
                 )
         if any(now[name] > before[name] for name in extents):

@@ -151,7 +151,10 @@ def test_every_law_comes_back_from_a_file(tmp_path: Path) -> None:
         ("[mobility]\ndistribution = 'uniform'\nlow = nan\nhigh = 1", "low is nan, it must be a finite number"),
         ("[mobility]\ndistribution = 'uniform'\nlow = true\nhigh = 2", "low is True, it must be a finite number"),
         ("[mobility]\ndistribution = 'uniform'\nlow = 2\nhigh = 1", "low is 2 and high 1, low must be below high"),
-        ("[mobility]\ndistribution = 'uniform'\nlow = 1\nhigh = 1.0000000001", "uniform of low 1, high 1 is too narrow"),
+        (
+            "[mobility]\ndistribution = 'uniform'\nlow = 1\nhigh = 1.0000000001",
+            "uniform of low 1, high 1 is too narrow",
+        ),
         ("[mobility]\ndistribution = 'log-normal'\nmedian = 1\nsd = 1e-300", "log-normal of median 1, sd 1e-300"),
         ("[mobility]\ndistribution = 'beta'\na = 1e-300\nb = 1", "a is 1e-300, it must be at least 0.05"),
         (

@@ -39,7 +39,7 @@ from yeastfit.progress import Progress, silent
 from yeastfit.report.fit_files import write_targets
 from yeastfit.report.posterior_files import photographs, with_arviz, write_results
 from yeastfit.report.posterior_summary import Summary
-from yeastfit.results.contents import RUN, check_finished
+from yeastfit.results.contents import MANIFEST, RUN, Contents, check_finished
 from yeastfit.results.folder import ResultsFolder
 from yeastfit.storage import written_whole
 
@@ -98,6 +98,8 @@ class InferRun:
             if not (request.reuse / SIMULATIONS).is_file():
                 raise InputError(f"--reuse: {request.reuse} holds no {SIMULATIONS}, need the folder of a run of infer")
             check_finished(request.reuse)
+            if not Contents.of(request.reuse).finished:
+                raise InputError(f"--reuse: {request.reuse} has no {MANIFEST}, need the folder of a finished run")
         folder = RunFolder.begin(
             results,
             configuration,
@@ -165,15 +167,15 @@ class InferRun:
         """The sampler's run, its posterior saved.
 
         Raises:
-            InputError: The sampler refuses its settings or the data. Where it has not simulated anything before, the
-                folder is as if there had been no run.
+            InputError: The sampler refuses its settings, the data or what was simulated. Where it has not simulated
+                anything before, the folder is as if there had been no run.
         """
         try:
             return self._sampled(tell, progress)
-        except InputError:
+        except InputError as error:
             if not self.tally.simulated:
                 self.folder.take_back()
-            raise
+            raise InputError("; ".join([str(error), *self._met()])) from error
 
     def _sampled(self, tell: Callable[[int], None], progress: Progress) -> Posterior:
         path, partial = self.folder.path, self.folder.results.partial
@@ -245,10 +247,13 @@ class InferRun:
     def problems_met(self) -> list[str]:
         """What micrographs and simulations ran into, since the run began."""
         several = self.model.nouns[1]
-        problems = sorted(problems_of(self.problem.simulator).items())
-        met = [f"{count} of {self.tally.simulated} {several}: {what}" for what, count in problems]
         other = [f"a worker whose {several} are others of the same parameters and seeds: {one}" for one in self.mixed()]
-        return [*self.data.warnings, *met, *other]
+        return [*self.data.warnings, *self._met(), *other]
+
+    def _met(self) -> list[str]:
+        """What simulations ran into."""
+        problems = sorted(problems_of(self.problem.simulator).items())
+        return [f"{count} of {self.tally.simulated} {self.model.nouns[1]}: {what}" for what, count in problems]
 
     def mixed(self) -> list[str]:
         """Workers of other arithmetic, in words, since the run began."""

@@ -26,6 +26,7 @@ from yeastfit.inference.sensitivity.result import Sensitivity
 from yeastfit.inference.simulator import member_seeds
 from yeastfit.inference.targets import Targets
 from yeastfit.measure.measurements_table import NEEDED, check_same_size, checked_rows, read_mask
+from yeastfit.memory import check_count
 from yeastfit.numbers import PIXEL_SIZES, POSITIVE, Range
 from yeastfit.offlattice.parameters import PARAMETERS, PRIOR
 from yeastfit.panel import Panel
@@ -214,8 +215,10 @@ class Offlattice(ForwardModel):
         self, statistics: Sequence[str], free: Sequence[str], fixed: Mapping[str, float]
     ) -> "OfflatticeSimulator":
         from yeastfit.offlattice.area_matching import match_exactly, search_from_below
+        from yeastfit.offlattice.colony import BYTES_PER_CELL
         from yeastfit.offlattice.simulator import OfflatticeSimulator
 
+        check_count("cells", self.cells, BYTES_PER_CELL)
         draw, pixel = self._drawn(statistics)
         area = None if self.area is None or self.match == "none" else self.area / pixel**2
         match = match_exactly if self.match == "exactly" else search_from_below
