@@ -193,6 +193,11 @@ def test_cells_that_do_not_cover_the_area_are_refused(
     simulator(values, np.arange(40))
     assert isinstance(simulator, OfflatticeSimulator)
     assert simulator.problems["all cells together cover no more than the area: all are kept"] <= 10
+    if masks == "ellipses":
+        assert "no pixel" in said(capsys, *few, "--cells", "1200", "--pixel-size", "1000")
+    (read, where), sized = (read_measurements(table), table.parent), Offlattice(masks=masks, pixel_size=2.0)  # type: ignore[arg-type]
+    unused = [note for note in sized.seen(read, where, None, ("radius",)).notes if "not used" in note]
+    assert len(unused) == (masks == "li2024")
     whole = Offlattice(cells=500, match="none").seen(read_measurements(table), table.parent, None, ("radius",))
     whole.model.simulator(whole.targets, PARAMETERS.names, {})
 

@@ -160,6 +160,10 @@ class Offlattice(ForwardModel):
         targets = Targets.from_replicates(curves, [hours], colonies=[str(row["replicate"]) for row in chosen])
         area = float(np.mean([value["area"] for value in values])) if self.area is None else self.area
         pixel = float(np.mean([row["um_per_pixel"] for row in chosen])) if self.pixel_size is None else self.pixel_size
+        if self.pixel_size is not None and not self._has_ellipses(statistics):
+            notes.append(
+                "--pixel-size is that of ellipses and not used: masks are drawn as Li et al. do, by --masks li2024"
+            )
         seen = replace(self, area=None if self.match == "none" else area, pixel_size=pixel)
         return Seen(seen, replace(targets, time_label="hours", length_unit="µm"), tuple(notes))
 
@@ -236,7 +240,9 @@ class Offlattice(ForwardModel):
         if reached >= COVERED * self.area:
             return
         if not reached:
-            raise InputError(f"--pixel-size is {self.pixel_size:g} µm: simulated colonies have no pixel, give less")
+            raise InputError(
+                f"--cells is {self.cells}: simulated colonies have no pixel, give more or less --pixel-size"
+            )
         enough = ROOM * self.cells * self.area / reached
         rounded = ceil(enough / (step := 10 ** floor(log10(enough) - 1))) * step
         raise InputError(
@@ -245,15 +251,20 @@ class Offlattice(ForwardModel):
             "whole colonies of any area"
         )
 
+    def _has_ellipses(self, statistics: Sequence[str]) -> bool:
+        """Whether colonies are drawn as ellipses and not as Li et al. do."""
+        from yeastfit.offlattice.li2024_statistics import ENTRIES
+
+        theirs = {entry.name for entry in ENTRIES}.issuperset(statistics)
+        return (self.masks or (THEIRS if theirs else "ellipses")) != THEIRS
+
     def _drawn(self, statistics: Sequence[str]) -> tuple[Callable[[Any], Any], float]:
         """How a colony is drawn, and µm per pixel."""
         from yeastfit.offlattice.ellipse_mask import PIXEL, Ellipses
         from yeastfit.offlattice.li2024_mask import BinnedOutlines
-        from yeastfit.offlattice.li2024_statistics import ENTRIES
         from yeastfit.offlattice.placing import PIXELS_PER_UM
 
-        theirs = {entry.name for entry in ENTRIES}.issuperset(statistics)
-        if (self.masks or (THEIRS if theirs else "ellipses")) == THEIRS:
+        if not self._has_ellipses(statistics):
             return BinnedOutlines.of, 1 / PIXELS_PER_UM
         pixel = self.pixel_size or PIXEL
         return partial(Ellipses.of, pixel_size=pixel), pixel
