@@ -29,6 +29,11 @@ class Stream(IntEnum):
     SURFACE = 9
     COLONIES = 10
     SEARCH = 11
+    TRAINING = 12
+    CHAINS = 13
+    BOOTSTRAP = 14
+    DIRECTIONS = 15
+    WEIGHTS = 16
 
 
 def check_seed(seed: Any) -> int:

@@ -28,6 +28,7 @@ from jaxtyping import Array, PyTree
 from yeastfit.derivatives.result import AGREES, DerivativeComparison, GradientCheck
 from yeastfit.errors import InputError
 from yeastfit.progress import Progress, silent
+from yeastfit.seeds import Stream, stream_of
 
 STEPS = (1e-4, 1e-5, 1e-6, 1e-7, 1e-8)
 TRANSPOSE = 1e-9  # what rounding may leave between forward and reverse mode
@@ -115,7 +116,8 @@ def compare(
     progress("reverse mode", 1.0)
     # every output counts alike
     largest = np.max([np.abs(tangent) for tangent in forward.values()], axis=0, initial=0.0)
-    v = np.random.default_rng(seed).normal(size=value.shape) / np.where(largest > 0, largest, 1.0)
+    rng = np.random.default_rng(stream_of(seed, Stream.WEIGHTS, 0))
+    v = rng.normal(size=value.shape) / np.where(largest > 0, largest, 1.0)
     _, pull, decided = jax.vjp(flat, x, has_aux=True)
     gradient = np.asarray(ravel_pytree(pull(jnp.asarray(v))[0])[0])
     for name, d in along.items():
@@ -199,7 +201,7 @@ def _like(x: PyTree, directions: Mapping[str, PyTree]) -> dict[str, PyTree]:
 
 def _random(x: PyTree, seed: int) -> dict[str, PyTree]:
     """One random direction for each array of x, as large as its largest entry, or as 1 if that is 0."""
-    rng, found = np.random.default_rng(seed), {}
+    rng, found = np.random.default_rng(stream_of(seed, Stream.DIRECTIONS, 0)), {}
     leaves, tree = jax.tree.flatten(x)
     for k, (path, leaf) in enumerate(jax.tree_util.tree_leaves_with_path(x)):
         d = rng.normal(size=leaf.shape)

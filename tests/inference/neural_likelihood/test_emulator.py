@@ -97,7 +97,8 @@ def test_draws_are_the_same_however_many_are_made_at_a_time(
     values = inside(curved(), 100)
     found = of_curved.draw(values, np.random.default_rng(1), replicates=3)
     monkeypatch.setattr(emulator_module, "ROWS", 32)
-    np.testing.assert_allclose(of_curved.draw(values, np.random.default_rng(1), replicates=3), found, rtol=1e-4)
+    again = of_curved.draw(values, np.random.default_rng(1), replicates=3)
+    np.testing.assert_allclose(again, found, rtol=1e-4, atol=1e-6)  # single precision, of numbers about 1
 
 
 def test_more_simulations_and_draws_compile_nothing(caplog: pytest.LogCaptureFixture) -> None:

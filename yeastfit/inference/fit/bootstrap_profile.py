@@ -101,7 +101,7 @@ class Explored:
         Raises:
             InputError: Single replicates are not known, or only one, or there are fewer than two draws.
         """
-        rng, free = np.random.default_rng(seed), self.fit.free
+        rng, free = np.random.default_rng(stream_of(seed, Stream.BOOTSTRAP, 0)), self.fit.free
         if draws < 2:
             raise InputError(f"draws is {draws}, a bootstrap needs at least 2")
         check_count("draws", draws)

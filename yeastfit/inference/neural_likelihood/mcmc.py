@@ -25,6 +25,7 @@ from yeastfit.inference.neural_likelihood.single_colonies import likelihood_of_c
 from yeastfit.inference.posterior.chain_diagnostics import LONG, autocorrelation_time
 from yeastfit.inference.posterior.ensemble import Ensemble
 from yeastfit.inference.posterior.problem import Problem
+from yeastfit.seeds import Stream, stream_of
 
 ENOUGH = 1.2 * LONG  # autocorrelation times; `diagnose` estimates them again, and asks for LONG
 ROUGHLY = 20.0  # with 128 chains, quantiles are within some 0.03 standard deviations
@@ -138,7 +139,7 @@ class Walk:
         seed: int,
     ) -> "Walk":
         """Start at places of which some have a high density; same seed, same chains."""
-        rng = np.random.default_rng(seed)
+        rng = np.random.default_rng(stream_of(seed, Stream.CHAINS, 0))
         places = places[np.sort(np.unique(places, axis=0, return_index=True)[1])]  # replicates share one
         start, density = _start(log_density, places, walkers, rng)
         sampler = Ensemble(start.shape, lambda x: (log_density(x), None), _moves(*start.shape))

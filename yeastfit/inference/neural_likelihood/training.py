@@ -29,6 +29,7 @@ from yeastfit.inference.neural_likelihood.network import (
 from yeastfit.inference.neural_likelihood.success import quadratic_logit, success_misfit
 from yeastfit.inference.polynomial import monomials
 from yeastfit.inference.prior.prior import Prior
+from yeastfit.seeds import Stream, stream_of
 
 ROWS_PER_TERM = 4  # simulations for each term of the quadratic, at least
 ROOM = 1024  # simulations: programs are compiled for multiples of as many
@@ -66,7 +67,7 @@ def train(
     settings = (settings or TrainingSettings()).resolved(len(prior.free)).for_simulations(len(values))
     came = np.isfinite(statistics).all(axis=1)
     _check(values, statistics, came, prior.free, tuple(labels), settings)
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(stream_of(seed, Stream.TRAINING, 0))
     room = -(-max(room or 0, len(values)) // ROOM) * ROOM
     coordinates = Coordinates.of(prior, values)
     x = coordinates.of_values(values)
