@@ -86,27 +86,36 @@ def test_outliers_do_not_move_a_posterior() -> None:
 
 
 @pytest.mark.usefixtures("unchecked")
-@pytest.mark.parametrize("seed", [pytest.param(0, marks=pytest.mark.thorough), 1])
-def test_data_that_hardly_a_simulation_of_the_prior_is_like_are_found(seed: int) -> None:
-    """Narrow data near the prior's edge: more simulations are made where they are, and the posterior is exact."""
+@pytest.mark.parametrize("seeds", [(1,), pytest.param(tuple(range(6)), marks=pytest.mark.thorough)])
+def test_data_that_hardly_a_simulation_of_the_prior_is_like_are_found(seeds: tuple[int, ...]) -> None:
+    """Narrow data near the prior's edge: more simulations are made where they are, and posteriors are unbiased.
+
+    A posterior settles where it moves by less than 0.2 standard deviations: single ones of eight were off by up to
+    0.43, all of them by 0.21 (rms).
+    """
     wide = linear()
     known = replace(wide, moments=lambda values: (wide.moments(values)[0], 1e-3 * wide.moments(values)[1]))
     rows = colonies_of(known, (3.0, 0.3), 6)
     limits = limits_around(rows)
     settings = replace(SETTINGS, first=128, each=128, simulations=2048, batch=128)
     problem = Problem.of(known, known.prior, rows, limits=limits)
-    prior = known(problem.prior_values(128, seed), seed_of(seed, range(128)))
-    assert np.isfinite(within(prior, limits)).all(axis=1).sum() < fewest(2, 4, settings.training)
-    found = infer(known, known.prior, rows, method=settings, seed=seed, limits=limits)
-    assert found.settled
-    assert isinstance(found.diagnostics, EmulatorDiagnostics)
-    first = found.diagnostics.rounds[0]
-    assert first.simulations > 128
-    assert first.simulations - first.failed >= fewest(2, 4, settings.training)
     mean, covariance = known.posterior(rows.mean(axis=0), len(rows))
-    x, sd = np.log(found.flat), np.sqrt(np.diag(covariance))
-    np.testing.assert_allclose((x.mean(axis=0) - mean) / sd, 0.0, atol=0.3)
-    np.testing.assert_allclose(x.std(axis=0) / sd, 1.0, atol=0.15)
+    sd, off = np.sqrt(np.diag(covariance)), []
+    for seed in seeds:
+        prior = known(problem.prior_values(128, seed), seed_of(seed, range(128)))
+        assert np.isfinite(within(prior, limits)).all(axis=1).sum() < fewest(2, 4, settings.training)
+        found = infer(known, known.prior, rows, method=settings, seed=seed, limits=limits)
+        assert found.settled
+        assert isinstance(found.diagnostics, EmulatorDiagnostics)
+        first = found.diagnostics.rounds[0]
+        assert first.simulations > 128
+        assert first.simulations - first.failed >= fewest(2, 4, settings.training)
+        x = np.log(found.flat)
+        np.testing.assert_allclose(x.std(axis=0) / sd, 1.0, atol=0.15)
+        off.append((x.mean(axis=0) - mean) / sd)
+    rms = float(np.sqrt(np.mean(np.square(off))))
+    assert rms < 0.3
+    np.testing.assert_allclose(np.mean(off, axis=0), 0.0, atol=3 * 0.3 / np.sqrt(len(seeds)))
 
 
 def test_the_nearest_simulations_are_those_within_the_limits_first() -> None:
