@@ -59,9 +59,9 @@ class Targets:
             values = getattr(self, name)
             if values.shape != shape:
                 raise InputError(f"targets: {name} has shape {values.shape}, (statistics, times) is {shape}")
-        if self.colonies and len(self.colonies) != (0 if self.curves is None else len(self.curves)):
-            many = 0 if self.curves is None else len(self.curves)
-            raise InputError(f"targets: {len(self.colonies)} names of colonies, there are curves of {many}")
+        known = 0 if self.curves is None else len(self.curves)
+        if self.colonies and len(self.colonies) != known:
+            raise InputError(f"targets: {len(self.colonies)} names of colonies, there are curves of {known}")
         if not self.names or len(set(self.names)) != len(self.names):
             raise InputError(f"targets: statistics are {list(self.names)}, need at least one, each once")
         times = self.times
@@ -253,8 +253,8 @@ class Targets:
             extent = max(extent, one.shape.max_radius / scales.length)
         curves, hours = replicate_curves(dataset, rows, names)
         imaging = Imaging(extent, "smooth", spacing, smoothing, scales)
-        colonies = sorted({frame.replicate for frame in dataset.frames})
-        return Targets.from_replicates(curves, scales.time(np.array(hours)), imaging=imaging, colonies=colonies)
+        at = scales.time(np.array(hours))
+        return Targets.from_replicates(curves, at, imaging=imaging, colonies=dataset.replicates)
 
     def _check_imaged(self, imaging: Imaging) -> None:
         """Raise `InputError` where colonies cannot have been measured so."""

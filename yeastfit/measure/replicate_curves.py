@@ -38,7 +38,7 @@ def replicate_curves(
         conditions = ", ".join(map(repr, dataset.conditions))
         raise InputError(f"{dataset.manifest}: conditions {conditions}, curves are of one: take dataset.of(condition)")
     hours = sorted({frame.hours for frame in dataset.frames})
-    replicates = sorted({frame.replicate for frame in dataset.frames})
+    replicates = dataset.replicates
     curves = {name: np.full((len(replicates), len(hours)), np.nan) for name in names}
     for frame, row in zip(dataset.frames, rows, strict=True):
         for name in names:

@@ -20,7 +20,7 @@ from yeastfit.inference.sensitivity.result import Sensitivity
 from yeastfit.inference.simulator import Simulator
 from yeastfit.inference.targets import Targets
 from yeastfit.inference.targets_from_table import targets_of
-from yeastfit.measure.measurements_table import NEEDED, checked_rows
+from yeastfit.measure.measurements_table import NEEDED, rows_of
 from yeastfit.measure.statistics.model_as_mask import HardStatistics
 from yeastfit.model.model import Model
 from yeastfit.model.numerics import Numerics, most_nodes
@@ -198,7 +198,7 @@ class Algebraic(ForwardModel):
     def seen(self, rows: Sequence[Row], folder: Path, condition: str | None, statistics: Sequence[str]) -> Seen:
         """Curves over time, lengths in L0."""
         targets = targets_of(rows, folder, condition=condition, statistics=statistics, scales=self.scales)
-        return Seen(self, targets, tuple(self._too_many_cells(checked_rows(rows, condition))))
+        return Seen(self, targets, tuple(self._too_many_cells(rows_of(rows, condition))))
 
     def _too_many_cells(self, rows: Sequence[Row]) -> list[str]:
         """Say that colonies are too large to grow hundreds of them, where the table has their areas."""

@@ -82,6 +82,11 @@ class Dataset:
         return find_manifest(self.folder) or self.folder / MANIFESTS[0]
 
     @property
+    def replicates(self) -> tuple[str, ...]:
+        """Names of the colonies, sorted."""
+        return tuple(sorted({frame.replicate for frame in self.frames}))
+
+    @property
     def conditions(self) -> tuple[str, ...]:
         """The conditions, in the manifest's order."""
         return tuple(dict.fromkeys(frame.condition for frame in self.frames))
