@@ -12,8 +12,8 @@ from yeastfit.inference.li2024 import LI2024
 from yeastfit.inference.prior.prior import Prior
 from yeastfit.inference.simulator import Simulator
 from yeastfit.inference.targets import Targets
-from yeastfit.offlattice.li2024_statistics import PUBLISHED
 from yeastfit.offlattice.simulator import OfflatticeSimulator
+from yeastfit.offlattice.statistics.li2024_statistics import PUBLISHED
 
 PRIOR = Prior.of({name: {"distribution": "log-uniform", "low": low, "high": high} for name, (low, high) in BOX.items()})
 MODEL = Resolution(dt=0.025, spacing=0.4)

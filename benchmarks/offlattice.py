@@ -20,12 +20,12 @@ from typing import Any, TypeVar
 import numpy as np
 
 from benchmarks.report import Report, command
-from yeastfit.offlattice.area_matching import match_exactly, search_from_below
 from yeastfit.offlattice.colony import DELAY, OfflatticeColony, grow, grow_many
-from yeastfit.offlattice.ellipse_mask import Ellipses
-from yeastfit.offlattice.li2024_mask import BinnedOutlines
-from yeastfit.offlattice.li2024_statistics import li2024_statistics
+from yeastfit.offlattice.masks.area_matching import match_exactly, search_from_below
+from yeastfit.offlattice.masks.ellipse_mask import Ellipses
+from yeastfit.offlattice.masks.li2024_mask import BinnedOutlines
 from yeastfit.offlattice.random_numbers import seeded
+from yeastfit.offlattice.statistics.li2024_statistics import li2024_statistics
 
 SETS = {  # posterior means, cells and area in pixels: Li et al. 2024
     "AWRI 796, 50 µM": ((0.6332, 0.6145, 0.2521, 0.1321, 0.1174), 45_000, 573_920.0),

@@ -51,11 +51,11 @@ from yeastfit.inference.li2024 import LI2024, Li2024Colonies
 from yeastfit.inference.neural_likelihood.network import TrainingSettings
 from yeastfit.inference.neural_likelihood.sequential import SequentialEmulator
 from yeastfit.inference.posterior.result import Posterior
-from yeastfit.offlattice.area_matching import search_from_below
 from yeastfit.offlattice.colony import grow, in_threads
-from yeastfit.offlattice.li2024_mask import BinnedOutlines
-from yeastfit.offlattice.li2024_statistics import PUBLISHED
+from yeastfit.offlattice.masks.area_matching import search_from_below
+from yeastfit.offlattice.masks.li2024_mask import BinnedOutlines
 from yeastfit.offlattice.parameters import PARAMETERS
+from yeastfit.offlattice.statistics.li2024_statistics import PUBLISHED
 
 NAMES = PARAMETERS.names
 COLOURS = {"protocol": "#7a5230", "smc": "#2563a8", "emulator-theirs": "#3f8f4f", "emulator": "#c2410c"}

@@ -21,7 +21,7 @@ from yeastfit.inference.posterior.sampler import Sampler
 from yeastfit.inference.samplers import infer
 from yeastfit.inference.simulator import Simulator, labels_of
 from yeastfit.inference.store.simulation_store import Store
-from yeastfit.offlattice.li2024_statistics import PUBLISHED
+from yeastfit.offlattice.statistics.li2024_statistics import PUBLISHED
 from yeastfit.storage import read_json, write_json
 
 DATA = Path(__file__).parents[1] / "data" / "real"

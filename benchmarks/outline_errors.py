@@ -23,8 +23,8 @@ from yeastfit.measure.outlining.segmentation import segment
 from yeastfit.measure.reading.images import read_image
 from yeastfit.measure.statistics.pixels import Pixels
 from yeastfit.measure.statistics.registry import STATISTICS, most_telling_first, names_with
-from yeastfit.offlattice.li2024_statistics import PUBLISHED
 from yeastfit.offlattice.simulator import known_statistics
+from yeastfit.offlattice.statistics.li2024_statistics import PUBLISHED
 
 FEWEST = 3  # pairs
 

@@ -15,8 +15,8 @@ from yeastfit.measure.reading.images import read_image
 from yeastfit.measure.statistics.measure_mask import measure_mask
 from yeastfit.measure.statistics.pixels import Pixels
 from yeastfit.measure.statistics.registry import names_with
-from yeastfit.offlattice.li2024_statistics import ENTRIES, PUBLISHED
 from yeastfit.offlattice.simulator import known_statistics
+from yeastfit.offlattice.statistics.li2024_statistics import ENTRIES, PUBLISHED
 from yeastfit.storage import write_table
 
 PIXEL_SIZE = 1.55008  # µm, of the photographs

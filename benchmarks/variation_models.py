@@ -9,8 +9,8 @@ from yeastfit.inference.li2024 import LI2024
 from yeastfit.inference.prior.prior import Prior
 from yeastfit.inference.simulator import Rows, Seeds, Simulator, Values
 from yeastfit.observable import Observable
-from yeastfit.offlattice.li2024_statistics import PUBLISHED
 from yeastfit.offlattice.simulator import OfflatticeSimulator
+from yeastfit.offlattice.statistics.li2024_statistics import PUBLISHED
 from yeastfit.parameter_set import Parameter, ParameterSet
 
 STATISTICS = (*PUBLISHED, "branch_length", "compactness")

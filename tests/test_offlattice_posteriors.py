@@ -16,7 +16,7 @@ from benchmarks.real_tables import main as write_tables
 from benchmarks.report import Report
 from yeastfit import LI2024, InputError
 from yeastfit.inference.posterior.result import Posterior
-from yeastfit.offlattice.li2024_statistics import PUBLISHED
+from yeastfit.offlattice.statistics.li2024_statistics import PUBLISHED
 
 KEY = "awri796-50um"
 SIZES = replace(QUICK, sets={KEY: replace(QUICK.sets[KEY], chains=3, steps=4)}, at_mean=2)

@@ -40,7 +40,7 @@ from yeastfit.inference.models.offlattice import Offlattice
 from yeastfit.inference.simulator import names_of
 from yeastfit.measure.measurements_table import read_measurements
 from yeastfit.model.model import BASES
-from yeastfit.offlattice.li2024_mask import BinnedOutlines
+from yeastfit.offlattice.masks.li2024_mask import BinnedOutlines
 from yeastfit.offlattice.parameters import PARAMETERS
 from yeastfit.offlattice.simulation import OfflatticeSimulation
 from yeastfit.offlattice.simulator import OfflatticeSimulator
@@ -242,7 +242,7 @@ def test_design_without_times(tmp_path: Path, capsys: pytest.CaptureFixture[str]
 def test_indices_of_li_and_coauthors_are_measured_on_the_masks(table: Path) -> None:
     from yeastfit import FORWARD_MODELS
     from yeastfit.measure.measurements_table import read_measurements
-    from yeastfit.offlattice.li2024_statistics import PUBLISHED, li2024_statistics
+    from yeastfit.offlattice.statistics.li2024_statistics import PUBLISHED, li2024_statistics
 
     model = FORWARD_MODELS["offlattice"]()
     names = model.statistics_named(["li2024"])

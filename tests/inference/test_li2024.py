@@ -12,10 +12,10 @@ from yeastfit import LI2024, InputError, Posterior, infer
 from yeastfit.inference.abc.mcmc import McmcDiagnostics
 from yeastfit.inference.li2024 import Li2024Colonies
 from yeastfit.inference.simulator import seed_of
-from yeastfit.offlattice.area_matching import search_from_below
 from yeastfit.offlattice.colony import grow
-from yeastfit.offlattice.li2024_mask import BinnedOutlines
-from yeastfit.offlattice.li2024_statistics import PUBLISHED, li2024_statistics
+from yeastfit.offlattice.masks.area_matching import search_from_below
+from yeastfit.offlattice.masks.li2024_mask import BinnedOutlines
+from yeastfit.offlattice.statistics.li2024_statistics import PUBLISHED, li2024_statistics
 
 SMALL = replace(LI2024["awri796-50um"], cells=2000, area=25_000, observed=(0.28, 0.25, 0.02), tolerance=0.06)
 

@@ -7,7 +7,7 @@ from scipy import ndimage
 
 from reference import offlattice as reference
 from yeastfit.offlattice.colony import OfflatticeColony
-from yeastfit.offlattice.golay_skeleton import skeleton
+from yeastfit.offlattice.statistics.golay_skeleton import skeleton
 
 
 def keys(distance: float) -> float:

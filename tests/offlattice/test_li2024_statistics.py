@@ -14,9 +14,9 @@ from yeastfit.errors import InputError
 from yeastfit.measure.reading.images import read_image
 from yeastfit.measure.statistics.measure_mask import measure_mask
 from yeastfit.offlattice.colony import OfflatticeColony, grow
-from yeastfit.offlattice.golay_skeleton import count_ends, skeleton
-from yeastfit.offlattice.li2024_mask import BinnedOutlines
-from yeastfit.offlattice.li2024_statistics import centroid, li2024_statistics
+from yeastfit.offlattice.masks.li2024_mask import BinnedOutlines
+from yeastfit.offlattice.statistics.golay_skeleton import count_ends, skeleton
+from yeastfit.offlattice.statistics.li2024_statistics import centroid, li2024_statistics
 
 # area, r_max, r_CSR, I_F, I_R and ends of their masks, where they can be had; computed by their program.
 REAL = {

@@ -9,10 +9,10 @@ from shapes import masks
 
 from reference import offlattice as reference
 from yeastfit.errors import InputError
-from yeastfit.offlattice.area_matching import Match, match_exactly, search_from_below
 from yeastfit.offlattice.colony import OfflatticeColony, grow
-from yeastfit.offlattice.ellipse_mask import Ellipses
-from yeastfit.offlattice.li2024_mask import BinnedOutlines, enlarged, fill_holes
+from yeastfit.offlattice.masks.area_matching import Match, match_exactly, search_from_below
+from yeastfit.offlattice.masks.ellipse_mask import Ellipses
+from yeastfit.offlattice.masks.li2024_mask import BinnedOutlines, enlarged, fill_holes
 from yeastfit.offlattice.placing import PIXELS_PER_UM, SEMI_AXES
 
 

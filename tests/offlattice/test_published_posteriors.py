@@ -5,10 +5,10 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from yeastfit.offlattice.area_matching import Match, MatchedMask, search_from_below
 from yeastfit.offlattice.colony import OfflatticeColony, grow
-from yeastfit.offlattice.li2024_mask import BinnedOutlines
-from yeastfit.offlattice.li2024_statistics import Li2024, li2024_statistics
+from yeastfit.offlattice.masks.area_matching import Match, MatchedMask, search_from_below
+from yeastfit.offlattice.masks.li2024_mask import BinnedOutlines
+from yeastfit.offlattice.statistics.li2024_statistics import Li2024, li2024_statistics
 
 
 @dataclass(frozen=True)

@@ -9,13 +9,13 @@ from yeastfit.errors import InputError
 from yeastfit.inference.simulator import Replicates, Simulator, labels_of, problems_of
 from yeastfit.measure.statistics.measure_mask import measure_mask
 from yeastfit.measure.statistics.registry import STATISTICS, register_statistic
-from yeastfit.offlattice.area_matching import match_exactly, search_from_below
 from yeastfit.offlattice.colony import grow
-from yeastfit.offlattice.ellipse_mask import Ellipses
-from yeastfit.offlattice.li2024_mask import BinnedOutlines
-from yeastfit.offlattice.li2024_statistics import ENTRIES, li2024_statistics
+from yeastfit.offlattice.masks.area_matching import match_exactly, search_from_below
+from yeastfit.offlattice.masks.ellipse_mask import Ellipses
+from yeastfit.offlattice.masks.li2024_mask import BinnedOutlines
 from yeastfit.offlattice.parameters import PARAMETERS
 from yeastfit.offlattice.simulator import OfflatticeSimulator, offlattice_simulator_of
+from yeastfit.offlattice.statistics.li2024_statistics import ENTRIES, li2024_statistics
 
 PUBLISHED = ("li2024_filament_area_index", "li2024_filament_radius_index", "li2024_branch_index")
 VALUES = np.array([[0.6, 0.5, 0.3, 0.2, 0.1], [0.4, 0.6, 0.4, 0.1, 0.3], [0.6, 0.5, 0.3, 0.2, 0.1]])

@@ -12,11 +12,11 @@ from stand_in import FREE, SETTINGS, drawn, fitted
 
 from yeastfit import Fit, Parameters, Prior, Scales, design
 from yeastfit.inference.models.algebraic import Algebraic
-from yeastfit.report.design_files import write_design
-from yeastfit.report.fit_files import write_fit
-from yeastfit.report.fit_page import fit_page
+from yeastfit.report.files.design_files import write_design
+from yeastfit.report.files.fit_files import write_fit
 from yeastfit.report.html import in_units
 from yeastfit.report.learnt import learnt_by_fit, learnt_by_posterior
+from yeastfit.report.pages.fit_page import fit_page
 
 TRUTH = Parameters(mobility=2.0, metabolic_rate=0.7, aspect_ratio=0.6)
 

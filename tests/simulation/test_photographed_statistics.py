@@ -9,9 +9,9 @@ from yeastfit.inference.models.algebraic import Algebraic
 from yeastfit.inference.models.offlattice import Offlattice
 from yeastfit.measure.statistics.measure_mask import measure_mask
 from yeastfit.measure.statistics.model_as_mask import mask_of
-from yeastfit.offlattice.li2024_mask import BinnedOutlines
-from yeastfit.offlattice.li2024_statistics import li2024_statistics
+from yeastfit.offlattice.masks.li2024_mask import BinnedOutlines
 from yeastfit.offlattice.simulation import OfflatticeSimulation
+from yeastfit.offlattice.statistics.li2024_statistics import li2024_statistics
 from yeastfit.simulation.result import Simulation
 
 NAMES = ("filament_area_index", "filament_radius_index", "branch_length", "angular_index", "fractal_dimension")

@@ -13,7 +13,7 @@ from yeastfit.errors import InputError
 from yeastfit.inference.comparison.left_out import LeftOut
 from yeastfit.inference.comparison.runs import ComparedRun, Comparison
 from yeastfit.inference.posterior.result import Posterior
-from yeastfit.report.comparison_files import write_comparison
+from yeastfit.report.files.comparison_files import write_comparison
 from yeastfit.results.contents import MANIFEST, RUN, check_finished, check_unchanged
 from yeastfit.results.folder import results_folder
 

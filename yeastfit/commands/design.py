@@ -20,7 +20,7 @@ from yeastfit.inference.information.experiment import times_among
 from yeastfit.inference.information.identifiability import percent
 from yeastfit.inference.sensitivity.result import Sensitivity
 from yeastfit.inference.workers.spread import Workers
-from yeastfit.report.design_files import write_design
+from yeastfit.report.files.design_files import write_design
 from yeastfit.results.contents import check_finished
 from yeastfit.results.folder import results_folder
 

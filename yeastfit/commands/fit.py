@@ -35,9 +35,9 @@ from yeastfit.inference.models.forward_model import ForwardModel
 from yeastfit.inference.simulator import Simulator
 from yeastfit.inference.workers.spread import Workers
 from yeastfit.processors import available_processors
-from yeastfit.report.fit_files import write_bootstrap, write_fit, write_profiles, write_targets
-from yeastfit.report.fit_page import fit_page
-from yeastfit.report.measurement_page import measurement_sections
+from yeastfit.report.files.fit_files import write_bootstrap, write_fit, write_profiles, write_targets
+from yeastfit.report.pages.fit_page import fit_page
+from yeastfit.report.pages.measurement_page import measurement_sections
 from yeastfit.report.pictures import as_words
 from yeastfit.results.folder import results_folder
 from yeastfit.storage import versions, written_whole

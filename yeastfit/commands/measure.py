@@ -15,7 +15,7 @@ from yeastfit.measure.reading.pixel_size import overruled_sizes
 from yeastfit.measure.reading.segmentation_options import read_options
 from yeastfit.measure.replicate_curves import shrunk_colonies
 from yeastfit.processors import available_processors
-from yeastfit.report.measurement_files import write_results
+from yeastfit.report.files.measurement_files import write_results
 from yeastfit.results.folder import results_folder
 
 

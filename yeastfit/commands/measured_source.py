@@ -24,7 +24,7 @@ from yeastfit.measure.reading.dataset import MANIFESTS, dataset_folder, read_dat
 from yeastfit.measure.reading.pixel_size import overruled_sizes
 from yeastfit.measure.replicate_curves import shrunk_colonies
 from yeastfit.progress import Progress
-from yeastfit.report.measurement_files import write_results
+from yeastfit.report.files.measurement_files import write_results
 from yeastfit.report.outcome import Outcome
 from yeastfit.results.folder import ResultsFolder
 from yeastfit.simulation.recipe import read_truth

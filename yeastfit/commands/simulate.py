@@ -18,7 +18,7 @@ from yeastfit.measure.photograph_panels import TimedPhotograph, panel_at, photog
 from yeastfit.measure.reading.dataset import read_dataset
 from yeastfit.measure.reading.outline_files import write_mask
 from yeastfit.panel import Panel
-from yeastfit.report.simulation_page import write_simulation_page
+from yeastfit.report.pages.simulation_page import write_simulation_page
 from yeastfit.results.folder import results_folder
 from yeastfit.storage import write_table
 

@@ -29,9 +29,9 @@ import numpy as np
 from yeastfit.inference.abc.mcmc import AbcMcmc
 from yeastfit.inference.prior.distributions import Distribution
 from yeastfit.inference.prior.prior import Prior
-from yeastfit.offlattice.li2024_statistics import PUBLISHED
 from yeastfit.offlattice.parameters import PRIOR
 from yeastfit.offlattice.simulator import OfflatticeSimulator
+from yeastfit.offlattice.statistics.li2024_statistics import PUBLISHED
 from yeastfit.seeds import Stream, stream_of
 
 OFFSET = 0.01  # largest, of a start from the guess

@@ -1,9 +1,9 @@
 """Public names of the off-lattice model."""
 
-from .area_matching import match_exactly, search_from_below
 from .colony import OfflatticeColony, grow, grow_many
-from .ellipse_mask import Ellipses
-from .li2024_mask import BinnedOutlines
+from .masks.area_matching import match_exactly, search_from_below
+from .masks.ellipse_mask import Ellipses
+from .masks.li2024_mask import BinnedOutlines
 from .simulator import OfflatticeSimulator
 
 __all__ = [

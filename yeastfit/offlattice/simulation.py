@@ -19,11 +19,11 @@ from yeastfit.measure.statistics.pixels import Pixels
 from yeastfit.measure.statistics.registry import recorded
 from yeastfit.memory import check_count
 from yeastfit.offlattice.colony import BYTES_PER_CELL, DELAY, OfflatticeColony, grow, in_threads
-from yeastfit.offlattice.ellipse_mask import PIXEL, Ellipses
-from yeastfit.offlattice.li2024_mask import BinnedOutlines
-from yeastfit.offlattice.li2024_statistics import ENTRIES, PUBLISHED
+from yeastfit.offlattice.masks.ellipse_mask import PIXEL, Ellipses
+from yeastfit.offlattice.masks.li2024_mask import BinnedOutlines
 from yeastfit.offlattice.parameters import PARAMETERS, Rates
 from yeastfit.offlattice.simulator import Picture, known_statistics
+from yeastfit.offlattice.statistics.li2024_statistics import ENTRIES, PUBLISHED
 from yeastfit.offlattice.status import Status
 from yeastfit.panel import Panel
 from yeastfit.storage import as_json, from_json, reads_saved, written_whole

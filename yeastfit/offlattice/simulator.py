@@ -17,11 +17,11 @@ from yeastfit.measure.statistics.pixels import Pixels
 from yeastfit.measure.statistics.registry import STATISTICS
 from yeastfit.measure.statistics.statistic import Statistic
 from yeastfit.observable import Observable
-from yeastfit.offlattice.area_matching import MaskOf, Match, MatchedMask, search_from_below
 from yeastfit.offlattice.colony import DELAY, MOST_ATTEMPTS, OfflatticeColony, grow, in_threads
-from yeastfit.offlattice.li2024_mask import BinnedOutlines
-from yeastfit.offlattice.li2024_statistics import ENTRIES
+from yeastfit.offlattice.masks.area_matching import MaskOf, Match, MatchedMask, search_from_below
+from yeastfit.offlattice.masks.li2024_mask import BinnedOutlines
 from yeastfit.offlattice.parameters import PARAMETERS, rates_of
+from yeastfit.offlattice.statistics.li2024_statistics import ENTRIES
 from yeastfit.offlattice.status import Status
 from yeastfit.parameter_set import ParameterSet
 from yeastfit.specification import Specification, described, module_outside, path_of, undescribed

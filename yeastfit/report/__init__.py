@@ -1,1 +1,1 @@
-"""Pages, and the files that commands leave."""
+"""HTML pages and files of results."""

@@ -42,7 +42,7 @@ from yeastfit.measure.statistics.registry import (
     registered,
     title_of,
 )
-from yeastfit.report.measurement_files import OWN_COLUMNS
+from yeastfit.report.files.measurement_files import OWN_COLUMNS
 
 ESTIMATORS: tuple[tuple[Estimator, float], ...] = (("smooth", 0.01), ("mask", 1e-12))
 SMALL = Numerics(domain=8.0, spacing=0.2, dt=0.02, capacity=8)

@@ -36,8 +36,8 @@ from yeastfit.inference.store.simulation_store import Store
 from yeastfit.inference.targets import Targets
 from yeastfit.inference.workers.spread import Workers
 from yeastfit.progress import Progress, silent
-from yeastfit.report.fit_files import write_targets
-from yeastfit.report.posterior_files import photographs, with_arviz, write_results
+from yeastfit.report.files.fit_files import write_targets
+from yeastfit.report.files.posterior_files import photographs, with_arviz, write_results
 from yeastfit.report.posterior_summary import Summary
 from yeastfit.results.contents import MANIFEST, RUN, Contents, check_finished
 from yeastfit.results.folder import ResultsFolder

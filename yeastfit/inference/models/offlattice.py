@@ -118,8 +118,8 @@ class Offlattice(ForwardModel):
 
     def statistics_named(self, names: Sequence[str]) -> tuple[str, ...]:
         """Those of `measure`, and those of Li et al.: li2024 stands for the three that they compare colonies in."""
-        from yeastfit.offlattice.li2024_statistics import PUBLISHED
         from yeastfit.offlattice.simulator import known_statistics
+        from yeastfit.offlattice.statistics.li2024_statistics import PUBLISHED
 
         known, found = known_statistics(), tuple(one for name in names for one in _expanded(name, PUBLISHED))
         for name in found:
@@ -218,8 +218,8 @@ class Offlattice(ForwardModel):
     def _simulator(
         self, statistics: Sequence[str], free: Sequence[str], fixed: Mapping[str, float]
     ) -> "OfflatticeSimulator":
-        from yeastfit.offlattice.area_matching import match_exactly, search_from_below
         from yeastfit.offlattice.colony import BYTES_PER_CELL
+        from yeastfit.offlattice.masks.area_matching import match_exactly, search_from_below
         from yeastfit.offlattice.simulator import OfflatticeSimulator
 
         check_count("cells", self.cells, BYTES_PER_CELL)
@@ -253,15 +253,15 @@ class Offlattice(ForwardModel):
 
     def _has_ellipses(self, statistics: Sequence[str]) -> bool:
         """Whether colonies are drawn as ellipses and not as Li et al. do."""
-        from yeastfit.offlattice.li2024_statistics import ENTRIES
+        from yeastfit.offlattice.statistics.li2024_statistics import ENTRIES
 
         theirs = {entry.name for entry in ENTRIES}.issuperset(statistics)
         return (self.masks or (THEIRS if theirs else "ellipses")) != THEIRS
 
     def _drawn(self, statistics: Sequence[str]) -> tuple[Callable[[Any], Any], float]:
         """How a colony is drawn, and µm per pixel."""
-        from yeastfit.offlattice.ellipse_mask import PIXEL, Ellipses
-        from yeastfit.offlattice.li2024_mask import BinnedOutlines
+        from yeastfit.offlattice.masks.ellipse_mask import PIXEL, Ellipses
+        from yeastfit.offlattice.masks.li2024_mask import BinnedOutlines
         from yeastfit.offlattice.placing import PIXELS_PER_UM
 
         if not self._has_ellipses(statistics):

@@ -31,7 +31,7 @@ from yeastfit.compiled import array_kernel, kernel
 from yeastfit.errors import InputError
 from yeastfit.measure.statistics.pixels import Pixels
 from yeastfit.measure.statistics.statistic import Statistic
-from yeastfit.offlattice.golay_skeleton import count_ends, skeleton
+from yeastfit.offlattice.statistics.golay_skeleton import count_ends, skeleton
 
 RING = 4
 

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from yeastfit import plot
 from yeastfit.inference.comparison.runs import Comparison
-from yeastfit.report.comparison_page import comparison_page
+from yeastfit.report.pages.comparison_page import comparison_page
 from yeastfit.storage import write_json, write_table, written_whole
 
 

@@ -8,7 +8,7 @@ from yeastfit import plot
 from yeastfit.inference.information.design_result import Design
 from yeastfit.inference.models.forward_model import ForwardModel
 from yeastfit.inference.sensitivity.result import Sensitivity
-from yeastfit.report.design_page import design_page
+from yeastfit.report.pages.design_page import design_page
 from yeastfit.report.pictures import as_words
 from yeastfit.storage import versions, write_table, written_whole
 

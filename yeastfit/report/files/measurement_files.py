@@ -10,8 +10,8 @@ from yeastfit.measure.reading.dataset import Dataset
 from yeastfit.measure.replicate_curves import condition_curves
 from yeastfit.measure.statistics.filaments import SKELETON
 from yeastfit.measure.statistics.registry import STATISTICS, names_with
-from yeastfit.report.measurement_page import measurement_page
 from yeastfit.report.outcome import Outcome
+from yeastfit.report.pages.measurement_page import measurement_page
 from yeastfit.storage import versions, write_json, write_table, written_whole
 from yeastfit.text import short
 

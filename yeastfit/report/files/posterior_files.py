@@ -21,7 +21,7 @@ from yeastfit.inference.posterior.predictive_check import Predictive
 from yeastfit.inference.targets import Targets
 from yeastfit.measure.measurements_table import rows_of
 from yeastfit.measure.reading.images import read_image
-from yeastfit.report.posterior_page import posterior_page
+from yeastfit.report.pages.posterior_page import posterior_page
 from yeastfit.report.posterior_summary import Summary
 from yeastfit.storage import write_json, write_table, written_whole
 

@@ -1,0 +1,1 @@
+"""The summary statistics of Li et al. 2024."""

@@ -1,0 +1,1 @@
+"""The files that commands leave, one file each."""
