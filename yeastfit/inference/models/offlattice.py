@@ -17,6 +17,7 @@ from jaxtyping import Float
 from yeastfit.errors import InputError
 from yeastfit.inference.models.forward_model import ForwardModel, Row, Seen
 from yeastfit.inference.models.grown import Outlines
+from yeastfit.inference.models.last_images import last_images, measured
 from yeastfit.inference.posterior.limits import Limits, limits_around
 from yeastfit.inference.posterior.settings import Setting
 from yeastfit.inference.prior.distributions import Distribution
@@ -25,7 +26,7 @@ from yeastfit.inference.sensitivity.estimate import sensitivity as estimate_sens
 from yeastfit.inference.sensitivity.result import Sensitivity
 from yeastfit.inference.simulator import member_seeds
 from yeastfit.inference.targets import Targets
-from yeastfit.measure.measurements_table import NEEDED, check_same_size, checked_rows, read_mask
+from yeastfit.measure.measurements_table import NEEDED, check_same_size, checked_rows
 from yeastfit.memory import check_count
 from yeastfit.numbers import PIXEL_SIZES, POSITIVE, Range
 from yeastfit.offlattice.parameters import PARAMETERS, PRIOR
@@ -152,10 +153,10 @@ class Offlattice(ForwardModel):
             InputError: Pixel sizes differ, or a statistic is neither in the table nor to be had from masks.
         """
         every = checked_rows(rows, condition)
-        chosen, notes = _last_images(every)
+        chosen, notes = last_images(every)
         hours = max(float(row["hours"]) for row in chosen)
         check_same_size(chosen)
-        values = [_measured(row, folder, (*statistics, "area")) for row in chosen]
+        values = [measured(row, folder, (*statistics, "area")) for row in chosen]
         curves = {name: np.array([[value[name]] for value in values]) for name in statistics}
         targets = Targets.from_replicates(curves, [hours], colonies=[str(row["replicate"]) for row in chosen])
         area = float(np.mean([value["area"] for value in values])) if self.area is None else self.area
@@ -272,40 +273,3 @@ class Offlattice(ForwardModel):
 
 def _expanded(name: str, published: tuple[str, ...]) -> tuple[str, ...]:
     return published if name == THEIRS else (name,)
-
-
-def _last_images(rows: Sequence[Row]) -> tuple[list[Row], list[str]]:
-    """The last image of each colony, and what is to be said about the times."""
-    last: dict[str, Row] = {}
-    for row in sorted(rows, key=lambda row: float(row["hours"])):
-        last[str(row["replicate"])] = row
-    chosen, notes = [row for row in rows if last[str(row["replicate"])] is row], []
-    hours = sorted({float(row["hours"]) for row in chosen})
-    if len(chosen) < len(rows):
-        notes.append(
-            f"{len(rows) - len(chosen)} images before the last one of their colony are left out: the model has no time"
-        )
-    if len(hours) > 1:
-        early = [f"{row['file']} ({float(row['hours']):g} h)" for row in chosen if float(row["hours"]) < hours[-1]]
-        some = ", ".join(early[:3]) + (", …" if early[3:] else "")
-        notes.append(
-            f"{len(early)} of {len(chosen)} colonies were photographed before {hours[-1]:g} h: {some}; they count like "
-            "the others, as the model has no time"
-        )
-    return chosen, notes
-
-
-def _measured(row: Row, folder: Path, statistics: Sequence[str]) -> dict[str, float]:
-    """Statistics of one image in µm: the table's, and what its mask tells besides."""
-    from yeastfit.measure.statistics.pixels import Pixels
-    from yeastfit.offlattice.simulator import known_statistics
-
-    found = {name: float(row[name]) for name in statistics if name in row}
-    missing = [name for name in statistics if name not in found]
-    if missing:
-        path, pixel, entries = folder / str(row["mask"]), float(row["um_per_pixel"]), known_statistics()
-        if not path.is_file():
-            raise InputError(f"statistics: {missing[0]!r} is not in the table, and there is no mask {path} to measure")
-        pixels = Pixels.of(read_mask(path, row))
-        found |= {name: entries[name].mask(pixels) * pixel ** entries[name].unit_power for name in missing}  # type: ignore[misc]
-    return found

@@ -1,0 +1,45 @@
+"""The last image of each colony of a data set, for models that have no time, and its statistics in µm."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from yeastfit.errors import InputError
+from yeastfit.inference.models.forward_model import Row
+from yeastfit.measure.measurements_table import read_mask
+
+
+def last_images(rows: Sequence[Row]) -> tuple[list[Row], list[str]]:
+    """The last image of each colony, and what is to be said about the times."""
+    last: dict[str, Row] = {}
+    for row in sorted(rows, key=lambda row: float(row["hours"])):
+        last[str(row["replicate"])] = row
+    chosen, notes = [row for row in rows if last[str(row["replicate"])] is row], []
+    hours = sorted({float(row["hours"]) for row in chosen})
+    if len(chosen) < len(rows):
+        notes.append(
+            f"{len(rows) - len(chosen)} images before the last one of their colony are left out: the model has no time"
+        )
+    if len(hours) > 1:
+        early = [f"{row['file']} ({float(row['hours']):g} h)" for row in chosen if float(row["hours"]) < hours[-1]]
+        some = ", ".join(early[:3]) + (", …" if early[3:] else "")
+        notes.append(
+            f"{len(early)} of {len(chosen)} colonies were photographed before {hours[-1]:g} h: {some}; they count like "
+            "the others, as the model has no time"
+        )
+    return chosen, notes
+
+
+def measured(row: Row, folder: Path, statistics: Sequence[str]) -> dict[str, float]:
+    """Statistics of one image in µm: the table's, and what its mask tells besides."""
+    from yeastfit.measure.statistics.pixels import Pixels
+    from yeastfit.offlattice.simulator import known_statistics
+
+    found = {name: float(row[name]) for name in statistics if name in row}
+    missing = [name for name in statistics if name not in found]
+    if missing:
+        path, pixel, entries = folder / str(row["mask"]), float(row["um_per_pixel"]), known_statistics()
+        if not path.is_file():
+            raise InputError(f"statistics: {missing[0]!r} is not in the table, and there is no mask {path} to measure")
+        pixels = Pixels.of(read_mask(path, row))
+        found |= {name: entries[name].mask(pixels) * pixel ** entries[name].unit_power for name in missing}  # type: ignore[misc]
+    return found
