@@ -19,6 +19,7 @@ CIRCLE = np.linspace(0.0, 2 * np.pi, 181)
 def spectrum(result: Information) -> Figure:
     """Draw the eigenvalues of the Fisher information, above the parameters that each eigenvector combines.
 
+    Labels say how well the combination of parameters is known whose largest power is 1, as `Information.rows` does.
     Directions the data do not determine are red. An open triangle marks the noise of the derivatives for an eigenvalue
     that is not significant.
 
@@ -40,10 +41,10 @@ def spectrum(result: Information) -> Figure:
     upper.scatter(places[~known], floor[~known], marker="v", s=46, facecolors="none", edgecolors=BLIND, zorder=3)
     upper.plot(places, floor, "_", color="0.6", ms=22, label="noise of the derivatives")
     upper.axhline(result.limit**-2, color=BLIND, lw=0.8, ls="--", label=f"error of log λ {result.limit:g}: blind below")
-    for k in places:
+    for k, row in zip(places, result.rows(), strict=True):
         height = result.eigenvalues[k] if known[k] else floor[k]
         upper.annotate(
-            percent(float(result.direction_errors[k])),
+            row["combination_known_to"],
             (k, height),
             xytext=(0, 7),
             textcoords="offset points",

@@ -80,7 +80,7 @@ summary { cursor: pointer }
 details { margin: .75rem 0 }
 footer { padding: 2rem 1.25rem 3rem }
 :focus-visible { outline: 3px solid var(--accent); outline-offset: 2px }
-@media (max-width: 40rem) { tbody th { max-width: 9rem; overflow: hidden; text-overflow: ellipsis }
+@media (max-width: 40rem) { tbody th { max-width: 9rem; white-space: normal; overflow-wrap: anywhere }
   dl { display: block }
   dd { margin-bottom: .375rem } }
 @media print { .table { max-height: none } figure { break-inside: avoid } }
