@@ -92,6 +92,46 @@ def test_of_two_minima_the_lower_is_found_and_the_other_reported(tilt: float, sa
         assert abs(result.values["mobility"] - 3.0) < 3 * result.standard_errors["mobility"]
 
 
+METABOLIC = PARAMETERS.names.index("metabolic_rate")
+
+
+def flat_beyond(away: np.ndarray) -> np.ndarray:
+    """Curves of the product of mobility and metabolic rate, and of their ratio only as long as it is below about 4."""
+    one, other = away[:, MOBILITY], away[:, METABOLIC]
+    seen, ratio = away.copy(), one - other
+    seen[:, MOBILITY], seen[:, METABOLIC] = one + other, 1.5 * np.exp(-((np.maximum(ratio + 1.0, 0.0) / 1.2) ** 2))
+    return bent(seen)
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_a_fit_that_ended_where_its_data_see_nothing_looks_along_it(seed: int) -> None:
+    """One start far up the valley ends there, where the ratio does not matter; the minimum is elsewhere."""
+    truth, far = TRUTH.replace(mobility=0.8, metabolic_rate=1.0), {"mobility": 6.0, "metabolic_rate": 0.13}
+    bounds = {"mobility": (0.05, 20.0), "metabolic_rate": (0.05, 20.0)}
+    target = exact(truth, flat_beyond)
+    result = fitted(target, StandIn(flat_beyond, QUIET), bounds=bounds, start={**NEAR, **far}, seed=seed)
+    assert [start.number for start in result.starts] == list(range(1, 1 + len(result.starts)))
+    assert len(result.starts) > 1
+    assert not result.information.blind.any()
+    for name in ("mobility", "metabolic_rate"):
+        assert result.values[name] == pytest.approx(float(getattr(truth, name)), rel=0.1)
+
+
+def test_data_that_see_nothing_anywhere_leave_it_at_that() -> None:
+    """The ratio matters nowhere: other places are as good, and the fit says so."""
+
+    def mean(away: np.ndarray) -> np.ndarray:
+        seen = away.copy()
+        seen[:, MOBILITY], seen[:, METABOLIC] = away[:, MOBILITY] + away[:, METABOLIC], 0.0
+        return bent(seen)
+
+    result = fitted(exact(TRUTH, mean), StandIn(mean), start=NEAR)
+    assert result.information.blind.any()
+    assert len(result.starts) > 1
+    assert any("mobility · metabolic_rate" in warning for warning in result.warnings)
+    assert any(warning.startswith("another start ended at ") for warning in result.warnings)
+
+
 class Dying(StandIn):
     """Fails where mobility is below 1, once the box has been looked at."""
 

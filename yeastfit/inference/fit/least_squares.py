@@ -14,7 +14,9 @@ and a measurement error (`ensemble`). The stages:
    start goes on, and another one if it is about as good and ended elsewhere;
 3. larger and larger ensembles, with Σ as it is at the stage's first point; in the last stage, what a fine simulator
    and the width of the pairs change is added to m. Each stage lets optimistix's solver step (`optimiser`) until another
-   step promises to lower χ² by less than a tolerance.
+   step promises to lower χ² by less than a tolerance;
+4. where the data do not see a direction at the estimate, a second look: the best places elsewhere along it, by small
+   ensembles, are starts of the same stages (`starting_points`), and the lowest χ² of all is the estimate.
 
 The estimate is the minimum of one more affine function, that of the last stage's ensembles near its best point taken
 together: θ̂ = θ + F⁻¹ g. cov θ̂ = F⁻¹, F the Fisher information, J's noise taken out; no error is given in a direction

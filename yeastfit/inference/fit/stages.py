@@ -1,4 +1,4 @@
-"""The stages of a fit, as `fit` describes them: screening, steps of ensembles that grow, the estimate."""
+"""The stages of a fit, as `fit` describes them: steps of ensembles that grow, the estimate, a second look."""
 
 import time as clock
 from collections import Counter
@@ -16,11 +16,11 @@ from yeastfit.inference.fit.final_estimate import conditions, last_step, verdict
 from yeastfit.inference.fit.optimiser import Optimiser
 from yeastfit.inference.fit.result import Fit
 from yeastfit.inference.fit.simulators import Rules
+from yeastfit.inference.fit.starting_points import along_unseen, screened
 from yeastfit.inference.information.fisher import information
 from yeastfit.inference.information.result import Information
-from yeastfit.inference.parameter_space import Vector
+from yeastfit.inference.parameter_space import Points, Vector
 from yeastfit.progress import Progress
-from yeastfit.seeds import Stream, stream_of
 
 NEAR_AT_FIRST = 9.0  # of χ², three standard errors: what a start may lag behind the best and still go on
 NEAR_LATER = 4.0  # two standard errors
@@ -42,6 +42,7 @@ class Fitter:
         history: All evaluations.
         starts: Where it began.
         notes: What went wrong on the way, in words.
+        roots: L of Σ = L Lᵀ by stage, one for all starts, so that their χ² can be compared.
     """
 
     ensembles: Ensembles
@@ -51,6 +52,7 @@ class Fitter:
     history: list[Step] = field(default_factory=list)
     starts: tuple[Start, ...] = ()
     notes: list[str] = field(default_factory=list)
+    roots: dict[int, Square] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         space = self.ensembles.space
@@ -67,45 +69,52 @@ class Fitter:
         Raises:
             SimulationError: No start led anywhere.
         """
-        began, settings = clock.perf_counter(), self.settings
-        descents = self._screened() if start is None else [Descent(1, start)]
-        begun, met = [one.theta for one in descents], Counter[str]()
-        for stage in range(len(settings.members)):
+        began = clock.perf_counter()
+        if start is None:
+            self.progress("trying starting points", 0.0)
+        places = screened(self.ensembles, self._prior_cost) if start is None else [start]
+        descents, met = self._stages(places, CARRIED)
+        result = self._result(descents, met, clock.perf_counter() - began)
+        if not result.information.blind.any():
+            return result
+        self.progress("looking along what the data do not see", 0.5)
+        again = along_unseen(self.ensembles, self._prior_cost, result.theta, result.information)
+        if not again:
+            return result
+        try:
+            others, met_again = self._stages(again, len(again))  # the first stage hardly tells places of a valley apart
+        except SimulationError as error:
+            self.notes.append(f"along what the data do not see: {error}")
+            others, met_again = [], Counter[str]()
+        descents = self._best([*descents, *others], NEAR_LATER)
+        return self._result(descents, met + met_again, clock.perf_counter() - began)
+
+    def _stages(self, places: list[Vector], carried: int) -> tuple[list[Descent], Counter[str]]:
+        """All stages from some places: the descents that are left at the end, and problems of the last stage.
+
+        At most so many are `carried` beyond the first stage.
+        """
+        descents = [Descent(number, place) for number, place in enumerate(places, start=len(self.starts) + 1)]
+        met = Counter[str]()
+        for stage in range(len(self.settings.members)):
             met = self.ensembles.problems
             self._stage(descents, stage)
-            kept = self._best(descents, NEAR_LATER if stage else NEAR_AT_FIRST)
+            kept = self._best(descents, NEAR_LATER) if stage else self._best(descents, NEAR_AT_FIRST, carried)
             if not stage:
-                self.starts = tuple(
+                self.starts += tuple(
                     Start(one.number, place, one.theta, one.cost, one.ended, one in kept)
-                    for one, place in zip(descents, begun, strict=True)
+                    for one, place in zip(descents, places, strict=True)
                 )
             descents = kept
-        return self._result(descents, self.ensembles.problems - met, clock.perf_counter() - began)
+        return descents, self.ensembles.problems - met
 
-    def _screened(self) -> list[Descent]:
-        """The best of some points of the box, apart from each other."""
-        settings = self.settings
-        self.progress("trying starting points", 0.0)
-        points = self.space.sobol_points(settings.screened, stream_of(self.ensembles.seed, Stream.SCREENING, 0))
-        rows = self.ensembles.single_simulations(points, Stream.SCREENING)
-        sigma = np.diag(self.ensembles.screening_covariance(members=2))
-        cost = ((rows - self.y) ** 2 / sigma).sum(axis=1) + (((points - self.centre) * self.pull) ** 2).sum(axis=1)
-        ranked = points[np.argsort(np.where(np.isfinite(cost), cost, np.inf))][: int(np.isfinite(cost).sum())]
-        chosen: list[Vector] = []
-        for point in ranked:
-            if len(chosen) < settings.starts and all(are_different(point, other) for other in chosen):
-                chosen.append(point)
-        if not chosen:
-            met = "".join(f"; {problem}" for problem in self.ensembles.problems)
-            raise SimulationError(
-                f"{len(points)} simulations all over the box failed (not finite): look at the simulator, or "
-                f"narrow the bounds{met}"
-            )
-        return [Descent(number, point) for number, point in enumerate(chosen, start=1)]
+    def _prior_cost(self, points: Points) -> np.ndarray:
+        """What Gaussian priors add to χ²."""
+        return np.asarray((((points - self.centre) * self.pull) ** 2).sum(axis=-1))
 
     def _stage(self, descents: list[Descent], stage: int) -> None:
-        """Steps of every descent until each has ended, in batches. The weights are those of the first point."""
-        settings, root = self.settings, None
+        """Steps of every descent until each has ended, in batches. The weights are those of the first point of all."""
+        settings = self.settings
         members, spread, last = settings.members[stage], settings.spreads[stage], self._is_last(stage)
         size = len(self.y) + len(self.pull)
         optimisers = {
@@ -125,8 +134,9 @@ class Fitter:
                 if isinstance(found, SimulationError):
                     self._lost(one, optimisers[one.number], found)
                     continue
-                root = self._root(one, found, stage) if root is None else root
-                self._evaluated(one, optimisers[one.number], found, root, stage)
+                if stage not in self.roots:
+                    self.roots[stage] = self._root(one, found, stage)
+                self._evaluated(one, optimisers[one.number], found, self.roots[stage], stage)
             for one in active:
                 optimiser = optimisers[one.number]
                 one.failed = bool(optimiser.failure)
@@ -196,15 +206,15 @@ class Fitter:
             return f"{optimiser.rejected} steps in a row were rejected"
         return ""
 
-    def _best(self, descents: list[Descent], margin: float) -> list[Descent]:
-        """The best, and another one that is about as good and elsewhere."""
+    def _best(self, descents: list[Descent], margin: float, most: int = CARRIED) -> list[Descent]:
+        """The best, and others that are about as good and elsewhere."""
         alive = sorted((one for one in descents if one.model is not None), key=lambda one: one.cost)
         if not alive:
             raise SimulationError("no start led anywhere: " + "; ".join(one.ended for one in descents))
         chosen = alive[:1]
         for one in alive[1:]:
             elsewhere = all(are_different(one.theta, other.theta) for other in chosen)
-            if len(chosen) < CARRIED and elsewhere and one.cost < alive[0].cost + margin:
+            if len(chosen) < most and elsewhere and one.cost < alive[0].cost + margin:
                 chosen.append(one)
         return chosen
 

@@ -1,0 +1,78 @@
+"""Where a fit begins: the best of points all over the box; later the best along what the data do not see.
+
+Points are compared by χ² with the screening covariance, after one simulation or a small ensemble each.
+"""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from yeastfit.errors import SimulationError
+from yeastfit.inference.fit.descent import are_different
+from yeastfit.inference.fit.ensemble import Ensembles
+from yeastfit.inference.information.result import Information
+from yeastfit.inference.parameter_space import ParameterSpace, Points, Vector
+from yeastfit.seeds import Stream, stream_of
+
+PriorCost = Callable[[Points], np.ndarray]
+"""What Gaussian priors add to χ² at each point."""
+
+
+def screened(ensembles: Ensembles, prior_cost: PriorCost) -> list[Vector]:
+    """The best of some low-discrepancy points of the box, apart from each other, after one simulation each.
+
+    Raises:
+        SimulationError: All simulations failed.
+    """
+    settings = ensembles.settings
+    points = ensembles.space.sobol_points(settings.screened, stream_of(ensembles.seed, Stream.SCREENING, 0))
+    rows = ensembles.single_simulations(points, Stream.SCREENING)
+    chosen = _best(ensembles, prior_cost, points, rows, members=2)
+    if not chosen:
+        met = "".join(f"; {problem}" for problem in ensembles.problems)
+        raise SimulationError(
+            f"{len(points)} simulations all over the box failed (not finite): look at the simulator, or "
+            f"narrow the bounds{met}"
+        )
+    return chosen
+
+
+def along_unseen(ensembles: Ensembles, prior_cost: PriorCost, theta: Vector, known: Information) -> list[Vector]:
+    """The best places elsewhere along the directions that the data do not see at θ, after a small ensemble each.
+
+    A valley that is flat where a descent ended may have its minimum at another place. None where all is seen.
+    """
+    places = _places_along(theta, known.directions[known.blind], ensembles.space)
+    places = [place for place in places if are_different(place, theta)]
+    if not places:
+        return []
+    members, spread = ensembles.settings.members[0], ensembles.settings.spreads[0]
+    models = ensembles.local_models(places, members, spread)
+    missing = np.full(len(ensembles.values), np.nan)
+    rows = np.stack([missing if isinstance(model, SimulationError) else model.mean for model in models])
+    return _best(ensembles, prior_cost, np.stack(places), rows, members)
+
+
+def _best(ensembles: Ensembles, prior_cost: PriorCost, points: Points, rows: np.ndarray, members: int) -> list[Vector]:
+    """As many as a fit has starts, apart from each other; those that failed are none."""
+    sigma = np.diag(ensembles.screening_covariance(members))
+    cost = ((rows - ensembles.values) ** 2 / sigma).sum(axis=1) + prior_cost(points)
+    ranked = points[np.argsort(np.where(np.isfinite(cost), cost, np.inf))][: int(np.isfinite(cost).sum())]
+    chosen: list[Vector] = []
+    for point in ranked:
+        if len(chosen) < ensembles.settings.starts and all(are_different(point, other) for other in chosen):
+            chosen.append(point)
+    return chosen
+
+
+def _places_along(theta: Vector, directions: np.ndarray, space: ParameterSpace) -> list[Vector]:
+    """Places of the box on the lines through θ, where the fastest entry changes by factors of two."""
+    found = []
+    for direction in directions:
+        step = np.log(2.0) * direction / np.abs(direction).max()
+        for towards in (step, -step):
+            place = theta + towards
+            while (place > space.low).all() and (place < space.high).all():
+                found.append(place)
+                place = place + towards
+    return found
