@@ -60,6 +60,18 @@ def collect():
     gc.collect()
     time.sleep(60)
 """ + ANSWERING.format("collect()")
+# Cython prints the exception of a function that cannot raise, and goes on
+PRINTED = """
+from scipy.stats import qmc
+def opened(event, arguments):
+    if event == "open" and "_sobol_direction" in str(arguments[0]):
+        print("here", flush=True)
+        time.sleep(60)
+def draw():
+    sys.addaudithook(opened)
+    qmc.Sobol(d=2, seed=0).random(4)
+    time.sleep(60)
+""" + ANSWERING.format("draw()")
 STUCK_AT_ITS_END = "import atexit, time; atexit.register(time.sleep, 60)\n" + INTERPRETED
 
 
@@ -79,7 +91,7 @@ def ended(program: str, *numbers: int) -> tuple[int, str, float]:
 
 
 @pytest.mark.parametrize(
-    "program", ["IMPORTING", "INTERPRETED", "COMPILED", "SWALLOWED", "IGNORED", "STUCK_AT_ITS_END"]
+    "program", ["IMPORTING", "INTERPRETED", "COMPILED", "SWALLOWED", "IGNORED", "PRINTED", "STUCK_AT_ITS_END"]
 )
 @pytest.mark.parametrize("number", signals.ANSWERED)
 def test_a_signal_ends_the_process_with_one_line(program: str, number: int) -> None:

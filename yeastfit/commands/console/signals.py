@@ -17,7 +17,7 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
-from types import FrameType
+from types import FrameType, TracebackType
 from typing import NoReturn
 
 GRACE = 1.0  # seconds that the main thread has for an orderly end; a busy machine may add one
@@ -99,10 +99,11 @@ def answered_signals() -> Iterator[None]:
     for each in ours:
         signal.signal(each, _interrupt)
     ignoring, sys.unraisablehook = sys.unraisablehook, _interrupt_again
+    telling, sys.excepthook = sys.excepthook, _tell_others
     try:
         yield
     finally:
-        sys.unraisablehook = ignoring
+        sys.unraisablehook, sys.excepthook = ignoring, telling
         for each in ours:
             signal.signal(each, signal.SIG_DFL)
         signal.set_wakeup_fd(-1)
@@ -136,6 +137,12 @@ def _interrupt_again(ignored: "sys.UnraisableHookArgs") -> None:
         threading.Timer(AGAIN, os.kill, (os.getpid(), current.number)).start()  # when the callback is over
     else:
         sys.__unraisablehook__(ignored)
+
+
+def _tell_others(kind: type[BaseException], error: BaseException, trace: TracebackType | None) -> None:
+    """Print a traceback, but not of a signal: Cython prints what its functions cannot raise before it ignores it."""
+    if not (current.received and issubclass(kind, KeyboardInterrupt)):
+        sys.__excepthook__(kind, error, trace)
 
 
 def _watch(reader: socket.socket) -> None:
