@@ -7,6 +7,7 @@ same for figures.
 """
 
 import html
+import re
 import unicodedata
 from typing import Any
 
@@ -60,6 +61,11 @@ def file_name(text: str) -> str:
     composed = unicodedata.normalize("NFC", text)
     name = "".join("_" if shown(each) != each or each in NOT_IN_NAMES else each for each in composed)
     return name.encode()[:LONGEST_NAME].decode(errors="ignore").lstrip(".- ").rstrip(". ") or "_"
+
+
+def natural_order(text: str) -> list[str | int]:
+    """A key to sort by, in which numbers count: s2 comes before s10."""
+    return [int(part) if k % 2 else part for k, part in enumerate(re.split(r"([0-9]+)", text))]
 
 
 def as_html(text: object) -> str:

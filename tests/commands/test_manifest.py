@@ -53,6 +53,24 @@ def test_beside_the_images(folder: Path, tmp_path: Path) -> None:
     assert not (folder / "manifest.csv").exists()
 
 
+def test_a_name_that_a_spreadsheet_would_compute_is_written_as_a_path(tmp_path: Path) -> None:
+    (tmp_path / "=1+1 s1 24h 4X.tif").touch()
+    assert cli.run(["manifest", str(tmp_path), "--pattern", PATTERN, *SIZES[:2]]) == 0
+    assert "\n./=1+1 s1 24h 4X.tif," in (tmp_path / "manifest.csv").read_text()
+    assert read_dataset(tmp_path).frames[0].path.is_file()
+
+
+def test_a_name_that_is_no_text_is_refused_by_name(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    name = os.fsdecode(b"caf\xe9 s1 24h 4X.tif")
+    try:
+        (folder / name).touch()
+    except OSError:
+        pytest.skip("this file system has names of text only")
+    assert cli.run(["manifest", str(folder), "--pattern", PATTERN, *SIZES]) == 2
+    assert "caf\\xe9 s1 24h 4X.tif: its name is not UTF-8" in capsys.readouterr().err
+    assert not (folder / "manifest.csv").exists()
+
+
 def test_one_time_and_one_size(tmp_path: Path) -> None:
     for replicate in "ab":
         (tmp_path / f"white_{replicate}.png").touch()

@@ -10,7 +10,7 @@ from rich.table import Table
 
 from yeastfit.commands.console.terminal import out, warn
 from yeastfit.errors import InputError
-from yeastfit.measure.reading.batch_inputs import images_in
+from yeastfit.measure.reading.batch_inputs import images_in, in_tables
 from yeastfit.measure.reading.dataset import MANIFESTS, find_manifest, read_dataset
 from yeastfit.measure.reading.file_names import NamedImage, NamePattern, named_images, pixel_sizes_of
 from yeastfit.numbers import HOURS, PIXEL_SIZES
@@ -58,6 +58,9 @@ def manifest(
             f"{found}: is there already and is not replaced: move it away, or give another folder by --out"
         )
     files, skipped = images_in(folder)
+    for path in files:
+        if path.name.encode(errors="replace").decode() != path.name:
+            raise InputError(f"{path}: its name is not UTF-8, so no manifest can name it: rename it, or move it away")
     if hours is not None:
         HOURS.read(hours, "--hours")
     images = named_images(files, NamePattern.of(pattern), hours)
@@ -96,7 +99,7 @@ def _write(path: Path, images: list[NamedImage], sizes: list[float | None]) -> N
             table = csv.writer(file, lineterminator="\n")
             table.writerow(COLUMNS)
             for image, size in zip(images, sizes, strict=True):
-                name = Path(os.path.relpath(image.path, path.parent)).as_posix()
+                name = in_tables(Path(os.path.relpath(image.path, path.parent)).as_posix())
                 written = "" if size is None else f"{size:.15g}"
                 table.writerow([name, image.replicate, f"{image.hours:.15g}", written, image.condition])
         read_dataset(path.parent)

@@ -15,6 +15,7 @@ from yeastfit import InputError
 from yeastfit.inference.comparison import cross_validation
 from yeastfit.inference.comparison.cross_validation import cross_validate, without
 from yeastfit.inference.comparison.left_out import LeftOut, scale_of
+from yeastfit.inference.comparison.models import difference_of_data
 from yeastfit.inference.comparison.predictive_mixture import PredictiveMixture
 from yeastfit.inference.neural_likelihood.coordinates import Coordinates
 from yeastfit.inference.neural_likelihood.emulator import Emulator
@@ -108,6 +109,23 @@ def test_of_a_plane(made: Made) -> None:
     edges = found.quantiles[:, [0, -1]]
     inside = (edges[:, 0] <= rows) & (rows <= edges[:, 1])
     np.testing.assert_array_equal(inside.sum(axis=0), found.inside(0.9))
+
+
+@pytest.mark.usefixtures("unchecked", "known_exactly")
+def test_the_order_of_a_table_does_not_matter(made: Made) -> None:
+    """Colonies are dealt into groups by their names, in which numbers count."""
+    names, order = [f"s{r + 5}" for r in range(COLONIES)], np.random.default_rng(3).permutation(COLONIES)
+    first = cross_validate(made[2], made[3], made[1], made[4], groups=4, names=names, settings=SETTINGS)
+    problem = replace(made[3], observed=made[1].mean(axis=0))
+    mixed = [names[r] for r in order]
+    other = cross_validate(made[2], problem, made[1][order], made[4], groups=4, names=mixed, settings=SETTINGS)
+    assert other.colonies == tuple(mixed)
+    again = other.in_order()
+    assert again.colonies == tuple(names)
+    np.testing.assert_array_equal(again.group, first.group)
+    np.testing.assert_array_equal(again.observed, first.observed)
+    np.testing.assert_allclose(again.log_density, first.log_density, rtol=1e-3)
+    assert difference_of_data(first, again) == ""
 
 
 @pytest.mark.thorough
@@ -263,6 +281,10 @@ def test_saved_and_loaded(tmp_path: Path) -> None:
     np.testing.assert_array_equal(again.log_density, found.log_density)
     np.testing.assert_array_equal(again.scale, scale_of(found.observed))
     assert again.colony_rows() == found.colony_rows()
+    unseen = replace(found, observed=np.where(np.arange(3) == 1, np.nan, found.observed))
+    unseen.save(tmp_path / "unseen.npz")
+    with pytest.raises(InputError, match=rf"unseen.npz.*observed has fewer than two colonies with {found.labels[1]}"):
+        LeftOut.load(tmp_path / "unseen.npz")
     (tmp_path / "other.npz").write_text("nothing")
     with pytest.raises(InputError, match=r"other.npz: this is no prediction of colonies left out that was saved"):
         LeftOut.load(tmp_path / "other.npz")

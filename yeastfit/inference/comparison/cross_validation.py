@@ -1,10 +1,10 @@
 """Leave colonies out of a posterior and predict them, from the simulations that the posterior was made of.
 
-Colonies are dealt into K groups in their order. For each group the posterior of all others is sampled, and the group's
-colonies are predicted (`left_out`). An emulator of the likelihood is the same whatever the data are: it is trained
-once, on all simulations there are, only the chains are run anew, and nothing is simulated. So every posterior with
-enough simulations is checked in one way, whichever method has sampled it. Where λ may scatter between colonies, chains
-sample its scatter too, and a colony is predicted at a λ of its own.
+Colonies are dealt into K groups in the order of their names. For each group the posterior of all others is sampled, and
+the group's colonies are predicted (`left_out`). An emulator of the likelihood is the same whatever the data are: it is
+trained once, on all simulations there are, only the chains are run anew, and nothing is simulated. So every posterior
+with enough simulations is checked in one way, whichever method has sampled it. Where λ may scatter between colonies,
+chains sample its scatter too, and a colony is predicted at a λ of its own.
 """
 
 from collections.abc import Sequence
@@ -27,6 +27,7 @@ from yeastfit.inference.posterior.result import Posterior
 from yeastfit.inference.posterior.sampler import Sampler
 from yeastfit.progress import Progress, silent
 from yeastfit.seeds import Stream, stream_of
+from yeastfit.text import natural_order
 
 GROUPS = 5
 MOST_DRAWS = 4000  # of each posterior that colonies are predicted from
@@ -76,7 +77,9 @@ def cross_validate(
     how = settings if isinstance(settings, SequentialEmulator) else SequentialEmulator()
     emulator = _emulator(posterior, problem, simulations, how, seed)
     known = _known(posterior, problem, simulations[0], how)
-    group, doubts = np.arange(count) % groups, list[str]()
+    called = tuple(names) if len(names) == count else tuple(str(r + 1) for r in range(count))
+    in_order = sorted(range(count), key=lambda r: (natural_order(called[r]), r))
+    group, doubts = np.argsort(in_order) % groups, list[str]()
     places = problem.prior.coordinates(simulations[0][_usable(problem, simulations)])
     if problem.variation is not None:
         rng = np.random.default_rng(stream_of(seed, Stream.COLONIES, 0))
@@ -102,7 +105,6 @@ def cross_validate(
             below[r] = np.where(seen, mixture.below(np.where(seen, colonies[r], 0.0)), np.nan)
             quantiles[r] = mixture.quantiles(np.array(SHARES))
     progress("leaving colonies out", 1.0)
-    called = tuple(names) if len(names) == count else tuple(str(r + 1) for r in range(count))
     partly = [called[r] for r in range(count) if not np.isfinite(colonies[r]).all()]
     if partly:
         doubts.append(f"colonies left out: {', '.join(partly)} lack statistics, no density of them is counted")

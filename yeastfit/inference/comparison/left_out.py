@@ -12,7 +12,7 @@ half of them lie in the predicted interval of 50 %.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +22,7 @@ from scipy.stats import binom, norm
 
 from yeastfit.errors import InputError
 from yeastfit.storage import as_json, from_json, reads_saved, written_whole
+from yeastfit.text import natural_order
 
 SHARES = (0.05, 0.25, 0.5, 0.75, 0.95)
 RARE = 0.01  # probability below which a count of colonies inside an interval is no chance
@@ -158,6 +159,12 @@ class LeftOut:
         """What is wrong; empty where all is well."""
         return [*self.doubts, *(f"colonies left out: {name}: {what}" for name, what in self.failures().items())]
 
+    def in_order(self) -> "LeftOut":
+        """The same with colonies in the order of their names, whatever that of the table was."""
+        order = sorted(range(len(self.colonies)), key=lambda r: natural_order(self.colonies[r]))
+        of_colonies = {one.name: getattr(self, one.name)[order] for one in fields(self) if one.name not in WORDS}
+        return replace(self, colonies=tuple(self.colonies[r] for r in order), **of_colonies)
+
     def save(self, path: str | Path) -> None:
         """All of it as one .npz file."""
         arrays = {one.name: getattr(self, one.name) for one in fields(self) if one.name not in WORDS}
@@ -183,6 +190,9 @@ class LeftOut:
         for name, shape in shapes.items():
             if arrays[name].shape != shape or not np.issubdtype(arrays[name].dtype, np.number):
                 raise InputError(f"{name} has shape {arrays[name].shape}, need numbers of shape {shape}")
+        counts = np.isfinite(arrays["observed"]).sum(axis=0)
+        if lacking := [label for label, count in zip(labels, counts, strict=True) if count < 2]:
+            raise InputError(f"observed has fewer than two colonies with {lacking[0]}")
         return LeftOut(labels=labels, colonies=colonies, doubts=doubts, **arrays)
 
 

@@ -1,7 +1,6 @@
 """Find the images to measure, of a data set, of folders or given one by one, and give each a name of its own."""
 
 import os
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -10,7 +9,7 @@ from yeastfit.errors import InputError
 from yeastfit.measure.reading.dataset import Dataset, dataset_folder, read_dataset
 from yeastfit.measure.reading.segmentation_options import AUTOMATIC, SegmentationOptions
 from yeastfit.numbers import PIXEL_SIZES
-from yeastfit.text import file_name, shown
+from yeastfit.text import file_name, natural_order, shown
 
 SUFFIXES = (".tif", ".tiff", ".png", ".jpg", ".jpeg", ".czi", ".nd2", ".lif")
 FORMULA = ("=", "+", "-", "@")  # what a spreadsheet takes for a formula begins so
@@ -135,19 +134,22 @@ def images_in(folder: Path) -> tuple[list[Path], list[Path]]:
 
 def _images(folder: Path) -> tuple[list[Path], list[Path]]:
     """Images, and what else there is: links to images of the same folder, too."""
-    inside = sorted((path for path in folder.iterdir() if path.name[0] != "."), key=_natural_order)
+    inside = sorted(
+        (path for path in folder.iterdir() if path.name[0] != "."), key=lambda path: natural_order(path.name)
+    )
     images = [path for path in inside if path.suffix.lower() in SUFFIXES]
     files = {os.path.realpath(path) for path in images if not path.is_symlink()}
     images = [path for path in images if not (path.is_symlink() and os.path.realpath(path) in files)]
     return images, [path for path in inside if path not in images]
 
 
-def _natural_order(path: Path) -> list[str | int]:
-    return [int(part) if k % 2 else part for k, part in enumerate(re.split(r"([0-9]+)", path.name))]
+def in_tables(path: str) -> str:
+    """A path for a table, with "./" before what a spreadsheet would take for a formula."""
+    return f"./{path}" if path.startswith(FORMULA) else path
 
 
 def _label(path: str) -> str:
-    return shown(f"./{path}" if path.startswith(FORMULA) else path)
+    return shown(in_tables(path))
 
 
 def _labels(files: Sequence[Path]) -> list[str]:
