@@ -25,6 +25,7 @@ from yeastfit.text import short, shown
 
 PACKAGES = ("yeastfit", "jax", "equinox", "optimistix", "numpy", "scipy", "scikit-image", "matplotlib", "tifffile")
 NOT_FINITE = {"NaN": math.nan, "Infinity": math.inf, "-Infinity": -math.inf}
+LARGEST = 10**11  # bytes of a file that is hashed: a minute or two
 WORK = ".yeastfit"  # folder inside that of a run's results, for what is on its way (`results.folder`)
 Options = ParamSpec("Options")
 Saved = TypeVar("Saved")
@@ -202,6 +203,11 @@ def reads_saved(
         return checked
 
     return decorated
+
+
+def can_be_hashed(path: Path) -> bool:
+    """Whether it is a file of a size to read: a pipe would be waited for, and a device has no end."""
+    return path.is_file() and path.stat().st_size <= LARGEST
 
 
 def sha256_of(path: str | Path) -> str:

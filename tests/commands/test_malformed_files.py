@@ -55,6 +55,25 @@ def rows(path: Path) -> list[dict[str, str]]:
 
 # --------------------------------------------------------------------------------------------------------------- images
 
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no pipes here")
+def test_a_pipe_a_device_and_an_endless_file_cost_their_own_row_only(tmp_path: Path) -> None:
+    """Nothing waits for a pipe, and nothing without an end is read to it."""
+    images, out = tmp_path / "images", tmp_path / "out"
+    images.mkdir()
+    Image.fromarray(DISC).save(images / "good.png")
+    os.mkfifo(images / "pipe.png")
+    (images / "device.png").symlink_to("/dev/zero")
+    with (images / "sparse.tif").open("wb") as file:
+        file.truncate(10**13)
+    assert cli.run(["measure", str(images), "--out", str(out), "--pixel-size", "1", "--jobs", "1"]) == 2
+    assert [row["file"] for row in rows(out / "measurements.csv")] == ["good.png"]
+    failures = {row["file"]: row["error"] for row in rows(out / "failures.csv")}
+    assert set(failures) == {"pipe.png", "device.png", "sparse.tif"}
+    assert "is no regular file" in failures["pipe.png"]
+    assert "is no image" in failures["sparse.tif"]
+
+
 ODD_NAMES = (
     "a\nb.png",
     "a\tb.png",

@@ -33,7 +33,7 @@ from yeastfit.measure.statistics.registry import register_missing, registered
 from yeastfit.measure.statistics.statistic import Statistic
 from yeastfit.progress import Progress, silent
 from yeastfit.report.outcome import Outcome
-from yeastfit.storage import sha256_of, written_whole
+from yeastfit.storage import can_be_hashed, sha256_of, written_whole
 
 IMAGES_PER_PROCESS = 4  # fewer are measured sooner than another process has started
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
@@ -142,7 +142,7 @@ def measure_image(image: InputImage, folder: Path) -> Outcome:
         OSError: The mask or the overlay cannot be written.
     """
     try:
-        digest = sha256_of(image.path) if image.path.is_file() else ""
+        digest = sha256_of(image.path) if can_be_hashed(image.path) else ""
     except OSError:
         digest = ""
     outcome = Outcome(image, sha256=digest)

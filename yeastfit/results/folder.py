@@ -29,10 +29,11 @@ from yeastfit.processors import device_used
 from yeastfit.results.check import check_folder, listing, unwritable
 from yeastfit.results.contents import LOCK, MANIFEST, OWNER, Contents, Listed, changed_files, misplaced_files
 from yeastfit.results.exchange import exchange, remove_empty
-from yeastfit.storage import WORK, check_room, sha256_of, versions, write_json
+from yeastfit.storage import WORK, can_be_hashed, check_room, sha256_of, versions, write_json
 
 RESULTS, EARLIER, UNFINISHED = "results", "earlier", "unfinished"
 GONE, CHANGED = "gone when the command ended", "changed while the command ran"
+UNREAD = "no regular file, or too large to read"
 PATIENCE = 0.5  # seconds: a run that is just ending lets go of its lock
 
 
@@ -150,10 +151,11 @@ class ResultsFolder:
 
     def _hash_of_input(self, path: str | Path) -> str:
         """SHA-256, or what became of the file while the command ran."""
-        try:
-            now = sha256_of(path)
-        except FileNotFoundError:
+        if not os.path.lexists(path):
             return GONE
+        if not can_be_hashed(Path(path)):
+            return UNREAD
+        now = sha256_of(path)
         return now if self.reads.get(os.path.abspath(path), now) == now else CHANGED
 
     def _own(self, files: Listed) -> None:
@@ -268,7 +270,8 @@ def _hashes_of_inputs(reads: Iterable[Path]) -> dict[str, str]:
     hashes = {}
     for one in reads:
         with suppress(OSError):  # which the command says
-            hashes[os.path.abspath(one)] = sha256_of(one)
+            if can_be_hashed(one):
+                hashes[os.path.abspath(one)] = sha256_of(one)
     return hashes
 
 

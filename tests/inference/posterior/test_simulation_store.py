@@ -222,6 +222,14 @@ def test_files_that_are_something_else_are_refused(tmp_path: Path) -> None:
     path.write_text("mobility,area\n1,2\n")
     with pytest.raises(InputError, match=r"simulations\.h5 is not a file of simulations, or it is damaged"):
         Store(path, FREE, LABELS)
+    path.write_text("")
+    with pytest.raises(
+        InputError, match=r"simulations\.h5 is not a file of simulations, or it is damaged: it is empty"
+    ):
+        Store(path, FREE, LABELS)
+    (tmp_path / "folder.h5").mkdir()
+    with pytest.raises(InputError, match=r"folder\.h5: is no regular file, need a file of simulations, or none"):
+        Store(tmp_path / "folder.h5", FREE, LABELS)
     with h5py.File(tmp_path / "other.h5", "w", libver=("earliest", "v108")) as file:
         file["x"] = 3
     with pytest.raises(InputError, match=r"other\.h5: no simulations can be read, the file is damaged"):

@@ -61,6 +61,8 @@ class Store(Simulations):
         self._file: h5py.File | None = None
         if self.path.is_symlink() and not self.path.exists():
             raise InputError(f"{self.path}: is a link to nothing, need a file of simulations, or none")
+        if self.path.exists() and not self.path.is_file():
+            raise InputError(f"{self.path}: is no regular file, need a file of simulations, or none")
         if self.path.exists():
             self._open()
         else:
@@ -177,7 +179,8 @@ def _fill_up(path: Path) -> bool:
         if name.startswith(SIGNATURE):
             raise InputError(f"{path}: no simulations can be read, the file is damaged, or of another version")
         if name != NAME:
-            raise InputError(f"{path} is not a file of simulations, or it is damaged: it starts with {name[:8]!r}")
+            what = f"it starts with {name[:8]!r}" if size else "it is empty"
+            raise InputError(f"{path} is not a file of simulations, or it is damaged: {what}")
         file.seek(USER_BLOCK)
         if not USER_BLOCK < start <= size or _check(start, end, file.read(start - USER_BLOCK)) != check:
             raise InputError(f"{path}: no simulations can be read, the file is damaged before its rows begin")
