@@ -227,6 +227,20 @@ def test_more_steps_make_a_run_longer(data: Path, tmp_path: Path) -> None:
     assert_same(tmp_path / "parts", tmp_path / "long")
 
 
+def test_a_damaged_manifest_is_told_before_anything_is_computed(
+    data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    out = tmp_path / "out"
+    finished(arguments(data, out, "abc-smc"))
+    (out / "manifest.json").write_text("null")
+    before = {path.name: path.read_bytes() for path in out.iterdir() if path.is_file()}
+    monkeypatch.setattr(KnownColonies, "__call__", None)  # nothing is simulated
+    capsys.readouterr()
+    assert cli.run(arguments(data, out, "abc-smc", "--resume")) == 2
+    assert "manifest.json is damaged: restore it, or give another folder" in capsys.readouterr().err
+    assert {path.name: path.read_bytes() for path in out.iterdir() if path.is_file()} == before
+
+
 def test_a_run_is_not_made_shorter(data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """What was found by more would be written over."""
     finished(arguments(data, tmp_path / "out", "abc-mcmc"))

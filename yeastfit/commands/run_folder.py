@@ -22,7 +22,7 @@ from yeastfit.inference.workers.arithmetic import xla_threads
 from yeastfit.measure.measurements_table import OF_ANYTHING, files_of, read_measurements, table_in
 from yeastfit.measure.reading.batch_inputs import dataset_images
 from yeastfit.measure.reading.dataset import dataset_folder, read_dataset
-from yeastfit.results.contents import RUN
+from yeastfit.results.contents import MANIFEST, RUN
 from yeastfit.results.folder import ResultsFolder
 from yeastfit.storage import as_json, from_json, read_json, reads_saved, sha256_of, versions, write_json
 from yeastfit.text import quoted
@@ -97,6 +97,8 @@ class RunFolder:
             write_json(file, {"command": "infer", "seed": seed, "configuration": plain, "inputs": hashes, **made})
             notes = ["there is nothing to resume, a new run begins"] if resume else []
             return RunFolder(results, plain, hashes, seed, notes, new)
+        if not results.finished and os.path.lexists(path / MANIFEST):
+            raise InputError(f"--resume: {path / MANIFEST} is damaged: restore it, or give another folder")
         earlier = read_run(file)
         before, now = earlier["configuration"]["settings"], plain["settings"]
         now |= {name: before[name] for name in kept if name in before}
