@@ -98,6 +98,7 @@ def test_values_of_messages_are_short() -> None:
 
 def test_names_that_look_alike_are_refused() -> None:
     check_look_alikes(["50 µM", "50 µM", "HIS3", "his3", "01", "1", ""], "conditions")
-    for first, second in (("50 µM", "50 \u03bcM"), ("a b", "a\u00a0b"), ("é", "e\u0301")):
+    alike = (("50 µM", "50 \u03bcM"), ("a b", "a\u00a0b"), ("é", "e\u0301"), ("A", "\u0410"), ("o", "\u03bf"))
+    for first, second in (*alike, *(("a", f"a{hidden}") for hidden in "\ufe0f\u034f\u3164")):
         with pytest.raises(InputError, match=r"^t\.csv: conditions '.*' and '.*' look alike"):
             check_look_alikes([first, "other", second], "t.csv: conditions")

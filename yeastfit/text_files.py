@@ -2,6 +2,7 @@
 
 import codecs
 import csv
+import re
 import tomllib
 import unicodedata
 from collections.abc import Callable, Iterable
@@ -12,6 +13,18 @@ from typing import Any
 from yeastfit.errors import InputError
 
 UTF_16 = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
+INVISIBLE = re.compile(
+    "[\u00ad\u034f\u115f\u1160\u17b4\u17b5\u180b-\u180f\u200b-\u200f\u2060-\u2064\u3164\ufe00-\ufe0f\ufeff\uffa0"
+    "\U000e0100-\U000e01ef]"
+)
+"""Characters that no font shows."""
+LATIN = str.maketrans(
+    "\u0410\u0412\u0415\u041a\u041c\u041d\u041e\u0420\u0421\u0422\u0423\u0425\u0405\u0406\u0408"
+    "\u0430\u0435\u043e\u0440\u0441\u0443\u0445\u0455\u0456\u0458"
+    "\u0391\u0392\u0395\u0396\u0397\u0399\u039a\u039c\u039d\u039f\u03a1\u03a4\u03a5\u03a7\u03bf",
+    "ABEKMHOPCTYXSIJaeopcyxsijABEZHIKMNOPTYXo",
+)
+"""Cyrillic and Greek letters whose shape is that of a Latin one."""
 
 
 def read_text(path: str | Path) -> str:
@@ -108,8 +121,8 @@ def check_look_alikes(names: Iterable[str], what: str) -> None:
     """Check that no two names look the same, as "50 µM" with a micro sign and with a Greek letter do.
 
     Arguments:
-        names: Of conditions, for instance; those that are the same in Unicode's compatible form, with plain spaces,
-            look the same.
+        names: Of conditions, for instance; those look the same that are the same in Unicode's compatible form, with
+            plain spaces, without invisible characters, and with Latin letters for the like of other scripts.
         what: They are, and where.
 
     Raises:
@@ -117,7 +130,8 @@ def check_look_alikes(names: Iterable[str], what: str) -> None:
     """
     seen: dict[str, str] = {}
     for name in names:
-        first = seen.setdefault(" ".join(unicodedata.normalize("NFKC", name).split()), name)
+        plain = unicodedata.normalize("NFKC", INVISIBLE.sub("", name)).translate(LATIN)
+        first = seen.setdefault(" ".join(plain.split()), name)
         if first != name:
             alike = f"{first!a} and {name!a}"
             raise InputError(f"{what} {alike} look alike and are of different characters: write both the same")
