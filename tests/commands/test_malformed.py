@@ -307,6 +307,14 @@ CASES: list[tuple[str, str]] = [
         for one in ("1,a", "1,inf", "1_0", "", "0", "-1,2")
     ),
     ("design --out OUT --times 1e300", MEMORY),
+    (
+        "design --out OUT --times 1,2 --added 99999999999999999999",
+        "added is 1e+20, it must be above 0 and at most",
+    ),
+    (
+        "design --out OUT --times 1,2 --replicates 9999999999",
+        "replicates is 1e+10, it must be above 0 and at most",
+    ),
     ("design --out OUT --times 2,60", f"capacity is {MEMORY}"),
     ("design --out OUT --measured-times 1,nan", "--measured-times is '1,nan'"),
     ("design --out OUT --statistics nothing", "nothing"),

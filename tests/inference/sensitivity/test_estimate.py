@@ -113,6 +113,7 @@ def test_a_result_is_whole(found: Sensitivity, tmp_path: Path) -> None:
         "runs": {"mean": "many"},
         "warnings": [1],
         "status": "fine",
+        "plausible": {"a": {}},
     }
     for name, wrong in damaged.items():
         write_json(tmp_path / "damaged.json", {**whole, name: wrong})

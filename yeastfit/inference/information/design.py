@@ -38,6 +38,7 @@ from yeastfit.inference.information.result import Information, precision
 from yeastfit.inference.sensitivity.result import Sensitivity
 
 MOST_MEASUREMENTS = 1000  # of a sequence
+MOST_REPLICATES = 1e6
 By = Literal["image", "statistic"]
 Groups = tuple[tuple[float, tuple[int, ...]], ...]
 """Of each group the number of replicates, and the numbers of the observables that are measured."""
@@ -225,8 +226,8 @@ class _Task:
 def check_arguments(replicates: float, added: float, steps: int, by: str, criterion: str) -> None:
     """Raise `InputError` where an argument makes no sense."""
     for name, value in (("replicates", replicates), ("added", added), ("steps", steps)):
-        if not value > 0:
-            raise InputError(f"{name} is {value}, it must be above 0")
+        if not 0 < value <= MOST_REPLICATES:
+            raise InputError(f"{name} is {value:g}, it must be above 0 and at most {MOST_REPLICATES:g}")
     if steps > MOST_MEASUREMENTS:
         raise InputError(f"steps is {steps}, it must be at most {MOST_MEASUREMENTS}")
     for name, word, words in (("by", by, get_args(By)), ("criterion", criterion, get_args(Criterion))):

@@ -189,10 +189,15 @@ def _check_parts(data: dict[str, Any], arrays: dict[str, np.ndarray]) -> None:
         most = np.abs(values[np.isfinite(values)]).max(initial=0.0)
         if most > largest.get(name, LARGEST):
             raise ValueError(f"{name} holds {most:g}, it can be at most {largest.get(name, LARGEST):g}")
-    if strange := [name for name in data["free"] if name not in data["at"]]:
-        raise ValueError(f"free names {short(strange[0])}, of which at says nothing")
+    for known in ("at", "plausible"):
+        if strange := [name for name in data["free"] if name not in data[known]]:
+            raise ValueError(f"free names {short(strange[0])}, of which {known} says nothing")
     if not all(isinstance(value, int | float) for value in data["at"].values()):
         raise ValueError(f"at is {short(data['at'])}")
+    for name, ends in data["plausible"].items():
+        numbers = isinstance(ends, list | tuple) and all(isinstance(end, int | float) for end in ends)
+        if not numbers or len(ends) != 2 or not ends[0] < ends[1]:
+            raise ValueError(f"plausible {short(name)} is {short(ends)}, it must be two numbers that rise")
     SEEDS.check(data["seed"], "seed")
     POSITIVE.check(data["spread"], "spread")
     for name in ("runs", "seconds"):
