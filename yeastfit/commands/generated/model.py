@@ -33,16 +33,20 @@ def _free(default: Callable[[type[ForwardModel]], Sequence[str]]) -> Any:
 
 Fitted = Annotated[str | None, _free(lambda model: model.fitted or model.free)]
 Inferred = Annotated[str | None, _free(lambda model: model.free)]
-Statistics = Annotated[
-    str | None,
-    typer.Option(
-        help=f"Statistics that are compared, with commas: {SMOOTH}, or any other column of measurements.csv that the "
-        "model has; li2024 stands for the indices of Li et al. 2024. By default "
-        + "; ".join(f"{','.join(one.statistics)} for {name}" for name, one in FORWARD_MODELS.items())
-        + ".",
-        show_default=False,
-    ),
-]
+
+
+def _statistics(default: Callable[[type[ForwardModel]], Sequence[str]]) -> Any:
+    """The option --statistics, which says what is compared by default."""
+    by_model = "; ".join(f"{','.join(default(one))} for {name}" for name, one in FORWARD_MODELS.items())
+    words = (
+        f"Statistics that are compared, with commas: {SMOOTH}, or any other column of measurements.csv that the model "
+        f"has; li2024 stands for the indices of Li et al. 2024. By default {by_model}."
+    )
+    return typer.Option(help=words, show_default=False)
+
+
+FittedStatistics = Annotated[str | None, _statistics(lambda model: model.statistics)]
+Statistics = Annotated[str | None, _statistics(lambda model: model.designed)]
 
 
 @dataclass(frozen=True)

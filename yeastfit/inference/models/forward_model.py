@@ -58,7 +58,7 @@ class ForwardModel(ABC):
         free: Names of the parameters that `infer` infers by default.
         fitted: Those that `fit` fits and `design` plans for by default.
         statistics: What is compared by default.
-        designed: What `design` chooses from by default.
+        designed: What `design` chooses from and `infer` compares by default.
         nouns: What one replicate is called, and several.
         columns: What a table of its data must have besides the statistics.
         units: A sentence for pages on the units of parameters and statistics.
