@@ -20,6 +20,7 @@ from yeastfit.errors import InputError
 from yeastfit.inference.polynomial import sobol_points
 from yeastfit.inference.simulator import Values
 from yeastfit.parameter_set import Parameter, ParameterSet
+from yeastfit.text import natural_order
 
 ONLY = ""  # the name of the only condition
 MARGIN = 1e-3  # of the range: how far inside its bounds a point is taken to be
@@ -147,8 +148,14 @@ class ParameterSpace:
                 raise InputError(f"{what} names {name!r}, which is not free: {', '.join(self.names)} are")
 
     def sobol_points(self, count: int, seed: int | np.random.SeedSequence) -> Points:
-        """Low-discrepancy points in the box."""
-        return self.low + (self.high - self.low) * sobol_points(count, len(self.entries), seed)
+        """Low-discrepancy points in the box; the order in which conditions are given makes no difference."""
+        parameters = [entry.parameter for entry in self.entries]
+        order = sorted(
+            range(len(parameters)),
+            key=lambda k: (parameters.index(parameters[k]), natural_order(self.entries[k].condition or "")),
+        )
+        unit = sobol_points(count, len(order), seed)[:, np.argsort(order)]
+        return self.low + (self.high - self.low) * unit
 
     def columns(self, condition: str) -> list[int]:
         """Numbers of the entries that a condition depends on, in the order of its simulator's parameters."""

@@ -96,6 +96,10 @@ def test_shared_and_own_parameters_of_two_conditions() -> None:
     assert result.chi_square < result.degrees_of_freedom + 4 * np.sqrt(2 * result.degrees_of_freedom)
     np.testing.assert_array_equal(result.jacobian[:CURVES, 2], 0.0)
     np.testing.assert_array_equal(result.jacobian[CURVES:, 1], 0.0)
+    turned = fitted(dict(reversed(targets.items())), free=FREE, own=("metabolic_rate",), held=held)
+    for name, value in result.values.items():  # the order of conditions is of no account
+        assert turned.values[name] == pytest.approx(value, rel=1e-4)
+    assert turned.simulations == result.simulations
 
 
 def test_two_conditions_halve_the_variance_of_what_they_share() -> None:
