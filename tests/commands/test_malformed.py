@@ -307,6 +307,11 @@ CASES: list[tuple[str, str]] = [
         for one in ("1,a", "1,inf", "1_0", "", "0", "-1,2")
     ),
     ("design --out OUT --times 1e300", MEMORY),
+    ("design --out OUT --times 1,2 --same-colonies", "--same-colonies: everything counts as measured"),
+    *(
+        (f"design --out OUT --times 1,2 --scheduler '{one}'", "--scheduler is it must be like tcp://host:8786")
+        for one in ("foo", "", "http://x", "inproc://x", "tcp://x", "tcp://x:999999")
+    ),
     (
         "design --out OUT --times 1,2 --added 99999999999999999999",
         "added is 1e+20, it must be above 0 and at most",

@@ -109,6 +109,11 @@ def design(
         "measurement_error": measurement_error,
     }
     check_arguments(replicates, added, steps, by, criterion)
+    if same_colonies and measured_times is None and measured_statistics is None:
+        raise InputError(
+            "--same-colonies: everything counts as measured, so that nothing is left to measure: say what has been "
+            "measured by --measured-times or --measured-statistics"
+        )
     inputs, how = ([sensitivity], {}) if sensitivity else ([], chosen.configuration("design"))
     earlier = _read(sensitivity) if sensitivity else None
     names = chosen.forward.statistics_named(names_in(statistics) or chosen.forward.designed)

@@ -115,6 +115,7 @@ def test_a_result_is_whole(found: Sensitivity, tmp_path: Path) -> None:
         "status": "fine",
         "plausible": {"a": {}},
     }
+    damaged["mean_error"] = [-1.0, *whole["mean_error"][1:]]
     for name, wrong in damaged.items():
         write_json(tmp_path / "damaged.json", {**whole, name: wrong})
         with pytest.raises(InputError, match=rf"damaged\.json: .*{name}"):

@@ -90,6 +90,8 @@ def design(
     task = _Task(sensitivity, names, measurement_error, dict(prior or {}), criterion, further, replicates)
     start = task.start(groups)
     images, singles = (task.candidates(groups, start, offered) for offered in (task.images, task.singles))
+    if not images:
+        raise InputError("new_replicates is False and everything has been measured: nothing is left to measure")
     return Design(
         free=names,
         statistics=sensitivity.statistics,

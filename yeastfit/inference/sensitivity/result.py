@@ -198,6 +198,12 @@ def _check_parts(data: dict[str, Any], arrays: dict[str, np.ndarray]) -> None:
         numbers = isinstance(ends, list | tuple) and all(isinstance(end, int | float) for end in ends)
         if not numbers or len(ends) != 2 or not ends[0] < ends[1]:
             raise ValueError(f"plausible {short(name)} is {short(ends)}, it must be two numbers that rise")
+    for one in data["observables"]:
+        if not isinstance(one["statistic"], str) or not isinstance(one.get("time", 0.0), int | float):
+            raise ValueError(f"an observable is {short(one)}")
+    for name in ("mean_error", "error"):
+        if (arrays[name] < 0).any():
+            raise ValueError(f"{name} holds {arrays[name].min():g}, it must be at least 0")
     SEEDS.check(data["seed"], "seed")
     POSITIVE.check(data["spread"], "spread")
     for name in ("runs", "seconds"):

@@ -9,6 +9,7 @@ what a block takes here and there tells what is to be gained.
 """
 
 import logging
+import re
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator
@@ -28,9 +29,11 @@ from yeastfit.inference.workers.dispatch import Dispatch
 from yeastfit.inference.workers.worker import Block, in_full
 from yeastfit.memory import check_count
 from yeastfit.specification import Specification
+from yeastfit.text import quoted
 
 BLOCK = 8  # rows: 1.6 s where a colony takes 0.2 s, some hundred times what sending them takes
 PROCESS = 2e8  # bytes that a worker process takes at least
+ADDRESS = re.compile(r"(tcp|tls)://[^\s/]+:[0-9]{1,5}")
 FIRST = 2  # blocks that the asking process simulates itself
 
 Say = Callable[[str], None]
@@ -182,6 +185,8 @@ class Workers:
     def __post_init__(self) -> None:
         if (self.processes is None) == (self.scheduler is None):
             raise InputError("processes and scheduler: need one of the two")
+        if self.scheduler is not None and not ADDRESS.fullmatch(self.scheduler):
+            raise InputError(f"scheduler is {quoted(self.scheduler)}, it must be like tcp://host:8786")
         for name, value in (("processes", self.processes), ("block", self.block)):
             if value is not None and value < 1:
                 raise InputError(f"{name} is {value}, it must be at least 1")
