@@ -29,6 +29,7 @@ BAD = {
     GOOD.replace("[a]", "['..']"): "called '..'",
     GOOD.replace("[a]", "['']"): "called ''",
     GOOD.replace("[a]", "['a/b']"): "called 'a/b'",
+    GOOD + GOOD.replace("[a]", "[A]"): "data sets are called 'a' and 'A', which are one folder on many systems",
     GOOD.replace("[a]", '["a\\nb"]'): r"called 'a\nb'",
     GOOD.replace("[a]", f"['{'x' * 300}']"): "called 'xxx",
     GOOD + "colour = 1": "'colour' is unknown, expected some of extent, hours",

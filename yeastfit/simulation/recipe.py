@@ -140,7 +140,10 @@ def read_recipes(path: str | Path) -> dict[str, Recipe]:
         raise InputError(f"{path}: no data set there, need a table [name] for each")
     for name in tables:
         alike = [one for one in tables if one.casefold() == name.casefold()]
-        if file_name(name) != name or RESERVED_NAMES.fullmatch(name) or len(name) > LONGEST_NAME or len(alike) > 1:
+        if len(alike) > 1:
+            both = " and ".join(map(quoted, alike[:2]))
+            raise InputError(f"{path}: data sets are called {both}, which are one folder on many systems: rename one")
+        if file_name(name) != name or RESERVED_NAMES.fullmatch(name) or len(name) > LONGEST_NAME:
             raise InputError(f"{path}: a data set is called {quoted(name)}, need a name that its folder can have")
     return {name: _recipe(table, f"{path}, [{short(name)}]") for name, table in tables.items()}
 

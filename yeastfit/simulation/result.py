@@ -109,11 +109,11 @@ class Simulation:
         if state.count.ndim:
             state = jax.tree.map(lambda leaf: np.asarray(leaf)[member], state)  # JAX would compile it
         parameters = jax.tree.map(lambda leaf: leaf if leaf.ndim == 0 else np.asarray(leaf)[member], parameters)
-        reach = float(np.abs(np.asarray(state.positions)[: int(state.count)]).max()) + 2.0
+        reach = float(np.abs(np.asarray(state.positions)[: int(state.count)]).max(initial=0.0)) + 2.0
         width = min(self.numerics.domain, width or 2 * reach)
         mask = mask_of(state, parameters, self.relaxation, width, 801, self.model.shape)
         time = float(state.step) * self.numerics.dt
-        cells = int(state.count) - 1
+        cells = max(int(state.count) - 1, 0)
         title = f"{cells} cell{'s' * (cells != 1)} at {self.scales.hours(time):.1f} h (t = {time:.4g})"
         half, edge = (0.5 * one * self.scales.length for one in (width, self.numerics.domain))
         return [

@@ -128,6 +128,7 @@ def test_a_colony_that_starves_dies_out_and_says_so() -> None:
     assert (np.asarray(run.colony.count) == 0).all()
     assert np.isnan(run.statistics["compactness"][:, -1]).all()  # of no cells
     assert (run.statistics["growth_rate"][:, -1] == 0).all()
+    assert run.panels(0)[0].title.startswith("0 cells at ")
 
 
 def test_what_the_dead_cannot_do_is_refused(unchecked: None) -> None:
