@@ -155,6 +155,10 @@ def test_every_law_comes_back_from_a_file(tmp_path: Path) -> None:
             "[mobility]\ndistribution = 'uniform'\nlow = 1\nhigh = 1.0000000001",
             "uniform of low 1, high 1 is too narrow",
         ),
+        (
+            "[mobility]\ndistribution = 'normal'\nmean = 0.5\nsd = 1e300\nlow = 0.1\nhigh = 0.9",
+            "is flat between low and high: give a uniform one instead",
+        ),
         ("[mobility]\ndistribution = 'log-normal'\nmedian = 1\nsd = 1e-300", "log-normal of median 1, sd 1e-300"),
         ("[mobility]\ndistribution = 'beta'\na = 1e-300\nb = 1", "a is 1e-300, it must be at least 0.05"),
         (

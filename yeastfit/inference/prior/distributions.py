@@ -182,6 +182,9 @@ class Distribution:
         scale = 1.0 if self.logarithmic else max(abs(low), abs(high))
         if not high - low > NARROWEST * scale:
             numbers = ", ".join(f"{name} {value:g}" for name, value in self.numbers.items())
+            room = self.numbers.get("high", np.inf) - self.numbers.get("low", -np.inf)
+            if self.numbers.get("sd", 0.0) * NARROWEST > room:
+                raise InputError(f"{self.family} of {numbers} is flat between low and high: give a uniform one instead")
             raise InputError(
                 f"{self.family} of {numbers} is too narrow: 90 % of it lies between values that differ by less than "
                 f"{NARROWEST:g} of their size; hold the parameter at a value instead"
