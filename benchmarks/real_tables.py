@@ -1,7 +1,7 @@
 """Tables of real colonies: what `measure` and Li et al.'s own statistics find on the masks of Li et al. 2024.
 
 One table for each strain and medium, in the form of `yeastfit measure`, with the statistics of Li et al. in columns
-that begin with li2024_. Masks are read as they are: black is colony.
+that begin with li2024_, and smoothed_branch_index. Masks are read as they are: black is colony.
 
     python -m benchmarks.real_tables MASKS DATA
 """
@@ -17,6 +17,7 @@ from yeastfit.measure.statistics.pixels import Pixels
 from yeastfit.measure.statistics.registry import names_with
 from yeastfit.offlattice.simulator import known_statistics
 from yeastfit.offlattice.statistics.li2024_statistics import ENTRIES, PUBLISHED
+from yeastfit.offlattice.statistics.smoothed_branch_index import SMOOTHED
 from yeastfit.storage import write_table
 
 PIXEL_SIZE = 1.55008  # µm, of the photographs
@@ -34,7 +35,7 @@ def row(path: Path, condition: str, hours: float) -> dict[str, Any]:
     shape = measure_mask(colony, PIXEL_SIZE)
     theirs = {
         name: known[name].mask(pixels) * PIXEL_SIZE ** known[name].unit_power  # type: ignore[misc]
-        for name in (*PUBLISHED, *(one.name for one in ENTRIES if one.name not in PUBLISHED))
+        for name in (*PUBLISHED, *(one.name for one in ENTRIES if one.name not in PUBLISHED), SMOOTHED.name)
     }
     found = re.search(r"_s(\d+)$", path.stem)
     return {

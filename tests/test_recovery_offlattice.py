@@ -36,7 +36,7 @@ def test_where_true_values_lie_in_a_posterior(tmp_path: Path) -> None:
     draws = truth + 0.01 * (1.0 + rng.standard_normal((4, 500, 5)))
     draws[..., -1] -= 0.1
     made_posterior(draws, prior=flat_prior(*PARAMETERS.names)).save(tmp_path / "posterior.npz")
-    rows = benchmark.recovered(tmp_path, "awri796-50um", "three statistics")
+    rows = benchmark.recovered(tmp_path, "awri796-50um", "I_B")
     assert [row["parameter"] for row in rows] == list(PARAMETERS.names)
     for row in rows[:-1]:
         assert row["inside"] == "yes"

@@ -24,12 +24,13 @@ from yeastfit.offlattice.masks.li2024_mask import BinnedOutlines
 from yeastfit.offlattice.parameters import PARAMETERS, Rates
 from yeastfit.offlattice.simulator import Picture, known_statistics
 from yeastfit.offlattice.statistics.li2024_statistics import ENTRIES, PUBLISHED
+from yeastfit.offlattice.statistics.smoothed_branch_index import SMOOTHED
 from yeastfit.offlattice.status import Status
 from yeastfit.panel import Panel
 from yeastfit.storage import as_json, from_json, reads_saved, written_whole
 
 SHARE = "pseudohyphal_share"
-THEIRS = {entry.name for entry in ENTRIES}
+THEIRS = {entry.name for entry in (*ENTRIES, SMOOTHED)}
 """What is measured on masks as Li et al. draw them."""
 
 COLUMNS = ("x", "y", "direction", "pseudohyphal", "mother", "can_bud")

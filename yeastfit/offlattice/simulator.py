@@ -22,6 +22,7 @@ from yeastfit.offlattice.masks.area_matching import MaskOf, Match, MatchedMask, 
 from yeastfit.offlattice.masks.li2024_mask import BinnedOutlines
 from yeastfit.offlattice.parameters import PARAMETERS, rates_of
 from yeastfit.offlattice.statistics.li2024_statistics import ENTRIES
+from yeastfit.offlattice.statistics.smoothed_branch_index import SMOOTHED
 from yeastfit.offlattice.status import Status
 from yeastfit.parameter_set import ParameterSet
 from yeastfit.specification import Specification, described, module_outside, path_of, undescribed
@@ -237,5 +238,5 @@ def offlattice_simulator_of(
 
 
 def known_statistics() -> dict[str, Statistic]:
-    """Statistics of masks by name: Li et al.'s, and those of the registry."""
-    return {entry.name: entry for entry in (*ENTRIES, *STATISTICS.values()) if entry.mask}
+    """Statistics of masks by name: Li et al.'s, smoothed I_B, and those of the registry."""
+    return {entry.name: entry for entry in (*ENTRIES, SMOOTHED, *STATISTICS.values()) if entry.mask}

@@ -102,7 +102,7 @@ class Request:
             if other not in (None, value):
                 raise InputError(f"--{name} is {other}, with --li it is {value}: leave out one of the two")
         chosen = {**rest, "measurement_error": 0.0, "bounded": "beta"}
-        chosen["statistics"] = rest.get("statistics") or model_named(rest.get("model", DEFAULT)).designed
+        chosen["statistics"] = rest.get("statistics") or model_named(rest.get("model", DEFAULT)).of_li
         return Request(sampler=sampler_of("abc-mcmc", {**settings, **LI}), **chosen)
 
     @property

@@ -38,6 +38,8 @@ if TYPE_CHECKING:
     from yeastfit.offlattice.simulator import OfflatticeSimulator
 
 THEIRS = "li2024"
+COMPARABLE = ("li2024_filament_area_index", "li2024_filament_radius_index", "smoothed_branch_index")
+"""I_F and I_R, and I_B of smoothed outlines: what photographs and simulations can be compared in."""
 COMPARED = ("fit", "infer", "design")
 TRIED = 16  # colonies that show whether the cells cover the area of the data
 COVERED = 0.75  # share of it that is enough; below 1 a warning counts the colonies that do not cover it
@@ -52,8 +54,9 @@ class Offlattice(ForwardModel):
 
     free: ClassVar = PARAMETERS.names
     fitted: ClassVar = ("transition", "fork")
-    statistics: ClassVar = (THEIRS,)
-    designed: ClassVar = (THEIRS,)
+    statistics: ClassVar = COMPARABLE
+    designed: ClassVar = COMPARABLE
+    of_li: ClassVar = (THEIRS,)
     nouns: ClassVar = ("colony", "colonies")
     columns: ClassVar = NEEDED
     units: ClassVar = (
@@ -87,7 +90,7 @@ class Offlattice(ForwardModel):
         Masks | None,
         Setting(
             "How simulated colonies are drawn: as Li et al. do, or as ellipses at the photographs' pixel size. By "
-            "default li2024 for statistics of theirs only, ellipses otherwise.",
+            "default li2024 for statistics of theirs and smoothed_branch_index only, ellipses otherwise.",
             commands=COMPARED,
         ),
     ] = None
@@ -256,7 +259,7 @@ class Offlattice(ForwardModel):
         """Whether colonies are drawn as ellipses and not as Li et al. do."""
         from yeastfit.offlattice.statistics.li2024_statistics import ENTRIES
 
-        theirs = {entry.name for entry in ENTRIES}.issuperset(statistics)
+        theirs = {entry.name for entry in ENTRIES}.union(COMPARABLE).issuperset(statistics)
         return (self.masks or (THEIRS if theirs else "ellipses")) != THEIRS
 
     def _drawn(self, statistics: Sequence[str]) -> tuple[Callable[[Any], Any], float]:

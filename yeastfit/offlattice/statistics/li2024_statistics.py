@@ -76,9 +76,14 @@ def li2024_statistics(mask: Bool[np.ndarray, "row column"]) -> Li2024:
     csr = RING * (1 + int(np.argmin(np.abs(1 - counts[rings] / (pi * density * RING**2 * (2 * rings - 1))))))
     middle = floor(row + 0.5), floor(column + 0.5)
     beyond = mask.copy()
-    share = _cut_core(beyond, *middle, csr) / area
+    share = cut_core(beyond, *middle, csr) / area
     ends = count_ends(skeleton(beyond[: middle[0] + 1, : middle[1] + 1]))
-    return Li2024(area, max_radius, csr, share / 0.65, (max_radius / csr - 1.1) / 1.7, (ends - 25) / 575, ends)
+    return Li2024(area, max_radius, csr, share / 0.65, (max_radius / csr - 1.1) / 1.7, branch_index(ends), ends)
+
+
+def branch_index(ends: int) -> float:
+    """I_B of so many ends."""
+    return (ends - 25) / 575
 
 
 @array_kernel
@@ -165,7 +170,7 @@ def _rings(mask: Bool[np.ndarray, "row column"], row: float, column: float) -> t
 
 
 @kernel
-def _cut_core(mask: Bool[np.ndarray, "row column"], row: int, column: int, radius: int) -> int:
+def cut_core(mask: Bool[np.ndarray, "row column"], row: int, column: int, radius: int) -> int:
     """Turn off, in place, all pixels nearer than `radius` to the one at (row, column); how many are left on."""
     left = 0
     for i in range(mask.shape[0]):
@@ -177,10 +182,11 @@ def _cut_core(mask: Bool[np.ndarray, "row column"], row: int, column: int, radiu
 
 
 def _value(name: str, pixels: Pixels) -> float:
-    return float(getattr(pixels.derived(_measured), name))
+    return float(getattr(pixels.derived(measured), name))
 
 
-def _measured(pixels: Pixels) -> Li2024:
+def measured(pixels: Pixels) -> Li2024:
+    """The statistics of a mask, measured once for all."""
     return li2024_statistics(pixels.colony)
 
 
