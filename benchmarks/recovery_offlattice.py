@@ -19,8 +19,8 @@ would reach. The tables say besides how far outlines of photographs are from the
     python -m benchmarks.recovery_offlattice [--quick] [--json FILE] [--docs DIR] [--work DIR]
 
 Photographs, measurements and posteriors are kept in the folder given by --work, out/recovery-offlattice by default; an
-interrupted run continues there. --quick: one set of four colonies of 5000 cells, the default statistics, a short emulator
-and no target. --docs writes DIR/recovery-offlattice.md.
+interrupted run continues there. --quick: one set of four colonies of 5000 cells, a short emulator and no target. --docs
+writes DIR/recovery-offlattice.md.
 """
 
 import argparse
