@@ -25,6 +25,7 @@ from yeastfit.measure.statistics.pixels import Pixels
 from yeastfit.measure.statistics.registry import STATISTICS, most_telling_first, names_with
 from yeastfit.offlattice.simulator import known_statistics
 from yeastfit.offlattice.statistics.li2024_statistics import PUBLISHED
+from yeastfit.offlattice.statistics.smoothed_branch_index import SMOOTHED
 
 FEWEST = 3  # pairs
 
@@ -40,7 +41,7 @@ def measured(path: Path, mask: Path) -> tuple[dict[str, float], dict[str, float]
 
 def _names() -> tuple[str, ...]:
     comparable = [name for name in names_with("mask") if STATISTICS[name].comparable]
-    return (*most_telling_first(tuple(comparable)), *PUBLISHED)
+    return (*most_telling_first(tuple(comparable)), *PUBLISHED, SMOOTHED.name)
 
 
 def compare(report: Report, quick: bool) -> None:
