@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
+from yeastfit.inference.neural_likelihood import mcmc
 from yeastfit.inference.neural_likelihood.mcmc import Walk
+from yeastfit.inference.posterior.chain_diagnostics import LONG, autocorrelation_time
 
 
 @pytest.mark.thorough
@@ -59,6 +61,27 @@ def test_a_trail_is_walked_along_and_back() -> None:
     exact = 0.9 * norm.sf(1 / 0.3) + 0.1 * norm.sf(-1.5)
     independent = 128 * 0.5 * found.steps / found.times.max()
     assert share == pytest.approx(exact, abs=4 * np.sqrt(exact * (1 - exact) / independent))
+
+
+@pytest.mark.parametrize("most_steps", [20_000, 600])
+def test_chains_go_on_where_diagnostics_find_them_short(most_steps: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Both estimates of an autocorrelation time differ by chance; here the first one is content far too early."""
+    monkeypatch.setattr(mcmc, "ENOUGH", 0.4 * LONG)
+    places = np.random.default_rng(0).normal(size=(300, 3))
+
+    def started() -> Walk:
+        def log_density(x: np.ndarray) -> np.ndarray:
+            return -0.5 * np.sum(x**2, axis=1)
+
+        return Walk.start(log_density, places, walkers=16, most_steps=most_steps, seed=2)
+
+    short, found = started().until(mcmc.ENOUGH), started().until_long()
+    assert short.x.shape[1] < LONG * autocorrelation_time(short.x).max()
+    if most_steps > 600:
+        assert found.x.shape[1] >= LONG * autocorrelation_time(found.x).max()
+        assert short.steps < found.steps < most_steps
+    else:
+        assert found.steps == most_steps
 
 
 def test_chains_that_nothing_moves_come_back_as_they_are() -> None:

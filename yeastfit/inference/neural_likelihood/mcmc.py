@@ -28,6 +28,7 @@ from yeastfit.inference.posterior.problem import Problem
 from yeastfit.seeds import Stream, stream_of
 
 ENOUGH = 1.2 * LONG  # autocorrelation times; `diagnose` estimates them again, and asks for LONG
+FURTHER = 1.2  # times as long, where it finds them short
 ROUGHLY = 20.0  # with 128 chains, quantiles are within some 0.03 standard deviations
 BRIEFLY = 1000  # steps of chains while the posterior is searched
 LONGER = 2000  # steps of chains between rounds once it is found
@@ -163,6 +164,15 @@ class Walk:
             times,
             sampler.iteration,
         )
+
+    def until_long(self) -> Chains:
+        """Run until the draws kept are `LONG` autocorrelation times long, as `diagnose` finds them, or `most_steps`."""
+        enough = ENOUGH
+        chains = self.until(enough)
+        while chains.steps < self.most_steps and (chains.x.shape[1] < LONG * autocorrelation_time(chains.x)).any():
+            enough *= FURTHER
+            chains = self.until(enough)
+        return chains
 
     @property
     def backend(self) -> emcee.backends.Backend:

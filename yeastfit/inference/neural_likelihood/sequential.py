@@ -198,7 +198,7 @@ class _Rounds:
             rng = np.random.default_rng(stream_of(self.seed, Stream.PROPOSALS, len(rounds)))
             values, statistics = self._with_more(values, statistics, rounds[-1].x, self.settings.widen, rng)
             rounds.append(self._round(values, statistics, rounds[-1]))
-        rounds[-1] = replace(rounds[-1], chains=rounds[-1].walk.until())
+        rounds[-1] = replace(rounds[-1], chains=rounds[-1].walk.until_long())
         progress("done", 1.0)
         return rounds, warnings
 
