@@ -103,6 +103,8 @@ def sample(problem: Problem, sampler: Sampler, store: Simulations, seed: int, pr
     began = time.perf_counter()
     posterior = sampler.run(problem, store, seed, progress)
     seconds = time.perf_counter() - began
+    if not isinstance(posterior, Posterior):
+        raise InputError(f"method: {type(sampler).__name__}.run returned {posterior!r:.60}, it must return a Posterior")
     return replace(posterior, method=name_of(sampler), settings=settings_of(sampler), seed=int(seed), seconds=seconds)
 
 

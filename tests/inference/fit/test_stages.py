@@ -4,7 +4,22 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from stand_in import CENTRE, CURVES, FREE, QUIET, ROOT, SETTINGS, STATISTICS, Mean, StandIn, bent, drawn, exact, fitted
+from stand_in import (
+    CENTRE,
+    CURVES,
+    FREE,
+    HELD,
+    QUIET,
+    ROOT,
+    SETTINGS,
+    STATISTICS,
+    Mean,
+    StandIn,
+    bent,
+    drawn,
+    exact,
+    fitted,
+)
 
 from yeastfit import FitSettings, FitStatus, Imaging, InputError, Parameters, SimulationError, Targets, fit
 from yeastfit.inference.simulator import member_seeds
@@ -130,6 +145,22 @@ def test_data_that_see_nothing_anywhere_leave_it_at_that() -> None:
     assert len(result.starts) > 1
     assert any("mobility · metabolic_rate" in warning for warning in result.warnings)
     assert any(warning.startswith("another start ended at ") for warning in result.warnings)
+
+
+def test_means_that_bend_within_the_spread_are_told_of() -> None:
+    """Fifteen times as steep: straight lines through ensembles of the default spreads miss them by far."""
+
+    def steep(away: np.ndarray) -> np.ndarray:
+        return bent(CENTRE + 15.0 * (away - CENTRE))
+
+    truth, settings = HELD.replace(mobility=1.1, metabolic_rate=0.9), replace(SETTINGS, spreads=(0.05, 0.02, 0.01))
+    near = {"mobility": 1.0, "metabolic_rate": 1.0, "aspect_ratio": 0.5}
+    target = exact(truth, steep)
+    wide, narrow = (fit(target, StandIn(steep, QUIET), settings=one, start=near) for one in (SETTINGS, settings))
+    assert any("means bend within the spread of the last ensembles, 0.1" in one for one in wide.warnings)
+    assert not any("means bend" in one for one in narrow.warnings)
+    assert narrow.values["mobility"] == pytest.approx(1.1, rel=0.01)
+    assert not any("means bend" in one for one in fit(exact(TRUTH), StandIn(), settings=SETTINGS, start=NEAR).warnings)
 
 
 class Dying(StandIn):

@@ -27,6 +27,7 @@ NEAR_LATER = 4.0  # two standard errors
 WITHIN_NOISE = 1.0  # of χ²: a fall by less is one standard error in one direction, at most
 CARRIED = 2  # starts that go on, at most: a second one tells of another minimum, more would cost as much again
 NOWHERE = 1e6  # a residual where simulations failed: every optimiser rejects such a step
+BENT = 1.0  # errors of a datum by which the mean of an ensemble may differ from that at its centre
 CONVERGED = "converged"
 
 
@@ -268,7 +269,21 @@ class Fitter:
             seconds=seconds,
             warnings=(),
         )
-        return replace(result, warnings=self._warnings(result, known, descents, met))
+        return replace(result, warnings=(*self._warnings(result, known, descents, met), *self._bent(best, sigma)))
+
+    def _bent(self, best: Descent, sigma: Square) -> list[str]:
+        """In words, where means bend within the spread of ensembles; only a simulator that has no finer one tells."""
+        if best.correction is None or self.ensembles.fine is not self.ensembles.simulators:
+            return []
+        shift = float(np.max(np.abs(best.correction.mean) / np.sqrt(np.diag(sigma))))
+        if shift < BENT:
+            return []
+        spread = self.settings.spreads[-1]
+        return [
+            f"means bend within the spread of the last ensembles, {spread:g} of log λ: by {shift:.1f} errors of a "
+            "datum, and the fit follows straight lines: give smaller spreads (FitSettings), such as "
+            f"{', '.join(f'{one / 4:g}' for one in self.settings.spreads)}"
+        ]
 
     def _warnings(self, result: Fit, known: Information, descents: list[Descent], met: Counter[str]) -> tuple[str, ...]:
         said = self.notes + known.sentences()

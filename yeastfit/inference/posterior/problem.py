@@ -28,7 +28,15 @@ from yeastfit.inference.polynomial import sobol_points
 from yeastfit.inference.posterior.limits import Limits, check_limits, within
 from yeastfit.inference.prior.prior import Prior
 from yeastfit.inference.prior.variation import ColonyCoordinates, Variation
-from yeastfit.inference.simulator import Mismeasured, Replicates, Simulator, check_simulator, labels_of, root_of
+from yeastfit.inference.simulator import (
+    Mismeasured,
+    Replicates,
+    Simulator,
+    check_simulator,
+    labels_of,
+    root_of,
+    same_observables,
+)
 from yeastfit.inference.targets import Targets
 from yeastfit.seeds import Stream, stream_of
 
@@ -140,6 +148,9 @@ class Problem:
                 return Problem(simulator, prior, data, replicates, noise, None, colony_noise, variation, limits)
             each = _seen(data)
             return Problem(simulator, prior, *_means(each), noise, each, colony_noise, variation, limits)
+        if not same_observables(simulator.observables, observed.observables):
+            gives, has = (", ".join(map(str, each.observables)) for each in (simulator, observed))
+            raise InputError(f"observed: the targets are {has}, the simulator gives {gives}")
         rows = None if observed.curves is None else _seen(observed.curves[:, observed.measured])
         fewest = int(observed.replicates[observed.measured].min())
         if noise is None:
