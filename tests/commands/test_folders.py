@@ -204,13 +204,17 @@ def read(tmp_path: Path, *names: str) -> list[str]:
 @pytest.mark.parametrize(
     "names",
     [[name] for name in ("..", "", ".", ".hidden", "a/b", "../a", "/a", "a\\b", "a:b", "C:", "a\nb", "a\x7f", "con")]
-    + [[name] for name in ("x" * 101, "NUL.txt", "lpt1", "a.", "a ", "a*", "\u202ea")]
-    + [["small", "Small"]],
+    + [[name] for name in ("x" * 101, "NUL.txt", "lpt1", "a.", "a ", "a*", "\u202ea")],
     ids=str,
 )
 def test_names_that_are_none_of_a_folder_everywhere_are_refused(tmp_path: Path, names: list[str]) -> None:
     with pytest.raises(InputError, match=r"recipes\.toml: a data set is called .*, need a name that its folder can ha"):
         read(tmp_path, *names)
+
+
+def test_names_of_one_folder_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"data sets are called 'small' and 'Small', which are one folder"):
+        read(tmp_path, "small", "Small")
 
 
 @settings(deadline=None, max_examples=80)
