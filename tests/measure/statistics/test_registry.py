@@ -178,6 +178,14 @@ def test_a_statistic_of_a_users_that_fails_is_named(tmp_path: Path) -> None:
     assert "(test_registry.py:" in outcome.error
 
 
+def test_a_statistic_is_one_number(monkeypatch: pytest.MonkeyPatch) -> None:
+    for wrong in (np.ones(2), "x", None):
+        with wrong_types():
+            monkeypatch.setitem(STATISTICS, "odd", Statistic("odd", 0, "no number", mask=lambda pixels, w=wrong: w))  # type: ignore[misc]
+            with pytest.raises(InputError, match=r"statistic odd: its mask gives .*, need one number"):
+                measure_mask(np.ones((3, 3), bool), 1.0, ["odd"])
+
+
 def test_what_other_processes_cannot_import_is_measured_in_this_one(
     monkeypatch: pytest.MonkeyPatch, undrawn: None, tmp_path: Path
 ) -> None:

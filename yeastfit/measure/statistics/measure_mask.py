@@ -12,6 +12,7 @@ import numpy.typing as npt
 from yeastfit.errors import InputError
 from yeastfit.measure.statistics.pixels import Pixels
 from yeastfit.measure.statistics.registry import STATISTICS, check_names, names_with
+from yeastfit.text import short
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,11 +82,14 @@ def _value(name: str, pixels: Pixels, pixel_size: float) -> float:
     entry = STATISTICS[name]
     assert entry.mask is not None
     try:
-        value = entry.mask(pixels) * pixel_size**entry.unit_power
-        return int(value) if entry.is_count else value
+        found = entry.mask(pixels)
     except Exception as error:  # of a statistic that a user has registered
         if entry.mask.__module__.startswith("yeastfit."):
             raise
         place = traceback.extract_tb(error.__traceback__)[-1]
         what = f"{type(error).__name__}: {error} ({Path(place.filename).name}:{place.lineno})"
         raise InputError(f"statistic {name}: its mask cannot be computed: {what}") from error
+    if np.ndim(found) or not np.issubdtype(np.asarray(found).dtype, np.number):
+        raise InputError(f"statistic {name}: its mask gives {short(found)}, need one number")
+    value = found * pixel_size**entry.unit_power
+    return int(value) if entry.is_count else value
