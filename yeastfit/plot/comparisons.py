@@ -70,7 +70,8 @@ def marginals(runs: Sequence[ComparedRun]) -> Figure:
             panel.axis("off")
             continue
         _marginal(panel, runs, names[k])
-    panels[0].legend(fontsize=7)
+    drawn = {line.get_label(): line for panel in panels for line in panel.get_lines()}
+    figure.legend(drawn.values(), drawn.keys(), loc="outside lower center", ncols=COLUMNS, fontsize=8, frameon=False)
     return figure
 
 
