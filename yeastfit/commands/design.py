@@ -9,7 +9,7 @@ import numpy as np
 import typer
 
 from yeastfit.commands.console.terminal import out, shown_progress, warn
-from yeastfit.commands.generated.model import ChosenModel, Fitted, ModelOptions, Statistics
+from yeastfit.commands.generated.model import ChosenModel, DesignedStatistics, Fitted, ModelOptions
 from yeastfit.commands.generated.options import flag_of, generated
 from yeastfit.commands.generated.workers import WorkerOptions, paced
 from yeastfit.commands.options import Out, Overwrite, Seed, names_in, numbers_in
@@ -31,7 +31,7 @@ RUNS = 256
 def design(
     folder: Out,
     free: Fitted = None,
-    statistics: Statistics = None,
+    statistics: DesignedStatistics = None,
     measured_times: Annotated[
         str | None,
         typer.Option(

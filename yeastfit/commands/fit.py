@@ -11,7 +11,7 @@ import typer
 from rich.table import Table
 
 from yeastfit.commands.console.terminal import out, shown_progress, warn
-from yeastfit.commands.generated.model import ChosenModel, Fitted, FittedStatistics, ModelOptions
+from yeastfit.commands.generated.model import ChosenModel, Fitted, ModelOptions, Statistics
 from yeastfit.commands.generated.options import generated
 from yeastfit.commands.generated.workers import WorkerOptions, paced
 from yeastfit.commands.measured_source import Measurements, check_source, measure_source, truth_of
@@ -64,7 +64,7 @@ def fit(
         str,
         typer.Option(help="Names of the fitted parameters that may differ between conditions; the others are shared."),
     ] = "none",
-    statistics: FittedStatistics = None,
+    statistics: Statistics = None,
     bounds: Annotated[
         list[str] | None,
         typer.Option(

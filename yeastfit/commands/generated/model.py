@@ -26,7 +26,7 @@ PANEL = "Model"
 
 def _free(default: Callable[[type[ForwardModel]], Sequence[str]]) -> Any:
     """The option --free, which says what is free by default."""
-    by_model = "; ".join(f"{','.join(default(one))} for {name}" for name, one in FORWARD_MODELS.items())
+    by_model = "; ".join(f"{', '.join(default(one))} for {name}" for name, one in FORWARD_MODELS.items())
     words = f"Names of the free parameters, with commas; the others keep the values given below. By default {by_model}."
     return typer.Option(help=words, show_default=False)
 
@@ -37,7 +37,7 @@ Inferred = Annotated[str | None, _free(lambda model: model.free)]
 
 def _statistics(default: Callable[[type[ForwardModel]], Sequence[str]]) -> Any:
     """The option --statistics, which says what is compared by default."""
-    by_model = "; ".join(f"{','.join(default(one))} for {name}" for name, one in FORWARD_MODELS.items())
+    by_model = "; ".join(f"{', '.join(default(one))} for {name}" for name, one in FORWARD_MODELS.items())
     words = (
         f"Statistics that are compared, with commas: {SMOOTH}, or any other column of measurements.csv that the model "
         f"has; li2024 stands for the indices of Li et al. 2024. By default {by_model}."
@@ -45,8 +45,8 @@ def _statistics(default: Callable[[type[ForwardModel]], Sequence[str]]) -> Any:
     return typer.Option(help=words, show_default=False)
 
 
-FittedStatistics = Annotated[str | None, _statistics(lambda model: model.statistics)]
-Statistics = Annotated[str | None, _statistics(lambda model: model.designed)]
+Statistics = Annotated[str | None, _statistics(lambda model: model.statistics)]
+DesignedStatistics = Annotated[str | None, _statistics(lambda model: model.designed)]
 
 
 @dataclass(frozen=True)

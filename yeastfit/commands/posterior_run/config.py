@@ -102,7 +102,8 @@ class Request:
             if other not in (None, value):
                 raise InputError(f"--{name} is {other}, with --li it is {value}: leave out one of the two")
         chosen = {**rest, "measurement_error": 0.0, "bounded": "beta"}
-        chosen["statistics"] = rest.get("statistics") or model_named(rest.get("model", DEFAULT)).of_li
+        model = model_named(rest.get("model", DEFAULT))
+        chosen["statistics"] = rest.get("statistics") or model.of_li or model.designed
         return Request(sampler=sampler_of("abc-mcmc", {**settings, **LI}), **chosen)
 
     @property

@@ -58,8 +58,8 @@ class ForwardModel(ABC):
         free: Names of the parameters that `infer` infers by default.
         fitted: Those that `fit` fits and `design` plans for by default.
         statistics: What is compared by default.
-        designed: What `design` chooses from and `infer` compares by default.
-        of_li: What `infer --li` compares by default.
+        designed: What `design` chooses from by default.
+        of_li: What `infer --li` compares by default; what `design` chooses from where it is empty.
         nouns: What one replicate is called, and several.
         columns: What a table of its data must have besides the statistics.
         units: A sentence for pages on the units of parameters and statistics.
@@ -69,7 +69,7 @@ class ForwardModel(ABC):
     fitted: ClassVar[tuple[str, ...]] = ()
     statistics: ClassVar[tuple[str, ...]] = ("compactness", "radius")
     designed: ClassVar[tuple[str, ...]] = ("compactness", "radius", "area")
-    of_li: ClassVar[tuple[str, ...]] = ("compactness", "radius", "area")
+    of_li: ClassVar[tuple[str, ...]] = ()
     nouns: ClassVar[tuple[str, str]] = ("simulation", "simulations")
     columns: ClassVar[tuple[str, ...]] = OF_ANYTHING
     units: ClassVar[str] = ""
