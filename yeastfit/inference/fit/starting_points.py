@@ -14,6 +14,8 @@ from yeastfit.inference.information.result import Information
 from yeastfit.inference.parameter_space import ParameterSpace, Points, Vector
 from yeastfit.seeds import Stream, stream_of
 
+ALONG = 3  # places along what is not seen, at least: ensembles of the first stage hardly tell them apart
+
 PriorCost = Callable[[Points], np.ndarray]
 """What Gaussian priors add to χ² at each point."""
 
@@ -27,7 +29,7 @@ def screened(ensembles: Ensembles, prior_cost: PriorCost) -> list[Vector]:
     settings = ensembles.settings
     points = ensembles.space.sobol_points(settings.screened, stream_of(ensembles.seed, Stream.SCREENING, 0))
     rows = ensembles.single_simulations(points, Stream.SCREENING)
-    chosen = _best(ensembles, prior_cost, points, rows, members=2)
+    chosen = _best(ensembles, prior_cost, points, rows, members=2, most=settings.starts)
     if not chosen:
         met = "".join(f"; {problem}" for problem in ensembles.problems)
         raise SimulationError(
@@ -50,17 +52,19 @@ def along_unseen(ensembles: Ensembles, prior_cost: PriorCost, theta: Vector, kno
     models = ensembles.local_models(places, members, spread)
     missing = np.full(len(ensembles.values), np.nan)
     rows = np.stack([missing if isinstance(model, SimulationError) else model.mean for model in models])
-    return _best(ensembles, prior_cost, np.stack(places), rows, members)
+    return _best(ensembles, prior_cost, np.stack(places), rows, members, max(ALONG, ensembles.settings.starts))
 
 
-def _best(ensembles: Ensembles, prior_cost: PriorCost, points: Points, rows: np.ndarray, members: int) -> list[Vector]:
-    """As many as a fit has starts, apart from each other; those that failed are none."""
+def _best(
+    ensembles: Ensembles, prior_cost: PriorCost, points: Points, rows: np.ndarray, members: int, most: int
+) -> list[Vector]:
+    """At most so many, apart from each other; those that failed are none."""
     sigma = np.diag(ensembles.screening_covariance(members))
     cost = ((rows - ensembles.values) ** 2 / sigma).sum(axis=1) + prior_cost(points)
     ranked = points[np.argsort(np.where(np.isfinite(cost), cost, np.inf))][: int(np.isfinite(cost).sum())]
     chosen: list[Vector] = []
     for point in ranked:
-        if len(chosen) < ensembles.settings.starts and all(are_different(point, other) for other in chosen):
+        if len(chosen) < most and all(are_different(point, other) for other in chosen):
             chosen.append(point)
     return chosen
 
