@@ -13,11 +13,9 @@ from typing import Any
 
 from yeastfit.measure.reading.images import read_image
 from yeastfit.measure.statistics.measure_mask import measure_mask
-from yeastfit.measure.statistics.pixels import Pixels
 from yeastfit.measure.statistics.registry import names_with
-from yeastfit.offlattice.simulator import known_statistics
-from yeastfit.offlattice.statistics.li2024_statistics import ENTRIES, PUBLISHED
-from yeastfit.offlattice.statistics.smoothed_branch_index import SMOOTHED
+from yeastfit.offlattice.simulator import OF_BINS, statistics_of
+from yeastfit.offlattice.statistics.li2024_statistics import PUBLISHED
 from yeastfit.storage import write_table
 
 PIXEL_SIZE = 1.55008  # µm, of the photographs
@@ -31,12 +29,10 @@ SETS = {  # folder: what files are called, condition, hours
 def row(path: Path, condition: str, hours: float) -> dict[str, Any]:
     """The row of one mask."""
     colony = read_image(path) < 128
-    pixels, known = Pixels.of(colony), known_statistics()
     shape = measure_mask(colony, PIXEL_SIZE)
-    theirs = {
-        name: known[name].mask(pixels) * PIXEL_SIZE ** known[name].unit_power  # type: ignore[misc]
-        for name in (*PUBLISHED, *(one.name for one in ENTRIES if one.name not in PUBLISHED), SMOOTHED.name)
-    }
+    theirs = statistics_of(
+        colony, PIXEL_SIZE, (*PUBLISHED, *(one.name for one in OF_BINS if one.name not in PUBLISHED))
+    )
     found = re.search(r"_s(\d+)$", path.stem)
     return {
         "file": path.name,

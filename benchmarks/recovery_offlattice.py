@@ -39,12 +39,11 @@ from yeastfit.inference.models.last_images import measured as measured_in_um
 from yeastfit.inference.models.offlattice import COMPARABLE
 from yeastfit.inference.posterior.result import Posterior
 from yeastfit.measure.measurements_table import TABLE, read_measurements
-from yeastfit.measure.statistics.pixels import Pixels
 from yeastfit.offlattice.colony import OfflatticeColony, grow
 from yeastfit.offlattice.masks.li2024_mask import BinnedOutlines
 from yeastfit.offlattice.parameters import PARAMETERS
 from yeastfit.offlattice.placing import PIXELS_PER_UM
-from yeastfit.offlattice.simulator import known_statistics
+from yeastfit.offlattice.simulator import statistics_of
 from yeastfit.offlattice.statistics.li2024_statistics import PUBLISHED
 from yeastfit.results.contents import MANIFEST
 from yeastfit.seeds import photograph_stream
@@ -124,12 +123,7 @@ def micrograph(colony: OfflatticeColony, rng: np.random.Generator) -> np.ndarray
 
 def true_statistics(study: Study, name: str, member: int) -> dict[str, float]:
     """What `measure` finds on the mask itself."""
-    pixels, entries, found = Pixels.of(mask_of(colony_of(study, name, member))), known_statistics(), {}
-    for statistic in NAMES:
-        entry = entries[statistic]
-        assert entry.mask is not None
-        found[statistic] = entry.mask(pixels) * PIXEL**entry.unit_power
-    return found
+    return statistics_of(mask_of(colony_of(study, name, member)), PIXEL, NAMES)
 
 
 def recovered(folder: Path, name: str, by: str) -> list[Record]:

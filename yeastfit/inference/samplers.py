@@ -29,6 +29,7 @@ from yeastfit.inference.store.simulation_store import opened_store
 from yeastfit.inference.store.simulations import Simulations
 from yeastfit.inference.targets import Targets
 from yeastfit.progress import Progress, silent
+from yeastfit.text import quoted
 
 SAMPLERS: dict[str, type[Sampler]] = {
     "emulator": SequentialEmulator,
@@ -104,7 +105,9 @@ def sample(problem: Problem, sampler: Sampler, store: Simulations, seed: int, pr
     posterior = sampler.run(problem, store, seed, progress)
     seconds = time.perf_counter() - began
     if not isinstance(posterior, Posterior):
-        raise InputError(f"method: {type(sampler).__name__}.run returned {posterior!r:.60}, it must return a Posterior")
+        raise InputError(
+            f"method: {type(sampler).__name__}.run returned {quoted(posterior)}, it must return a Posterior"
+        )
     return replace(posterior, method=name_of(sampler), settings=settings_of(sampler), seed=int(seed), seconds=seconds)
 
 

@@ -15,22 +15,20 @@ import numpy as np
 from jaxtyping import Bool, Float, Int, Integer
 
 from yeastfit.errors import InputError, SimulationError
-from yeastfit.measure.statistics.pixels import Pixels
 from yeastfit.measure.statistics.registry import recorded
 from yeastfit.memory import check_count
 from yeastfit.offlattice.colony import BYTES_PER_CELL, DELAY, OfflatticeColony, grow, in_threads
 from yeastfit.offlattice.masks.ellipse_mask import PIXEL, Ellipses
 from yeastfit.offlattice.masks.li2024_mask import BinnedOutlines
 from yeastfit.offlattice.parameters import PARAMETERS, Rates
-from yeastfit.offlattice.simulator import Picture, known_statistics
-from yeastfit.offlattice.statistics.li2024_statistics import ENTRIES, PUBLISHED
-from yeastfit.offlattice.statistics.smoothed_branch_index import SMOOTHED
+from yeastfit.offlattice.simulator import OF_BINS, Picture, known_statistics, statistics_of
+from yeastfit.offlattice.statistics.li2024_statistics import PUBLISHED
 from yeastfit.offlattice.status import Status
 from yeastfit.panel import Panel
 from yeastfit.storage import as_json, from_json, reads_saved, written_whole
 
 SHARE = "pseudohyphal_share"
-THEIRS = {entry.name for entry in (*ENTRIES, SMOOTHED)}
+THEIRS = {entry.name for entry in OF_BINS}
 """What is measured on masks as Li et al. draw them."""
 
 COLUMNS = ("x", "y", "direction", "pseudohyphal", "mother", "can_bud")
@@ -215,13 +213,10 @@ def _measured(
         pictures.append((Ellipses.of(colony), ours))
     if theirs:
         pictures.append((BinnedOutlines.of(colony), theirs))
-    entries = known_statistics()
     found = {name: np.full(len(samples), np.nan) for name in (*ours, *theirs, SHARE)}
     for k, cells in enumerate(samples[samples <= colony.x.size].tolist()):
         for picture, chosen in pictures:
-            pixels = Pixels.of(picture.mask(cells))
-            for name in chosen:
-                entry = entries[name]
-                found[name][k] = entry.mask(pixels) * picture.pixel_size**entry.unit_power  # type: ignore[misc]
+            for name, value in statistics_of(picture.mask(cells), picture.pixel_size, chosen).items():
+                found[name][k] = value
         found[SHARE][k] = colony.pseudohyphal[:cells].mean()
     return found

@@ -27,6 +27,8 @@ from yeastfit.offlattice.status import Status
 from yeastfit.parameter_set import ParameterSet
 from yeastfit.specification import Specification, described, module_outside, path_of, undescribed
 
+OF_BINS = (*ENTRIES, SMOOTHED)
+"""What is measured on masks as Li et al. draw them."""
 CUT = "the frame of Li et al.'s masks cuts the colony off"
 
 
@@ -217,9 +219,8 @@ class OfflatticeSimulator:
         if colony.status is not Status.GROWN:
             return [np.nan] * len(self.observables), f"{colony.status.value}; left out"
         mask, pixel_size, problem = self.seen(colony)
-        pixels, entries = Pixels.of(mask), known_statistics()
-        chosen = [entries[one.statistic] for one in self.observables]
-        row = np.array([one.mask(pixels) * pixel_size**one.unit_power for one in chosen if one.mask])
+        found = statistics_of(mask, pixel_size, [one.statistic for one in self.observables])
+        row = np.array([found[one.statistic] for one in self.observables])
         return (row if self.limits is None else np.clip(row, *np.transpose(self.limits))).tolist(), problem
 
 
@@ -239,4 +240,10 @@ def offlattice_simulator_of(
 
 def known_statistics() -> dict[str, Statistic]:
     """Statistics of masks by name: Li et al.'s, smoothed I_B, and those of the registry."""
-    return {entry.name: entry for entry in (*ENTRIES, SMOOTHED, *STATISTICS.values()) if entry.mask}
+    return {entry.name: entry for entry in (*OF_BINS, *STATISTICS.values()) if entry.mask}
+
+
+def statistics_of(mask: Bool[np.ndarray, "row column"], pixel_size: float, names: Sequence[str]) -> dict[str, float]:
+    """Some of `known_statistics` of a mask, by name, in µm where `pixel_size` is."""
+    pixels, entries = Pixels.of(mask), known_statistics()
+    return {name: entries[name].mask(pixels) * pixel_size ** entries[name].unit_power for name in names}  # type: ignore[misc]

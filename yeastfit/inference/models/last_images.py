@@ -31,15 +31,13 @@ def last_images(rows: Sequence[Row]) -> tuple[list[Row], list[str]]:
 
 def measured(row: Row, folder: Path, statistics: Sequence[str]) -> dict[str, float]:
     """Statistics of one image in µm: the table's, and what its mask tells besides."""
-    from yeastfit.measure.statistics.pixels import Pixels
-    from yeastfit.offlattice.simulator import known_statistics
+    from yeastfit.offlattice.simulator import statistics_of
 
     found = {name: float(row[name]) for name in statistics if name in row}
     missing = [name for name in statistics if name not in found]
     if missing:
-        path, pixel, entries = folder / str(row["mask"]), float(row["um_per_pixel"]), known_statistics()
+        path = folder / str(row["mask"])
         if not path.is_file():
             raise InputError(f"statistics: {missing[0]!r} is not in the table, and there is no mask {path} to measure")
-        pixels = Pixels.of(read_mask(path, row))
-        found |= {name: entries[name].mask(pixels) * pixel ** entries[name].unit_power for name in missing}  # type: ignore[misc]
+        found |= statistics_of(read_mask(path, row), float(row["um_per_pixel"]), missing)
     return found

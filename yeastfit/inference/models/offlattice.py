@@ -257,9 +257,9 @@ class Offlattice(ForwardModel):
 
     def _has_ellipses(self, statistics: Sequence[str]) -> bool:
         """Whether colonies are drawn as ellipses and not as Li et al. do."""
-        from yeastfit.offlattice.statistics.li2024_statistics import ENTRIES
+        from yeastfit.offlattice.simulator import OF_BINS
 
-        theirs = {entry.name for entry in ENTRIES}.union(COMPARABLE).issuperset(statistics)
+        theirs = {entry.name for entry in OF_BINS}.issuperset(statistics)
         return (self.masks or (THEIRS if theirs else "ellipses")) != THEIRS
 
     def _drawn(self, statistics: Sequence[str]) -> tuple[Callable[[Any], Any], float]:
