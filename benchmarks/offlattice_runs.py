@@ -14,6 +14,7 @@ from jaxtyping import Float
 
 from yeastfit.inference.abc.smc import AbcSmc
 from yeastfit.inference.li2024 import LI2024, Li2024Colonies
+from yeastfit.inference.models.offlattice import COMPARABLE
 from yeastfit.inference.neural_likelihood.sequential import SequentialEmulator
 from yeastfit.inference.posterior.limits import Limits, limits_around
 from yeastfit.inference.posterior.result import Posterior
@@ -25,12 +26,12 @@ from yeastfit.offlattice.statistics.li2024_statistics import PUBLISHED
 from yeastfit.storage import read_json, write_json
 
 DATA = Path(__file__).parents[1] / "data" / "real"
-FIVE = (*PUBLISHED, "branch_length", "compactness")
+FIVE = (*COMPARABLE, "branch_length", "compactness")
 SEED = 2024
 METHODS = {
     "emulator": "emulator, 5 statistics of single colonies",
-    "emulator-theirs": "emulator, I_F, I_R, I_B",
     "protocol": "protocol reproduced",
+    "emulator-theirs": "emulator, I_F, I_R, I_B",
     "smc": "ABC-SMC to the same ε",
 }
 """Methods by the names of their files, in the order in which they run."""
@@ -167,7 +168,7 @@ class Run:
         simulator = self.simulator
         with self._store() as store:
             if self.method == "emulator-theirs":
-                store.reuse(*self._of_others())
+                store.reuse(*self._of_protocol())
             found = infer(
                 simulator,
                 self.colonies.prior,
@@ -182,19 +183,13 @@ class Run:
         clock.keep()
         found.save(self.file("npz"))
 
-    def _of_others(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Parameters, seeds and I_F, I_R and I_B of what other methods have simulated of the set."""
-        found = []
-        for method in ("emulator", "protocol"):
-            if self.file("h5", method).is_file():
-                with replace(self, method=method)._store() as other:
-                    values, seeds, statistics = other.all()
-                theirs = statistics[:, : len(PUBLISHED)]
-                within = theirs if self.limits is None else np.clip(theirs, *self.limits.T)
-                found.append((values, seeds, within))
-        empty = np.zeros((0, len(self.simulator.parameters.names))), np.zeros(0, np.uint64), np.zeros((0, 3))
-        values, seeds, statistics = (np.concatenate(each) for each in zip(empty, *found, strict=True))
-        return values, seeds, statistics
+    def _of_protocol(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Parameters, seeds and I_F, I_R and I_B of what their protocol has simulated of the set."""
+        if not self.file("h5", "protocol").is_file():
+            return np.zeros((0, len(self.simulator.parameters.names))), np.zeros(0, np.uint64), np.zeros((0, 3))
+        with replace(self, method="protocol")._store() as other:
+            values, seeds, statistics = other.all()
+        return values, seeds, statistics if self.limits is None else np.clip(statistics, *self.limits.T)
 
     def _store(self) -> Store:
         simulator = self.simulator

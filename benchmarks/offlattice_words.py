@@ -7,8 +7,11 @@ from benchmarks.offlattice_runs import METHODS, Run
 from yeastfit.errors import InputError
 from yeastfit.inference.posterior.result import Posterior
 from yeastfit.offlattice.parameters import PARAMETERS
+from yeastfit.offlattice.statistics.li2024_statistics import PUBLISHED
+from yeastfit.offlattice.statistics.smoothed_branch_index import SMOOTHED
 
 SYMBOLS = [one.symbol for one in PARAMETERS.values()]
+SHORT = dict(zip(PUBLISHED, ("I_F", "I_R", "I_B"), strict=True)) | {SMOOTHED.name: "I_B, smoothed outlines"}
 
 
 def missing(runs: list[Run]) -> str:
@@ -66,9 +69,7 @@ def unreached(run: Run, found: Posterior) -> list[str]:
 
 def title(name: str) -> str:
     """Of a statistic."""
-    return {"li2024_filament_area_index": "I_F", "li2024_filament_radius_index": "I_R"}.get(
-        name, "I_B" if name == "li2024_branch_index" else name.replace("_", " ")
-    )
+    return SHORT.get(name, name.replace("_", " "))
 
 
 def _so_far(run: Run) -> str:
