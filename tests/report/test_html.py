@@ -100,6 +100,16 @@ def test_numbers_have_four_digits(value: float, shown: str) -> None:
     assert page.number(value) == shown
 
 
+@pytest.mark.parametrize(("unit", "lines"), [("", 0), ("µm", 2)])
+def test_sentences_wrap_and_a_line_of_units_is_there_where_a_column_has_one(unit: str, lines: int) -> None:
+    columns = [page.Column("parameter"), page.Column("meaning", unit=unit, words=True)]
+    wide = "a meaning of more words than a cell can hold without a break"
+    written = page.table("All", columns, [["fork", wide], ["transition", "short"]], ["one", "two"])
+    assert written.count("<small>") == lines
+    assert f'<td class="words sentence">{wide}</td>' in written
+    assert '<td class="words">short</td>' in written
+
+
 # -------------------------------------------------------------------------------------------------------------- browser
 
 

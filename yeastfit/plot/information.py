@@ -111,14 +111,15 @@ def design(result: Design) -> Figure:
     table = np.vstack([100 * result.table(), np.full((1, len(result.times)), np.nan)])
     for choice in result.images:
         table[-1, result.column(choice)] = 100 * choice.reduction
-    figure = Figure(figsize=(2.4 + 0.62 * len(result.times), 1.5 + 0.5 * len(rows)), layout="constrained")
+    figure = Figure(figsize=(2.4 + 0.62 * max(len(result.times), 3), 1.5 + 0.5 * len(rows)), layout="constrained")
     axes = figure.subplots()
     top = np.nanmax(table) if np.isfinite(table).any() else 1.0
     image = axes.imshow(np.ma.masked_invalid(table), cmap="YlGnBu", vmin=0, vmax=max(top, 1e-9), aspect="auto")
     _write_numbers(axes, table, "{:.1f}", lambda value: value > 0.6 * top)
     axes.axhline(len(result.statistics) - 0.5, color="white", lw=3)
-    axes.set(xticks=range(len(result.times)), yticks=range(len(rows)), yticklabels=rows, xlabel="time")
+    axes.set(xticks=range(len(result.times)), yticks=range(len(rows)), yticklabels=rows)
     axes.set_xticklabels(["" if np.isnan(time) else f"{time:g}" for time in result.times])
+    axes.set_xlabel("" if np.isnan(result.times).all() else "time")
     for number, choice in enumerate(result.sequence, start=1):
         single = len(choice.statistics) == 1 and len(result.statistics) > 1
         row = result.statistics.index(choice.statistics[0]) if single else len(rows) - 1
@@ -135,7 +136,7 @@ def design(result: Design) -> Figure:
             color="white",
         )
     who = f"{result.added:g} further replicates" if result.new_replicates else "the same replicates"
-    axes.set_title(
+    figure.suptitle(
         f"Measured next, in {who}:\nfall of the typical error ({percent(result.typical_error)} now)",
         fontsize=9,
     )

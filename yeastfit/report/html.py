@@ -59,6 +59,7 @@ caption { position: absolute; width: 1px; height: 1px; overflow: hidden; clip-pa
 th, td { padding: .3rem .75rem; text-align: right; border-bottom: 1px solid var(--line); white-space: nowrap }
 th { font-weight: 600 }
 .words { text-align: left }
+.sentence { white-space: normal; min-width: 16rem }
 tbody th, thead th:first-child { position: sticky; left: 0; background: var(--card); text-align: left }
 thead th { position: sticky; top: 0; background: var(--card); vertical-align: bottom; z-index: 1 }
 thead th:first-child { z-index: 2 }
@@ -80,7 +81,8 @@ summary { cursor: pointer }
 details { margin: .75rem 0 }
 footer { padding: 2rem 1.25rem 3rem }
 :focus-visible { outline: 3px solid var(--accent); outline-offset: 2px }
-@media (max-width: 40rem) { tbody th { max-width: 9rem; white-space: normal; overflow-wrap: anywhere }
+@media (max-width: 40rem) {
+  tbody th { min-width: 8.5rem; max-width: 9rem; white-space: normal; overflow-wrap: anywhere }
   dl { display: block }
   dd { margin-bottom: .375rem } }
 @media print { .table { max-height: none } figure { break-inside: avoid } }
@@ -110,6 +112,7 @@ for (const head of document.querySelectorAll("thead th")) head.querySelector("bu
 """
 
 POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'; script-src 'unsafe-inline'"
+LONG = 40  # characters of a cell that is wrapped
 BLANK = "data:image/gif;base64,R0lGODlhAQABAAAAACH5BAEKAAEALAAAAAABAAEAAAICTAEAOw=="
 
 
@@ -234,10 +237,13 @@ def table(caption: str, columns: Sequence[Column], rows: Sequence[Sequence[Any]]
     Returns:
         HTML.
     """
+    units = [f"<small>{text(column.unit) or '&nbsp;'}</small>" for column in columns]
+    if not any(column.unit for column in columns):
+        units = [""] * len(columns)
     head = "".join(
         f'<th scope="col"{_kind(column)}><button type="button">{text(column.name.replace("_", " "))}</button>'
-        f"<small>{text(column.unit) or '&nbsp;'}</small></th>"
-        for column in columns
+        f"{unit}</th>"
+        for column, unit in zip(columns, units, strict=True)
     )
     body = "".join(
         f'<tr><th scope="row"><a href="#{text(link)}">{text(row[0])}</a></th>'
@@ -251,12 +257,15 @@ def table(caption: str, columns: Sequence[Column], rows: Sequence[Sequence[Any]]
     )
 
 
-def _kind(column: Column) -> str:
-    return ' class="words"' if column.words else ""
+def _kind(column: Column, words: str = "") -> str:
+    if not column.words:
+        return ""
+    return ' class="words sentence"' if len(words) > LONG else ' class="words"'
 
 
 def _cell(value: Any, column: Column) -> str:
     if isinstance(value, int | float):
         known = math.isfinite(value)
         return f'<td data-value="{float(value)!r}">{number(value)}</td>' if known else '<td data-value="">–</td>'
-    return f"<td{_kind(column)}>{text('' if value is None else value)}</td>"
+    words = "" if value is None else str(value)
+    return f"<td{_kind(column, words)}>{text(words)}</td>"
