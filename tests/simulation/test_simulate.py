@@ -19,6 +19,8 @@ from yeastfit.measure.statistics.measure_mask import measure_mask
 from yeastfit.measure.statistics.model_as_mask import HardStatistics
 from yeastfit.measure.statistics.smooth_statistics import SmoothStatistics
 from yeastfit.model.colony import start
+from yeastfit.model.laws.uptake import BiomassUptake
+from yeastfit.model.model import Model
 from yeastfit.model.parameters import PARAMETERS
 from yeastfit.model.simulate import Schedule, trajectory
 from yeastfit.model.snapshot import Snapshot
@@ -216,6 +218,19 @@ def test_a_state_that_is_not_finite_is_an_error() -> None:
             times=[3.0],
             numerics=Numerics(domain=8.0, spacing=0.4, dt=0.05, capacity=10),
         )
+
+
+class NoNumber(BiomassUptake):
+    """A rule of a user that gives nan."""
+
+    def rate(self, context: Any, level_set: Array, nutrient: Array) -> Array:
+        return jnp.full_like(level_set, jnp.nan)
+
+
+def test_a_rule_that_gives_nan_is_named() -> None:
+    numerics = Numerics(domain=8.0, spacing=0.4, dt=0.05, capacity=10)
+    with pytest.raises(SimulationError, match=r"lower dt, or see whether NoNumber returns nan$"):
+        simulate(Parameters(), member_keys(0, 1), times=[0.5], numerics=numerics, model=Model(uptake=NoNumber()))
 
 
 def test_a_colony_that_outgrew_its_dish_is_said_to_have() -> None:

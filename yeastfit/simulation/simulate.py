@@ -29,6 +29,7 @@ from yeastfit.seeds import key_of
 from yeastfit.simulation.ensemble_in_segments import grown_in_segments
 from yeastfit.simulation.result import Simulation
 from yeastfit.simulation.until import Until
+from yeastfit.specification import module_outside
 
 SHORT = 4096  # nodes: a colony that cannot come to more is grown by one program
 
@@ -291,7 +292,11 @@ def _check_steps(colony: Colony, parameters: Parameters, numerics: Numerics, mod
         )
     not_finite, left = (np.asarray(getattr(colony.problems, name)) for name in ("not_finite", "left_domain"))
     if (not_finite & ~left).any():
-        raise SimulationError(f"dt is {numerics.dt:g} and positions or nutrient became not finite: lower dt")
+        own = ", ".join(type(part).__name__ for part in model.parts if module_outside(type(part)))
+        raise SimulationError(
+            f"dt is {numerics.dt:g} and positions or nutrient became not finite: lower dt"
+            + (f", or see whether {own} returns nan" if own else "")
+        )
     if not_finite.any():
         raise SimulationError(
             f"domain is {numerics.domain:g}, and positions or nutrient became not finite after a colony had come to "
