@@ -167,7 +167,7 @@ def remote_crew(address: str) -> DaskCrew:
     """Those of a scheduler.
 
     Arguments:
-        address: tcp://host:port, or tls:// with keys from Dask's configuration.
+        address: `tcp://host:port`, or `tls://` with keys from Dask's configuration.
 
     Raises:
         InputError: Dask is not installed, or there is no scheduler.

@@ -160,7 +160,7 @@ class Workers:
 
     Attributes:
         processes: How many to start on this machine.
-        scheduler: Or: tcp://host:port of a scheduler whose workers are used.
+        scheduler: Or: `tcp://host:port` of a scheduler whose workers are used.
         mixed_arithmetic: Whether workers are accepted that compute other bits than this process.
         block: Rows that are simulated together. No result depends on it.
         say: Is told, a sentence at a time, what was lost and what is expected; by default the log "yeastfit".
