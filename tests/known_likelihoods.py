@@ -120,6 +120,18 @@ def curved() -> Known:
     return Known(wide_prior(), ("p", "q", "r"), moments)
 
 
+def folded() -> Known:
+    """One statistic is the same on both sides of log a = 0, and flat between."""
+    normal = {"distribution": "log-normal", "median": 1.0, "sd": 1.5}
+
+    def moments(values: np.ndarray) -> Moments:
+        x = np.log(values)
+        mean = np.stack([1.0 + 0.3 * np.tanh(3.0 * (np.abs(x[:, 0]) - 1.0)), x[:, 1]], axis=1)
+        return mean, np.tile(0.09 * np.eye(2), (len(values), 1, 1))
+
+    return Known(Prior.of({"a": normal, "b": normal}), ("s", "t"), moments)
+
+
 def fragile() -> Known:
     """`linear`, but simulations fail with a probability that rises with a, to 0.8."""
     whole = linear()

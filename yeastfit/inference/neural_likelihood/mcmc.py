@@ -54,11 +54,13 @@ class LogPosterior:
         emulator: Of the likelihood.
         problem: Data and prior.
         known: Which places the emulator knows, rows of the prior's coordinates; all by default.
+        power: To which the likelihood is raised; below 1 it is flatter.
     """
 
     emulator: Emulator
     problem: Problem
     known: Known | None = None
+    power: float = 1.0
 
     def __call__(self, x: Float[np.ndarray, "walker coordinate"]) -> Float[np.ndarray, " walker"]:
         """−inf outside the prior, and where the emulator knows nothing."""
@@ -68,7 +70,8 @@ class LogPosterior:
         if self.known is not None:
             inside &= self.known(x)
         values = np.where(inside[:, None], prior.values(x), self._somewhere)
-        return np.where(inside, log_prior + self._likelihood(values, np.where(inside[:, None], z, 0.0)), -np.inf)
+        likelihood = self._likelihood(values, np.where(inside[:, None], z, 0.0))
+        return np.where(inside, log_prior + self.power * likelihood, -np.inf)
 
     def parts(
         self, x: Float[np.ndarray, "walker coordinate"]

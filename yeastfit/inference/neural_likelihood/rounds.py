@@ -36,18 +36,21 @@ class EmulatorDiagnostics(Diagnostics):
         rounds: One after the other.
         steps: Of every chain of the last round, burn-in included.
         reused: Simulations of other runs that the emulator was trained on.
+        elsewhere: Of each look elsewhere, the share of the posterior that was found far from where it had settled.
     """
 
     caption = (
         "Networks learn the mean and the scatter of the statistics, round by round where the posterior is, and from "
         "the simulations around it alone as soon as it hardly moves. Moved: "
         "change of the posterior from the round before, in standard deviations of the parameter that changed most. "
-        "Error share: of the emulator's own error in the variance that data are compared with."
+        "Error share: of the emulator's own error in the variance that data are compared with. "
+        "A posterior that has settled is looked at from further away, with half as many simulations as a round has."
     )
 
     rounds: tuple[RoundDiagnostics, ...]
     steps: int
     reused: int
+    elsewhere: tuple[float, ...] = ()
 
     def sentences(self) -> list[str]:
         """What the last round's cross-validation finds."""

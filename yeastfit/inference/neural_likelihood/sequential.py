@@ -13,6 +13,13 @@
 at most settle² (`error_share`, which says why both agree). Otherwise rounds go on until the simulations are spent. This
 criterion is insensitive to rare outlying draws; a warning reports their fraction in the last two rounds.
 
+**Elsewhere.** A posterior may have modes that the first rounds knew nothing of, and rounds that stay at one of them
+settle. What has settled is therefore looked at from further away: half a round of λ is simulated, draws of the
+posterior whose likelihood is raised to the power 1/R, which is that of a single colony of R (1/4 at most). For this,
+and for what is seen then, the emulator is trained on all simulations. Where more than 5 % of the posterior lie far from
+where it had settled, rounds go on from there; otherwise nothing changes. AWRI 796 at 500 µM settled at n* = 0.91 after
+6144 simulations, none of them near n* = 0.4, where 99 % of the posterior turned out to be.
+
 **Search, then refinement.** The first rounds train on all simulations. The posterior is found as soon as nearly all of
 it lies where the last proposals are, or it moves less than a standard deviation; from then on rounds train on the
 simulations in its neighbourhood alone, an ellipsoid of 1.6 w times its width, and their chains stay there. Few of a
@@ -46,6 +53,7 @@ from yeastfit.inference.neural_likelihood.single_colonies import added_scatter, 
 from yeastfit.inference.neural_likelihood.training import fewest, train
 from yeastfit.inference.neural_likelihood.training_rounds import (
     FOUND,
+    STRAY,
     Round,
     far_draws,
     proposed,
@@ -68,8 +76,14 @@ from yeastfit.seeds import Stream, stream_of
 CHAIN = 32  # bytes of a step of a chain, at least
 WIDEST = 1000.0  # proposals, in standard deviations of the posterior
 FIRST = 512  # simulations of the first round, where many are allowed
+FLATTER = 4  # times as flat is a log-likelihood at least that other places are looked for by
+UNLOOKED = (
+    "whether parameters far from these explain the data as well was not looked for: the simulations were spent, allow "
+    "more"
+)
 
 Statistics = Float[np.ndarray, "row statistic"]
+More = tuple[Float[np.ndarray, "more free"], Float[np.ndarray, "more statistic"]]
 
 
 @dataclass(frozen=True)
@@ -152,8 +166,8 @@ class SequentialEmulator:
         self._check(problem, first + int(inside.sum()))
         simulator = CachedSimulator(problem.simulator, self.batch, store)
         run = _Rounds(simulator, problem, self, seed, first, each, values[inside], statistics[inside])
-        rounds, warnings = run.all(progress)
-        return run.posterior(rounds).warned(*warnings)
+        rounds, looks, warnings = run.all(progress)
+        return run.posterior(rounds, looks).warned(*warnings)
 
     def _check(self, problem: Problem, simulations: int) -> None:
         free, statistics = len(problem.prior.free), len(problem.labels)
@@ -181,8 +195,8 @@ class _Rounds:
     reused_values: Values
     reused_statistics: Statistics
 
-    def all(self, progress: Progress) -> tuple[list[Round], list[str]]:
-        """Rounds until settled, or until the simulations are spent; also warnings of data beyond the prior's reach."""
+    def all(self, progress: Progress) -> tuple[list[Round], list[float], list[str]]:
+        """Rounds until settled, or until the simulations are spent; what looks elsewhere found; and warnings."""
         most = self.settings.simulations
         values = self.problem.prior_values(self.first, self.seed)
         statistics = self._simulated(values, 0)
@@ -192,21 +206,49 @@ class _Rounds:
             progress("search", len(values) / most)
             rng = np.random.default_rng(stream_of(self.seed, Stream.SEARCH, len(values)))
             values, statistics = self._with_more(values, statistics, near, search.WIDEN, rng)
-        rounds = [self._round(values, statistics, None)]
-        while not self._settled(rounds[-1]) and len(values) < most:
-            progress(f"round {len(rounds)}", len(values) / most)
-            rng = np.random.default_rng(stream_of(self.seed, Stream.PROPOSALS, len(rounds)))
-            values, statistics = self._with_more(values, statistics, rounds[-1].x, self.settings.widen, rng)
-            rounds.append(self._round(values, statistics, rounds[-1]))
+        rounds, looks = [self._round(values, statistics, None)], list[float]()
+        while len(values) < most:
+            if not self._settled(rounds[-1]):
+                progress(f"round {len(rounds)}", len(values) / most)
+                rng = np.random.default_rng(stream_of(self.seed, Stream.PROPOSALS, len(rounds)))
+                values, statistics = self._with_more(values, statistics, rounds[-1].x, self.settings.widen, rng)
+                rounds.append(self._round(values, statistics, rounds[-1]))
+                continue
+            progress("look elsewhere", len(values) / most)
+            values, statistics = self._with_further_away(values, statistics)
+            whole = self._round(values, statistics, None)
+            looks.append(1.0 - float(rounds[-1].neighbourhood.holds(whole.x, self.settings.widen).mean()))
+            if looks[-1] <= STRAY:
+                break
+            rounds.append(whole)
+        else:
+            warnings += [UNLOOKED] if self._settled(rounds[-1]) else []
         rounds[-1] = replace(rounds[-1], chains=rounds[-1].walk.until_long())
         progress("done", 1.0)
-        return rounds, warnings
+        return rounds, looks, warnings
 
     def _simulated(self, values: Values, start: int) -> Statistics:
         return self.simulator(values, seed_of(self.seed, range(start, start + len(values))))
 
     def _round(self, values: Values, statistics: Statistics, before: Round | None) -> Round:
-        values, statistics = together((values, statistics), (self.reused_values, self.reused_statistics))
+        density, walk = self._learnt(values, statistics, before)
+        chains = walk.until(ROUGHLY, LONGER if before is not None and before.found else BRIEFLY)
+        drawn, z = density.parts(chains.flat)
+        mean, covariance = drawn.mean(axis=0), np.atleast_2d(np.cov(drawn, rowvar=False))
+        moved = np.inf if before is None else float(apart(chains.flat, before.chains.flat).max())
+        place, emulator = self.problem.prior.values(mean[None]), density.emulator
+        share = error_share(
+            emulator, self.problem, place, added_scatter(emulator, self.problem, place, z.mean(axis=0)[None])
+        )
+        inside = before is not None and before.neighbourhood.surrounds(drawn, self.settings.widen)
+        count = len(self._with_reused(values, statistics)[0])
+        return Round(emulator, walk, chains, mean, covariance, moved, share, count, moved <= FOUND or inside)
+
+    def _learnt(
+        self, values: Values, statistics: Statistics, before: Round | None, power: float = 1.0
+    ) -> tuple[LogPosterior, Walk]:
+        """The posterior by an emulator of all simulations, or of those around the round before, and chains to walk."""
+        values, statistics = self._with_reused(values, statistics)
         statistics, x = self.problem.of_their_kind(statistics), self.problem.prior.coordinates(values)
         known = None
         if before is not None and before.found:
@@ -224,7 +266,7 @@ class _Rounds:
             room=self.settings.simulations + len(self.reused_values),
         )
         whole = chosen & np.isfinite(statistics).all(axis=1)
-        density = LogPosterior(emulator, self.problem, known)
+        density = LogPosterior(emulator, self.problem, known, power)
         walk = Walk.start(
             density,
             self._with_z(x[whole]),
@@ -232,16 +274,10 @@ class _Rounds:
             most_steps=self.settings.most_steps,
             seed=self.seed,
         )
-        chains = walk.until(ROUGHLY, LONGER if before is not None and before.found else BRIEFLY)
-        drawn, z = density.parts(chains.flat)
-        mean, covariance = drawn.mean(axis=0), np.atleast_2d(np.cov(drawn, rowvar=False))
-        moved = np.inf if before is None else float(apart(chains.flat, before.chains.flat).max())
-        place = self.problem.prior.values(mean[None])
-        share = error_share(
-            emulator, self.problem, place, added_scatter(emulator, self.problem, place, z.mean(axis=0)[None])
-        )
-        inside = before is not None and before.neighbourhood.surrounds(drawn, self.settings.widen)
-        return Round(emulator, walk, chains, mean, covariance, moved, share, len(values), moved <= FOUND or inside)
+        return density, walk
+
+    def _with_reused(self, values: Values, statistics: Statistics) -> More:
+        return together((values, statistics), (self.reused_values, self.reused_statistics))
 
     def _with_z(self, x: Float[np.ndarray, "place free"]) -> Float[np.ndarray, "place coordinate"]:
         """Places where chains may start, with z from its prior where colonies scatter."""
@@ -255,9 +291,17 @@ class _Rounds:
 
     def _nearest(self, values: Values, statistics: Statistics) -> Float[np.ndarray, "near free"] | None:
         """Where to look for simulations like the data; None once there are enough of them (`search`)."""
-        values, statistics = together((values, statistics), (self.reused_values, self.reused_statistics))
+        values, statistics = self._with_reused(values, statistics)
         least = fewest(values.shape[1], statistics.shape[1], self.settings.training)
         return search.nearest(self.problem.prior.coordinates(values), statistics, self.problem.limits, least)
+
+    def _with_further_away(self, values: Values, statistics: Statistics) -> More:
+        """With draws of the posterior of a flatter likelihood, half as many as a round has."""
+        power = 1.0 / max(self.problem.replicates, FLATTER)
+        density, walk = self._learnt(values, statistics, None, power)
+        x = density.parts(walk.until(ROUGHLY, BRIEFLY).flat)[0]
+        rng = np.random.default_rng(stream_of(self.seed, Stream.SEARCH, len(values)))
+        return self._with(values, statistics, x[rng.choice(len(x), size=-(-self.each // 2))])
 
     def _with_more(
         self,
@@ -266,14 +310,18 @@ class _Rounds:
         around: Float[np.ndarray, "draw free"],
         widen: float,
         rng: np.random.Generator,
-    ) -> tuple[Values, Statistics]:
+    ) -> More:
         """With the first of a whole round's proposals, so that a longer run uses each of them."""
-        x = proposed(around, self.each, widen, self.problem.prior, rng)[: self.settings.simulations - len(values)]
-        new = self.problem.prior.values(x)
+        x = proposed(around, self.each, widen, self.problem.prior, rng)
+        return self._with(values, statistics, x)
+
+    def _with(self, values: Values, statistics: Statistics, x: Float[np.ndarray, "new free"]) -> More:
+        """With as many simulations at the first of these places as are allowed."""
+        new = self.problem.prior.values(x[: self.settings.simulations - len(values)])
         more = self._simulated(new, len(values))
         return np.concatenate([values, new]), np.concatenate([statistics, more])
 
-    def posterior(self, rounds: list[Round]) -> Posterior:
+    def posterior(self, rounds: list[Round], looks: list[float]) -> Posterior:
         """The last round's chains."""
         last, problem = rounds[-1], self.problem
         chains, draws, _ = last.chains.x.shape
@@ -305,7 +353,7 @@ class _Rounds:
                 ),
             ],
             diagnostics=EmulatorDiagnostics(
-                tuple(self._reported(one) for one in rounds), last.chains.steps, len(self.reused_values)
+                tuple(self._reported(one) for one in rounds), last.chains.steps, len(self.reused_values), tuple(looks)
             ),
             backend=last.walk.backend,
         )
