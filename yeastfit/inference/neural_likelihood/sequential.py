@@ -45,24 +45,21 @@ from jaxtyping import Float
 from yeastfit.errors import InputError
 from yeastfit.inference.neural_likelihood import search
 from yeastfit.inference.neural_likelihood.coordinates import Values
-from yeastfit.inference.neural_likelihood.error_share import error_share
-from yeastfit.inference.neural_likelihood.mcmc import BRIEFLY, LONGER, ROUGHLY, LogPosterior, Walk
+from yeastfit.inference.neural_likelihood.learner import Learner, Statistics
+from yeastfit.inference.neural_likelihood.mcmc import LogPosterior
 from yeastfit.inference.neural_likelihood.network import TrainingSettings
 from yeastfit.inference.neural_likelihood.rounds import EmulatorDiagnostics, RoundDiagnostics
 from yeastfit.inference.neural_likelihood.single_colonies import added_scatter, excess_scatter
-from yeastfit.inference.neural_likelihood.training import fewest, train
+from yeastfit.inference.neural_likelihood.training import fewest
 from yeastfit.inference.neural_likelihood.training_rounds import (
-    FOUND,
     STRAY,
     Round,
     far_draws,
     proposed,
-    together,
     unsettled,
 )
 from yeastfit.inference.posterior.problem import Problem
 from yeastfit.inference.posterior.result import Posterior
-from yeastfit.inference.posterior.robust_summary import apart
 from yeastfit.inference.posterior.settings import Setting, check_at_least
 from yeastfit.inference.posterior.status import Status
 from yeastfit.inference.simulator import seed_of
@@ -76,13 +73,11 @@ from yeastfit.seeds import Stream, stream_of
 CHAIN = 32  # bytes of a step of a chain, at least
 WIDEST = 1000.0  # proposals, in standard deviations of the posterior
 FIRST = 512  # simulations of the first round, where many are allowed
-FLATTER = 4  # times as flat is a log-likelihood at least that other places are looked for by
 UNLOOKED = (
     "whether parameters far from these explain the data as well was not looked for: the simulations were spent, allow "
     "more"
 )
 
-Statistics = Float[np.ndarray, "row statistic"]
 More = tuple[Float[np.ndarray, "more free"], Float[np.ndarray, "more statistic"]]
 
 
@@ -165,7 +160,18 @@ class SequentialEmulator:
         inside = np.isfinite(problem.prior.log_density(values))
         self._check(problem, first + int(inside.sum()))
         simulator = CachedSimulator(problem.simulator, self.batch, store)
-        run = _Rounds(simulator, problem, self, seed, first, each, values[inside], statistics[inside])
+        learner = Learner(
+            problem,
+            seed,
+            self.training,
+            self.widen,
+            walkers=self.walkers,
+            most_steps=self.most_steps,
+            least=max(first, self.walkers),
+            most=self.simulations,
+            reused=(values[inside], statistics[inside]),
+        )
+        run = _Rounds(simulator, problem, self, seed, first, each, learner)
         rounds, looks, warnings = run.all(progress)
         return run.posterior(rounds, looks).warned(*warnings)
 
@@ -184,7 +190,7 @@ class SequentialEmulator:
 
 @dataclass(frozen=True)
 class _Rounds:
-    """A run under way; `reused_values` and `reused_statistics` are of other runs."""
+    """A run under way."""
 
     simulator: CachedSimulator
     problem: Problem
@@ -192,8 +198,7 @@ class _Rounds:
     seed: int
     first: int
     each: int
-    reused_values: Values
-    reused_statistics: Statistics
+    learner: Learner
 
     def all(self, progress: Progress) -> tuple[list[Round], list[float], list[str]]:
         """Rounds until settled, or until the simulations are spent; what looks elsewhere found; and warnings."""
@@ -206,17 +211,17 @@ class _Rounds:
             progress("search", len(values) / most)
             rng = np.random.default_rng(stream_of(self.seed, Stream.SEARCH, len(values)))
             values, statistics = self._with_more(values, statistics, near, search.WIDEN, rng)
-        rounds, looks = [self._round(values, statistics, None)], list[float]()
+        rounds, looks = [self.learner.round(values, statistics, None)], list[float]()
         while len(values) < most:
             if not self._settled(rounds[-1]):
                 progress(f"round {len(rounds)}", len(values) / most)
                 rng = np.random.default_rng(stream_of(self.seed, Stream.PROPOSALS, len(rounds)))
                 values, statistics = self._with_more(values, statistics, rounds[-1].x, self.settings.widen, rng)
-                rounds.append(self._round(values, statistics, rounds[-1]))
+                rounds.append(self.learner.round(values, statistics, rounds[-1]))
                 continue
             progress("look elsewhere", len(values) / most)
             values, statistics = self._with_further_away(values, statistics)
-            whole = self._round(values, statistics, None)
+            whole = self.learner.round(values, statistics, None)
             looks.append(1.0 - float(rounds[-1].neighbourhood.holds(whole.x, self.settings.widen).mean()))
             if looks[-1] <= STRAY:
                 break
@@ -230,76 +235,18 @@ class _Rounds:
     def _simulated(self, values: Values, start: int) -> Statistics:
         return self.simulator(values, seed_of(self.seed, range(start, start + len(values))))
 
-    def _round(self, values: Values, statistics: Statistics, before: Round | None) -> Round:
-        density, walk = self._learnt(values, statistics, before)
-        chains = walk.until(ROUGHLY, LONGER if before is not None and before.found else BRIEFLY)
-        drawn, z = density.parts(chains.flat)
-        mean, covariance = drawn.mean(axis=0), np.atleast_2d(np.cov(drawn, rowvar=False))
-        moved = np.inf if before is None else float(apart(chains.flat, before.chains.flat).max())
-        place, emulator = self.problem.prior.values(mean[None]), density.emulator
-        share = error_share(
-            emulator, self.problem, place, added_scatter(emulator, self.problem, place, z.mean(axis=0)[None])
-        )
-        inside = before is not None and before.neighbourhood.surrounds(drawn, self.settings.widen)
-        count = len(self._with_reused(values, statistics)[0])
-        return Round(emulator, walk, chains, mean, covariance, moved, share, count, moved <= FOUND or inside)
-
-    def _learnt(
-        self, values: Values, statistics: Statistics, before: Round | None, power: float = 1.0
-    ) -> tuple[LogPosterior, Walk]:
-        """The posterior by an emulator of all simulations, or of those around the round before, and chains to walk."""
-        values, statistics = self._with_reused(values, statistics)
-        statistics, x = self.problem.of_their_kind(statistics), self.problem.prior.coordinates(values)
-        known = None
-        if before is not None and before.found:
-            least = max(self.first, self.settings.walkers)
-            known = before.neighbourhood.kept_to(before.x, x, self.settings.widen, least)
-        chosen = np.ones(len(x), dtype=bool) if known is None else known(x)
-        emulator = train(
-            values[chosen],
-            statistics[chosen],
-            prior=self.problem.prior,
-            labels=self.problem.labels,
-            seed=self.seed,
-            settings=self.settings.training,
-            near=None if before is None else before.neighbourhood.holds(x[chosen], self.settings.widen),
-            room=self.settings.simulations + len(self.reused_values),
-        )
-        whole = chosen & np.isfinite(statistics).all(axis=1)
-        density = LogPosterior(emulator, self.problem, known, power)
-        walk = Walk.start(
-            density,
-            self._with_z(x[whole]),
-            walkers=self.settings.walkers,
-            most_steps=self.settings.most_steps,
-            seed=self.seed,
-        )
-        return density, walk
-
-    def _with_reused(self, values: Values, statistics: Statistics) -> More:
-        return together((values, statistics), (self.reused_values, self.reused_statistics))
-
-    def _with_z(self, x: Float[np.ndarray, "place free"]) -> Float[np.ndarray, "place coordinate"]:
-        """Places where chains may start, with z from its prior where colonies scatter."""
-        if self.problem.variation is None:
-            return x
-        rng = np.random.default_rng(stream_of(self.seed, Stream.COLONIES, 0))
-        return np.column_stack([x, rng.standard_normal(len(x))])
-
     def _settled(self, one: Round) -> bool:
         return one.moved <= self.settings.settle and one.error_share <= self.settings.settle**2
 
     def _nearest(self, values: Values, statistics: Statistics) -> Float[np.ndarray, "near free"] | None:
         """Where to look for simulations like the data; None once there are enough of them (`search`)."""
-        values, statistics = self._with_reused(values, statistics)
+        values, statistics = self.learner.with_reused(values, statistics)
         least = fewest(values.shape[1], statistics.shape[1], self.settings.training)
         return search.nearest(self.problem.prior.coordinates(values), statistics, self.problem.limits, least)
 
     def _with_further_away(self, values: Values, statistics: Statistics) -> More:
         """With draws of the posterior of a flatter likelihood, half as many as a round has."""
-        power = 1.0 / max(self.problem.replicates, FLATTER)
-        density, walk = self._learnt(values, statistics, None, power)
-        x = density.parts(walk.until(ROUGHLY, BRIEFLY).flat)[0]
+        x = self.learner.further_away(values, statistics)
         rng = np.random.default_rng(stream_of(self.seed, Stream.SEARCH, len(values)))
         return self._with(values, statistics, x[rng.choice(len(x), size=-(-self.each // 2))])
 
@@ -353,7 +300,10 @@ class _Rounds:
                 ),
             ],
             diagnostics=EmulatorDiagnostics(
-                tuple(self._reported(one) for one in rounds), last.chains.steps, len(self.reused_values), tuple(looks)
+                tuple(self._reported(one) for one in rounds),
+                last.chains.steps,
+                len(self.learner.reused[0]),
+                tuple(looks),
             ),
             backend=last.walk.backend,
         )

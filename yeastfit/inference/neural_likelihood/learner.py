@@ -1,0 +1,117 @@
+"""What simulations say of a posterior: an emulator trained on them, and chains on what it thinks of the likelihood."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from yeastfit.inference.neural_likelihood.coordinates import Values
+from yeastfit.inference.neural_likelihood.error_share import error_share
+from yeastfit.inference.neural_likelihood.mcmc import BRIEFLY, LONGER, ROUGHLY, LogPosterior, Walk
+from yeastfit.inference.neural_likelihood.network import TrainingSettings
+from yeastfit.inference.neural_likelihood.single_colonies import added_scatter
+from yeastfit.inference.neural_likelihood.training import train
+from yeastfit.inference.neural_likelihood.training_rounds import FOUND, Round, Simulated, together
+from yeastfit.inference.posterior.problem import Problem
+from yeastfit.inference.posterior.robust_summary import apart
+from yeastfit.seeds import Stream, stream_of
+
+FLATTER = 4  # times as flat is a log-likelihood at least by which other places are looked for
+
+Statistics = Float[np.ndarray, "row statistic"]
+
+
+@dataclass(frozen=True)
+class Learner:
+    """Makes posteriors of simulations.
+
+    Attributes:
+        problem: Data and prior.
+        seed: Of the run.
+        training: Of the networks.
+        widen: w, how much wider than the posterior proposals are.
+        walkers: Chains.
+        most_steps: Of each chain.
+        least: Simulations that an emulator must have to be restricted to a neighbourhood.
+        most: Simulations of this run at most.
+        reused: λ and statistics of other runs.
+    """
+
+    problem: Problem
+    seed: int
+    training: TrainingSettings
+    widen: float
+    walkers: int
+    most_steps: int
+    least: int
+    most: int
+    reused: Simulated
+
+    def round(self, values: Values, statistics: Statistics, before: Round | None) -> Round:
+        """Train on all simulations, or those around the round before, and sample the posterior, roughly.
+
+        Arguments:
+            values: λ of this run's simulations.
+            statistics: Of these.
+            before: The round before; None to begin anew.
+        """
+        density, walk = self._learnt(values, statistics, before)
+        chains = walk.until(ROUGHLY, LONGER if before is not None and before.found else BRIEFLY)
+        drawn, z = density.parts(chains.flat)
+        mean, covariance = drawn.mean(axis=0), np.atleast_2d(np.cov(drawn, rowvar=False))
+        moved = np.inf if before is None else float(apart(chains.flat, before.chains.flat).max())
+        place, emulator = self.problem.prior.values(mean[None]), density.emulator
+        share = error_share(
+            emulator, self.problem, place, added_scatter(emulator, self.problem, place, z.mean(axis=0)[None])
+        )
+        inside = before is not None and before.neighbourhood.surrounds(drawn, self.widen)
+        count = len(self.with_reused(values, statistics)[0])
+        return Round(emulator, walk, chains, mean, covariance, moved, share, count, moved <= FOUND or inside)
+
+    def further_away(self, values: Values, statistics: Statistics) -> Float[np.ndarray, "draw free"]:
+        """Draws of the posterior of a flatter likelihood, wherever the emulator of all simulations thinks it may be."""
+        power = 1.0 / max(self.problem.replicates, FLATTER)
+        density, walk = self._learnt(values, statistics, None, power)
+        return density.parts(walk.until(ROUGHLY, BRIEFLY).flat)[0]
+
+    def _learnt(
+        self, values: Values, statistics: Statistics, before: Round | None, power: float = 1.0
+    ) -> tuple[LogPosterior, Walk]:
+        """The posterior by an emulator of all simulations, or of those around the round before, and chains to walk."""
+        values, statistics = self.with_reused(values, statistics)
+        statistics, x = self.problem.of_their_kind(statistics), self.problem.prior.coordinates(values)
+        known = None
+        if before is not None and before.found:
+            known = before.neighbourhood.kept_to(before.x, x, self.widen, self.least)
+        chosen = np.ones(len(x), dtype=bool) if known is None else known(x)
+        emulator = train(
+            values[chosen],
+            statistics[chosen],
+            prior=self.problem.prior,
+            labels=self.problem.labels,
+            seed=self.seed,
+            settings=self.training,
+            near=None if before is None else before.neighbourhood.holds(x[chosen], self.widen),
+            room=self.most + len(self.reused[0]),
+        )
+        whole = chosen & np.isfinite(statistics).all(axis=1)
+        density = LogPosterior(emulator, self.problem, known, power)
+        walk = Walk.start(
+            density,
+            self._with_z(x[whole]),
+            walkers=self.walkers,
+            most_steps=self.most_steps,
+            seed=self.seed,
+        )
+        return density, walk
+
+    def with_reused(self, values: Values, statistics: Statistics) -> Simulated:
+        """This run's simulations and those of others, each once."""
+        return together((values, statistics), self.reused)
+
+    def _with_z(self, x: Float[np.ndarray, "place free"]) -> Float[np.ndarray, "place coordinate"]:
+        """Places where chains may start, with z from its prior where colonies scatter."""
+        if self.problem.variation is None:
+            return x
+        rng = np.random.default_rng(stream_of(self.seed, Stream.COLONIES, 0))
+        return np.column_stack([x, rng.standard_normal(len(x))])
