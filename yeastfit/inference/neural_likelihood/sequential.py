@@ -212,25 +212,32 @@ class _Rounds:
             rng = np.random.default_rng(stream_of(self.seed, Stream.SEARCH, len(values)))
             values, statistics = self._with_more(values, statistics, near, search.WIDEN, rng)
         rounds, looks = [self.learner.round(values, statistics, None)], list[float]()
-        while len(values) < most:
-            if not self._settled(rounds[-1]):
+        while True:
+            while not self._settled(rounds[-1]) and len(values) < most:
                 progress(f"round {len(rounds)}", len(values) / most)
                 rng = np.random.default_rng(stream_of(self.seed, Stream.PROPOSALS, len(rounds)))
                 values, statistics = self._with_more(values, statistics, rounds[-1].x, self.settings.widen, rng)
                 rounds.append(self.learner.round(values, statistics, rounds[-1]))
-                continue
+            if not self._settled(rounds[-1]):
+                break
+            if len(values) + self.look > most:
+                warnings.append(UNLOOKED)
+                break
             progress("look elsewhere", len(values) / most)
             values, statistics = self._with_further_away(values, statistics)
-            whole = self.learner.round(values, statistics, None)
-            looks.append(1.0 - float(rounds[-1].neighbourhood.holds(whole.x, self.settings.widen).mean()))
+            anew = self.learner.round(values, statistics, None)
+            looks.append(1.0 - float(rounds[-1].neighbourhood.holds(anew.x, self.settings.widen).mean()))
             if looks[-1] <= STRAY:
                 break
-            rounds.append(whole)
-        else:
-            warnings += [UNLOOKED] if self._settled(rounds[-1]) else []
+            rounds.append(anew)
         rounds[-1] = replace(rounds[-1], chains=rounds[-1].walk.until_long())
         progress("done", 1.0)
         return rounds, looks, warnings
+
+    @property
+    def look(self) -> int:
+        """Simulations of a look elsewhere: half of a round's."""
+        return -(-self.each // 2)
 
     def _simulated(self, values: Values, start: int) -> Statistics:
         return self.simulator(values, seed_of(self.seed, range(start, start + len(values))))
@@ -248,7 +255,7 @@ class _Rounds:
         """With draws of the posterior of a flatter likelihood, half as many as a round has."""
         x = self.learner.further_away(values, statistics)
         rng = np.random.default_rng(stream_of(self.seed, Stream.SEARCH, len(values)))
-        return self._with(values, statistics, x[rng.choice(len(x), size=-(-self.each // 2))])
+        return self._with(values, statistics, x[rng.choice(len(x), size=self.look)])
 
     def _with_more(
         self,
