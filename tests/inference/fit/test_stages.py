@@ -107,6 +107,20 @@ def test_of_two_minima_the_lower_is_found_and_the_other_reported(tilt: float, sa
         assert abs(result.values["mobility"] - 3.0) < 3 * result.standard_errors["mobility"]
 
 
+@pytest.mark.parametrize("seed", [0, 4, 5])
+def test_conditions_with_parameters_of_their_own_begin_where_each_is_explained(seed: int) -> None:
+    """The lower of two minima is on opposite sides in two conditions; no start of the box is on both by itself."""
+    mean = valley(0.3)
+    truth = {"poor": TRUTH.replace(mobility=3.0), "rich": TRUTH.replace(mobility=0.4)}
+    targets = {name: exact(one, mean) for name, one in truth.items()}
+    simulators = {name: StandIn(mean) for name in truth}
+    settings = replace(SETTINGS, screened=64)
+    result = fitted(targets, simulators, own=FREE, bounds={"mobility": (0.1, 10.0)}, settings=settings, seed=seed)
+    assert len(result.starts) == settings.starts + 1
+    for name, one in truth.items():
+        assert result.values[f"mobility of {name}"] == pytest.approx(float(one.mobility), rel=0.05)
+
+
 METABOLIC = PARAMETERS.names.index("metabolic_rate")
 
 

@@ -226,6 +226,14 @@ class Ensembles:
             parts.append(np.where(total > 0, total, (TOLERANCE * (np.abs(mean).max() or 1.0)) ** 2))
         return np.diag(np.concatenate(parts))
 
+    def screening_costs(
+        self, rows: Float[np.ndarray, "row observable"], members: int
+    ) -> Float[np.ndarray, "row condition"]:
+        """χ² of each condition with the screening covariance."""
+        squares = (rows - self.values) ** 2 / np.diag(self.screening_covariance(members))
+        ends = np.cumsum([len(targets.values) for targets in self.targets.values()])
+        return np.stack([part.sum(axis=1) for part in np.split(squares, ends[:-1], axis=1)], axis=1)
+
     def covariance(self, model: JointModel) -> Square:
         """Σ."""
         return block_diag(*(self.condition_covariance(name, model.conditions[name]) for name in self.targets))

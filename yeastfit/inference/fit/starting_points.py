@@ -1,6 +1,7 @@
 """Where a fit begins: the best of points all over the box; later the best along what the data do not see.
 
-Points are compared by χ² with the screening covariance, after one simulation or a small ensemble each.
+Points are compared by χ² with the screening covariance, after one simulation or a small ensemble each. Where conditions
+have parameters of their own, the best of each condition make one place more.
 """
 
 from collections.abc import Callable
@@ -30,6 +31,9 @@ def screened(ensembles: Ensembles, prior_cost: PriorCost) -> list[Vector]:
     points = ensembles.space.sobol_points(settings.screened, stream_of(ensembles.seed, Stream.SCREENING, 0))
     rows = ensembles.single_simulations(points, Stream.SCREENING)
     chosen = _best(ensembles, prior_cost, points, rows, members=2, most=settings.starts)
+    place = best_of_each(ensembles, points, rows, members=2) if chosen else None
+    if place is not None and all(are_different(place, other) for other in chosen):
+        chosen.append(place)
     if not chosen:
         met = "".join(f"; {problem}" for problem in ensembles.problems)
         raise SimulationError(
@@ -55,12 +59,35 @@ def along_unseen(ensembles: Ensembles, prior_cost: PriorCost, theta: Vector, kno
     return _best(ensembles, prior_cost, np.stack(places), rows, members, max(ALONG, ensembles.settings.starts))
 
 
+def best_of_each(ensembles: Ensembles, points: Points, rows: np.ndarray, members: int) -> Vector | None:
+    """Each condition's own parameters from the point that suits it best, the shared ones from the best point of all.
+
+    A point may suit one condition and not another, and those that suit all are rare among some all over a box.
+
+    Arguments:
+        ensembles: Data and space.
+        points: θ.
+        rows: Means at the points.
+        members: That they are the means of.
+
+    Returns:
+        None where nothing is a condition's own.
+    """
+    conditions, entries = list(ensembles.targets), ensembles.space.entries
+    if all(entry.condition is None for entry in entries):
+        return None
+    costs = ensembles.screening_costs(rows, members)
+    costs[~np.isfinite(costs).all(axis=1)] = np.inf
+    best, best_of = np.argmin(costs.sum(axis=1)), np.argmin(costs, axis=0)
+    chosen = [best if one.condition is None else best_of[conditions.index(one.condition)] for one in entries]
+    return points[chosen, np.arange(len(entries))]
+
+
 def _best(
     ensembles: Ensembles, prior_cost: PriorCost, points: Points, rows: np.ndarray, members: int, most: int
 ) -> list[Vector]:
     """At most so many, apart from each other; those that failed are none."""
-    sigma = np.diag(ensembles.screening_covariance(members))
-    cost = ((rows - ensembles.values) ** 2 / sigma).sum(axis=1) + prior_cost(points)
+    cost = ensembles.screening_costs(rows, members).sum(axis=1) + prior_cost(points)
     ranked = points[np.argsort(np.where(np.isfinite(cost), cost, np.inf))][: int(np.isfinite(cost).sum())]
     chosen: list[Vector] = []
     for point in ranked:
