@@ -254,7 +254,7 @@ def test_page_and_picture_are_of_what_was_kept(tmp_path: Path, echoed: None) -> 
     page = (tmp_path / "docs" / "calibration.md").read_text()
     assert "![Ranks of the truth](calibration.png)" in page
     assert "Talts et al. 2018" in page
-    assert "simulations 128 (default 8192)" in page
+    assert "simulations 128 (default 12288)" in page
     assert "--quick" not in page
     assert (tmp_path / "docs" / "calibration.png").stat().st_size > 10_000
     assert len(json.loads(json.dumps(report.asdict()))["data sets"][1]) == 4

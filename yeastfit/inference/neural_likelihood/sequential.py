@@ -97,7 +97,7 @@ class SequentialEmulator:
         training: Of the networks.
     """
 
-    simulations: Annotated[int, Setting("Simulations at most, those of a resumed run included.", extends=True)] = 8192
+    simulations: Annotated[int, Setting("Simulations at most, those of a resumed run included.", extends=True)] = 12_288
     walkers: Annotated[int, Setting("Number of chains.")] = 128
     first: Annotated[int | None, Setting("Simulations of the first round, a power of two; at most 512 by default.")] = (
         None
