@@ -16,7 +16,7 @@ from yeastfit.inference.fit.final_estimate import conditions, last_step, verdict
 from yeastfit.inference.fit.optimiser import Optimiser
 from yeastfit.inference.fit.result import Fit
 from yeastfit.inference.fit.simulators import Rules
-from yeastfit.inference.fit.starting_points import along_unseen, screened
+from yeastfit.inference.fit.starting_points import along_unseen, put_ends_together, screened
 from yeastfit.inference.information.fisher import information
 from yeastfit.inference.information.result import Information
 from yeastfit.inference.parameter_space import Points, Vector
@@ -73,13 +73,13 @@ class Fitter:
         began = clock.perf_counter()
         if start is None:
             self.progress("trying starting points", 0.0)
-        places = screened(self.ensembles, self._prior_cost) if start is None else [start]
+        places = screened(self.ensembles, self._prior_costs) if start is None else [start]
         descents, met = self._stages(places, CARRIED)
         result = self._result(descents, met, clock.perf_counter() - began)
         if not result.information.blind.any():
             return result
         self.progress("looking along what the data do not see", 0.5)
-        again = along_unseen(self.ensembles, self._prior_cost, result.theta, result.information)
+        again = along_unseen(self.ensembles, self._prior_costs, result.theta, result.information)
         if not again:
             return result
         try:
@@ -100,6 +100,14 @@ class Fitter:
         for stage in range(len(self.settings.members)):
             met = self.ensembles.problems
             self._stage(descents, stage)
+            if not stage:
+                number = 1 + len(self.starts) + len(descents)
+                further = [
+                    Descent(number, one) for one in put_ends_together(self.ensembles, self._prior_costs, descents)
+                ]
+                places = [*places, *(one.theta for one in further)]
+                self._stage(further, stage)
+                descents = [*descents, *further]
             kept = self._best(descents, NEAR_LATER) if stage else self._best(descents, NEAR_AT_FIRST, carried)
             if not stage:
                 self.starts += tuple(
@@ -109,9 +117,9 @@ class Fitter:
             descents = kept
         return descents, self.ensembles.problems - met
 
-    def _prior_cost(self, points: Points) -> np.ndarray:
-        """What Gaussian priors add to χ²."""
-        return np.asarray((((points - self.centre) * self.pull) ** 2).sum(axis=-1))
+    def _prior_costs(self, points: Points) -> np.ndarray:
+        """What Gaussian priors add to χ², entry by entry."""
+        return np.asarray(((points - self.centre) * self.pull) ** 2)
 
     def _stage(self, descents: list[Descent], stage: int) -> None:
         """Steps of every descent until each has ended, in batches. The weights are those of the first point of all."""

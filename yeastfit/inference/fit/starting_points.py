@@ -1,7 +1,8 @@
 """Where a fit begins: the best of points all over the box; later the best along what the data do not see.
 
 Points are compared by χ² with the screening covariance, after one simulation or a small ensemble each. Where conditions
-have parameters of their own, the best of each condition make one place more.
+have parameters of their own, a place is put together of points that suit each of them: few of some all over a box suit
+all at once.
 """
 
 from collections.abc import Callable
@@ -9,7 +10,7 @@ from collections.abc import Callable
 import numpy as np
 
 from yeastfit.errors import SimulationError
-from yeastfit.inference.fit.descent import are_different
+from yeastfit.inference.fit.descent import Descent, are_different
 from yeastfit.inference.fit.ensemble import Ensembles
 from yeastfit.inference.information.result import Information
 from yeastfit.inference.parameter_space import ParameterSpace, Points, Vector
@@ -17,11 +18,11 @@ from yeastfit.seeds import Stream, stream_of
 
 ALONG = 3  # places along what is not seen, at least: ensembles of the first stage hardly tell them apart
 
-PriorCost = Callable[[Points], np.ndarray]
-"""What Gaussian priors add to χ² at each point."""
+PriorCosts = Callable[[Points], np.ndarray]
+"""What Gaussian priors add to χ² at each point, by entry."""
 
 
-def screened(ensembles: Ensembles, prior_cost: PriorCost) -> list[Vector]:
+def screened(ensembles: Ensembles, prior_costs: PriorCosts) -> list[Vector]:
     """The best of some low-discrepancy points of the box, apart from each other, after one simulation each.
 
     Raises:
@@ -30,10 +31,8 @@ def screened(ensembles: Ensembles, prior_cost: PriorCost) -> list[Vector]:
     settings = ensembles.settings
     points = ensembles.space.sobol_points(settings.screened, stream_of(ensembles.seed, Stream.SCREENING, 0))
     rows = ensembles.single_simulations(points, Stream.SCREENING)
-    chosen = _best(ensembles, prior_cost, points, rows, members=2, most=settings.starts)
-    place = best_of_each(ensembles, points, rows, members=2) if chosen else None
-    if place is not None and all(are_different(place, other) for other in chosen):
-        chosen.append(place)
+    chosen = _best(ensembles, prior_costs, points, rows, members=2, most=settings.starts)
+    chosen = put_together(ensembles, prior_costs, points, rows, members=2, shared=chosen)
     if not chosen:
         met = "".join(f"; {problem}" for problem in ensembles.problems)
         raise SimulationError(
@@ -43,7 +42,7 @@ def screened(ensembles: Ensembles, prior_cost: PriorCost) -> list[Vector]:
     return chosen
 
 
-def along_unseen(ensembles: Ensembles, prior_cost: PriorCost, theta: Vector, known: Information) -> list[Vector]:
+def along_unseen(ensembles: Ensembles, prior_costs: PriorCosts, theta: Vector, known: Information) -> list[Vector]:
     """The best places elsewhere along the directions that the data do not see at θ, after a small ensemble each.
 
     A valley that is flat where a descent ended may have its minimum at another place. None where all is seen.
@@ -56,38 +55,58 @@ def along_unseen(ensembles: Ensembles, prior_cost: PriorCost, theta: Vector, kno
     models = ensembles.local_models(places, members, spread)
     missing = np.full(len(ensembles.values), np.nan)
     rows = np.stack([missing if isinstance(model, SimulationError) else model.mean for model in models])
-    return _best(ensembles, prior_cost, np.stack(places), rows, members, max(ALONG, ensembles.settings.starts))
+    return _best(ensembles, prior_costs, np.stack(places), rows, members, max(ALONG, ensembles.settings.starts))
 
 
-def best_of_each(ensembles: Ensembles, points: Points, rows: np.ndarray, members: int) -> Vector | None:
-    """Each condition's own parameters from the point that suits it best, the shared ones from the best point of all.
-
-    A point may suit one condition and not another, and those that suit all are rare among some all over a box.
+def put_together(
+    ensembles: Ensembles,
+    prior_costs: PriorCosts,
+    points: Points,
+    rows: np.ndarray,
+    members: int,
+    shared: list[Vector],
+) -> list[Vector]:
+    """Places with each condition's own parameters from the point that suits it best, from the second best, and so on.
 
     Arguments:
         ensembles: Data and space.
+        prior_costs: Of points, by entry.
         points: θ.
         rows: Means at the points.
         members: That they are the means of.
-
-    Returns:
-        None where nothing is a condition's own.
+        shared: As many places, which the shared parameters are taken from.
     """
-    conditions, entries = list(ensembles.targets), ensembles.space.entries
-    if all(entry.condition is None for entry in entries):
-        return None
+    places = np.array(shared)
     costs = ensembles.screening_costs(rows, members)
-    costs[~np.isfinite(costs).all(axis=1)] = np.inf
-    best, best_of = np.argmin(costs.sum(axis=1)), np.argmin(costs, axis=0)
-    chosen = [best if one.condition is None else best_of[conditions.index(one.condition)] for one in entries]
-    return points[chosen, np.arange(len(entries))]
+    for condition, cost in zip(ensembles.targets, costs.T, strict=True):
+        own = [k for k, entry in enumerate(ensembles.space.entries) if entry.condition == condition]
+        if own and shared:
+            best = _apart(points[:, own], cost + prior_costs(points)[:, own].sum(axis=1), len(places))
+            places[:, own] = [best[min(k, len(best) - 1)] for k in range(len(places))]
+    return list(places)
+
+
+def put_ends_together(ensembles: Ensembles, prior_costs: PriorCosts, descents: list[Descent]) -> list[Vector]:
+    """One place more, where the ends of the first stage suit each condition best; none if it is one of them."""
+    alive = [(one.theta, one.model.mean, one.cost) for one in descents if one.model is not None]
+    if not alive:
+        return []
+    points, rows, costs = (np.stack(each) for each in zip(*alive, strict=True))
+    best = points[np.argmin(costs)]
+    places = put_together(ensembles, prior_costs, points, rows, ensembles.settings.members[0], [best])
+    return [place for place in places if all(are_different(place, other) for other in points)]
 
 
 def _best(
-    ensembles: Ensembles, prior_cost: PriorCost, points: Points, rows: np.ndarray, members: int, most: int
+    ensembles: Ensembles, prior_costs: PriorCosts, points: Points, rows: np.ndarray, members: int, most: int
 ) -> list[Vector]:
-    """At most so many, apart from each other; those that failed are none."""
-    cost = ensembles.screening_costs(rows, members).sum(axis=1) + prior_cost(points)
+    """At most so many places, priors included in their cost."""
+    cost = ensembles.screening_costs(rows, members).sum(axis=1) + prior_costs(points).sum(axis=1)
+    return _apart(points, cost, most)
+
+
+def _apart(points: Points, cost: np.ndarray, most: int) -> list[Vector]:
+    """The best, at most so many, apart from each other; those that failed are none."""
     ranked = points[np.argsort(np.where(np.isfinite(cost), cost, np.inf))][: int(np.isfinite(cost).sum())]
     chosen: list[Vector] = []
     for point in ranked:
