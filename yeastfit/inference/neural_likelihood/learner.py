@@ -55,6 +55,7 @@ class Learner:
             statistics: Of these.
             before: The round before; None to begin anew.
         """
+        values, statistics = self.with_reused(values, statistics)
         density, walk = self._learnt(values, statistics, before)
         chains = walk.until(ROUGHLY, LONGER if before is not None and before.found else BRIEFLY)
         drawn, z = density.parts(chains.flat)
@@ -65,20 +66,18 @@ class Learner:
             emulator, self.problem, place, added_scatter(emulator, self.problem, place, z.mean(axis=0)[None])
         )
         inside = before is not None and before.neighbourhood.surrounds(drawn, self.widen)
-        count = len(self.with_reused(values, statistics)[0])
-        return Round(emulator, walk, chains, mean, covariance, moved, share, count, moved <= FOUND or inside)
+        return Round(emulator, walk, chains, mean, covariance, moved, share, len(values), moved <= FOUND or inside)
 
     def further_away(self, values: Values, statistics: Statistics) -> Float[np.ndarray, "draw free"]:
         """Draws of the posterior of a flatter likelihood, wherever the emulator of all simulations thinks it may be."""
         power = 1.0 / max(self.problem.replicates, FLATTER)
-        density, walk = self._learnt(values, statistics, None, power)
+        density, walk = self._learnt(*self.with_reused(values, statistics), None, power)
         return density.parts(walk.until(ROUGHLY, BRIEFLY).flat)[0]
 
     def _learnt(
         self, values: Values, statistics: Statistics, before: Round | None, power: float = 1.0
     ) -> tuple[LogPosterior, Walk]:
         """The posterior by an emulator of all simulations, or of those around the round before, and chains to walk."""
-        values, statistics = self.with_reused(values, statistics)
         statistics, x = self.problem.of_their_kind(statistics), self.problem.prior.coordinates(values)
         known = None
         if before is not None and before.found:
