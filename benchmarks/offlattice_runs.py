@@ -22,6 +22,7 @@ from yeastfit.inference.posterior.sampler import Sampler
 from yeastfit.inference.samplers import infer
 from yeastfit.inference.simulator import Simulator, labels_of
 from yeastfit.inference.store.simulation_store import Store
+from yeastfit.offlattice.masks.li2024_mask import BinnedOutlines
 from yeastfit.offlattice.statistics.li2024_statistics import PUBLISHED
 from yeastfit.storage import read_json, write_json
 
@@ -92,8 +93,13 @@ class Run:
 
     @property
     def simulator(self) -> Simulator:
-        """Of single colonies; those of the emulator no farther from the real ones than says something."""
+        """Of single colonies; those of the emulator no farther from the real ones than says something.
+
+        What is compared with single real colonies is drawn without Li et al.'s frame, which cuts wide ones off.
+        """
         simulator = self.colonies.simulator(self.statistics, self.threads)
+        if self.method == "emulator":
+            simulator = replace(simulator, draw=BinnedOutlines.whole)
         if self.limits is None:
             return simulator
         return replace(simulator, limits=tuple((low, high) for low, high in self.limits.tolist()))

@@ -4,6 +4,7 @@ import csv
 import json
 import re
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -40,6 +41,7 @@ from yeastfit.inference.models.offlattice import Offlattice
 from yeastfit.inference.simulator import names_of
 from yeastfit.measure.measurements_table import read_measurements
 from yeastfit.model.model import BASES
+from yeastfit.offlattice.masks.ellipse_mask import Ellipses
 from yeastfit.offlattice.masks.li2024_mask import BinnedOutlines
 from yeastfit.offlattice.parameters import PARAMETERS
 from yeastfit.offlattice.simulation import OfflatticeSimulation
@@ -175,7 +177,7 @@ def test_colonies_too_large_to_grow_by_the_hundred_are_told_of() -> None:
     assert Algebraic().seen(small, data, None, ("compactness", "radius")).notes == ()
 
 
-@pytest.mark.parametrize("masks", ["li2024", "ellipses"])
+@pytest.mark.parametrize("masks", ["li2024", "bins", "ellipses"])
 def test_cells_that_do_not_cover_the_area_are_refused(
     table: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], masks: str
 ) -> None:
@@ -197,7 +199,7 @@ def test_cells_that_do_not_cover_the_area_are_refused(
         assert "no pixel" in said(capsys, *few, "--cells", "1200", "--pixel-size", "1000")
     (read, where), sized = (read_measurements(table), table.parent), Offlattice(masks=masks, pixel_size=2.0)  # type: ignore[arg-type]
     unused = [note for note in sized.seen(read, where, None, ("radius",)).notes if "not used" in note]
-    assert len(unused) == (masks == "li2024")
+    assert len(unused) == (masks != "ellipses")
     whole = Offlattice(cells=500, match="none").seen(read_measurements(table), table.parent, None, ("radius",))
     whole.model.simulator(whole.targets, PARAMETERS.names, {})
 
@@ -257,16 +259,19 @@ def test_indices_of_li_and_coauthors_are_measured_on_the_masks(table: Path) -> N
 
 
 def test_masks_are_drawn_as_the_statistics_ask_for() -> None:
-    """As Li et al. do where all are theirs, as ellipses otherwise, and as somebody says."""
-    theirs = ("li2024_branch_index", "li2024_csr_radius")
+    """As Li et al. do for their three indices, without the frame for others of theirs, else as ellipses, or as said."""
+    whole = Offlattice(cells=100).statistics
+    theirs = Offlattice(cells=100).statistics_named(["li2024"])
 
-    def binned(model: Offlattice, names: tuple[str, ...]) -> bool:
-        targets = Targets.from_means({name: [1.0] for name in names}, [10.0])
-        return model.simulator(targets, model.parameters.names, {}).draw == BinnedOutlines.of
+    def drawn(names: tuple[str, ...], masks: Any = None) -> Any:
+        targets, model = Targets.from_means({name: [1.0] for name in names}, [10.0]), Offlattice(cells=100, masks=masks)
+        draw = model.simulator(targets, model.parameters.names, {}).draw
+        return draw.func if isinstance(draw, partial) else draw
 
-    assert binned(Offlattice(cells=100), theirs)
-    assert not binned(Offlattice(cells=100), (*theirs, "compactness"))
-    assert not binned(Offlattice(cells=100, masks="ellipses"), theirs)
+    assert drawn(theirs) == BinnedOutlines.of
+    assert drawn(whole) == drawn(theirs, "bins") == BinnedOutlines.whole
+    assert drawn((*theirs, "compactness")) == drawn(theirs, "ellipses") == Ellipses.of
+    assert drawn((*whole, "compactness"), "li2024") == BinnedOutlines.of
 
 
 def test_help_is_that_of_the_model(capsys: pytest.CaptureFixture[str]) -> None:

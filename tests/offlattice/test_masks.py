@@ -12,7 +12,7 @@ from yeastfit.errors import InputError
 from yeastfit.offlattice.colony import OfflatticeColony, grow
 from yeastfit.offlattice.masks.area_matching import Match, match_exactly, search_from_below
 from yeastfit.offlattice.masks.ellipse_mask import Ellipses
-from yeastfit.offlattice.masks.li2024_mask import BinnedOutlines, enlarged, fill_holes
+from yeastfit.offlattice.masks.li2024_mask import FRAME, BinnedOutlines, enlarged, fill_holes
 from yeastfit.offlattice.placing import PIXELS_PER_UM, SEMI_AXES
 
 
@@ -31,6 +31,25 @@ def test_known_masks(small: OfflatticeColony) -> None:
     ]
     assert binned.mask(5000).shape == (1400, 1800)
     assert binned.dropped == 0
+
+
+def test_a_frame_that_holds_the_colony_shows_the_same(small: OfflatticeColony) -> None:
+    """With another margin; of a colony that theirs cuts off, it shows the rest, too."""
+    for frame in (FRAME, (60, 80)):
+        binned, whole = BinnedOutlines.of(small, frame), BinnedOutlines.whole(small)
+        assert whole.dropped == 0
+        mask, other = binned.mask(5000), whole.mask(5000)
+        assert not other[[0, -1]].any()
+        assert not other[:, [0, -1]].any()
+        margins = [abs(a - b) // 2 for a, b in zip(mask.shape, other.shape, strict=True)]
+        inside = tuple(slice(one, -one or None) for one in margins)
+        if frame == FRAME:
+            np.testing.assert_array_equal(mask[inside], other)
+            assert mask.sum() == other.sum()
+        else:
+            deep = np.s_[8:-8, 8:-8]  # a bin's pixels depend on two bins beside it
+            np.testing.assert_array_equal(other[inside][deep], mask[deep])
+            assert other.sum() > mask.sum() + 1000
 
 
 def test_bins_hold_vertices(small: OfflatticeColony) -> None:

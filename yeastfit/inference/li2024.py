@@ -29,6 +29,7 @@ import numpy as np
 from yeastfit.inference.abc.mcmc import AbcMcmc
 from yeastfit.inference.prior.distributions import Distribution
 from yeastfit.inference.prior.prior import Prior
+from yeastfit.offlattice.masks.li2024_mask import BinnedOutlines
 from yeastfit.offlattice.parameters import PRIOR
 from yeastfit.offlattice.simulator import OfflatticeSimulator
 from yeastfit.offlattice.statistics.li2024_statistics import PUBLISHED
@@ -80,8 +81,10 @@ class Li2024Colonies:
         return tuple(map(tuple, (upper + np.triu(upper, 1).T).tolist()))
 
     def simulator(self, statistics: Sequence[str] = PUBLISHED, threads: int | None = None) -> OfflatticeSimulator:
-        """Colonies of N cells drawn at the area A*, on so many threads, or on all processors."""
-        return OfflatticeSimulator.of(statistics, cells=self.cells, area=self.area, threads=threads)
+        """Colonies of N cells drawn at the area A* in their frame, on so many threads, or on all processors."""
+        return OfflatticeSimulator.of(
+            statistics, cells=self.cells, area=self.area, draw=BinnedOutlines.of, threads=threads
+        )
 
     def protocol(self, *, seed: int = 0, chains: int | None = None, steps: int | None = None) -> AbcMcmc:
         """Their ABC-MCMC.

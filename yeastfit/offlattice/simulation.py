@@ -212,7 +212,7 @@ def _measured(
     if ours:
         pictures.append((Ellipses.of(colony), ours))
     if theirs:
-        pictures.append((BinnedOutlines.of(colony), theirs))
+        pictures.append((BinnedOutlines.whole(colony), theirs))
     found = {name: np.full(len(samples), np.nan) for name in (*ours, *theirs, SHARE)}
     for k, cells in enumerate(samples[samples <= colony.x.size].tolist()):
         for picture, chosen in pictures:

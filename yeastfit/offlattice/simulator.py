@@ -29,7 +29,7 @@ from yeastfit.specification import Specification, described, module_outside, pat
 
 OF_BINS = (*ENTRIES, SMOOTHED)
 """What is measured on masks as Li et al. draw them."""
-CUT = "the frame of Li et al.'s masks cuts the colony off"
+CUT = "the frame of Li et al.'s masks cuts the colony off (--masks bins shows all of it)"
 
 
 class Picture(Protocol):
@@ -53,7 +53,8 @@ class OfflatticeSimulator:
         observables: The columns.
         cells: N.
         area: Of the mask that is measured, pixels; None for the mask of all cells.
-        draw: The pictures of a colony: Li et al.'s `BinnedOutlines.of` or `Ellipses.of`.
+        draw: The pictures of a colony: `BinnedOutlines.whole`, `BinnedOutlines.of` with Li et al.'s frame, or
+            `Ellipses.of`.
         match: How the area is matched: Li et al.'s `search_from_below` or `match_exactly`.
         delay: See `grow`.
         most_attempts: See `grow`.
@@ -68,7 +69,7 @@ class OfflatticeSimulator:
     observables: tuple[Observable, ...]
     cells: int
     area: float | None = None
-    draw: Callable[[OfflatticeColony], Picture] = BinnedOutlines.of
+    draw: Callable[[OfflatticeColony], Picture] = BinnedOutlines.whole
     match: Callable[[MaskOf, int, float], MatchedMask] = search_from_below
     delay: float = DELAY
     most_attempts: int = MOST_ATTEMPTS
@@ -84,7 +85,7 @@ class OfflatticeSimulator:
         area: float | None = None,
         free: Sequence[str] = PARAMETERS.names,
         fixed: Mapping[str, float] | None = None,
-        draw: Callable[[OfflatticeColony], Picture] = BinnedOutlines.of,
+        draw: Callable[[OfflatticeColony], Picture] = BinnedOutlines.whole,
         match: Callable[[MaskOf, int, float], MatchedMask] = search_from_below,
         delay: float = DELAY,
         most_attempts: int = MOST_ATTEMPTS,

@@ -44,7 +44,7 @@ COMPARED = ("fit", "infer", "design")
 TRIED = 16  # colonies that show whether the cells cover the area of the data
 COVERED = 0.75  # share of it that is enough; below 1 a warning counts the colonies that do not cover it
 ROOM = 1.1  # times as many cells as cover it: Li et al. took as many
-Masks = Literal["li2024", "ellipses"]
+Masks = Literal["li2024", "bins", "ellipses"]
 Match = Literal["li2024", "exactly", "none"]
 
 
@@ -89,8 +89,9 @@ class Offlattice(ForwardModel):
     masks: Annotated[
         Masks | None,
         Setting(
-            "How simulated colonies are drawn: as Li et al. do, or as ellipses at the photographs' pixel size. By "
-            "default li2024 for statistics of theirs and smoothed_branch_index only, ellipses otherwise.",
+            "How simulated colonies are drawn: as Li et al. do, in a frame that cuts wide ones off (li2024); the same "
+            "without the frame (bins); or as ellipses at the photographs' pixel size. By default li2024 for their "
+            "three indices, bins for other statistics of theirs and smoothed_branch_index, ellipses otherwise.",
             commands=COMPARED,
         ),
     ] = None
@@ -164,9 +165,9 @@ class Offlattice(ForwardModel):
         targets = Targets.from_replicates(curves, [hours], colonies=[str(row["replicate"]) for row in chosen])
         area = float(np.mean([value["area"] for value in values])) if self.area is None else self.area
         pixel = float(np.mean([row["um_per_pixel"] for row in chosen])) if self.pixel_size is None else self.pixel_size
-        if self.pixel_size is not None and not self._has_ellipses(statistics):
+        if self.pixel_size is not None and self._masks(statistics) != "ellipses":
             notes.append(
-                "--pixel-size is that of ellipses and not used: masks are drawn as Li et al. do, by --masks li2024"
+                f"--pixel-size is that of ellipses and not used: masks are drawn by --masks {self._masks(statistics)}"
             )
         seen = replace(self, area=None if self.match == "none" else area, pixel_size=pixel)
         return Seen(seen, replace(targets, time_label="hours", length_unit="µm"), tuple(notes))
@@ -255,12 +256,16 @@ class Offlattice(ForwardModel):
             "whole colonies of any area"
         )
 
-    def _has_ellipses(self, statistics: Sequence[str]) -> bool:
-        """Whether colonies are drawn as ellipses and not as Li et al. do."""
+    def _masks(self, statistics: Sequence[str]) -> Masks:
+        """How colonies are drawn for these."""
         from yeastfit.offlattice.simulator import OF_BINS
+        from yeastfit.offlattice.statistics.li2024_statistics import PUBLISHED
 
-        theirs = {entry.name for entry in OF_BINS}.issuperset(statistics)
-        return (self.masks or (THEIRS if theirs else "ellipses")) != THEIRS
+        if self.masks is not None:
+            return self.masks
+        if set(statistics) == set(PUBLISHED):
+            return "li2024"
+        return "bins" if {entry.name for entry in OF_BINS}.issuperset(statistics) else "ellipses"
 
     def _drawn(self, statistics: Sequence[str]) -> tuple[Callable[[Any], Any], float]:
         """How a colony is drawn, and µm per pixel."""
@@ -268,10 +273,11 @@ class Offlattice(ForwardModel):
         from yeastfit.offlattice.masks.li2024_mask import BinnedOutlines
         from yeastfit.offlattice.placing import PIXELS_PER_UM
 
-        if not self._has_ellipses(statistics):
-            return BinnedOutlines.of, 1 / PIXELS_PER_UM
-        pixel = self.pixel_size or PIXEL
-        return partial(Ellipses.of, pixel_size=pixel), pixel
+        masks = self._masks(statistics)
+        if masks == "ellipses":
+            pixel = self.pixel_size or PIXEL
+            return partial(Ellipses.of, pixel_size=pixel), pixel
+        return BinnedOutlines.of if masks == "li2024" else BinnedOutlines.whole, 1 / PIXELS_PER_UM
 
 
 def _expanded(name: str, published: tuple[str, ...]) -> tuple[str, ...]:

@@ -1,7 +1,8 @@
 """Masks of a colony's first n cells as Li et al. 2024 draw them, for every n from one look at the cells.
 
 1. The twelve vertices of every cell are put into square bins of 4 pixels, with edges at multiples of 4 pixels from the
-   origin: rows are x from −700 to 700, columns y from −900 to 900. Vertices outside are dropped.
+   origin: rows are x from −700 to 700, columns y from −900 to 900. Vertices outside are dropped. A frame that holds all
+   (`BinnedOutlines.whole`) shows the same, with another margin, of a colony that theirs holds.
 2. A bin is occupied if a vertex of the first n cells lies in it. As cells are only added, it is enough to know the
    number of the first cell with a vertex in each bin.
 3. The image of occupied bins is enlarged four times as MATLAB's `imresize` enlarges a logical image: from 0 and 255 in
@@ -22,6 +23,7 @@ quarters are its mirror images.
 
 from dataclasses import dataclass
 from functools import cache, reduce
+from math import ceil
 
 import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8, UInt16
@@ -35,6 +37,7 @@ BIN = 4
 FRAME = (350, 450)
 """Bins along x and along y, centred on the origin."""
 
+MARGIN = 3  # empty bins at each side of a frame that holds the whole colony: a bin's pixels depend on two
 SMALLEST_HOLE = 10
 UNIT = 1024
 ALL = 0xFFFF
@@ -75,6 +78,20 @@ class BinnedOutlines:
         first = np.full(frame, colony.x.size + 1, dtype=np.int32)
         dropped = _bin(colony.x, colony.y, colony.direction, colony.pseudohyphal, OUTLINES, first)
         return cls(first, colony.x.size, dropped)
+
+    @classmethod
+    def whole(cls, colony: OfflatticeColony) -> "BinnedOutlines":
+        """Put all cells of a colony into bins, in a frame that holds them all.
+
+        Arguments:
+            colony: See `of`.
+
+        Returns:
+            As `of` does; nothing is dropped.
+        """
+        reach = [float(np.abs(centres).max(initial=0.0)) + SEMI_AXES.max() for centres in (colony.x, colony.y)]
+        rows, columns = (2 * (ceil(one / BIN) + MARGIN) for one in reach)
+        return cls.of(colony, (rows, columns))
 
     @property
     def pixel_size(self) -> float:
