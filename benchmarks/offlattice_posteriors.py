@@ -85,6 +85,7 @@ def study(report: Report, sizes: Sizes, runs: list[Run], wanted: list[Run]) -> N
         at_mean(report, key, colonies, sizes.at_mean)
         for method, posterior in results.items():
             judged(report, f"{colonies.name}, {names[method]}", method, posterior)
+            cut_off(report, mine[method], posterior)
         if "protocol" in results:
             protocol(report, mine["protocol"], results["protocol"], results.get("smc"))
         for method in ("emulator", "emulator-theirs"):
@@ -208,6 +209,20 @@ def at_mean(report: Report, key: str, colonies: Li2024Colonies, count: int) -> N
     columns = zip(what, expected, mean.tolist(), error.tolist(), strict=True)
     rows = [{"quantity": a, "expected": b, "here": c, "error": d} for a, b, c, d in columns]
     report.table(f"{colonies.name}: {count} colonies at the published mean", rows)
+
+
+def cut_off(report: Report, run: Run, found: Posterior) -> None:
+    """Add how many colonies at draws of a posterior Li et al.'s frame cuts off."""
+    colonies, count = run.colonies, run.sizes.at_mean
+
+    def one(job: tuple[list[float], int]) -> bool:
+        colony = grow(job[0], cells=colonies.cells, seed=job[1])
+        mask = search_from_below(BinnedOutlines.of(colony).mask, colony.x.size, colonies.area).mask
+        return bool(mask[[0, -1]].any() or mask[:, [0, -1]].any())
+
+    draws = found.drawn(count, np.random.default_rng(SEED)).tolist()
+    cut = 100 * float(np.mean(in_threads(one, list(zip(draws, range(count), strict=True)), None)))
+    report.add(f"{colonies.name}, {run.name}: colonies that the frame cuts off", cut, "%", note=f"of {count} at draws")
 
 
 def reach(report: Report, run: Run, found: Posterior) -> None:
