@@ -30,7 +30,7 @@ class Parameter:
         largest: Admissible maximum.
         positive: Whether `smallest` itself is inadmissible.
         powers: Of a cell's length L0 and of the growth rate μ*, by whose product it is multiplied to give it units:
-            (2, 1) for µm²/h. (0, 0) for a number that has none.
+            (2, 1) for µm²/h, (0, -1) for hours. (0, 0) for a number that has none.
     """
 
     name: str
@@ -48,6 +48,8 @@ class Parameter:
         low, high = self.plausible
         if not self.name.isidentifier():
             raise InputError(f"parameter: name is {self.name!r}, it must be letters, digits and underscores")
+        if len(self.powers) != 2 or not all(isinstance(power, int) for power in self.powers):
+            raise InputError(f"{self.name}: powers is {self.powers!r}, it must be two whole numbers, of L0 and of μ*")
         if not self.admissible(np.asarray(self.default)):
             raise InputError(f"{self.name}: default is {self.default:g}, it must be {self.limits}")
         if not self.smallest <= low < high <= self.largest:

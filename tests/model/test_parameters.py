@@ -22,6 +22,26 @@ def test_defaults_are_those_of_the_table_and_lie_in_the_plausible_range() -> Non
     assert [info.symbol for info in PARAMETERS.values()] == [f"λ{i}" for i in range(1, 8)]
 
 
+@pytest.mark.parametrize(
+    ("powers", "unit"),
+    [
+        *(((0, 0), ""), ((1, 0), "µm"), ((2, 1), "µm²/h"), ((0, 1), "1/h"), ((0, -1), "h"), ((-1, 0), "1/µm")),
+        *(((1, -1), "µm h"), ((0, 2), "1/h²"), ((-2, 1), "1/µm²/h"), ((3, 0), "µm³"), ((0, -12), "h¹²")),
+    ],
+)
+def test_units_of_any_powers(powers: tuple[int, int], unit: str) -> None:
+    """λ L0^l μ*^r, L0 in µm and μ* per hour."""
+    factor, found = Scales(length=2.0, rate=0.5).unit(powers)
+    assert (factor, found) == (2.0 ** powers[0] * 0.5 ** powers[1], unit)
+    assert Parameter("p", "p", "any", (0.1, 1.0), 0.5, powers=powers).powers == powers
+
+
+@pytest.mark.parametrize("powers", [(1,), (0.5, 1), (1, 2, 3)])
+def test_powers_are_two_whole_numbers(powers: tuple) -> None:
+    with wrong_types(), pytest.raises(InputError, match=r"p: powers is .*, it must be two whole numbers"):
+        Parameter("p", "p", "any", (0.1, 1.0), 0.5, powers=powers)
+
+
 @pytest.mark.parametrize("name", PARAMETERS.names)
 @pytest.mark.parametrize("value", [-0.5, math.nan, math.inf])
 def test_a_bad_value_is_named_with_its_parameter(name: str, value: float) -> None:

@@ -199,9 +199,10 @@ class Scales:
     def unit(self, powers: tuple[int, int]) -> tuple[float, str]:
         """L0 and μ* to these powers, the factor that gives a parameter units, and the unit; 1 and "" for none."""
         length, rate = powers
-        parts = [{0: "", 1: "µm", 2: "µm²"}[length]] if length else []
-        unit = ("".join(parts) or "1") + ("/h" if rate else "") if length or rate else ""
-        return self.length**length * self.rate**rate, unit
+        above = [_power(name, power) for name, power in (("µm", length), ("h", -rate)) if power > 0]
+        below = [_power(name, power) for name, power in (("µm", -length), ("h", rate)) if power > 0]
+        unit = " ".join(above) or ("1" if below else "")
+        return self.length**length * self.rate**rate, "/".join([unit, *below])
 
     def hours(self, time: Time) -> Time:
         """Model time, or times, to hours."""
@@ -210,3 +211,7 @@ class Scales:
     def time(self, hours: Time) -> Time:
         """Hours, one or many, to model time."""
         return hours * self.rate
+
+
+def _power(unit: str, power: int) -> str:
+    return unit + (str(power).translate(str.maketrans("0123456789", "⁰¹²³⁴⁵⁶⁷⁸⁹")) if power > 1 else "")
