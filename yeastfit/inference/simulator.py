@@ -27,6 +27,7 @@ from yeastfit.observable import Observable
 from yeastfit.parameter_set import ParameterSet
 from yeastfit.seeds import Stream, check_seed, stream_of
 from yeastfit.simulation.simulate import member_keys
+from yeastfit.text import short
 
 Values = Float[np.ndarray, "row parameter"]
 Seeds = Shaped[np.ndarray, " row"]  # whole numbers from 0 to 2⁶⁴ − 1
@@ -129,7 +130,7 @@ class Counted(Wrapper):
 
     def __call__(self, values: Values, seeds: Seeds) -> Rows:
         """Rows of the simulator inside."""
-        found = self.simulator(values, seeds)
+        found = rows_of(self.simulator, values, seeds)
         self.tally.simulated += len(once(values, seeds))
         return found
 
@@ -167,6 +168,23 @@ class Mismeasured(Wrapper):
         return self.simulator(values, seeds) + normal.reshape(len(seeds), -1) @ self.root.T
 
 
+def rows_of(simulator: Simulator, values: Values, seeds: Seeds) -> Rows:
+    """A simulator's rows, as numbers.
+
+    Raises:
+        InputError: They are no numbers, or another array than a row for each seed and a column for each observable.
+    """
+    found, expected = simulator(values, seeds), (len(seeds), len(simulator.observables))
+    try:
+        rows = np.asarray(found, dtype=float)
+    except (TypeError, ValueError):
+        raise InputError(f"simulator gave {short(found)}, expected an array of numbers of shape {expected}") from None
+    if rows.shape != expected:
+        what = "a row for each seed, a column for each observable"
+        raise InputError(f"simulator gave shape {rows.shape}, expected {expected}: {what}")
+    return rows
+
+
 def rows_in_blocks(simulator: Simulator, values: Values, seeds: Seeds, size: int) -> Iterator[Rows]:
     """Rows block by block, in their order, each as soon as it is there.
 
@@ -183,14 +201,10 @@ def rows_in_blocks(simulator: Simulator, values: Values, seeds: Seeds, size: int
     if own is not None:
         yield from own(values, seeds, size)
         return
-    width = len(simulator.observables)
     for start in range(0, len(seeds), size):
         rows = np.arange(start, min(start + size, len(seeds)))
         padded = np.concatenate([rows, np.full(size - len(rows), start)])
-        found = np.asarray(simulator(values[padded], seeds[padded]), dtype=float)
-        if found.shape != (size, width):
-            raise InputError(f"simulator gave shape {found.shape}, expected {(size, width)}")
-        yield found[: len(rows)]
+        yield rows_of(simulator, values[padded], seeds[padded])[: len(rows)]
 
 
 def labels_of(simulator: Simulator) -> tuple[str, ...]:

@@ -3,18 +3,33 @@
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from helpers import wrong_types
 
 from benchmarks.gradients import compare, differences, estimates
-from yeastfit import InputError, Model, Numerics, Parameters, Relaxation, Sensitivity, SensitivityStatus, sensitivity
+from yeastfit import (
+    InputError,
+    Model,
+    Numerics,
+    Parameter,
+    Parameters,
+    ParameterSet,
+    Relaxation,
+    Sensitivity,
+    SensitivityStatus,
+    Targets,
+    fit,
+    sensitivity,
+)
 from yeastfit.inference.sensitivity import pathwise as module
 from yeastfit.inference.sensitivity.estimate import STATISTICS
 from yeastfit.inference.sensitivity.estimator import doubts
 from yeastfit.inference.sensitivity.result import Estimate
 from yeastfit.inference.sensitivity.shrinkage import combine
+from yeastfit.inference.simulator import rows_of
 from yeastfit.observable import Observable
 from yeastfit.storage import read_json, write_json
 
@@ -58,6 +73,38 @@ def test_the_blend_leaves_alone_what_it_cannot_better() -> None:
     assert combine(known, Estimate(np.zeros((1, 7)), np.ones((1, 7))))[2] == 0
     two = Estimate(np.ones((1, 2)), np.ones((1, 2)))  # fewer than three parameters
     assert combine(two, two)[2] == 0
+
+
+@pytest.mark.usefixtures("unchecked")
+@pytest.mark.parametrize("given", [(1,), (3,), ()], ids=["one column", "three columns", "no columns"])
+def test_rows_of_another_shape_are_refused(given: tuple[int, ...]) -> None:
+    """By sensitivities and by fits, as by samplers."""
+
+    class Shapeless:
+        parameters = ParameterSet((Parameter("rate", "r", "growth", (0.1, 2.0), 0.5),))
+        observables = (Observable("size", 1.0), Observable("size", 2.0))
+
+        def __call__(self, values: np.ndarray, seeds: np.ndarray) -> np.ndarray:
+            return np.ones((len(seeds), *given))
+
+    said = r"simulator gave shape \(.*\), expected \(.*, 2\): a row for each seed, a column for each observable"
+    with pytest.raises(InputError, match=said):
+        sensitivity(simulator=Shapeless(), at={"rate": 0.5}, runs=16)
+    targets = Targets.from_replicates({"size": np.array([[1.0, 2.0], [1.1, 2.1], [0.9, 1.9]])}, [1.0, 2.0])
+    with pytest.raises(InputError, match=said):
+        fit(targets, Shapeless())
+
+
+def test_rows_are_numbers() -> None:
+    class Wordy:
+        parameters = ParameterSet((Parameter("rate", "r", "growth", (0.1, 2.0), 0.5),))
+        observables = (Observable("size", 1.0),)
+
+        def __call__(self, values: np.ndarray, seeds: np.ndarray) -> Any:
+            return [["much"] for _ in seeds]
+
+    with pytest.raises(InputError, match=r"simulator gave .*much.*, expected an array of numbers of shape \(2, 1\)"):
+        rows_of(Wordy(), np.ones((2, 1)), np.arange(2))
 
 
 # --- on colonies ------------------------------------------------------------------------------------------------------

@@ -41,7 +41,7 @@ from yeastfit.inference.paired_regression import (
 from yeastfit.inference.sensitivity.pathwise import EXPLODED, Pathwise
 from yeastfit.inference.sensitivity.result import Estimate, EstimatorName, Sensitivity
 from yeastfit.inference.sensitivity.shrinkage import combine
-from yeastfit.inference.simulator import Rows, Seeds, Simulator, member_seeds, named_values, problems_of
+from yeastfit.inference.simulator import Rows, Seeds, Simulator, member_seeds, named_values, problems_of, rows_of
 from yeastfit.memory import check_count
 from yeastfit.observable import Observable
 from yeastfit.progress import Progress
@@ -150,7 +150,7 @@ class Estimator:
         began = clock.perf_counter()
         self.spent["mean"] = max(8, self.runs // 4)
         seeds = self._seeds(Part.MEAN, self.spent["mean"])
-        rows = self.simulator(np.tile(self.values, (len(seeds), 1)), seeds)
+        rows = rows_of(self.simulator, np.tile(self.values, (len(seeds), 1)), seeds)
         if np.isfinite(rows).all(axis=1).sum() < 2:
             raise SimulationError(f"{len(rows)} simulations at {self._where()} failed (not finite)")
         self.seconds["mean"] = clock.perf_counter() - began
@@ -163,7 +163,7 @@ class Estimator:
         seeds = self._seeds(Part.REGRESSION, self.runs // 2)
         units = hadamard_design(len(seeds), len(self.values), np.random.default_rng(self.seed))
         points = paired_points(np.log(self.values), units, self.spread)
-        rows = self.simulator(np.exp(points), np.concatenate([seeds, seeds]))
+        rows = rows_of(self.simulator, np.exp(points), np.concatenate([seeds, seeds]))
         local = regress(rows[:, : len(self.observables)], units, self.spread)
         self.spent["regression"], self.seconds["regression"] = self.runs, clock.perf_counter() - began
         return local
