@@ -16,11 +16,13 @@ from yeastfit import (
     Model,
     MotionRule,
     Numerics,
+    Parameter,
     Parameters,
     UptakeRule,
     member_keys,
     simulate,
 )
+from yeastfit.commands.generated.rules import rule_options
 from yeastfit.model.laws.budding import TurnedBudding
 from yeastfit.model.parameters import PARAMETERS
 from yeastfit.model.rules import Rule
@@ -70,6 +72,45 @@ def test_an_answer_of_another_shape_is_refused(rule: Rule) -> None:
     said = rf"{rule.question}: rule '{rule.name}' gave an array of shape \(.*\), not \("
     with pytest.raises(InputError, match=said):
         simulate(Parameters(), member_keys(0, 1), times=[0.1], model=Model(**rules), numerics=SMALL)
+
+
+class Leaning(BuddingRule):
+    name = "leaning"
+    parameters = (Parameter("budding_bias", "B", "another thing", (1.0, 9.0), 3.0),)
+
+    def angles(self, context: Context, parents: Array, lineages: Array) -> Array:
+        return jnp.zeros(parents.shape)
+
+
+class Sliding(Leaning):
+    name = "sliding"
+    parameters = (Parameter("mobility", "B", "another thing", (1.0, 9.0), 3.0),)
+
+
+@pytest.mark.parametrize(
+    ("question", "name", "rule", "said"),
+    [
+        ("budding", "mine", OneAngle, "rule 'one angle' is registered as 'mine', register it under its own name"),
+        ("budding", "one angle", OneAngle(), "rule 'one angle' is registered as an object"),
+        ("budding", "leaning", Leaning, "rule 'leaning' brings a parameter 'budding_bias', and so does rule 'biased'"),
+        ("budding", "sliding", Sliding, "rule 'sliding' brings a parameter 'mobility', and so does the model, another"),
+    ],
+)
+def test_a_rule_that_is_registered_wrong_is_refused(
+    question: str, name: str, rule: Any, said: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(RULES[question], name, rule)
+    with pytest.raises(InputError, match=said):
+        Model.of({question: {"rule": name}})
+    with pytest.raises(InputError, match=said):
+        rule_options()
+
+
+def test_parameters_of_one_name_are_one_parameter() -> None:
+    with pytest.raises(
+        InputError, match="rule 'sliding' brings a parameter 'mobility', and so does the model, another"
+    ):
+        Model(budding=Sliding())
 
 
 def test_no_two_parameters_have_one_symbol() -> None:

@@ -70,7 +70,8 @@ RULES: dict[str, dict[str, type[Rule]]] = {question: {} for question in BASES}
 _SOURCE: list[type[Rule]] = [GlobalBirths, UniformBudding, TurnedBudding, NodeContact, BiomassUptake, NoDeath]
 _SOURCE += [DrivenMotion, NoFluctuation, NoDetachment, EllipticalCells, OneNutrient, TreeSprings]
 for _rule in _SOURCE + every_rule():
-    RULES[_rule.question][_rule.name] = _rule
+    if (_other := RULES[_rule.question].setdefault(_rule.name, _rule)) is not _rule:
+        raise InputError(f"{_rule.question}: rule {_rule.name!r} is in {_other.__module__} and in {_rule.__module__}")
 
 
 class Model(eqx.Module):
@@ -121,7 +122,12 @@ class Model(eqx.Module):
         twice = sorted({name for name in states if states.count(name) > 1})
         if twice:
             raise InputError(f"model: two of its rules keep a node state {twice[0]!r}")
-        _ = self.parameters
+        known = {one.name: ("the model", one) for one in PARAMETERS.parameters}
+        for rule in self.parts:
+            for one in rule.parameters:
+                whose, other = known.setdefault(one.name, (f"rule {rule.name!r}", one))
+                if other != one:
+                    raise InputError(twice_brought(rule.name, one.name, whose))
 
     @property
     def rules(self) -> dict[str, Rule]:
@@ -224,6 +230,29 @@ def bringing(name: str) -> list[str]:
     ]
 
 
+def check_registered(question: str, name: str) -> None:
+    """Raise `InputError` where what is registered under a name is no class of that name, or brings what is not its own.
+
+    Parameters that several rules bring must be alike: they are one option, one prior and one column of a table.
+    """
+    rule = RULES[question][name]
+    if not isinstance(rule, type):
+        raise InputError(f"{question}: rule {name!r} is registered as an object, RULES holds classes of rules")
+    if getattr(rule, "name", name) != name:
+        raise InputError(f"{question}: rule {rule.name!r} is registered as {name!r}, register it under its own name")
+    for one in () if rule.__module__.startswith("yeastfit.") else rule.parameters:
+        others = {"the model": PARAMETERS.parameters}
+        others |= {f"rule {other.name!r}": other.parameters for rules in RULES.values() for other in rules.values()}
+        for whose, brought in others.items():
+            if any(other.name == one.name and other != one for other in brought):
+                raise InputError(twice_brought(name, one.name, whose))
+
+
+def twice_brought(rule: str, parameter: str, whose: str) -> str:
+    """What is wrong with a parameter that somebody else brings, too, and means something else by."""
+    return f"rule {rule!r} brings a parameter {parameter!r}, and so does {whose}, another one: choose another name"
+
+
 def _described(rule: Rule) -> dict[str, Any]:
     settings = {each.name: getattr(rule, each.name) for each in dataclasses.fields(rule)}
     plain = {name: _described(value) if isinstance(value, Rule) else value for name, value in settings.items()}
@@ -236,8 +265,7 @@ def _rule_of(question: str, settings: Any) -> Rule:
     name, known = settings["rule"], RULES[question]
     if name not in known:
         raise InputError(f"{question}: rule {name!r} is unknown, expected one of {', '.join(known)}")
-    if not isinstance(known[name], type):
-        raise InputError(f"{question}: rule {name!r} is registered as an object, RULES holds classes of rules")
+    check_registered(question, name)
     given = {
         key: _rule_of(question, value) if isinstance(value, Mapping) else value
         for key, value in settings.items()

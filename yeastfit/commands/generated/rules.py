@@ -10,7 +10,7 @@ from typing import Any
 
 from yeastfit.commands.generated.options import Option, flag_of, hints_of, plain_kind
 from yeastfit.errors import InputError
-from yeastfit.model.model import BASES, RULES, Model
+from yeastfit.model.model import BASES, RULES, Model, check_registered
 from yeastfit.model.parameters import PARAMETERS
 from yeastfit.model.rules import Rule
 from yeastfit.parameter_set import Parameter
@@ -117,6 +117,8 @@ def rules_from(options: Mapping[str, Any], base: Model | None = None) -> Model:
 
 def _choosable(question: str) -> dict[str, type[Rule]]:
     """Rules by name that can be made from numbers and words."""
+    for name in RULES[question]:
+        check_registered(question, name)
     return {name: rule for name, rule in RULES[question].items() if not _needed(rule) - set(_settings(rule))}
 
 
