@@ -5,6 +5,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from helpers import wrong_types
@@ -42,6 +43,7 @@ from yeastfit.measure.statistics.registry import (
     registered,
     title_of,
 )
+from yeastfit.measure.statistics.smooth_statistics import smooth_shape
 from yeastfit.report.files.measurement_files import OWN_COLUMNS
 
 ESTIMATORS: tuple[tuple[Estimator, float], ...] = (("smooth", 0.01), ("mask", 1e-12))
@@ -184,6 +186,15 @@ def test_a_statistic_is_one_number(monkeypatch: pytest.MonkeyPatch) -> None:
             monkeypatch.setitem(STATISTICS, "odd", Statistic("odd", 0, "no number", mask=lambda pixels, w=wrong: w))  # type: ignore[misc]
             with pytest.raises(InputError, match=r"statistic odd: its mask gives .*, need one number"):
                 measure_mask(np.ones((3, 3), bool), 1.0, ["odd"])
+
+
+@pytest.mark.usefixtures("unchecked")
+def test_a_smooth_statistic_is_one_number(monkeypatch: pytest.MonkeyPatch) -> None:
+    wrong: Any
+    for wrong, said in ((lambda one: one.distance, "an array of shape"), (lambda one: None, "None")):
+        monkeypatch.setitem(STATISTICS, "odd", Statistic("odd", 0, "no number", smooth=wrong))
+        with pytest.raises(InputError, match=f"statistic odd: its smooth gives {said}.*, need one number"):
+            smooth_shape(jnp.ones((8, 8)), 0.5, 0.1, ("odd",))
 
 
 def test_what_other_processes_cannot_import_is_measured_in_this_one(

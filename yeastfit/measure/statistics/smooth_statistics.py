@@ -106,7 +106,12 @@ def smooth_shape(
     """
     blurred = Indicator.blurred(phi, spacing, smoothing)
     entries = (STATISTICS[name] for name in (names_with("smooth") if names is None else names))
-    return {entry.name: entry.smooth(blurred) for entry in entries if entry.smooth}
+    found = {entry.name: entry.smooth(blurred) for entry in entries if entry.smooth}
+    for name, value in found.items():
+        if not isinstance(value, float | int | np.number | Array) or jnp.ndim(value):
+            what = f"an array of shape {jnp.shape(value)}" if isinstance(value, Array) else repr(value)
+            raise InputError(f"statistic {name}: its smooth gives {what}, need one number")
+    return found
 
 
 def smooth_polar(
