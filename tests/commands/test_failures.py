@@ -6,11 +6,14 @@ import subprocess
 import sys
 import tempfile
 from pathlib import Path
+from typing import Any
 
 import jax
+import numpy as np
 import pytest
 
 from yeastfit.commands import app as cli
+from yeastfit.commands.console import failures
 from yeastfit.commands.console.failures import REPORT, UsageError
 from yeastfit.errors import InputError, PixelSizeError, SimulationError
 
@@ -128,6 +131,25 @@ def test_a_fault_leaves_its_traceback(
     assert sys.version in text
 
 
+def test_an_error_in_the_users_own_code_is_told_with_its_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """What it called inside a library included."""
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+
+    def own(*arguments: object) -> None:
+        np.linalg.inv(np.ones((2, 3)))
+
+    monkeypatch.setattr("yeastfit.commands.synthesize.read_recipes", own)
+    assert cli.run(["synthesize", "--recipe", "one.toml", "--out", str(tmp_path / "out")]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    (report,) = tmp_path.glob("yeastfit-error-*.txt")
+    place = f"test_failures.py:{own.__code__.co_firstlineno + 1}"
+    assert line.startswith(f"error: {place}, in your own code: LinAlgError: Last 2 dimensions")
+    assert line.endswith(f"(more in {report})")
+    assert "Traceback (most recent call last)" in report.read_text()
+
+
 @pytest.mark.skipif(not os.path.exists("/dev/full"), reason="needs a device that is always full")
 @pytest.mark.parametrize("buffered", ["", "1"])
 def test_a_full_output_is_one_line(buffered: str) -> None:
@@ -167,8 +189,8 @@ def test_a_closed_pipe_is_quiet() -> None:
 def raised(error: Exception, monkeypatch: pytest.MonkeyPatch, folder: Path = Path("nowhere")) -> int:
     """The exit code of a command that raises."""
 
-    def fails(*arguments: object) -> None:
-        raise error
-
-    monkeypatch.setattr("yeastfit.commands.synthesize.read_recipes", fails)
+    names: dict[str, Any] = {"error": error}
+    place = str(Path(failures.__file__).with_name("synthesize.py"))  # a line of ours, not of the user's own code
+    exec(compile("def fails(*arguments):\n    raise error", place, "exec"), names)
+    monkeypatch.setattr("yeastfit.commands.synthesize.read_recipes", names["fails"])
     return cli.run(["synthesize", "--recipe", "one.toml", "--out", str(folder)])

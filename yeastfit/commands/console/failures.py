@@ -1,12 +1,13 @@
 """What the command line says of an exception: one line, and an exit code.
 
 1    a computation failed
-2    what the user gave: arguments, files, permissions, room on the disk, sizes that no memory holds
+2    what the user gave: arguments, files, permissions, room on the disk, sizes that no memory holds, own code
 70   a fault of yeastfit, the traceback in a file
 """
 
 import os
 import sys
+import sysconfig
 import tempfile
 import traceback
 from pathlib import Path
@@ -14,7 +15,7 @@ from pathlib import Path
 import typer
 
 from yeastfit.errors import InputError, SimulationError
-from yeastfit.text import quoted, shown
+from yeastfit.text import quoted, short, shown
 
 COMPUTATION, GIVEN, FAULT = 1, 2, 70
 REPORT = "yeastfit-error.txt"  # the traceback, beside the results of a run
@@ -58,6 +59,8 @@ def explained(error: Exception, folder: Path | None) -> tuple[int, str]:
         named = f"JAX_PLATFORMS is {os.environ.get('JAX_PLATFORMS', '')!r}"
         return GIVEN, shown(f"{named}: JAX has no such device here; unset the variable, or set it to cpu")
     what = f"{type(error).__name__}: {_in_one_line(error)}" if str(error) else type(error).__name__
+    if place := _in_own_code(error):
+        return GIVEN, shown(f"{place}, in your own code: {short(what)} (more in {_reported(error, folder)})")
     return FAULT, shown(f"a fault of yeastfit, please report it with the file {_reported(error, folder)}: {what}")
 
 
@@ -67,6 +70,18 @@ def reason(error: OSError) -> str:
     if error.filename is None:
         return what
     return f"{error.filename if isinstance(error.filename, str | os.PathLike) else quoted(error.filename)}: {what}"
+
+
+def _in_own_code(error: Exception) -> str:
+    """File and line of a user's own code that an error came from, if by way of a library; empty for ours."""
+    ours = str(Path(__file__).parents[2]) + os.sep
+    libraries = (sys.prefix, sys.base_prefix, *map(sysconfig.get_path, ("stdlib", "purelib", "platlib")), "<")
+    for frame in reversed(traceback.extract_tb(error.__traceback__)):
+        if frame.filename.startswith(ours):
+            break
+        if not frame.filename.startswith(libraries):
+            return f"{Path(frame.filename).name}:{frame.lineno}"
+    return ""
 
 
 def _without_device() -> bool:
