@@ -27,7 +27,7 @@ from yeastfit.offlattice.statistics.li2024_statistics import PUBLISHED
 from yeastfit.storage import read_json, write_json
 
 DATA = Path(__file__).parents[1] / "data" / "real"
-FIVE = (*COMPARABLE, "branch_length", "compactness")
+FIVE = (*COMPARABLE[:3], "branch_length", "compactness")
 SEED = 2024
 METHODS = {
     "emulator": "emulator, 5 statistics of single colonies",

@@ -38,8 +38,11 @@ if TYPE_CHECKING:
     from yeastfit.offlattice.simulator import OfflatticeSimulator
 
 THEIRS = "li2024"
-COMPARABLE = ("li2024_filament_area_index", "li2024_filament_radius_index", "smoothed_branch_index")
-"""I_F and I_R, and I_B of smoothed outlines: what photographs and simulations can be compared in."""
+COMPARABLE = ("li2024_filament_area_index", "li2024_filament_radius_index", "smoothed_branch_index", "angular_index")
+"""What photographs and simulations are compared in: I_F, I_R, I_B of smoothed outlines, and the angular index.
+
+Photographing a mask leaves them alone. Without the last a posterior may be of colonies of a few tufts.
+"""
 COMPARED = ("fit", "infer", "design")
 TRIED = 16  # colonies that show whether the cells cover the area of the data
 COVERED = 0.75  # share of it that is enough; below 1 a warning counts the colonies that do not cover it
@@ -91,7 +94,7 @@ class Offlattice(ForwardModel):
         Setting(
             "How simulated colonies are drawn: as Li et al. do, in a frame that cuts wide ones off (li2024); the same "
             "without the frame (bins); or as ellipses at the photographs' pixel size. By default li2024 for their "
-            "three indices, bins for other statistics of theirs and smoothed_branch_index, ellipses otherwise.",
+            "three indices, bins for others of theirs, smoothed_branch_index and angular_index, ellipses otherwise.",
             commands=COMPARED,
         ),
     ] = None
@@ -265,7 +268,7 @@ class Offlattice(ForwardModel):
             return self.masks
         if set(statistics) == set(PUBLISHED):
             return "li2024"
-        return "bins" if {entry.name for entry in OF_BINS}.issuperset(statistics) else "ellipses"
+        return "bins" if {*COMPARABLE, *(entry.name for entry in OF_BINS)}.issuperset(statistics) else "ellipses"
 
     def _drawn(self, statistics: Sequence[str]) -> tuple[Callable[[Any], Any], float]:
         """How a colony is drawn, and µm per pixel."""
