@@ -6,7 +6,7 @@ entry here or, from outside the package, `yeastfit.SAMPLERS["name"] = Class`; Py
 
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import fields, replace
+from dataclasses import fields, is_dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -90,6 +90,9 @@ def infer(
     problem = Problem.of(simulator, prior, observed, replicates, noise, **rest)
     if isinstance(method, str):
         sampler = sampler_of(method, settings)
+    elif isinstance(method, type) or not callable(getattr(method, "run", None)):
+        what = f"the class {method.__name__}: write {method.__name__}()" if isinstance(method, type) else "no sampler"
+        raise InputError(f"method is {quoted(method)}, {what}; it must be a name or an object with a method run")
     elif settings:
         raise InputError(f"settings {', '.join(settings)} are given beside a sampler, which has its own")
     else:
@@ -119,6 +122,8 @@ def sampler_of(method: str, settings: Mapping[str, Any]) -> Sampler:
     """
     if method not in SAMPLERS:
         raise InputError(f"method is {method!r}, it must be one of {', '.join(SAMPLERS)}")
+    if not isinstance(SAMPLERS[method], type) or not is_dataclass(SAMPLERS[method]):
+        raise InputError(f"method {method!r} is registered as {quoted(SAMPLERS[method])}, it must be a dataclass")
     for name in settings:
         if name not in setting_names(method):
             owners = [other for other in SAMPLERS if name in setting_names(other)]

@@ -4,6 +4,7 @@ import subprocess
 import sys
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,7 +13,8 @@ from made_posteriors import flat_prior, made_posterior
 from scipy import stats
 from simulators import observables_named, parameters_named
 
-from yeastfit import InputError
+from yeastfit import SAMPLERS, InputError, infer
+from yeastfit.inference.abc.smc import AbcSmc
 from yeastfit.inference.posterior.diagnostics import Diagnostics
 from yeastfit.inference.posterior.problem import Problem
 from yeastfit.inference.posterior.result import Posterior
@@ -197,6 +199,40 @@ def test_what_is_left_out_is_filled_in_and_the_status_is_what_chains_say() -> No
     assert Posterior.of(problem, walk(0.5, 1, 2), simulations=7).status is Status.CHAINS_TOO_SHORT
     chosen = Posterior.of(problem, walk(0.5, 4, 2000), simulations=7, status=Status.STILL_MOVING)
     assert chosen.status is Status.STILL_MOVING
+
+
+@pytest.mark.usefixtures("unchecked")
+@pytest.mark.parametrize(
+    ("changed", "said"),
+    [
+        ({"values": np.ones((2, 50))}, r"values have shape \(2, 50\), they must be draws of 1 parameters"),
+        ({"values": np.ones((2, 50, 3))}, r"values have shape \(2, 50, 3\), they must be draws of 1 parameters"),
+        ({"weights": np.full(100, 0.01)}, r"weights: the shape is \(100,\), values of \(2, 50, 1\) need \(2, 50\)"),
+        ({"statistics": np.ones((50, 1))}, r"statistics: the shape is \(50, 1\), .* need \(2, 50, 1\)"),
+        ({"acceptance": 0.1}, "acceptance is 0.1, it must be a row of numbers"),
+        ({"status": "settled"}, "status is 'settled', it must be one of the posterior has settled, "),
+        ({"warnings": "careful"}, "warnings are 'careful', they must be a list of texts"),
+    ],
+    ids=lambda one: next(iter(one)) if isinstance(one, dict) else "",
+)
+def test_what_a_sampler_of_ones_own_may_get_wrong(changed: dict[str, Any], said: str) -> None:
+    problem = Problem(Nothing(), flat_prior("mobility"), np.array([1.0]))
+    given: dict[str, Any] = {"values": walk(0.5, 2, 50), "simulations": 1} | changed
+    with pytest.raises(InputError, match=said):
+        Posterior.of(problem, given.pop("values"), **given)
+
+
+@pytest.mark.usefixtures("unchecked")
+def test_what_is_no_sampler_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked = Nothing(), flat_prior("mobility"), np.array([1.0])
+    wrong: Any
+    for wrong, said in ((AbcSmc, r"the class AbcSmc: write AbcSmc\(\)"), (3, "method is 3, no sampler")):
+        with pytest.raises(InputError, match=said):
+            infer(*asked, method=wrong)
+    for wrong in (AbcSmc(), Nothing):
+        monkeypatch.setitem(SAMPLERS, "mine", wrong)
+        with pytest.raises(InputError, match=r"method 'mine' is registered as .*, it must be a dataclass"):
+            infer(*asked, method="mine")
 
 
 def test_what_makes_no_sense_is_refused() -> None:

@@ -9,6 +9,7 @@ import numpy as np
 from emcee.backends import Backend
 from jaxtyping import Float
 
+from yeastfit.errors import InputError
 from yeastfit.inference.posterior.arviz import Beside, inference_data, write_netcdf
 from yeastfit.inference.posterior.calibration_ranks import Calibration
 from yeastfit.inference.posterior.diagnostics import Diagnostics
@@ -19,6 +20,7 @@ from yeastfit.inference.posterior.status import Status
 from yeastfit.inference.prior.prior import Prior
 from yeastfit.inference.simulator import Simulator
 from yeastfit.storage import as_json, from_json, reads_saved, written_whole
+from yeastfit.text import quoted
 
 ARRAYS = ("values", "weights", "log_probability", "acceptance", "statistics", "observed")
 LIKELIHOOD = "log_likelihood"  # an array of the file only where the method has one
@@ -79,8 +81,27 @@ class Posterior(Draws):
             statistics: nan by default.
             warnings: In words.
             **more: Further attributes, by name.
+
+        Raises:
+            InputError: An array has another shape, the status is none, or warnings are one text.
         """
+        if np.ndim(values) != 3 or values.shape[2] != len(problem.inferred_prior.free):
+            raise InputError(
+                f"values have shape {np.shape(values)}, they must be draws of {len(problem.inferred_prior.free)} "
+                "parameters: (chain, draw, parameter)"
+            )
         shape = values.shape[:2]
+        given = {"weights": weights, "log_probability": log_probability, "statistics": statistics}
+        for name, array in given.items():
+            needed = (*shape, len(problem.labels)) if name == "statistics" else shape
+            if array is not None and np.shape(array) != needed:
+                raise InputError(f"{name}: the shape is {np.shape(array)}, values of {values.shape} need {needed}")
+        if acceptance is not None and np.ndim(acceptance) != 1:
+            raise InputError(f"acceptance is {quoted(acceptance)}, it must be a row of numbers")
+        if status is not None and not isinstance(status, Status):
+            raise InputError(f"status is {quoted(status)}, it must be one of {', '.join(map(str, Status))}")
+        if isinstance(warnings, str):
+            raise InputError(f"warnings are {quoted(warnings)}, they must be a list of texts")
         posterior = Posterior(
             prior=problem.inferred_prior,
             labels=problem.labels,
