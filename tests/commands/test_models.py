@@ -40,12 +40,13 @@ from yeastfit.inference.models.algebraic import Algebraic
 from yeastfit.inference.models.offlattice import Offlattice
 from yeastfit.inference.simulator import names_of
 from yeastfit.measure.measurements_table import read_measurements
+from yeastfit.measure.outlining.outline_errors import OUTLINE_ERRORS
 from yeastfit.model.model import BASES
 from yeastfit.offlattice.masks.ellipse_mask import Ellipses
 from yeastfit.offlattice.masks.li2024_mask import BinnedOutlines
 from yeastfit.offlattice.parameters import PARAMETERS
 from yeastfit.offlattice.simulation import OfflatticeSimulation
-from yeastfit.offlattice.simulator import OfflatticeSimulator
+from yeastfit.offlattice.simulator import OfflatticeSimulator, known_statistics
 from yeastfit.simulation.recipe import Recipe
 from yeastfit.storage import write_table
 
@@ -272,6 +273,15 @@ def test_masks_are_drawn_as_the_statistics_ask_for() -> None:
     assert drawn(whole) == drawn(theirs, "bins") == BinnedOutlines.whole
     assert drawn((*theirs, "compactness")) == drawn(theirs, "ellipses") == Ellipses.of
     assert drawn((*whole, "compactness"), "li2024") == BinnedOutlines.of
+
+
+def test_errors_of_the_off_lattice_model_are_those_of_outlines() -> None:
+    """Unless one is given; a statistic that nobody has looked at has its own."""
+    targets = Targets.from_means({name: [1.0] for name in ("smoothed_branch_index", "fractal_dimension")}, [10.0])
+    model = Offlattice()
+    assert model.measurement_errors(targets, None) == {"smoothed_branch_index": 0.13, "fractal_dimension": 0.01}
+    assert model.measurement_errors(targets, 0.0) == {"smoothed_branch_index": 0.0, "fractal_dimension": 0.0}
+    assert set(OUTLINE_ERRORS) <= set(known_statistics())
 
 
 def test_help_is_that_of_the_model(capsys: pytest.CaptureFixture[str]) -> None:

@@ -27,6 +27,7 @@ from yeastfit.inference.sensitivity.result import Sensitivity
 from yeastfit.inference.simulator import member_seeds
 from yeastfit.inference.targets import Targets
 from yeastfit.measure.measurements_table import NEEDED, check_same_size, checked_rows
+from yeastfit.measure.outlining.outline_errors import OUTLINE_ERRORS
 from yeastfit.memory import check_count
 from yeastfit.numbers import PIXEL_SIZES, POSITIVE, Range
 from yeastfit.offlattice.parameters import PARAMETERS, PRIOR
@@ -176,11 +177,11 @@ class Offlattice(ForwardModel):
         return Seen(seen, replace(targets, time_label="hours", length_unit="µm"), tuple(notes))
 
     def measurement_errors(self, targets: Targets, given: float | None) -> dict[str, float]:
-        """As the statistics have them, where nothing is given."""
+        """Those of outlines of photographs, where nothing is given."""
         from yeastfit.offlattice.simulator import known_statistics
 
-        known = known_statistics()
-        return {name: known[name].measurement_error if given is None else given for name in targets.names}
+        usual = {name: one.measurement_error for name, one in known_statistics().items()} | OUTLINE_ERRORS
+        return {name: usual[name] if given is None else given for name in targets.names}
 
     def prior(self, parameters: ParameterSet, *, bounded: str = "log-uniform") -> Prior:
         """Li et al.'s beta distributions."""
