@@ -19,7 +19,7 @@ from hypothesis import strategies as st
 
 from yeastfit.errors import InputError
 from yeastfit.results import folder as door
-from yeastfit.results.contents import Contents, check_finished
+from yeastfit.results.contents import Contents, check_finished, check_own
 from yeastfit.results.folder import ResultsFolder, results_folder
 from yeastfit.storage import WORK, sha256_of, write_json, written_whole
 
@@ -123,6 +123,65 @@ def test_a_run_replaces_the_files_of_the_one_before_and_no_others(tmp_path: Path
     assert_whole(tmp_path, NEW)
     assert files_in(tmp_path) == NEW | FOREIGN
     assert not (tmp_path / "masks" / "deep").exists()
+
+
+@pytest.mark.parametrize(("command", "stored"), [("measure", ()), ("infer", ("run.json", "kept"))])
+def test_a_file_in_an_unfinished_folder_is_told_before_anything_is_computed(
+    tmp_path: Path, command: str, stored: tuple[str, ...]
+) -> None:
+    resume = True if stored else None
+    (tmp_path / WORK).mkdir()
+    write_json(tmp_path / WORK / "owner.json", {"command": command, "files": {}})
+    write(tmp_path, dict.fromkeys(stored, "of the run"))
+    with results_folder(tmp_path, command, resume=resume, stored=stored):
+        pass  # what a run has there is in nobody's way
+    write_json(tmp_path / WORK / "owner.json", {"command": command, "files": {}})
+    write(tmp_path, {"table.csv": "mine", ".hidden": "mine"})
+    said = refused(tmp_path, command, resume=resume, stored=stored)
+    assert f"holds an unfinished run of yeastfit {command} and table.csv, which yeastfit did not write" in said
+
+
+def test_a_folder_that_was_removed_under_a_run_does_not_become_half_a_result(tmp_path: Path) -> None:
+    with results_folder(tmp_path / "out", "measure") as results:
+        shutil.rmtree(tmp_path / "out")
+        results.partial.mkdir(parents=True)
+        write(results.partial, NEW)
+        with pytest.raises(InputError, match="out was removed or emptied while the command ran"):
+            results.finish(inputs=[])
+    assert not (tmp_path / "out" / "manifest.json").exists()
+
+
+@pytest.mark.parametrize("change", ["masks/a.png", "gone", "link"])
+def test_what_a_run_keeps_is_what_it_wrote(tmp_path: Path, change: str) -> None:
+    """A folder without a list is of an earlier version and taken as it is."""
+    with results_folder(tmp_path, "measure") as results:
+        write(results.partial / "kept", OLD)
+        place = results.keep("kept")
+        results.check_kept("kept")
+        if change == "gone":
+            (place / "table.csv").unlink()
+        elif change == "link":
+            (place / "table.csv").rename(tmp_path / "elsewhere.csv")
+            (place / "table.csv").symlink_to(tmp_path / "elsewhere.csv")
+        else:
+            (place / change).write_text("9")
+        with pytest.raises(InputError, match=r"--resume: .*kept.* (has changed|is gone) since the run wrote it"):
+            results.check_kept("kept")
+        (place / "sha256.json").unlink()
+        results.check_kept("kept")
+
+
+def test_a_run_goes_on_in_files_of_its_own_alone(tmp_path: Path) -> None:
+    """A link is refused; what has another name, too, is copied, so that nothing is written under that."""
+    write(tmp_path, {"out/store.h5": "1", "elsewhere/store.h5": "2"})
+    os.link(tmp_path / "out" / "store.h5", tmp_path / "backup.h5")
+    check_own(tmp_path / "out", ("store.h5", "not there"))
+    (tmp_path / "out" / "store.h5").write_text("more")
+    assert (tmp_path / "backup.h5").read_text() == "1"
+    (tmp_path / "out" / "store.h5").unlink()
+    (tmp_path / "out" / "store.h5").symlink_to(tmp_path / "elsewhere" / "store.h5")
+    with pytest.raises(InputError, match=r"store\.h5 is a link, which yeastfit does not make: put the file"):
+        check_own(tmp_path / "out", ("store.h5",))
 
 
 def test_a_file_that_comes_while_a_run_goes_on_stays(tmp_path: Path) -> None:
@@ -325,7 +384,7 @@ def test_temporary_files_of_a_killed_run_do_not_stay(tmp_path: Path) -> None:
             assert temporary.parent == results.path / WORK
         killed = shutil.copytree(results.path, tmp_path / "killed")
     (killed / WORK / ".problems-abc.json").write_text("half")
-    made(killed, NEW, "fit")
+    made(killed, NEW, "fit", stored=("problems.json",))
     assert not (killed / WORK).exists()
 
 

@@ -227,6 +227,28 @@ def test_more_steps_make_a_run_longer(data: Path, tmp_path: Path) -> None:
     assert_same(tmp_path / "parts", tmp_path / "long")
 
 
+def test_a_run_goes_on_in_files_of_its_own(
+    data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A store that is a link to a file elsewhere is not written."""
+    out = tmp_path / "out"
+
+    def stopping(*arguments: Any) -> None:
+        raise Stopped
+
+    with monkeypatch.context() as patch:
+        patch.setattr(known_colonies, "before", stopping)
+        with pytest.raises(Stopped):
+            cli.run(arguments(data, out, "abc-smc"))
+    (out / "simulations.h5").rename(tmp_path / "elsewhere.h5")
+    (out / "simulations.h5").symlink_to(tmp_path / "elsewhere.h5")
+    before = (tmp_path / "elsewhere.h5").read_bytes()
+    capsys.readouterr()
+    assert cli.run(arguments(data, out, "abc-smc", "--resume")) == 2
+    assert "simulations.h5 is a link" in capsys.readouterr().err
+    assert (tmp_path / "elsewhere.h5").read_bytes() == before
+
+
 def test_a_damaged_manifest_is_told_before_anything_is_computed(
     data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

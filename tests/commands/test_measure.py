@@ -19,13 +19,15 @@ from PIL import Image
 from yeastfit import STATISTICS
 from yeastfit.commands import app as cli
 from yeastfit.commands.measure_batch import measure_batch
-from yeastfit.commands.measured_source import recorded_warnings
+from yeastfit.commands.measured_source import measure_once, recorded_warnings
 from yeastfit.commands.run_folder import inputs_of
 from yeastfit.errors import InputError
 from yeastfit.measure.measurements_table import read_measurements
 from yeastfit.measure.reading.batch_inputs import find_images
 from yeastfit.measure.reading.segmentation_options import SegmentationOptions
 from yeastfit.measure.replicate_curves import condition_curves
+from yeastfit.progress import silent
+from yeastfit.results.folder import results_folder
 
 
 def write_disc(path: Path, radius: float = 30.0, side: int = 120) -> Path:
@@ -55,6 +57,22 @@ def test_all_images_of_a_folder_are_measured_in_counting_order(tmp_path: Path) -
     assert all(image.pixel_size == 0.5 and image.options.threshold == 9 and image.hours is None for image in images)
     assert dataset is None
     assert [path.name for path in skipped] == ["notes.txt", "s1.png"]
+
+
+def test_a_run_goes_on_with_the_measurements_that_it_made(tmp_path: Path, undrawn: None) -> None:
+    """And not with a table that has lost its last colony since."""
+    data, out = tmp_path / "data", tmp_path / "out"
+    lines = ["file,replicate,hours,um_per_pixel"]
+    for number in (1, 2):
+        write_disc(data / f"{number}.png")
+        lines.append(f"{number}.png,{number},5,1")
+    (data / "manifest.csv").write_text("\n".join(lines))
+    with results_folder(out, "infer", resume=False) as results:
+        assert [len(measure_once(data, results, 1, silent).rows) for _ in range(2)] == [2, 2]
+        table = out / "measured" / "measurements.csv"
+        table.write_text("".join(table.read_text().splitlines(keepends=True)[:-1]))
+        with pytest.raises(InputError, match=r"--resume: .*measurements\.csv has changed since the run wrote it"):
+            measure_once(data, results, 1, silent)
 
 
 def test_what_the_manifest_says_goes_before_the_options(tmp_path: Path) -> None:

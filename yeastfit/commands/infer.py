@@ -184,7 +184,7 @@ def infer(
     check_source(source, [] if condition is None else [condition], request.forward_model.columns)
     true_values = truth_of(source, request.forward_model.parameters) if truth else None
     reads = [*inputs_of(source), *([reuse / SIMULATIONS] if reuse else [])]
-    with results_folder(folder, "infer", reads=reads, overwrite=overwrite, resume=resume) as results:
+    with results_folder(folder, "infer", reads=reads, overwrite=overwrite, resume=resume, stored=STORED) as results:
         run = _begun(request, source, results, resume, jobs or available_processors())
         warn([*run.folder.notes, *run.data.warnings])
         settled = _finished(run, truth) if results.finished else _run(run, true_values, workers)

@@ -146,6 +146,7 @@ def measure_once(source: Path, results: ResultsFolder, jobs: int, progress: Prog
     """
     place = results.path / MEASURED
     if (place / TABLE).is_file():
+        results.check_kept(MEASURED)
         rows = read_measurements(place / TABLE)
         return Measurements(rows, place, [], recorded_warnings(rows, place))
     made = results.partial / MEASURED

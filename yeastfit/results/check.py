@@ -5,14 +5,20 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from yeastfit.errors import InputError
-from yeastfit.results.contents import RUN, Contents, changed_files, misplaced_files
+from yeastfit.results.contents import MANIFEST, RUN, Contents, changed_files, misplaced_files
 from yeastfit.storage import WORK
 
 NAMED = 3  # files in the way that an error names
 
 
 def check_folder(
-    path: Path, command: str, *, reads: Sequence[Path] = (), overwrite: bool = False, resume: bool | None = None
+    path: Path,
+    command: str,
+    *,
+    reads: Sequence[Path] = (),
+    overwrite: bool = False,
+    resume: bool | None = None,
+    stored: Sequence[str] = (),
 ) -> Contents:
     """Check that a command may write into a folder, as it is now; for arguments and errors see `results_folder`."""
     try:
@@ -33,14 +39,21 @@ def check_folder(
             "another folder"
         )
     own = found.command == command
+    first = own and not (found.finished or found.listed or MANIFEST in found.others)  # the folder was new, or empty
+    strange = [name for name in found.others if name not in stored and not name.startswith(".")]
+    if first and strange and resume is not False:
+        raise InputError(
+            f"--out: {path} holds an unfinished run of yeastfit {command} and {listing(strange)}, which yeastfit did "
+            "not write: move it away, or give another folder"
+        )
     if (own and resume) or not (found.command or found.others):
         return found
     if own and resume is not None and not (overwrite and found.finished):
         state = "a finished run" if found.finished else "a run that was not finished"
         raise InputError(f"--out: {path} holds {state}: give --resume to go on with it, or another folder")
     if not found.command:
-        damaged = f"a damaged {RUN}" if resume and RUN in found.others else ""
-        what, way = damaged or f"{listing(found.others)}, which yeastfit did not write", ""
+        broken = f"a damaged {RUN}" if resume and RUN in found.others else ""
+        what, way = broken or f"{listing(found.others)}, which yeastfit did not write", ""
     elif found.endless:
         what, way = "results of an earlier version of yeastfit, whose manifest.json lists no files", ""
     elif not own and not found.finished:

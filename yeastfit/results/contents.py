@@ -7,13 +7,14 @@ makes the whole list void.
 """
 
 import os
+import shutil
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path, PurePath
 from typing import Any
 
 from yeastfit.errors import InputError
-from yeastfit.storage import WORK, read_json, sha256_of
+from yeastfit.storage import WORK, read_json, sha256_of, written_whole
 
 MANIFEST, RUN, OWNER, LOCK = "manifest.json", "run.json", "owner.json", "lock"
 NO_RESULTS = (".DS_Store", "Thumbs.db", "desktop.ini", "yeastfit-error.txt")  # of desktops, and a fault's traceback
@@ -100,6 +101,24 @@ def check_unchanged(folder: Path, names: Sequence[str]) -> None:
         if name in changed or not (folder / name).exists():
             what = "has changed since yeastfit wrote it" if name in changed else "is gone"
             raise InputError(f"{folder / name}: {what}, need the file whose SHA-256 {MANIFEST} lists")
+
+
+def check_own(folder: Path, names: Sequence[str]) -> None:
+    """Check that files which a run goes on writing are its own alone; a hard link gets a copy in its place.
+
+    Arguments:
+        folder: Of the run.
+        names: Of files and folders in it, which need not be there.
+
+    Raises:
+        InputError: One is a link.
+    """
+    for place in (folder / name for name in names):
+        if place.is_symlink():
+            raise InputError(f"--out: {place} is a link, which yeastfit does not make: put the file itself there")
+        if place.is_file() and place.stat().st_nlink > 1:
+            with written_whole(place) as copy:
+                shutil.copy2(place, copy)
 
 
 def misplaced_files(folder: Path, listed: Listed) -> list[str]:

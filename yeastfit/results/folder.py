@@ -29,9 +29,10 @@ from yeastfit.processors import device_used
 from yeastfit.results.check import check_folder, listing, unwritable
 from yeastfit.results.contents import LOCK, MANIFEST, OWNER, Contents, Listed, changed_files, misplaced_files
 from yeastfit.results.exchange import exchange, remove_empty
-from yeastfit.storage import WORK, can_be_hashed, check_room, sha256_of, versions, write_json
+from yeastfit.storage import WORK, can_be_hashed, check_room, read_json, sha256_of, versions, write_json
 
 RESULTS, EARLIER, UNFINISHED = "results", "earlier", "unfinished"
+KEPT = "sha256.json"  # of the files of a folder that a run keeps
 GONE, CHANGED = "gone when the command ended", "changed while the command ran"
 UNREAD = "no regular file, or too large to read"
 PATIENCE = 0.5  # seconds: a run that is just ending lets go of its lock
@@ -88,6 +89,8 @@ class ResultsFolder:
             InputError: A file that the package did not write is in the way.
             OSError: A file cannot be moved; earlier results are as they were.
         """
+        if not (self.path / WORK / OWNER).is_file():
+            raise InputError(f"--out: {self.path} was removed or emptied while the command ran: repeat it")
         new = _hashes(self.partial)
         staying = {name: one for part in kept for name, one in _hashes(self.path, part).items()}
         manifest = {
@@ -116,10 +119,22 @@ class ResultsFolder:
         return [f"{path} {what}" for path, what in manifest["inputs"].items() if what in (GONE, CHANGED)]
 
     def keep(self, name: str) -> Path:
-        """Put a file or folder into its place before the end, for a run that may be resumed; return its place."""
+        """Put a folder into its place before the end, for a run that may be resumed; return its place."""
         if os.path.lexists(self.path / name):
             raise InputError(f"--out: {self.path / name} is in the way of such a file: move it away")
+        write_json(self.partial / name / KEPT, _hashes(self.partial / name))
         return (self.partial / name).rename(self.path / name)
+
+    def check_kept(self, name: str) -> None:
+        """Raise `InputError` where files of a folder are others than `keep` put there; those without a list are not."""
+        place = self.path / name
+        listed = read_json(place / KEPT) if (place / KEPT).is_file() else {}
+        gone = [one for one in listed if not (place / one).is_file()]
+        if changed := [*gone, *changed_files(place, {one: (known,) for one, known in listed.items()})]:
+            raise InputError(
+                f"--resume: {place / changed[0]} {'is gone' if gone else 'has changed'} since the run wrote it: put it "
+                "back, or give another folder"
+            )
 
     def reopen(self, kept: Iterable[str]) -> None:
         """Take the manifest away, so that a finished run is unfinished and may go on.
@@ -195,6 +210,7 @@ def results_folder(
     reads: Sequence[Path] = (),
     overwrite: bool = False,
     resume: bool | None = None,
+    stored: Sequence[str] = (),
 ) -> Iterator[ResultsFolder]:
     """Open a folder for the results of one run; nothing appears in it before `ResultsFolder.finish`.
 
@@ -204,6 +220,7 @@ def results_folder(
         reads: Files that the run reads.
         overwrite: Whether results of another command may be replaced, and results that were changed since.
         resume: Whether the run that is there goes on; None for a command that always begins anew.
+        stored: Names of files and folders that such a run has in its folder before it is finished.
 
     Yields:
         The folder, locked.
@@ -214,7 +231,7 @@ def results_folder(
     path, work = Path(path), Path(path) / WORK
     lock = FileLock(work / LOCK)
     try:
-        check_folder(path, command, reads=reads, overwrite=overwrite, resume=resume)
+        check_folder(path, command, reads=reads, overwrite=overwrite, resume=resume, stored=stored)
     except InputError:  # what another run has made so far is in no command's way: it is in use
         if _held(lock):
             raise _in_use(path) from None
@@ -223,7 +240,7 @@ def results_folder(
     try:
         work.mkdir(parents=True, exist_ok=True)
         lock.acquire(timeout=PATIENCE)
-        found = check_folder(path, command, reads=reads, overwrite=overwrite, resume=resume)
+        found = check_folder(path, command, reads=reads, overwrite=overwrite, resume=resume, stored=stored)
         check_room(work / OWNER)
         _clear_work(work)
         begun = _hashes_of_inputs(reads)

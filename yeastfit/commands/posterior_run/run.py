@@ -39,7 +39,7 @@ from yeastfit.progress import Progress, silent
 from yeastfit.report.files.fit_files import write_targets
 from yeastfit.report.files.posterior_files import photographs, with_arviz, write_results
 from yeastfit.report.posterior_summary import Summary
-from yeastfit.results.contents import MANIFEST, RUN, Contents, check_finished
+from yeastfit.results.contents import MANIFEST, RUN, Contents, check_finished, check_own
 from yeastfit.results.folder import ResultsFolder
 from yeastfit.storage import written_whole
 
@@ -93,6 +93,7 @@ class InferRun:
             InputError: Something is wrong with options, data or folder; nothing has been simulated then.
         """
         path, configuration, prior = results.path, request.configuration(), request.the_prior()
+        check_own(path, STORED)
         request.forward_model.check(prior, request.held)
         if request.reuse and not (path / REUSED).is_file():
             if not (request.reuse / SIMULATIONS).is_file():
