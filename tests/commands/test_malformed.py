@@ -155,6 +155,7 @@ CASES: list[tuple[str, str]] = [
     ("simulate --out OUT --hard=1", "--hard"),
     ("simulate --out OUT --model offlattice --cells 0", "cells is 0"),
     ("design --out OUT --model offlattice --match zz", "match is 'zz', it must be li2024 or exactly or none"),
+    ("simulate --out OUT --pixel-size 3", "--pixel-size is given without --statistics, which are measured on such"),
     ("design --out OUT --model offlattice --masks qq", "masks is 'qq', it must be li2024 or bins or ellipses"),
     ("simulate --out OUT --model offlattice --cells 1e4", f"--cells is '1e4', {WHOLE}"),
     ("simulate --out OUT --model offlattice --cells 1000000000000", f"cells is 1e+12 {MEMORY}"),

@@ -71,6 +71,15 @@ def test_a_name_that_is_no_text_is_refused_by_name(folder: Path, capsys: pytest.
     assert not (folder / "manifest.csv").exists()
 
 
+def test_a_folder_with_the_name_of_an_image_is_refused_by_name(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (folder / "of.tif").mkdir()
+    assert cli.run(["manifest", str(folder), "--pattern", "{}", "--hours", "5"]) == 2
+    assert "of.tif: is a folder with the name of an image" in capsys.readouterr().err
+    assert not (folder / "manifest.csv").exists()
+
+
 def test_one_time_and_one_size(tmp_path: Path) -> None:
     for replicate in "ab":
         (tmp_path / f"white_{replicate}.png").touch()

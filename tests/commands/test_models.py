@@ -240,6 +240,14 @@ def test_design_without_times(tmp_path: Path, capsys: pytest.CaptureFixture[str]
     assert found.statistics == ("compactness", "radius", "area")
     assert rows(tmp_path / "design.csv")
     assert configuration(tmp_path)["area"] == 30000.0
+    saved = ["design", "--sensitivity", str(tmp_path / "sensitivity.json"), "--out", str(tmp_path / "again")]
+    for more, words in (
+        ([], "any_mother, not mobility, metabolic_rate"),
+        (["--scheduler", "tcp://localhost:1"], "--workers or --scheduler"),
+    ):
+        capsys.readouterr()
+        assert cli.run([*saved, *more]) == 2
+        assert words in capsys.readouterr().err
 
 
 def test_indices_of_li_and_coauthors_are_measured_on_the_masks(table: Path) -> None:

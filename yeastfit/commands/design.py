@@ -92,11 +92,12 @@ def design(
     """
     if sensitivity:
         others = {"statistics": statistics is not None, "runs": runs != RUNS, "seed": seed != 0}
-        others |= {"workers": workers is not None}
         given = (*chosen.given, *(name for name, one in others.items() if one))
         if given:
             said = f"{flag_of(given[0])} is given beside --sensitivity, but {sensitivity} says it"
             raise InputError(f"{said}: leave out one of the two")
+        if workers is not None:
+            raise InputError("--workers or --scheduler is given beside --sensitivity, with which no colony grows")
     known: dict[str, Any] = {
         "measured_times": None if measured_times is None else numbers_in("--measured-times", measured_times),
         "measured_statistics": None if measured_statistics is None else names_in(measured_statistics),
@@ -118,6 +119,11 @@ def design(
     earlier = _read(sensitivity) if sensitivity else None
     names = chosen.forward.statistics_named(names_in(statistics) or chosen.forward.designed)
     fitted = names_in(free) or chosen.forward.fitted
+    if earlier is not None and not free and not set(fitted) <= set(earlier.free):
+        raise InputError(
+            f"--sensitivity: {sensitivity} holds {', '.join(earlier.free)}, not {', '.join(fitted)}: give --free, or "
+            "the --model that it is of"
+        )
     if earlier is None:
         _check_measured(known, names, how.get("times", ()))
         chosen.forward.parameters.subset(fitted)

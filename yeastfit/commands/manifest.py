@@ -59,6 +59,8 @@ def manifest(
         )
     files, skipped = images_in(folder)
     for path in files:
+        if path.is_dir():
+            raise InputError(f"{path}: is a folder with the name of an image: rename it, or move it away")
         if path.name.encode(errors="replace").decode() != path.name:
             raise InputError(f"{path}: its name is not UTF-8, so no manifest can name it: rename it, or move it away")
     if hours is not None:

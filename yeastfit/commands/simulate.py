@@ -76,6 +76,8 @@ def simulate(
     configuration = {**chosen.configuration("simulate"), "parameters": parameters, "members": members}
     if beside is not None and not movie:
         raise InputError("--beside is given without --movie, which shows the photographs: give both, or neither")
+    if "pixel_size" in chosen.given and not statistics:
+        raise InputError("--pixel-size is given without --statistics, which are measured on such pixels: give both")
     data = None if beside is None else read_dataset(beside)
     photographs = [] if data is None else photographs_of_first_colony(data)
     reads = [] if data is None else [data.manifest, *(one.measured.micrograph.path for one in photographs)]
