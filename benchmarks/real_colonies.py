@@ -4,7 +4,7 @@ Three sets of real colonies (`data/real`), seen by the off-lattice and by the al
 the folders of runs of `yeastfit infer`, WORK/MODEL/SET, whatever of them is there:
 
     cd data/real
-    more="--model offlattice --variation --leave-out 4 --simulations 8192"
+    more="--model offlattice --variation --leave-out 4"
     yeastfit infer awri796-50um $more --cells 45000 --out WORK/offlattice/awri796-50um
     yeastfit infer awri796-500um $more --cells 90000 --out WORK/offlattice/awri796-500um
     yeastfit infer simi-white-50um $more --cells 65000 --out WORK/offlattice/simi-white-50um
