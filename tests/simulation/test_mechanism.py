@@ -44,7 +44,7 @@ class TowardsFood(BuddingRule):
 
     name: ClassVar[str] = "towards food"
     parameters: ClassVar[tuple[Parameter, ...]] = (
-        Parameter("budding_bias", "κ", "how closely buds follow the nutrient", (0.01, 100.0), 0.0, largest=1e3),
+        Parameter("food_bias", "κ", "how closely buds follow the nutrient", (0.01, 100.0), 0.0, largest=1e3),
     )
 
     def angles(self, context: Context, parents: Array, lineages: Array) -> Array:
@@ -52,7 +52,7 @@ class TowardsFood(BuddingRule):
         steep = jnp.sum(slope**2, axis=-1, keepdims=True) > 0
         towards = jnp.arctan2(*jnp.where(steep, slope, jnp.array([1.0, 0.0]))[:, ::-1].T)
         draw = jax.vmap(lambda data: jax.random.uniform(jax.random.wrap_key_data(data), minval=-1.0))(lineages)
-        return towards + jnp.pi * draw / (1.0 + context.parameters["budding_bias"])
+        return towards + jnp.pi * draw / (1.0 + context.parameters["food_bias"])
 
 
 class Clocks(BirthRule):
@@ -94,7 +94,7 @@ def unchecked() -> Iterator[None]:
 @pytest.fixture(scope="module")
 def grown() -> Simulation:
     return simulate(
-        Parameters(budding_bias=4.0, metabolic_rate=0.2),
+        Parameters(food_bias=4.0, metabolic_rate=0.2),
         member_keys(1, 3),
         times=[1.0, 2.5],
         model=MODEL,
@@ -104,15 +104,15 @@ def grown() -> Simulation:
 
 def test_it_is_simulated_with_the_parameters_that_it_brings(grown: Simulation) -> None:
     """With clocks a well fed colony doubles every ln 2 or a little later, at no common time."""
-    assert MODEL.parameters.names == (*Model().parameters.names, "budding_bias")
-    assert float(grown.parameters["budding_bias"]) == 4.0
+    assert MODEL.parameters.names == (*Model().parameters.names, "food_bias")
+    assert float(grown.parameters["food_bias"]) == 4.0
     assert (np.asarray(grown.colony.count) == [16, 16, 16]).all()
     phases = np.asarray(grown.colony.node_state["phase"])
     assert (phases[:, :16] < np.log(2.0)).all()
     assert phases[:, :16].max() > 0.1
     assert (phases[:, 16:] == 0).all()
     both = simulate(Parameters(), member_keys(1, 3), times=[2.5], model=MODEL, numerics=NUMERICS)
-    assert float(both.parameters["budding_bias"]) == 0.0
+    assert float(both.parameters["food_bias"]) == 0.0
     assert np.abs(both.colony.positions - grown.colony.positions).max() > 0.1
 
 
@@ -122,7 +122,7 @@ def test_the_bias_points_buds_at_the_nutrient() -> None:
 
     def births(bias: float) -> Simulation:
         model = Model(budding=TowardsFood())
-        return simulate(Parameters(budding_bias=bias), member_keys(0, 6), times=[1.0], model=model, numerics=NUMERICS)
+        return simulate(Parameters(food_bias=bias), member_keys(0, 6), times=[1.0], model=model, numerics=NUMERICS)
 
     source = simulate(Parameters(), member_keys(0, 6), times=[1.0], numerics=NUMERICS)
     sharp, even = births(1e3), births(0.0)
@@ -165,30 +165,30 @@ def test_the_source_s_colony_goes_on_under_another_rule() -> None:
 def test_its_derivatives_are_checked() -> None:
     """In its parameter too, which is 0 by default and then moves in units of its plausible range."""
     check = check_gradients(
-        Parameters(budding_bias=0.5),
+        Parameters(food_bias=0.5),
         times=[1.1, 2.2],
         model=Model(budding=TowardsFood()),
         numerics=replace(NUMERICS, capacity=10),
     )
     assert check.passed, str(check)
-    bias = [c for c in check.comparisons if c.along == "log budding_bias" and c.by == "differences"]
+    bias = [c for c in check.comparisons if c.along == "log food_bias" and c.by == "differences"]
     assert max(abs(c.forward) for c in bias) > 1e-3
 
 
 def test_it_is_synthesised_from_python_and_by_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     numerics = Numerics(domain=12.0, spacing=0.2, dt=0.02, capacity=40)
     model = Model(births=Clocks(1.5), budding=TowardsFood())
-    recipe = Recipe({"budding_bias": 3.0}, 5, (4.0,), 2, 1.5, numerics=numerics, model=model)
+    recipe = Recipe({"food_bias": 3.0}, 5, (4.0,), 2, 1.5, numerics=numerics, model=model)
     synthesize(recipe, tmp_path / "python")
     truth = json.loads((tmp_path / "python" / "truth" / "parameters.json").read_text())
-    assert truth["budding_bias"] == 3.0
+    assert truth["food_bias"] == 3.0
     assert truth["recipe"]["model"]["births"] == {"rule": "own clocks", "cycle": 1.5}
 
     file = tmp_path / "recipes.toml"
     file.write_text(
         """
         [slow]
-        parameters = { budding_bias = 3.0 }
+        parameters = { food_bias = 3.0 }
         seed = 5
         hours = [4.0]
         replicates = 2
@@ -215,7 +215,7 @@ def test_it_is_synthesised_from_python_and_by_name(tmp_path: Path, monkeypatch: 
 def test_curves_that_are_fitted_depend_on_its_parameter() -> None:
     """As every sampler sees them: in log λ of all the model's parameters, where a bias of 0 is the source's rule."""
     how = ("mean_radius", "cell_count"), NUMERICS, SmoothStatistics(8.0, 0.2), HARD, Schedule.of([60])
-    keys, values = member_keys(0, 3), Parameters(budding_bias=100.0)
+    keys, values = member_keys(0, 3), Parameters(food_bias=100.0)
     z = jnp.log(values.to_array(MODEL.parameters.names))
     source = ColonyCurves(*how).members(z[:-1], keys)
     biased = ColonyCurves(*how, Model(budding=TowardsFood()))
@@ -243,8 +243,8 @@ def test_what_is_no_rule_is_named(rules: dict, words: str) -> None:
 def test_a_parameter_that_no_rule_has_is_named() -> None:
     with pytest.raises(InputError, match=r"budding_bias is a parameter of budding 'biased' or .*: choose that rule"):
         simulate(Parameters(budding_bias=1.0), member_keys(0, 1), times=[0.1], numerics=NUMERICS)
-    with pytest.raises(InputError, match=r"budding_bias \(κ\) is -1, it must be in \[0, 1000\]"):
-        simulate(Parameters(budding_bias=-1.0), member_keys(0, 1), times=[0.1], model=MODEL, numerics=NUMERICS)
+    with pytest.raises(InputError, match=r"food_bias \(κ\) is -1, it must be in \[0, 1000\]"):
+        simulate(Parameters(food_bias=-1.0), member_keys(0, 1), times=[0.1], model=MODEL, numerics=NUMERICS)
 
 
 def test_a_rule_answers_its_own_question_only() -> None:
