@@ -105,11 +105,13 @@ class Rule(eqx.Module):
         question: Which of a model's questions it answers; a base class says so.
         name: As in a recipe or on the command line.
         parameters: Those that it brings.
+        idle: Names of the model's own parameters that have no effect with it.
     """
 
     question: ClassVar[str]
     name: ClassVar[str]
     parameters: ClassVar[tuple[Parameter, ...]] = ()
+    idle: ClassVar[tuple[str, ...]] = ()
 
     def node_state(self) -> dict[str, float]:
         """What it keeps for each node, by name, and the value that a newborn starts with; nothing by default."""

@@ -10,6 +10,7 @@ from yeastfit.commands.generated.options import Option, flag_of, hints_of, plain
 from yeastfit.commands.generated.rules import (
     Brought,
     check_brought,
+    check_effective,
     parameter_options,
     rule_options,
     rule_parameters,
@@ -66,8 +67,10 @@ class ChosenModel:
     given: tuple[str, ...]
 
     def check_free(self, free: Sequence[str]) -> None:
-        """Raise `InputError` where a value is given of a parameter that is free, which would be of no account."""
+        """Raise `InputError` for a free parameter that has a value, or no effect with the model's rules."""
         for name in free:
+            if isinstance(rules := getattr(self.forward, "rules", None), Model):
+                check_effective(name, f"--free: {name}", rules)
             if name in self.values:
                 raise InputError(
                     f"{flag_of(name)} is {self.values[name]:g}, but {name} is free: leave out the value, or hold it by "

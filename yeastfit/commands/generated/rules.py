@@ -70,13 +70,21 @@ def parameter_options(known: Mapping[str, Brought], *, defaults: bool = False) -
 
 
 def check_brought(values: Iterable[str], model: Model) -> None:
-    """Raise `InputError` for a parameter that no rule of a model brings."""
+    """Raise `InputError` for a parameter that no rule of a model brings, or that has no effect with its rules."""
     for name in values:
+        check_effective(name, flag_of(name), model)
         if name not in model.parameters:
             _, owners = rule_parameters()[name]
             raise InputError(
                 f"{flag_of(name)} is a parameter of {' or '.join(owners)}: choose that rule, or leave it out"
             )
+
+
+def check_effective(name: str, what: str, model: Model) -> None:
+    """Raise `InputError` for a parameter that has no effect with one of a model's rules."""
+    for question, rule in model.rules.items():
+        if name in rule.idle:
+            raise InputError(f"{what} has no effect with {flag_of(question)} {rule.name}: leave it out")
 
 
 def rule_parameters() -> dict[str, Brought]:

@@ -60,6 +60,7 @@ class _BetweenCells(ContactRule):
         boundary: K, over what width the outline of a cell is smoothed.
     """
 
+    idle: ClassVar[tuple[str, ...]] = ("repulsivity", "repulsion_radius")
     union: float = eqx.field(static=True, default=0.1)
     boundary: float = eqx.field(static=True, default=0.2)
 

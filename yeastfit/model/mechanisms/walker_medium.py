@@ -87,6 +87,7 @@ class WalkerMedium(MediumRule):
     """
 
     name: ClassVar[str] = "walkers"
+    idle: ClassVar[tuple[str, ...]] = ("metabolic_rate",)
     parameters: ClassVar[tuple[Parameter, ...]] = (UPTAKE_RADIUS,)
     keeps: ClassVar[tuple[str, ...]] = ("walkers", "free", "walker_key")
     walkers: int = eqx.field(static=True, default=5000)
