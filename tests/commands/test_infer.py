@@ -72,6 +72,15 @@ def test_a_table_becomes_a_posterior(
     assert "Results in" in capsys.readouterr().out
     finished(arguments(data, out, method, "--resume"))
     assert "this run is finished" in capsys.readouterr().out
+    (out / "posterior.csv").write_text("mine")
+    finished(arguments(data, out, method, "--resume"))
+    assert "posterior.csv has changed since the run finished" in capsys.readouterr().err
+    (out / "index.html").unlink()
+    assert cli.run(arguments(data, out, method, "--resume")) == 2
+    assert (
+        "index.html is gone since the run finished: put it back, or begin anew by --overwrite"
+        in capsys.readouterr().err
+    )
 
 
 @pytest.mark.usefixtures("unchecked")

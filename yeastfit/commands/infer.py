@@ -26,6 +26,7 @@ from yeastfit.inference.prior.variation import Variation
 from yeastfit.inference.samplers import SAMPLERS
 from yeastfit.inference.workers.spread import Workers
 from yeastfit.processors import available_processors
+from yeastfit.results.contents import Contents, changed_files
 from yeastfit.results.folder import ResultsFolder, results_folder
 
 DATA, MODEL, RUN = "Data", "Model and prior", "The run"
@@ -171,7 +172,7 @@ def infer(
     }
     sampled = "emulator" if method is None else method
     if not variation and (variation_zero, variation_sd) != (Variation.zero, Variation.sd):
-        raise InputError("--variation-zero and --variation-sd are settings of --variation: give it, too")
+        raise InputError("--variation-zero or --variation-sd is given, a setting of --variation: give that, too")
     request = Request.of_li(method, settings, **asked) if li else Request.of(sampled, settings, **asked)
     chosen.check_free(request.parameters.names)
     if print_prior:
@@ -214,7 +215,13 @@ def _begun(request: Request, source: Path, results: ResultsFolder, resume: bool,
 
 def _finished(run: InferRun, truth: bool) -> bool:
     """Say that there is nothing to do; whether the posterior has settled."""
+    path, listed = run.folder.path, Contents.of(run.folder.path).listed
+    if gone := [name for name in listed if not (path / name).exists()]:
+        raise InputError(
+            f"--resume: {path / gone[0]} is gone since the run finished: put it back, or begin anew by --overwrite"
+        )
     warn(["--truth: the page of a finished run stays as it is"] if truth else [])
+    warn([f"{path / name} has changed since the run finished" for name in changed_files(path, listed)])
     posterior = run.saved()
     out.print(f"this run is finished: results in {run.folder.path}, on one page: index.html")
     out.print(str(posterior.status))
