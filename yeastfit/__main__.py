@@ -17,8 +17,8 @@ def main() -> None:
     from yeastfit.processors import available_processors
 
     _open_closed_streams()
-    if len(os.environ.get("COLUMNS", "")) > 4:
-        del os.environ["COLUMNS"]  # no terminal is that wide, and text would be padded
+    if len(columns := os.environ.get("COLUMNS", "")) > 4 or columns == "0":
+        del os.environ["COLUMNS"]  # no terminal is that wide, and text would be padded; nothing is printed in none
     os.environ["MPLBACKEND"] = "agg"  # figures go into files, whatever the user's notebooks draw on
     # one JAX device per processor, over which ensembles are shared out
     os.environ.setdefault("JAX_NUM_CPU_DEVICES", str(available_processors()))

@@ -8,7 +8,7 @@ import typer
 
 from yeastfit.commands.fit import fit
 from yeastfit.commands.generated.options import with_options
-from yeastfit.commands.options import Jobs
+from yeastfit.commands.options import Jobs, Overwrite
 from yeastfit.errors import InputError
 
 IN_WHEEL = files("yeastfit") / "demo"
@@ -23,6 +23,7 @@ def demo(
     quick: Annotated[
         bool, typer.Option("--quick", help="Start the fit from one place of the search range instead of several.")
     ] = False,
+    overwrite: Overwrite = False,
     jobs: Jobs = None,
 ) -> None:
     """Fit 110 photographs of ten synthetic colonies and show the fitted parameters beside the true ones.
@@ -33,6 +34,7 @@ def demo(
     if not source.is_dir():
         raise InputError(f"{IN_CLONE} is missing: neither a wheel of yeastfit nor a whole clone is installed")
     options = [*(QUICK if quick else []), *(["--jobs", str(jobs)] if jobs else [])]
+    options += ["--overwrite"] if overwrite else []
     command = typer.Typer(pretty_exceptions_enable=False)
     command.command()(with_options(fit, options))
     with as_file(source) as images:

@@ -159,7 +159,11 @@ def _check_measured(known: Mapping[str, Any], names: Sequence[str], times: Seque
         if name not in names:
             raise InputError(f"--measured-statistics: {name!r} is not among {', '.join(names)}")
     if known["measured_times"] and len(times):
-        times_among(np.asarray(times), known["measured_times"])
+        try:
+            times_among(np.asarray(times), known["measured_times"])
+        except InputError:
+            said = f"--measured-times is {known['measured_times']}, need some of --times"
+            raise InputError(f"{said}, {', '.join(f'{time:g}' for time in times)}") from None
 
 
 def _read(path: Path) -> Sensitivity:

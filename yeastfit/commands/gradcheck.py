@@ -12,11 +12,12 @@ from yeastfit.commands.generated.model import ChosenModel, ModelOptions
 from yeastfit.commands.generated.options import generated
 from yeastfit.commands.options import Overwrite, Seed
 from yeastfit.derivatives.check_colony import check_gradients
+from yeastfit.errors import InputError
 from yeastfit.model.model import Model
 from yeastfit.model.numerics import Numerics
 from yeastfit.model.parameters import Parameters
-from yeastfit.model.relaxation import Relaxation
-from yeastfit.numbers import POSITIVE
+from yeastfit.model.relaxation import WIDTHS, Relaxation
+from yeastfit.numbers import POSITIVE, Range
 from yeastfit.results.folder import results_folder
 from yeastfit.storage import write_table
 
@@ -52,6 +53,9 @@ def gradcheck(
     angles. The table shows the worst case of each. Ends with exit code 1 unless all agree.
     """
     POSITIVE.read(time, "--time")
+    Range(0.0, WIDTHS.high).read(contact_width, "--contact-width")
+    if time < 2 * dt:
+        raise InputError(f"--time is {time:g}, it must be at least two time steps, --dt {dt:g}")
     model: Model = chosen.forward.rules  # type: ignore[attr-defined]
     parameters = model.complete(Parameters(**chosen.values))
     numerics = Numerics(domain=domain, spacing=spacing, dt=dt, capacity=capacity)

@@ -112,7 +112,7 @@ def _models(runs: Sequence[ComparedRun]) -> tuple[tuple[ModelComparison, ...], l
         scored = {one.name: one.left_out.in_order() for one in same if one.left_out is not None}
         bare = [one.name for one in same if one.left_out is None]
         doubts += [
-            f"{name} has left no colonies out: models are compared by those, run infer with --leave-out 5"
+            f"{name} has left no colonies out: models are compared by those, run infer with --leave-out"
             for name in bare
         ]
         alike: dict[str, LeftOut] = {}

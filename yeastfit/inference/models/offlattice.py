@@ -113,6 +113,8 @@ class Offlattice(ForwardModel):
             raise InputError(f"cells is {self.cells}, it must be at least 1")
         if self.area is not None:
             POSITIVE.read(self.area, "area")
+            if self.match == "none":
+                raise InputError(f"area is {self.area:g} and match none, which compares whole colonies: leave out one")
         if self.pixel_size is not None:
             PIXEL_SIZES.read(self.pixel_size, "pixel_size")
         for name, value, known in (("match", self.match, Match), ("masks", self.masks, Masks)):
@@ -198,6 +200,10 @@ class Offlattice(ForwardModel):
 
     def sensitivity(self, statistics: Sequence[str], values: Mapping[str, float], **how: Any) -> Sensitivity:
         """By regression along all parameters above 0."""
+        if self.pixel_size is not None and self._masks(statistics) != "ellipses":
+            raise InputError(
+                f"--pixel-size is that of ellipses, masks are drawn by --masks {self._masks(statistics)}: leave it out"
+            )
         at = {**PARAMETERS.defaults, **values}
         free = [name for name, value in at.items() if value > 0]
         held = {name: value for name, value in at.items() if value == 0}
