@@ -77,7 +77,8 @@ class Filaments:
     @cached_property
     def angle(self) -> PerPixel:
         """Direction of the pixels beyond."""
-        return self.pixels.angle[self.beyond]
+        (rows, columns), (row, column) = self.pixels.indices, self.pixels.centre
+        return np.arctan2(row - rows[self.beyond], columns[self.beyond] - column)
 
     @property
     def finest_wave(self) -> float:
