@@ -34,7 +34,7 @@ FULL_SIZE = {  # what the first cell says
     "fitting.ipynb": "full size: 10 colonies to 14 h",
     "gradients.ipynb": "full size: 64 colonies to t = 7.5",
     "mechanisms.ipynb": "full size: 16 colonies to t = 6",
-    "offlattice.ipynb": "full size: 65000 cells, at most 8192 simulations",
+    "offlattice.ipynb": "full size: 65000 cells, at most 12288 simulations",
     "posterior.ipynb": "full size: 10 colonies to 14 h, 4096 simulations",
     "source_figures.ipynb": "full size: 6 members, to 35.0 h",
 }
