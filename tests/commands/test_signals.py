@@ -27,7 +27,7 @@ from yeastfit.__main__ import main
 sys.argv = ["yeastfit", "simulate", "--out", "nowhere"]
 main()
 """
-QUICKLY = IMPORTING.replace("time.sleep(60)", "time.sleep(0.4); sys.stderr.write('imported, ')")
+QUICKLY = IMPORTING.replace("time.sleep(60)", "time.sleep(0.4); sys.stderr.write('imported, '); sys.stderr.flush()")
 ANSWERING = """
 import hashlib, time
 from yeastfit.commands.console import signals
