@@ -87,6 +87,20 @@ class Sliding(Leaning):
     parameters = (Parameter("mobility", "B", "another thing", (1.0, 9.0), 3.0),)
 
 
+def reaching(of: type[Rule]) -> type[BuddingRule]:
+    """A rule with a parameter that is called like one of another rule."""
+    parameter = Parameter(of.parameters[0].name, "B", "another thing", (1.0, 9.0), 3.0)
+    return type("Reaching", (Leaning,), {"name": "reaching", "parameters": (parameter,)})
+
+
+@pytest.mark.parametrize("of", [rule for rules in RULES.values() for rule in rules.values() if rule.parameters])
+def test_no_rule_brings_a_parameter_of_another(of: type[Rule], monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whatever question that one answers, and if a third is called like it."""
+    monkeypatch.setitem(RULES["budding"], "reaching", reaching(of))
+    with pytest.raises(InputError, match=f"rule 'reaching' brings a parameter '{of.parameters[0].name}', and so does"):
+        Model.of({"budding": {"rule": "reaching"}})
+
+
 @pytest.mark.parametrize(
     ("question", "name", "rule", "said"),
     [

@@ -7,7 +7,7 @@
 """
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import equinox as eqx
@@ -122,12 +122,8 @@ class Model(eqx.Module):
         twice = sorted({name for name in states if states.count(name) > 1})
         if twice:
             raise InputError(f"model: two of its rules keep a node state {twice[0]!r}")
-        known = {one.name: ("the model", one) for one in PARAMETERS.parameters}
         for rule in self.parts:
-            for one in rule.parameters:
-                whose, other = known.setdefault(one.name, (f"rule {rule.name!r}", one))
-                if other != one:
-                    raise InputError(twice_brought(rule.name, one.name, whose))
+            _check_alike(rule, self.parts, "model")
 
     @property
     def rules(self) -> dict[str, Rule]:
@@ -240,17 +236,20 @@ def check_registered(question: str, name: str) -> None:
         raise InputError(f"{question}: rule {name!r} is registered as an object, RULES holds classes of rules")
     if getattr(rule, "name", name) != name:
         raise InputError(f"{question}: rule {rule.name!r} is registered as {name!r}, register it under its own name")
-    for one in () if rule.__module__.startswith("yeastfit.") else rule.parameters:
-        others = {"the model": PARAMETERS.parameters}
-        others |= {f"rule {other.name!r}": other.parameters for rules in RULES.values() for other in rules.values()}
-        for whose, brought in others.items():
-            if any(other.name == one.name and other != one for other in brought):
-                raise InputError(twice_brought(name, one.name, whose))
+    if not rule.__module__.startswith("yeastfit."):
+        _check_alike(rule, [other for rules in RULES.values() for other in rules.values()], question)
 
 
-def twice_brought(rule: str, parameter: str, whose: str) -> str:
-    """What is wrong with a parameter that somebody else brings, too, and means something else by."""
-    return f"rule {rule!r} brings a parameter {parameter!r}, and so does {whose}, another one: choose another name"
+def _check_alike(rule: Rule | type[Rule], others: Iterable[Rule | type[Rule]], where: str) -> None:
+    """Raise `InputError` for a parameter that the model or another rule brings, too, and means something else by."""
+    brought = [("the model", PARAMETERS.parameters), *((f"rule {other.name!r}", other.parameters) for other in others)]
+    for one in rule.parameters:
+        for whose, parameters in brought:
+            if any(other.name == one.name and other != one for other in parameters):
+                raise InputError(
+                    f"{where}: rule {rule.name!r} brings a parameter {one.name!r}, and so does {whose}, another one: "
+                    "choose another name"
+                )
 
 
 def _described(rule: Rule) -> dict[str, Any]:
