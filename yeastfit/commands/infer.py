@@ -26,7 +26,7 @@ from yeastfit.inference.prior.variation import Variation
 from yeastfit.inference.samplers import SAMPLERS
 from yeastfit.inference.workers.spread import Workers
 from yeastfit.processors import available_processors
-from yeastfit.results.contents import Contents, changed_files
+from yeastfit.results.contents import GONE, Contents, not_as_written
 from yeastfit.results.folder import ResultsFolder, results_folder
 
 DATA, MODEL, RUN = "Data", "Model and prior", "The run"
@@ -215,13 +215,14 @@ def _begun(request: Request, source: Path, results: ResultsFolder, resume: bool,
 
 def _finished(run: InferRun, truth: bool) -> bool:
     """Say that there is nothing to do; whether the posterior has settled."""
-    path, listed = run.folder.path, Contents.of(run.folder.path).listed
-    if gone := [name for name in listed if not (path / name).exists()]:
+    path = run.folder.path
+    others = not_as_written(path, Contents.of(path).listed)
+    for name in (one for one, what in others.items() if what == GONE):
         raise InputError(
-            f"--resume: {path / gone[0]} is gone since the run finished: put it back, or begin anew by --overwrite"
+            f"--resume: {path / name} is gone since the run finished: put it back, or begin anew by --overwrite"
         )
     warn(["--truth: the page of a finished run stays as it is"] if truth else [])
-    warn([f"{path / name} has changed since the run finished" for name in changed_files(path, listed)])
+    warn([f"{path / name} {what} since the run finished" for name, what in others.items()])
     posterior = run.saved()
     out.print(f"this run is finished: results in {run.folder.path}, on one page: index.html")
     out.print(str(posterior.status))

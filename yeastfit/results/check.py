@@ -52,8 +52,8 @@ def check_folder(
         state = "a finished run" if found.finished else "a run that was not finished"
         raise InputError(f"--out: {path} holds {state}: give --resume to go on with it, or another folder")
     if not found.command:
-        broken = f"a damaged {RUN}" if resume and RUN in found.others else ""
-        what, way = broken or f"{listing(found.others)}, which yeastfit did not write", ""
+        damaged = f"a damaged {RUN}" if resume and RUN in found.others else ""
+        what, way = damaged or f"{listing(found.others)}, which yeastfit did not write", ""
     elif found.endless:
         what, way = "results of an earlier version of yeastfit, whose manifest.json lists no files", ""
     elif not own and not found.finished:

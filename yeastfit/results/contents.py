@@ -19,6 +19,8 @@ from yeastfit.storage import WORK, read_json, sha256_of, written_whole
 MANIFEST, RUN, OWNER, LOCK = "manifest.json", "run.json", "owner.json", "lock"
 NO_RESULTS = (".DS_Store", "Thumbs.db", "desktop.ini", "yeastfit-error.txt")  # of desktops, and a fault's traceback
 
+GONE, CHANGED = "is gone", "has changed"
+
 Listed = dict[str, tuple[str, ...]]
 
 
@@ -96,11 +98,24 @@ def check_unchanged(folder: Path, names: Sequence[str]) -> None:
         InputError: A listed file is gone, or its SHA-256 is not the listed one.
     """
     listed = {name: known for name, known in Contents.of(folder).listed.items() if name in names}
-    changed = changed_files(folder, listed)
-    for name in listed:
-        if name in changed or not (folder / name).exists():
-            what = "has changed since yeastfit wrote it" if name in changed else "is gone"
-            raise InputError(f"{folder / name}: {what}, need the file whose SHA-256 {MANIFEST} lists")
+    for name, what in not_as_written(folder, listed).items():
+        since = "" if what == GONE else " since yeastfit wrote it"
+        raise InputError(f"{folder / name}: {what}{since}, need the file whose SHA-256 {MANIFEST} lists")
+
+
+def not_as_written(folder: Path, listed: Listed) -> dict[str, str]:
+    """Find listed files that are gone or have changed.
+
+    Arguments:
+        folder: Of the files.
+        listed: SHA-256 by name, any of which is right.
+
+    Returns:
+        `GONE` or `CHANGED` by name, those that are gone first.
+    """
+    gone = [name for name in listed if not (folder / name).exists()]
+    changed = [name for name in changed_files(folder, listed) if name not in gone]
+    return {**dict.fromkeys(gone, GONE), **dict.fromkeys(changed, CHANGED)}
 
 
 def check_own(folder: Path, names: Sequence[str]) -> None:

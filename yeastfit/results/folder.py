@@ -27,7 +27,16 @@ from filelock import FileLock, Timeout
 from yeastfit.errors import InputError
 from yeastfit.processors import device_used
 from yeastfit.results.check import check_folder, listing, unwritable
-from yeastfit.results.contents import LOCK, MANIFEST, OWNER, Contents, Listed, changed_files, misplaced_files
+from yeastfit.results.contents import (
+    LOCK,
+    MANIFEST,
+    OWNER,
+    Contents,
+    Listed,
+    changed_files,
+    misplaced_files,
+    not_as_written,
+)
 from yeastfit.results.exchange import exchange, remove_empty
 from yeastfit.storage import WORK, can_be_hashed, check_room, read_json, sha256_of, versions, write_json
 
@@ -129,11 +138,9 @@ class ResultsFolder:
         """Raise `InputError` where files of a folder are others than `keep` put there; those without a list are not."""
         place = self.path / name
         listed = read_json(place / KEPT) if (place / KEPT).is_file() else {}
-        gone = [one for one in listed if not (place / one).is_file()]
-        if changed := [*gone, *changed_files(place, {one: (known,) for one, known in listed.items()})]:
+        for one, what in not_as_written(place, {one: (known,) for one, known in listed.items()}).items():
             raise InputError(
-                f"--resume: {place / changed[0]} {'is gone' if gone else 'has changed'} since the run wrote it: put it "
-                "back, or give another folder"
+                f"--resume: {place / one} {what} since the run wrote it: put it back, or give another folder"
             )
 
     def reopen(self, kept: Iterable[str]) -> None:
