@@ -7,8 +7,8 @@ too, and measuring adds errors that replicates do not average out.
 from collections.abc import Mapping, Sequence
 
 import numpy as np
+import scipy
 from jaxtyping import Float
-from scipy.linalg import solve_triangular
 
 from yeastfit.errors import InputError
 from yeastfit.observable import Observable
@@ -104,4 +104,4 @@ def correlation_root(
 
 def whitened(root: Square, values: Float[np.ndarray, "observable *more"]) -> Float[np.ndarray, "observable *more"]:
     """L⁻¹ x, of unit variance where x has the covariance L Lᵀ and L is lower triangular."""
-    return solve_triangular(root, values, lower=True)
+    return scipy.linalg.solve_triangular(root, values, lower=True)

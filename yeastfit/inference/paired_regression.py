@@ -20,8 +20,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy
 from jaxtyping import Float
-from scipy.linalg import hadamard
 
 from yeastfit.errors import SimulationError
 from yeastfit.inference.curve_covariance import Square
@@ -81,7 +81,7 @@ def hadamard_design(pairs: int, free: int, rng: np.random.Generator) -> Units:
     Orthogonal where `pairs` is a multiple of `hadamard_order(free)`, and nearly so elsewhere.
     """
     size = hadamard_order(free)
-    rows = hadamard(size)[:, 1:]
+    rows = scipy.linalg.hadamard(size)[:, 1:]
     blocks = [rows[:, rng.permutation(size - 1)[:free]] * rng.choice([-1, 1], free) for _ in range(-(-pairs // size))]
     return np.concatenate(blocks)[:pairs].astype(float)
 

@@ -33,7 +33,7 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from scipy import ndimage
+import scipy
 
 from yeastfit.errors import InputError
 from yeastfit.simulation.cell_coverage import Array, Floats, finite, require_positive
@@ -119,7 +119,7 @@ def photograph(
         raise InputError(f"thickness: got {thickness.min():g}, need layers of at least 0")
     light = _light(fraction.shape, rng, optics)
     light *= _transmitted(fraction, thickness, _texture(fraction.shape, pixel_size, rng, optics), optics)
-    image = ndimage.gaussian_filter(light, optics.blur / pixel_size, mode="nearest")
+    image = scipy.ndimage.gaussian_filter(light, optics.blur / pixel_size, mode="nearest")
     noise = optics.noise * rng.standard_normal(image.shape)
     image = image * _dust(fraction, pixel_size, rng, optics) + noise
     return np.clip(np.rint(image), 0, 255).astype(np.uint8)
@@ -128,7 +128,7 @@ def photograph(
 def _texture(shape: tuple[int, ...], pixel_size: float, rng: np.random.Generator, optics: Optics) -> Floats:
     """1 + ε of the module docstring, at least 0."""
     width = optics.grain / pixel_size
-    grains = ndimage.gaussian_filter(rng.standard_normal(shape), width, mode="wrap")
+    grains = scipy.ndimage.gaussian_filter(rng.standard_normal(shape), width, mode="wrap")
     return np.asarray(np.maximum(1 + optics.texture * grains / max(grains.std(), 1e-12), 0))
 
 
@@ -155,7 +155,7 @@ def _dust(fraction: Floats, pixel_size: float, rng: np.random.Generator, optics:
     passed = np.ones(fraction.shape)
     down, right = (np.minimum(np.arange(size), np.arange(size)[::-1]) for size in fraction.shape)
     border = 1 + np.minimum(down[:, None], right[None, :])
-    free = ndimage.distance_transform_edt(fraction == 0) if fraction.any() else np.full(fraction.shape, np.inf)
+    free = scipy.ndimage.distance_transform_edt(fraction == 0) if fraction.any() else np.full(fraction.shape, np.inf)
     for _ in range(rng.poisson(optics.specks)):
         radius = rng.uniform(*optics.speck_radius) / pixel_size
         darkness = rng.uniform(*optics.speck_darkness)

@@ -4,8 +4,8 @@ from math import ceil, pi, sqrt
 
 import numpy as np
 import numpy.typing as npt
+import scipy
 from jaxtyping import Bool, Float64
-from scipy import ndimage
 from skimage import filters, measure
 
 from yeastfit.errors import InputError
@@ -44,7 +44,7 @@ def frame_mask(image: Field) -> Mask:
         touching[border_pixels(labels)] = True
         touching[0] = False
         frame |= touching[labels]
-    return ndimage.binary_dilation(frame, NEIGHBOURS, iterations=2) if frame.any() else frame
+    return scipy.ndimage.binary_dilation(frame, NEIGHBOURS, iterations=2) if frame.any() else frame
 
 
 def estimate_background(image: Field, visible: Mask, name: str) -> tuple[Field, float]:
@@ -108,7 +108,7 @@ def _bright_samples(image: Field, visible: Mask, values: Samples, name: str) -> 
     """Samples in the brighter of Otsu's classes where these differ clearly, else all."""
     middle = filters.threshold_otsu(values)
     bright = values > middle
-    edge = visible & ~ndimage.binary_erosion(visible)
+    edge = visible & ~scipy.ndimage.binary_erosion(visible)
     bright_border = (image[edge] > middle).mean() > 0.5
     ratio = values[~bright].mean() / values[bright].mean()
     if ratio < 0.6 and not bright_border:
@@ -156,7 +156,7 @@ def _visible_background(image: Field, surface: Field, visible: Mask, noise: floa
     background = _regions_without_edges(small, flat, whole, noise / step, step, limit)
     if background.mean() < 0.03:
         dark = blurred(flat - small, SMOOTHING / step) > limit
-        background = whole & ~ndimage.binary_dilation(dark, iterations=2)
+        background = whole & ~scipy.ndimage.binary_dilation(dark, iterations=2)
     return background, step
 
 
@@ -168,7 +168,7 @@ def _local_mean(residual: Field, background: Coarse, step: int) -> Field:
         width = reach * max(coarse.shape)
         mean += blurred((coarse - mean) * share, width) / (blurred(share, width) + np.float32(0.02))
     zoom = [full / part for full, part in zip(residual.shape, mean.shape, strict=True)]
-    return ndimage.zoom(mean, zoom, order=1, mode="nearest", grid_mode=True)
+    return scipy.ndimage.zoom(mean, zoom, order=1, mode="nearest", grid_mode=True)
 
 
 def _regions_without_edges(image: Small, surface: Small, visible: Mask, noise: float, step: int, limit: float) -> Mask:
@@ -181,13 +181,13 @@ def _regions_without_edges(image: Small, surface: Small, visible: Mask, noise: f
     level = float(np.median(surface))
     drowned = sqrt(5 * noise / (sqrt(8 * pi) * STEEP * step * max(level, 1e-6)))  # where noise is as steep as an edge
     scale = min(max(1.0, SLOPE_SCALE[0] / step, drowned), SLOPE_SCALE[1] / step)
-    slope = ndimage.gaussian_gradient_magnitude(image, scale)
+    slope = scipy.ndimage.gaussian_gradient_magnitude(image, scale)
     steep = np.maximum(np.float32(5 * noise / (sqrt(8 * pi) * scale**2)), np.float32(STEEP * step) * surface)
-    flat = ndimage.binary_erosion(visible & (slope < steep), NEIGHBOURS, iterations=2, border_value=1)
+    flat = scipy.ndimage.binary_erosion(visible & (slope < steep), NEIGHBOURS, iterations=2, border_value=1)
     labels = measure.label(flat, connectivity=1)
     areas = areas_of(labels)
     near = np.bincount(labels.ravel(), weights=(np.abs(image - surface) < limit).ravel())
-    edge = ~ndimage.binary_erosion(visible, NEIGHBOURS, iterations=4)
+    edge = ~scipy.ndimage.binary_erosion(visible, NEIGHBOURS, iterations=4)
     outside = np.zeros(areas.size, dtype=bool)
     outside[labels[edge]] = True
     background = (near > 0.5 * areas) & (areas >= 20) & outside
@@ -197,6 +197,6 @@ def _regions_without_edges(image: Small, surface: Small, visible: Mask, noise: f
 def _noise(image: Field, visible: Mask) -> float:
     """Standard deviation of pixel noise, at least that of rounding to the image's grey levels."""
     kernel = np.outer([1, -2, 1], [1, -2, 1]) / 6
-    second = ndimage.convolve(image, kernel.astype(np.float32))[visible]
+    second = scipy.ndimage.convolve(image, kernel.astype(np.float32))[visible]
     whole = bool((image == np.rint(image)).all())
     return max(robust_deviation(second), sqrt(1 / 12) if whole else 1e-3 * float(np.ptp(image)))

@@ -4,8 +4,8 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+import scipy
 from jaxtyping import Bool
-from scipy import ndimage
 from skimage import measure, segmentation
 
 from yeastfit.errors import InputError
@@ -50,7 +50,7 @@ def select_colony(
         chosen, doubts = _largest(labels, areas, edge, min_area)
     else:
         chosen, doubts = _object_at_seed(labels, areas >= min_area, edge, seed, name)
-    return ndimage.binary_dilation(chosen, NEIGHBOURS, iterations=3) & (chosen | ~dark), doubts
+    return scipy.ndimage.binary_dilation(chosen, NEIGHBOURS, iterations=3) & (chosen | ~dark), doubts
 
 
 def object_at(
@@ -130,7 +130,7 @@ def _cut_off_from_border(joined: Mask, edge: Mask) -> Mask | None:
     step = max(1, max(joined.shape) // 400)
     small = measure.block_reduce(joined, (step, step), np.max)
     border = measure.block_reduce(edge & joined, (step, step), np.max)
-    inside = ndimage.distance_transform_edt(ndimage.binary_fill_holes(small))
+    inside = scipy.ndimage.distance_transform_edt(scipy.ndimage.binary_fill_holes(small))
     for share in (0.5, 0.25):
         cores = measure.label(inside > share * inside.max(), connectivity=2)
         areas = areas_of(cores)

@@ -4,7 +4,7 @@ from collections.abc import Iterable
 
 import numpy as np
 import numpy.typing as npt
-from scipy import ndimage
+import scipy
 
 from yeastfit.measure.outlining.mask_operations import NEIGHBOURS, Field, Mask
 
@@ -45,7 +45,7 @@ def to_be_checked(doubts: Iterable[str]) -> tuple[str, ...]:
 def doubts_of_mask(mask: Mask, visible: Mask) -> list[str]:
     """Names of what may be wrong with a mask, given where the image shows anything."""
     area, available = int(mask.sum()), int(visible.sum())
-    edge = ndimage.binary_dilation(~visible, NEIGHBOURS)
+    edge = scipy.ndimage.binary_dilation(~visible, NEIGHBOURS)
     edge[[0, -1], :] = edge[:, [0, -1]] = True
     doubts = {
         "touches the border": bool((mask & edge).any()),

@@ -4,8 +4,8 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+import scipy
 from jaxtyping import Bool, Float32
-from scipy import ndimage
 from skimage import measure
 
 Field = Float32[np.ndarray, "row column"]
@@ -36,7 +36,7 @@ def without_specks(mask: Mask, size: int, connectivity: int = 2) -> Mask:
 
 def blurred(field: npt.NDArray[Any], width: float) -> Field:
     """Gaussian blur of `width` px, edges continued."""
-    return ndimage.gaussian_filter(field.astype(np.float32, copy=False), width, mode="nearest", truncate=3.0)
+    return scipy.ndimage.gaussian_filter(field.astype(np.float32, copy=False), width, mode="nearest", truncate=3.0)
 
 
 def robust_deviation(values: npt.NDArray[Any]) -> float:

@@ -4,7 +4,7 @@ from math import pi, sqrt
 
 import numpy as np
 import numpy.typing as npt
-from scipy import ndimage
+import scipy
 
 from yeastfit.measure.outlining.mask_operations import NEIGHBOURS, Field, Mask
 
@@ -33,7 +33,9 @@ def row_and_column_steps(image: Field, visible: Mask, noise: float) -> Field:
     Returns:
         b(y) + a(x) in grey levels.
     """
-    inner = visible if visible.all() else ndimage.binary_erosion(visible, NEIGHBOURS, iterations=4, border_value=1)
+    inner = visible
+    if not visible.all():
+        inner = scipy.ndimage.binary_erosion(visible, NEIGHBOURS, iterations=4, border_value=1)
     level = float(np.percentile(image[::4, ::4], 95))
     down = _steps_between_rows(image, inner, level, noise)
     right = _steps_between_rows(image.T, inner.T, level, noise)
@@ -45,7 +47,7 @@ def _steps_between_rows(image: Field, visible: Mask, level: float, noise: float)
     wide = max(1, image.shape[1] // 100)
     used = image.shape[1] // wide * wide
     parts = image[:, :used].reshape(len(image), -1, wide).mean(axis=2, dtype=np.float32)
-    slope = ndimage.gaussian_filter1d(parts, BAND_SCALE, axis=0, order=1)
+    slope = scipy.ndimage.gaussian_filter1d(parts, BAND_SCALE, axis=0, order=1)
     whole = visible[:, :used].reshape(len(image), -1, wide).all(axis=2)
     ordered = np.sort(np.where(whole & (parts > BRIGHT * level), slope, np.nan), axis=1)  # NaN last
     count = np.isfinite(ordered).sum(axis=1)
@@ -53,7 +55,7 @@ def _steps_between_rows(image: Field, visible: Mask, level: float, noise: float)
         np.take_along_axis(ordered, (part * np.maximum(count - 1, 0)).astype(int)[:, None], axis=1)[:, 0]
         for part in (0.25, 0.5, 0.75)
     )
-    common = ndimage.binary_erosion(count > COMMON * ordered.shape[1], np.ones(17, dtype=bool), border_value=1)
+    common = scipy.ndimage.binary_erosion(count > COMMON * ordered.shape[1], np.ones(17, dtype=bool), border_value=1)
     steep = max(STEEP_BAND * level, 4 * noise / sqrt(4 * sqrt(pi) * BAND_SCALE**3 * wide))
     band = common & (np.abs(middle) > steep) & (np.sign(lower) == np.sign(upper))
     return np.cumsum(np.where(band, middle, np.float32(0)), dtype=np.float32)
@@ -73,7 +75,7 @@ def add_tiles(background: Mask, labels: npt.NDArray[np.integer], image: Field, a
     """
     waiting = [int(k) for k in np.flatnonzero(areas > 0.005 * labels.size) if not background[labels == k].any()]
     while waiting and background.any():
-        away, (rows, columns) = ndimage.distance_transform_edt(~background, return_indices=True)
+        away, (rows, columns) = scipy.ndimage.distance_transform_edt(~background, return_indices=True)
         tiles = [k for k in waiting if _is_tile(labels == k, away, rows, columns, image)]
         if not tiles:
             break

@@ -13,26 +13,26 @@ others are those of `shape`.
 from math import pi
 
 import numpy as np
-from scipy import ndimage
+import scipy
 
 from yeastfit.measure.statistics.pixels import Pixels
 from yeastfit.measure.statistics.shape import COMPACTNESS
 from yeastfit.measure.statistics.statistic import Statistic
 from yeastfit.numbers import Range
 
-TOUCHING = ndimage.generate_binary_structure(2, 2)
+TOUCHING = np.ones((3, 3), dtype=bool)
 
 
 def largest_object(pixels: Pixels) -> Pixels:
     """O; of several of the same size the one whose pixels scatter most, however the image is turned."""
-    labels, count = ndimage.label(pixels.colony, TOUCHING)
+    labels, count = scipy.ndimage.label(pixels.colony, TOUCHING)
     if count == 1:
         return pixels
     sizes = np.bincount(labels.ravel())[1:]
     largest = 1 + np.flatnonzero(sizes == sizes.max())
     if len(largest) > 1:
         rows, columns = np.broadcast_arrays(*np.ogrid[: labels.shape[0], : labels.shape[1]])
-        scatter = ndimage.variance(rows, labels, largest) + ndimage.variance(columns, labels, largest)
+        scatter = scipy.ndimage.variance(rows, labels, largest) + scipy.ndimage.variance(columns, labels, largest)
         largest = largest[np.argmax(scatter)]
     return Pixels.of(labels == largest)
 

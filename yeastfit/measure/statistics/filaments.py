@@ -39,8 +39,8 @@ from functools import cached_property
 from math import floor, nan
 
 import numpy as np
+import scipy
 from jaxtyping import Bool, Float, Int
-from scipy import ndimage
 
 from yeastfit.measure.statistics.pixels import TIE, Mask, PerPixel, Pixels
 from yeastfit.measure.statistics.statistic import Statistic
@@ -99,7 +99,7 @@ class Filaments:
     def perimeter_radius(self) -> float:
         """Mean distance of the outer outline's pixels (which have one of four neighbours outside) from the centroid."""
         filled = self.pixels.filled
-        rows, columns = np.nonzero(filled & ~ndimage.binary_erosion(filled))
+        rows, columns = np.nonzero(filled & ~scipy.ndimage.binary_erosion(filled))
         return float(np.hypot(rows - self.pixels.centre[0], columns - self.pixels.centre[1]).mean())
 
     @property

@@ -17,8 +17,8 @@ range of s are choices of this module. D depends on that range: compare it at on
 """
 
 import numpy as np
+import scipy
 from jaxtyping import Float, Int
-from scipy import ndimage
 
 from yeastfit.measure.statistics.pixels import Mask, Pixels
 from yeastfit.measure.statistics.statistic import Statistic
@@ -49,7 +49,7 @@ def box_counts(pixels: Pixels) -> tuple[Int[np.ndarray, " size"], Float[np.ndarr
 
 def outline(colony: Mask) -> Mask:
     """Colony pixels with one of eight neighbours outside."""
-    return colony & ~ndimage.binary_erosion(colony, np.ones((3, 3)))
+    return colony & ~scipy.ndimage.binary_erosion(colony, np.ones((3, 3)))
 
 
 def _twice_as_wide(dilated: Mask, size: int) -> Mask:

@@ -12,8 +12,8 @@ from typing import Any, TypeVar
 
 import numpy as np
 import numpy.typing as npt
+import scipy
 from jaxtyping import Bool, Float, Int
-from scipy import ndimage
 
 from yeastfit.errors import InputError
 
@@ -68,7 +68,7 @@ class Pixels:
     @cached_property
     def filled(self) -> Mask:
         """[row, column], the colony with its holes closed, which are 4-connected."""
-        return ndimage.binary_fill_holes(self.colony)
+        return scipy.ndimage.binary_fill_holes(self.colony)
 
     @cached_property
     def indices(self) -> tuple[Int[np.ndarray, " pixel"], Int[np.ndarray, " pixel"]]:

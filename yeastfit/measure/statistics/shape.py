@@ -39,7 +39,7 @@ from math import pi
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy import ndimage
+import scipy
 
 from yeastfit.measure.statistics.pixels import TIE, Mask, Pixels
 from yeastfit.measure.statistics.statistic import Statistic
@@ -86,7 +86,7 @@ def outer_hull_share(pixels: Pixels) -> float:
 
 
 def _objects(mask: Mask, *, diagonals: bool) -> int:
-    return int(ndimage.label(mask, ndimage.generate_binary_structure(2, 2 if diagonals else 1))[1])
+    return int(scipy.ndimage.label(mask, scipy.ndimage.generate_binary_structure(2, 2 if diagonals else 1))[1])
 
 
 ENTRIES = (

@@ -13,8 +13,8 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+import skimage
 from jaxtyping import Array, Bool, Float
-from skimage.transform import rescale
 
 from yeastfit.errors import InputError
 from yeastfit.measure.statistics.indicator import Indicator, gaussian_blur
@@ -160,7 +160,7 @@ def measure_mask_smoothly(
     scale = pixel_size / spacing
     phi = np.pad(mask, math.ceil(2 / scale)).astype(np.float32)
     if abs(scale - 1) > 1e-3:
-        phi = rescale(phi, scale, order=1, anti_aliasing=scale < 1)
+        phi = skimage.transform.rescale(phi, scale, order=1, anti_aliasing=scale < 1)
     values = _smooth_shape(jnp.asarray(phi), spacing, smoothing, names)
     return {name: float(values[name]) for name in names}
 

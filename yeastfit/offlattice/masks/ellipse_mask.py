@@ -19,8 +19,8 @@ from dataclasses import dataclass
 from math import ceil, floor, isfinite
 
 import numpy as np
+import scipy
 from jaxtyping import Bool, Float, Int
-from scipy import ndimage
 
 from yeastfit.compiled import kernel
 from yeastfit.errors import InputError
@@ -93,7 +93,7 @@ def _opened(first: Int[np.ndarray, "row column"], radius: float) -> Int[np.ndarr
     """The largest of the least within a disc."""
     reach = np.arange(-floor(radius), floor(radius) + 1)
     disc = reach[:, None] ** 2 + reach**2 <= radius**2
-    return ndimage.grey_opening(first, footprint=disc) if disc.size > 1 else first
+    return scipy.ndimage.grey_opening(first, footprint=disc) if disc.size > 1 else first
 
 
 @kernel

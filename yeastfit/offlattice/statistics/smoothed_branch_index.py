@@ -14,8 +14,8 @@ Then photographed masks are off by 0.07 standard deviations at most, and colonie
 from math import floor, nan
 
 import numpy as np
+import scipy
 from jaxtyping import Bool
-from scipy import ndimage
 
 from yeastfit.measure.statistics.pixels import Pixels
 from yeastfit.measure.statistics.statistic import Statistic
@@ -39,7 +39,7 @@ def smoothed_branch_index(colony: Bool[np.ndarray, "row column"], found: Li2024)
     rows, columns = np.flatnonzero(colony.any(axis=1)), np.flatnonzero(colony.any(axis=0))
     top, left = max(rows[0] - REACH, 0), max(columns[0] - REACH, 0)
     quadrant = colony[top : row + 1 + REACH, left : column + 1 + REACH].astype(np.float32)
-    smooth = ndimage.gaussian_filter(quadrant, WIDTH, mode="constant", radius=REACH) > 0.5
+    smooth = scipy.ndimage.gaussian_filter(quadrant, WIDTH, mode="constant", radius=REACH) > 0.5
     smooth = np.ascontiguousarray(smooth[: row + 1 - top, : column + 1 - left])
     cut_core(smooth, row - top, column - left, round(found.csr_radius))
     return branch_index(count_ends(skeleton(smooth)))
