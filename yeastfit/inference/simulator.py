@@ -165,7 +165,7 @@ class Mismeasured(Wrapper):
         """Rows with errors, which depend on a row's seed alone."""
         streams = [np.random.default_rng(stream_of(int(seed), Stream.ERRORS, 0)) for seed in seeds]
         normal = np.array([stream.standard_normal(len(self.root)) for stream in streams])
-        return self.simulator(values, seeds) + normal.reshape(len(seeds), -1) @ self.root.T
+        return self.simulator(values, seeds) + normal.reshape(-1, len(self.root)) @ self.root.T
 
 
 def rows_of(simulator: Simulator, values: Values, seeds: Seeds) -> Rows:

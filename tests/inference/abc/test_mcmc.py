@@ -147,6 +147,15 @@ def test_calls_have_one_size_and_parameters_outside_the_prior_are_not_simulated(
     assert ((found.values > 0) & (found.values < 1)).all()
 
 
+def test_where_all_proposals_are_outside_the_prior_nothing_is_simulated() -> None:
+    known = known_posteriors.beta_binomial()
+    interrupted = Interrupted(known.simulator, 10**6)
+    settings = replace(SHORT, walkers=2, covariance=((1e6,),), distance=known.distance, replicates=2)
+    found = infer(interrupted, known.prior, np.array([7.0]), method=settings, noise=np.array([[0.1]]), seed=1)
+    assert found.simulations == settings.pilot
+    assert not found.acceptance.any()
+
+
 @pytest.mark.usefixtures("unchecked")
 def test_a_data_set_is_a_mean_of_replicates_with_errors_of_measurement() -> None:
     """Of a simulator without noise the errors are all there is; with n replicates the sd falls by √n."""

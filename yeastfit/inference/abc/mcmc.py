@@ -253,7 +253,9 @@ class _Target:
         inside = np.isfinite(log_prior)
         self.asked += int(inside.sum())
         statistics = np.full((len(x), len(self.problem.labels)), np.nan)
-        statistics[inside] = self.data_sets(self.problem.prior.values(x[inside]), seed_of(self.seed, numbers[inside]))
+        if inside.any():
+            values, seeds = self.problem.prior.values(x[inside]), seed_of(self.seed, numbers[inside])
+            statistics[inside] = self.data_sets(values, seeds)
         return self._judged(log_prior, statistics)
 
     def _judged(self, log_prior: np.ndarray, statistics: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
