@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 from rich.table import Table
 
+from yeastfit.commands.console.signals import remaining
 from yeastfit.commands.console.terminal import out, warn
 from yeastfit.errors import InputError
 from yeastfit.measure.reading.batch_inputs import images_in, in_tables
@@ -66,8 +67,9 @@ def manifest(
     if hours is not None:
         HOURS.read(hours, "--hours")
     images = named_images(files, NamePattern.of(pattern), hours)
-    sizes = pixel_sizes_of(images, _sizes(pixel_size or []))
-    _write(place / MANIFESTS[0], images, sizes)
+    with remaining(f"no {MANIFESTS[0]} is written"):
+        sizes = pixel_sizes_of(images, _sizes(pixel_size or []))
+        _write(place / MANIFESTS[0], images, sizes)
     out.print(_understood(images, sizes))
     if rest := sorted({image.rest.strip(" _-") for image in images if image.rest}):
         out.print(f"Not read, at the end of names: {', '.join(map(shown, rest[:5]))}{' …' if len(rest) > 5 else ''}")
