@@ -204,7 +204,7 @@ def truth_of(source: Path, parameters: Iterable[str]) -> dict[str, float]:
 
 def _check_chosen(chosen: Sequence[str], present: Sequence[str], several: bool) -> None:
     """Raise `InputError` where a condition is not there, or none of several is chosen."""
-    names = ", ".join(map(repr, present))
+    names = "one without a name" if list(present) == [""] else ", ".join(map(repr, present))
     for name in chosen:
         if name not in present:
             raise InputError(f"--condition: got {name!r}, the data have {names}")

@@ -230,7 +230,11 @@ class Algebraic(ForwardModel):
         times = self.times
         if not times or not np.isfinite(times).all() or min(times) <= 0:
             raise InputError(f"--times is {','.join(f'{time:g}' for time in times)}, it must hold numbers above 0")
-        numerics = Numerics(dt=self.dt, capacity=most_nodes(max(times), self.rules.births.doublings))
+        latest = max(times)
+        try:
+            numerics = Numerics(dt=self.dt, capacity=most_nodes(latest, self.rules.births.doublings))
+        except InputError as error:
+            raise InputError(f"--times has {latest:g}, when a colony may have that many nodes: {error}") from None
         return estimate_sensitivity(
             Parameters(**values),
             times=times,
