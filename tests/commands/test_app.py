@@ -143,7 +143,7 @@ def test_measure_goes_on_after_bad_files_and_says_so(
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["simulate", "--aspect-ratio", "1.5"], ["aspect_ratio", "1.5", "(0, 1]"]),
+        (["simulate", "--aspect-ratio", "1.5"], ["--aspect-ratio", "1.5", "(0, 1]"]),
         (["simulate", "--mobility", "-1"], ["mobility", "-1"]),
         (["simulate", "--mobility", "nan"], ["mobility", "nan"]),
         (["simulate", "--domain", "10.03"], ["domain / spacing"]),

@@ -40,6 +40,8 @@ COMMANDS = {
     "design": "Find the measurement that would reduce the errors of the parameters most.",
 }
 """First paragraph of each command's help, shown without importing what the command needs."""
+SUBJECT = re.compile(r"[a-z_]\w*((: | and )[a-z_]\w*)?(?=( \([^)]*\))? (is|are|of|names) )")
+"""Of an error's sentence: a name, two, or a rule and its setting, perhaps with a unit."""
 INTERRUPTED = 130  # what typer makes of `KeyboardInterrupt`
 NO_FILES = (errno.EMFILE, errno.ENFILE)  # no more files can be opened, of the process or of the machine
 UNREAD = 141  # what a shell says of a program whose output nobody reads
@@ -57,6 +59,7 @@ class _Command(TyperCommand):
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """Parse them, with a warning of what is given again although it counts once."""
+        self.flags = {one.partition("=")[0] for one in args if one.startswith("--")}
         given = self.make_parser(ctx).parse_args(args=list(args))[2]
         options = [one for one in given if isinstance(one, TyperOption) and not one.multiple]
         once = [one for one in options if not one.is_flag or one.secondary_opts]  # --hard --relaxed
@@ -70,12 +73,18 @@ class _Command(TyperCommand):
             ctx.obj.folder = ctx.params.get("folder")
         try:
             return super().invoke(ctx)
-        except InputError as error:  # "contact_width is -1" begins with a name in Python
-            name = re.match(r"([a-z_]+)(?= (is|of|names) )", str(error))
-            typed = {one.name: one.opts[0] for one in self.params if one.param_type_name == "option"}
-            if name is None or name[0] not in typed:
+        except InputError as error:
+            said, typed = str(error), self._typed()
+            subject = SUBJECT.match(said)  # "contact_width is -1" begins with a name in Python
+            names = subject[0].replace(": ", "_").split(" and ") if subject else []
+            if subject is None or not all(name in typed for name in names):
                 raise
-            raise InputError(typed[name[0]] + str(error)[name.end() :]) from None
+            raise InputError(" and ".join(typed[name] for name in names) + said[subject.end() :]) from None
+
+    def _typed(self) -> dict[str, str]:
+        """Options by their names in Python, each as it was typed."""
+        options = [one for one in self.params if one.param_type_name == "option"]
+        return {one.name: next((flag for flag in one.opts if flag in self.flags), one.opts[0]) for one in options}
 
 
 class _Commands(TyperGroup):
