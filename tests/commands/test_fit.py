@@ -221,7 +221,7 @@ def test_an_older_fit_outlives_a_failed_one(tmp_path: Path, capsys: pytest.Captu
         assert cli.run(["fit", *wrong, "--out", str(out)]) == 2
         assert wrong[-1].split("/")[-1] in capsys.readouterr().err
         assert len(list(out.iterdir())) == len(FILES), "what cannot begin leaves all as it was"
-    assert cli.run(["fit", table, "--statistics", "area", "--out", str(out)]) == 2
+    assert cli.run(["fit", table, "--statistics", "area", "--free", "mobility", "--out", str(out)]) == 2
     assert "'area' is not in the table" in capsys.readouterr().err
     assert {path.name for path in out.iterdir()} == set(FILES)
 

@@ -26,6 +26,7 @@ from yeastfit.commands.options import (
     names_in,
 )
 from yeastfit.commands.run_folder import inputs_of
+from yeastfit.errors import InputError
 from yeastfit.inference.fit.bootstrap_profile import Bootstrap, Profile, explore, profiles
 from yeastfit.inference.fit.least_squares import check_search
 from yeastfit.inference.fit.least_squares import fit as run_fit
@@ -125,8 +126,10 @@ def fit(
     held = {**model.parameters.defaults, **chosen.values}
     held = {name: value for name, value in held.items() if name not in model.parameters.subset(fitted)}
     chosen.check_free(fitted)
-    check_search(model.parameters.subset(fitted), condition or ("",), **options)
-    check_source(source, condition or (), model.columns, several=True)
+    images = check_source(source, condition or (), model.columns, several=True)
+    most = sum(len(names) * len({hours for _, hours in one}) for one in images.values())
+    check_search(model.parameters.subset(fitted), condition or ("",), **options, most=most)
+    _check_bootstrap(bootstrap, min(len({colony for colony, _ in one}) for one in images.values()), model.nouns)
     known = truth_of(source, model.parameters) if truth else None
     with results_folder(folder, "fit", reads=inputs_of(source), overwrite=overwrite) as results:
         with shown_progress("measuring micrographs") as progress:
@@ -183,6 +186,16 @@ def _write_page(
     page = fit_page(result, model, folder, made, known, lines, measured if data.outcomes else ())
     with written_whole(folder / "index.html") as temporary:
         temporary.write_text(page, encoding="utf-8")
+
+
+def _check_bootstrap(draws: int, fewest: int, nouns: tuple[str, str]) -> None:
+    """Raise `InputError` where there is nothing to be drawn."""
+    if draws == 1:
+        raise InputError("--bootstrap is 1, it must be 0 or at least 2 fits")
+    if draws and fewest < 2:
+        raise InputError(
+            f"--bootstrap is {draws} and a condition has one {nouns[0]}, need at least two to draw from: use --profile"
+        )
 
 
 def _explored(

@@ -1,8 +1,8 @@
 """`yeastfit infer`."""
 
 import sys
-from collections.abc import Mapping
-from contextlib import nullcontext
+from collections.abc import Iterator, Mapping
+from contextlib import ExitStack, contextmanager, nullcontext
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -18,6 +18,7 @@ from yeastfit.commands.generated.workers import WorkerOptions
 from yeastfit.commands.measured_source import check_source, truth_of
 from yeastfit.commands.options import Jobs, MeasurementError, Overwrite, Seed, Truth, names_in
 from yeastfit.commands.posterior_run.config import Request
+from yeastfit.commands.posterior_run.leave_out import check_groups
 from yeastfit.commands.posterior_run.run import SIMULATIONS, STORED, InferRun
 from yeastfit.commands.run_folder import inputs_of
 from yeastfit.errors import InputError
@@ -109,16 +110,22 @@ def infer(
         ),
     ] = False,
     variation_zero: Annotated[
-        float,
-        typer.Option(help="Prior probability that parameters do not scatter.", rich_help_panel=MODEL),
-    ] = Variation.zero,
-    variation_sd: Annotated[
-        float,
+        float | None,
         typer.Option(
-            help="Prior of the scatter where they do: sd of a half-normal distribution, in log λ or logit λ.",
+            help=f"Prior probability that parameters do not scatter. Default: {Variation.zero:g}.",
+            show_default=False,
             rich_help_panel=MODEL,
         ),
-    ] = Variation.sd,
+    ] = None,
+    variation_sd: Annotated[
+        float | None,
+        typer.Option(
+            help="Prior of the scatter where they do: sd of a half-normal distribution, in log λ or logit λ. "
+            f"Default: {Variation.sd:g}.",
+            show_default=False,
+            rich_help_panel=MODEL,
+        ),
+    ] = None,
     leave_out: Annotated[
         int,
         typer.Option(
@@ -164,25 +171,30 @@ def infer(
             "draws": draws,
             "prior_draws": prior_draws,
             "measurement_error": measurement_error,
-            "variation": _variation(variation_zero, variation_sd) if variation else None,
+            "variation": _variation(zero=variation_zero, sd=variation_sd) if variation else None,
             "leave_out": leave_out,
             "reuse": reuse,
             "seed": seed,
         },
     }
     sampled = "emulator" if method is None else method
-    if not variation and (variation_zero, variation_sd) != (Variation.zero, Variation.sd):
+    if not variation and (variation_zero, variation_sd) != (None, None):
         raise InputError("--variation-zero or --variation-sd is given, a setting of --variation: give that, too")
     request = Request.of_li(method, settings, **asked) if li else Request.of(sampled, settings, **asked)
     chosen.check_free(request.parameters.names)
     if print_prior:
+        of_runs = {"--resume": resume, "--overwrite": overwrite, "--truth": truth, "--reuse": reuse, "--out": folder}
+        for name, given in of_runs.items():
+            if given:
+                raise InputError(f"{name} is given beside --print-prior, which begins no run: leave out one of the two")
         sys.stdout.write(template(request.the_prior(), request.parameters))
         return
     if source is None or folder is None:
         raise InputError(f"{'SOURCE' if source is None else '--out'} is missing: yeastfit infer SOURCE --out FOLDER")
     if resume and overwrite:
         raise InputError("--overwrite starts over, --resume continues: give one of the two")
-    check_source(source, [] if condition is None else [condition], request.forward_model.columns)
+    (images,) = check_source(source, [] if condition is None else [condition], request.forward_model.columns).values()
+    check_groups(leave_out, len({colony for colony, _ in images}), request.forward_model.nouns)
     true_values = truth_of(source, request.forward_model.parameters) if truth else None
     reads = [*inputs_of(source), *([reuse / SIMULATIONS] if reuse else [])]
     with results_folder(folder, "infer", reads=reads, overwrite=overwrite, resume=resume, stored=STORED) as results:
@@ -193,10 +205,10 @@ def infer(
         raise typer.Exit(1)
 
 
-def _variation(zero: float, sd: float) -> Variation:
+def _variation(**given: float | None) -> Variation:
     """Raise `InputError` by the names of the options."""
     try:
-        return Variation(zero, sd)
+        return Variation(**{name: value for name, value in given.items() if value is not None})
     except InputError as error:
         raise InputError(str(error).replace("variation: ", "--variation-")) from None
 
@@ -229,11 +241,24 @@ def _finished(run: InferRun, truth: bool) -> bool:
     return posterior.settled
 
 
+@contextmanager
+def _opened(workers: Workers | None, run: InferRun) -> Iterator[None]:
+    """Workers where some are asked for; a run that has not simulated leaves nothing where there are none."""
+    with ExitStack() as stack:
+        try:
+            stack.enter_context(workers or nullcontext())
+        except InputError:
+            if not run.tally.simulated:
+                run.folder.take_back()
+            raise
+        yield
+
+
 def _run(run: InferRun, truth: Mapping[str, float] | None, workers: Workers | None) -> bool:
     """Sample and write everything; whether the posterior has settled."""
     folder = run.folder.path
     try:
-        with remaining(run.folder.resume_hint()), shown_progress("sampling") as progress, workers or nullcontext():
+        with remaining(run.folder.resume_hint()), shown_progress("sampling") as progress, _opened(workers, run):
             run = run.on(workers)
             pace = Pace(run.simulations_at_most, run.tally.simulated, run.model.nouns[1], progress)
             pace.aside = str if workers is None else lambda: workers.status

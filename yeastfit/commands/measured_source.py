@@ -70,9 +70,13 @@ class Measurements:
         return {name: model.seen(self.rows, self.folder, name, statistics) for name in chosen or present}
 
 
+Images = dict[str, list[tuple[str, Any]]]
+"""By condition: colony and hours of each image that is there."""
+
+
 def check_source(
     source: Path, chosen: Sequence[str], columns: Sequence[str] = NEEDED, *, several: bool = False
-) -> None:
+) -> Images:
     """Check that there are data and conditions of these names, before anything is measured or written.
 
     Arguments:
@@ -81,6 +85,9 @@ def check_source(
         columns: What a table must have.
         several: Whether the command takes more than one condition.
 
+    Returns:
+        What is there of these conditions.
+
     Raises:
         InputError: There are no data, a column or a condition is not there, or none of several is chosen.
     """
@@ -88,12 +95,18 @@ def check_source(
     if not source.exists():
         raise InputError(f"{source}: there is no such file or folder, need {wanted}")
     table, where = table_in(source), dataset_folder(source)
+    images: list[tuple[str, str, Any]]
     if where is not None:
-        _check_chosen(chosen, read_dataset(where).conditions, several)
+        data = read_dataset(where)
+        present, images = data.conditions, [(one.condition, one.replicate, one.hours) for one in data.frames]
     elif table.is_file():
-        _check_chosen(chosen, conditions_of(read_measurements(table, columns)), several)
+        rows = read_measurements(table, columns)
+        present = conditions_of(rows)
+        images = [(str(row["condition"] or ""), str(row["replicate"]), row.get("hours")) for row in rows]
     else:
         raise InputError(f"{source}: no data there, need {wanted}")
+    _check_chosen(chosen, present, several)
+    return {name: [(of, hours) for condition, of, hours in images if condition == name] for name in chosen or present}
 
 
 def measure_source(source: Path, folder: Path, jobs: int, progress: Progress) -> Measurements:
@@ -206,6 +219,8 @@ def _check_chosen(chosen: Sequence[str], present: Sequence[str], several: bool) 
     """Raise `InputError` where a condition is not there, or none of several is chosen."""
     names = "one without a name" if list(present) == [""] else ", ".join(map(repr, present))
     for name in chosen:
+        if list(chosen).count(name) > 1:
+            raise InputError(f"--condition: {name!r} appears twice")
         if name not in present:
             raise InputError(f"--condition: got {name!r}, the data have {names}")
     if not chosen and len(present) > 1:

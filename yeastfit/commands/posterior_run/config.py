@@ -79,6 +79,10 @@ class Request:
         object.__setattr__(self, "statistics", forward.statistics_named(self.statistics or forward.statistics))
         forward.parameters.check(self.fixed)
         forward.parameters.subset(self.free or forward.free)
+        check = getattr(self.sampler, "check", None)
+        if check is not None and self.reuse is None:  # how many simulations another run has is not known yet
+            free = len(self.parameters)
+            check(free, free + (self.variation is not None), len(self.statistics))
 
     @staticmethod
     def of(method: str, settings: Mapping[str, Any], **rest: Any) -> "Request":

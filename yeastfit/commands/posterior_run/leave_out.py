@@ -20,12 +20,17 @@ def single_colonies(targets: Targets, groups: int, nouns: tuple[str, str]) -> Fl
     Raises:
         InputError: Fewer are known than groups are to be left out.
     """
-    known = 0 if targets.curves is None else len(targets.curves)
-    if targets.curves is None or known < groups:
+    curves = np.zeros((0, len(targets.measured))) if targets.curves is None else targets.curves
+    check_groups(groups, len(curves), nouns)
+    return curves[:, targets.measured]
+
+
+def check_groups(groups: int, known: int, nouns: tuple[str, str]) -> None:
+    """Raise `InputError` where more groups are to be left out than there are single colonies."""
+    if known < groups:
         raise InputError(
             f"--leave-out is {groups}, the data have {known} single {nouns[1]}: give at most as many, or 0"
         )
-    return targets.curves[:, targets.measured]
 
 
 def predicted_from_others(

@@ -34,7 +34,7 @@ from jaxtyping import Float
 
 from yeastfit.errors import InputError
 from yeastfit.inference.abc.distances import KERNELS, Distance, KernelName, log_kernel
-from yeastfit.inference.abc.pilot import DISTANCES, DistanceName, Pilot, distance_of, no_pilot, pilot_of
+from yeastfit.inference.abc.pilot import DISTANCES, DistanceName, Pilot, check_pilot, distance_of, no_pilot, pilot_of
 from yeastfit.inference.abc.proposals import MOVES, Move, move_of
 from yeastfit.inference.abc.standstills import standstills
 from yeastfit.inference.posterior.diagnostics import Diagnostics
@@ -149,12 +149,20 @@ class AbcMcmc:
         """Data sets that the chains ask for at once; ensemble moves move half of the walkers at a time."""
         return self.walkers if self.move == "gaussian" else (self.walkers + 1) // 2
 
+    def check(self, free: int, inferred: int, statistics: int) -> None:
+        """See `Sampler`."""
+        least = max(4, 2 * free)
+        if self.move != "gaussian" and self.walkers < least:
+            raise InputError(f"walkers is {self.walkers}, {self.move} with {free} parameters needs at least {least}")
+        check_pilot(self.distance, self.pilot, free, statistics)
+
     def run(self, problem: Problem, store: Simulations, seed: int, progress: Progress) -> Posterior:
         """Sample the posterior of a problem; see `Sampler`.
 
         `log_probability` of the result is log π + log K_ε, with π the density in the prior's coordinates.
         """
-        self._check_walkers(problem.prior)
+        self.check(len(problem.prior.free), len(problem.inferred_prior.free), len(problem.labels))
+        self._check_start(problem.prior)
         batch = self.batch or self.replicates * self.asked_at_once
         data_sets = problem.data_sets(CachedSimulator(problem.simulator, batch, store), self.replicates)
         progress("pilot", 0.0)
@@ -196,12 +204,7 @@ class AbcMcmc:
             )
         return covariance
 
-    def _check_walkers(self, prior: Prior) -> None:
-        least = max(4, 2 * len(prior.free))
-        if self.move != "gaussian" and self.walkers < least:
-            raise InputError(
-                f"walkers is {self.walkers}, {self.move} with {len(prior.free)} parameters needs at least {least}"
-            )
+    def _check_start(self, prior: Prior) -> None:
         if self.start is not None:
             start, shape = np.array(self.start, dtype=float), (self.walkers, len(prior.free))
             if start.shape != shape or not np.isfinite(prior.log_density(start)).all():

@@ -119,6 +119,29 @@ def no_pilot(problem: Problem) -> Pilot:
     return Pilot(np.zeros((0, len(problem.prior.free))), nothing, np.zeros((0, len(problem.labels))), nothing, [])
 
 
+def check_pilot(distance: Distance | str, count: int, free: int, statistics: int) -> int:
+    """Check that a pilot is large enough for a distance that is scaled by it.
+
+    Arguments:
+        distance: A name, or a distance that is known.
+        count: Pilot simulations.
+        free: Parameters.
+        statistics: That are compared, at least.
+
+    Returns:
+        How many simulations are needed.
+
+    Raises:
+        InputError: There are fewer.
+    """
+    if distance == "li" or not isinstance(distance, str):
+        return 0
+    needed = (free + 1) * (free + 2) // 2 + 2 * statistics  # terms of a quadratic, and statistics
+    if count < needed:
+        raise InputError(f"pilot is {count}, the scatter of {statistics} statistics needs at least {needed}")
+    return needed
+
+
 def distance_of(name: DistanceName, problem: Problem, data_sets: Simulator, count: int, seed: int) -> Distance:
     """A distance from the problem's data.
 
@@ -140,10 +163,7 @@ def distance_of(name: DistanceName, problem: Problem, data_sets: Simulator, coun
     if name == "li":
         areas = [k for k, one in enumerate(problem.simulator.observables) if one.statistic == "area"]
         return LiDistance(observed, areas[-1] if areas and len(observed) > 1 else None)
-    free = len(problem.prior.free)
-    needed = (free + 1) * (free + 2) // 2 + 2 * len(observed)  # terms of a quadratic, and statistics
-    if count < needed:
-        raise InputError(f"pilot is {count}, the scatter of {len(observed)} statistics needs at least {needed}")
+    needed = check_pilot(name, count, len(problem.prior.free), len(observed))
     pilot = pilot_of(problem, data_sets, WeightedCurves(observed, np.ones(len(observed))), count, seed)
     whole = np.isfinite(pilot.distances)
     x, statistics = pilot.x[whole], pilot.statistics[whole]

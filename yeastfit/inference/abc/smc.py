@@ -29,7 +29,7 @@ from scipy.special import logsumexp
 
 from yeastfit.errors import InputError
 from yeastfit.inference.abc.distances import Distance
-from yeastfit.inference.abc.pilot import DISTANCES, DistanceName, distance_of
+from yeastfit.inference.abc.pilot import DISTANCES, DistanceName, check_pilot, distance_of
 from yeastfit.inference.abc.population import Mixture, Population
 from yeastfit.inference.abc.regression_adjustment import Accepted
 from yeastfit.inference.posterior.diagnostics import Diagnostics
@@ -122,6 +122,8 @@ class AbcSmc:
 
     def __post_init__(self) -> None:
         check_at_least(self, population=2, populations=1, simulations=1, batch=1, pilot=2, replicates=1)
+        if self.simulations < self.population:
+            raise InputError(f"simulations is {self.simulations}, it must be at least a population, {self.population}")
         for name in ("quantile", "acceptance", "gain"):
             if not 0 <= getattr(self, name) < 1:
                 raise InputError(f"{name} is {getattr(self, name)}, it must be at least 0 and below 1")
@@ -135,6 +137,13 @@ class AbcSmc:
         """Single simulations of a run, at most."""
         return self.replicates * (self.pilot + self.simulations)
 
+    def check(self, free: int, inferred: int, statistics: int) -> None:
+        """See `Sampler`."""
+        if self.population <= free:
+            few = f"it must be larger than the number of free parameters, {free}"
+            raise InputError(f"population is {self.population}, {few}")
+        check_pilot(self.distance, self.pilot, free, statistics)
+
     def run(self, problem: Problem, store: Simulations, seed: int, progress: Progress) -> Posterior:
         """Sample the posterior of a problem; see `Sampler`.
 
@@ -144,9 +153,7 @@ class AbcSmc:
         Raises:
             InputError: The settings do not suit the problem, or no simulation succeeds.
         """
-        if self.population <= (free := len(problem.prior.free)):
-            few = f"it must be larger than the number of free parameters, {free}"
-            raise InputError(f"population is {self.population}, {few}")
+        self.check(len(problem.prior.free), len(problem.inferred_prior.free), len(problem.labels))
         data_sets = problem.data_sets(CachedSimulator(problem.simulator, self.batch, store), self.replicates)
         distance = self.distance
         if isinstance(distance, str):

@@ -113,7 +113,7 @@ def fit(
     space = ParameterSpace.of(common_parameters(simulators), tuple(by_name), own, bounds)
     begin = None if start is None else space.start(start, next(iter(simulators.values())).parameters)
     priors = _priors(prior or {}, space)
-    _check_count(by_name, space, priors)
+    _check_count(sum(len(each.values) for each in by_name.values()), space, priors)
     ensembles = Ensembles(by_name, simulators, space, seed, settings, finer if settings.refined else {})
     return Fitter(ensembles, priors, progress or silent, colonies_in(simulators, finer)).run(begin)
 
@@ -125,6 +125,7 @@ def check_search(
     own: Sequence[str] = (),
     bounds: Bounds | None = None,
     prior: GaussianPriors | None = None,
+    most: int | None = None,
 ) -> None:
     """Check what says where to search, before there are data.
 
@@ -134,11 +135,15 @@ def check_search(
         own: As in `fit`, as are `bounds` and `prior`.
         bounds: See there.
         prior: See there.
+        most: Target values that the data can have, where that is known.
 
     Raises:
-        InputError: Arguments that make no sense.
+        InputError: Arguments that make no sense, or more parameters than the values could tell.
     """
-    _priors(prior or {}, ParameterSpace.of(parameters, conditions, own, bounds))
+    space = ParameterSpace.of(parameters, conditions, own, bounds)
+    priors = _priors(prior or {}, space)
+    if most is not None:
+        _check_count(most, space, priors)
 
 
 def _refuse_for_simulators(**given: Any) -> None:
@@ -161,9 +166,9 @@ def _priors(prior: GaussianPriors, space: ParameterSpace) -> dict[str, tuple[flo
     return {name: (float(np.log(one[0])), float(one[1])) for name, one in found.items() if one is not None}
 
 
-def _check_count(targets: Mapping[str, Targets], space: ParameterSpace, priors: Mapping[str, object]) -> None:
+def _check_count(count: int, space: ParameterSpace, priors: Mapping[str, object]) -> None:
     """Raise `InputError` where there are too few data."""
-    count, free = sum(len(each.values) for each in targets.values()), len(space.entries) - len(priors)
+    free = len(space.entries) - len(priors)
     if count <= free:
         held = f", of which a prior tells {len(priors)} more" if priors else ""
         raise InputError(

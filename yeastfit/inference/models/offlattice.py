@@ -238,6 +238,8 @@ class Offlattice(ForwardModel):
         from yeastfit.offlattice.simulator import OfflatticeSimulator
 
         check_count("cells", self.cells, BYTES_PER_CELL)
+        if self.cells == 1:
+            raise InputError("cells is 1, the first cell alone, which has no shape: give more")
         draw, pixel = self._drawn(statistics)
         area = None if self.area is None or self.match == "none" else self.area / pixel**2
         match = match_exactly if self.match == "exactly" else search_from_below
@@ -259,7 +261,7 @@ class Offlattice(ForwardModel):
                 f"--cells is {self.cells}: simulated colonies have no pixel, give more or less --pixel-size"
             )
         enough = ROOM * self.cells * self.area / reached
-        rounded = ceil(enough / (step := 10 ** floor(log10(enough) - 1))) * step
+        rounded = ceil(enough / (step := 10 ** max(0, floor(log10(enough) - 1)))) * step
         raise InputError(
             f"--cells is {self.cells}, which cover {reached:.3g} µm² (median of {TRIED} colonies of the prior), and "
             f"colonies are compared at {self.area:.3g} µm²: give about --cells {rounded}, or --match none to compare "

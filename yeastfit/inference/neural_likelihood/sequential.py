@@ -158,7 +158,7 @@ class SequentialEmulator:
         first, each = self.round_sizes(len(problem.prior.free))
         values, statistics = store.reused
         inside = np.isfinite(problem.prior.log_density(values))
-        self._check(problem, first + int(inside.sum()))
+        self.check(len(problem.prior.free), len(problem.inferred_prior.free), len(problem.labels), int(inside.sum()))
         simulator = CachedSimulator(problem.simulator, self.batch, store)
         learner = Learner(
             problem,
@@ -175,17 +175,16 @@ class SequentialEmulator:
         rounds, looks, warnings = run.all(progress)
         return run.posterior(rounds, looks).warned(*warnings)
 
-    def _check(self, problem: Problem, simulations: int) -> None:
-        free, statistics = len(problem.prior.free), len(problem.labels)
-        least = fewest(free, statistics, self.training)
+    def check(self, free: int, inferred: int, statistics: int, reused: int = 0) -> None:
+        """See `Sampler`; with so many simulations of another run."""
+        simulations, least = self.round_sizes(free)[0] + reused, fewest(free, statistics, self.training)
         if simulations < least:
             raise InputError(
                 f"the first round has {simulations} simulations, an emulator of {free} parameters and {statistics} "
                 f"statistics needs at least {least}: allow more of them"
             )
-        walked = len(problem.inferred_prior.free)
-        if self.walkers < 2 * walked:
-            raise InputError(f"walkers is {self.walkers}, {walked} parameters need at least {2 * walked}")
+        if self.walkers < 2 * inferred:
+            raise InputError(f"walkers is {self.walkers}, {inferred} parameters need at least {2 * inferred}")
 
 
 @dataclass(frozen=True)

@@ -15,6 +15,8 @@ class Sampler(Protocol):
     Further attributes are read where they exist:
 
         resolved(free)         the sampler with settings that were left open (None) filled in, for so many parameters
+        check(free, inferred, statistics)  raises InputError where its settings do not suit so many free parameters, so
+                               many that are inferred (τ of a `Variation` besides), and so many statistics or more
         simulations_at_most    upper bound on single simulations, for progress bars
         learns                 whether it trains on all simulations that another run made (`Simulations.reused`)
         varies                 whether it knows of parameters that scatter between colonies (`Variation`)
