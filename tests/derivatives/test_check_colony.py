@@ -177,9 +177,9 @@ def test_outgrown_derivatives_are_reported_with_what_to_do() -> None:
 @pytest.mark.parametrize(
     ("relaxation", "words"),
     [
-        (HARD, "relaxation width union is None, the hard rule"),
-        (Relaxation(contact=None), "relaxation width contact is None, the hard rule"),
-        (Relaxation(boundary=None), "relaxation width boundary is None, the hard rule"),
+        (HARD, "union width 0 is the hard rule"),
+        (Relaxation(contact=None), "contact width 0 is the hard rule"),
+        (Relaxation(boundary=None), "boundary width 0 is the hard rule"),
         (Relaxation(births="whole"), "births is 'whole'"),
         (Relaxation(turning=0.5), "turning is 0.5, with which derivatives leave out what differences see"),
     ],
@@ -238,7 +238,7 @@ def test_gradcheck_ends_with_1_where_something_does_not_agree(
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["--contact-width", "0"], "relaxation width contact is None"),
+        (["--contact-width", "0"], "contact width 0 is the hard rule"),
         (["--time", "0"], "--time is 0.0, it must be a number above 0"),
         (["--mobility", "-1"], "mobility"),
         (["--elasticity", "60"], "dt is 0.02, too large for the springs"),

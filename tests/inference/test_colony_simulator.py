@@ -113,7 +113,7 @@ def test_there_is_room_for_births_at_any_step() -> None:
 
 def test_times_closer_than_a_step_are_refused() -> None:
     for times in ([1.0, 1.01], [0.01, 1.0]):
-        with pytest.raises(InputError, match=r"must be at least dt = 0\.02 apart: lower dt"):
+        with pytest.raises(InputError, match=r"hours at dt = 0\.02: give a smaller dt"):
             ColonySimulator.of(targets(("radius",), times), FREE, resolution=COARSE)
 
 

@@ -40,8 +40,8 @@ COMMANDS = {
     "design": "Find the measurement that would reduce the errors of the parameters most.",
 }
 """First paragraph of each command's help, shown without importing what the command needs."""
-SUBJECT = re.compile(r"[a-z_]\w*((: | and )[a-z_]\w*)?(?=( \([^)]*\))? (is|are|of|names) )")
-"""Of an error's sentence: a name, two, or a rule and its setting, perhaps with a unit."""
+SUBJECT = re.compile(r"[a-z_]\w*((: | and )[a-z_]\w*)?(?=( \([^)]*\))? (is|are|of|names) | ['\"].*['\"]: )")
+"""Of an error's sentence: a name, two, or a rule and its setting, perhaps with a unit, or its value."""
 INTERRUPTED = 130  # what typer makes of `KeyboardInterrupt`
 NO_FILES = (errno.EMFILE, errno.ENFILE)  # no more files can be opened, of the process or of the machine
 UNREAD = 141  # what a shell says of a program whose output nobody reads

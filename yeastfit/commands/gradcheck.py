@@ -52,6 +52,8 @@ def gradcheck(
     widths of the smoothed rules, and along random changes of the initial positions, the nutrient and the budding
     angles. The table shows the worst case of each. Ends with exit code 1 unless all agree.
     """
+    if overwrite and folder is None:
+        raise InputError("--overwrite is given without --out: name the folder, or leave it out")
     POSITIVE.read(time, "--time")
     Range(0.0, WIDTHS.high).read(contact_width, "--contact-width")
     if time < 2 * dt:

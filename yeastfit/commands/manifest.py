@@ -60,6 +60,8 @@ def manifest(
         )
     files, skipped = images_in(folder)
     for path in files:
+        if not path.exists():
+            raise InputError(f"{path}: is a link to nowhere: remove it, or move it away")
         if path.is_dir():
             raise InputError(f"{path}: is a folder with the name of an image: rename it, or move it away")
         if path.name.encode(errors="replace").decode() != path.name:

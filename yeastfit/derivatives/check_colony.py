@@ -182,7 +182,7 @@ def _check_smooth(relaxation: Relaxation) -> None:
     """Raises where a rule has no derivative, or jax is told to leave out a part of it."""
     for name in WIDTHS:
         if getattr(relaxation, name) is None:
-            raise InputError(f"relaxation width {name} is None, the hard rule, which has no derivative everywhere")
+            raise InputError(f"{name} width 0 is the hard rule, which has no derivative everywhere: give one above 0")
     if relaxation.births == "whole":
         raise InputError("births is 'whole', and a whole number has no derivative: it must be 'fractional'")
     if relaxation.turning is not None and float(relaxation.turning) != 1.0:

@@ -119,7 +119,12 @@ class ColonySimulator:
             raise InputError("targets have no imaging: colonies need to know how shapes were measured, `Imaging`")
         dt, spacing, times = resolution.dt, resolution.spacing, targets.times
         if times[0] < dt or (np.diff(times) < dt).any():
-            raise InputError(f"targets: times are {times}, they must be at least dt = {dt:g} apart: lower dt")
+            unit = 1.0 / imaging.scales.rate
+            found = ", ".join(f"{unit * time:.4g}" for time in times)
+            raise InputError(
+                f"targets: times in hours are {found}, they must be at least a time step apart, {unit * dt:.3g} hours "
+                f"at dt = {dt:g}: give a smaller dt"
+            )
         farthest = FARTHER * imaging.extent
         seen = 2 * farthest
         check_memory(POINT * (seen / spacing) ** 2, f"spacing is {spacing:g}, which over {seen:.3g} L0")

@@ -130,8 +130,9 @@ class Summary:
         lines = [str(posterior.status)]
         if posterior.chains:
             chains = posterior.chains
+            chain_count = "1 chain" if chains.chains == 1 else f"{chains.chains} chains"
             lines.append(
-                f"{chains.chains} chains of {chains.draws} draws, {chains.lengths.min():.0f} autocorrelation times of "
+                f"{chain_count} of {chains.draws} draws, {chains.lengths.min():.0f} autocorrelation times of "
                 f"{chains.times.max():.1f} draws or more; split R̂ at most {np.nanmax(chains.r_hat, initial=1.0):.3f}; "
                 f"acceptance {posterior.acceptance.mean():.1%}"
             )

@@ -200,7 +200,7 @@ def test_a_statistic_that_is_missing(made: Made) -> None:
     holes = rows.copy()
     holes[2, 1] = np.nan
     found = cross_validate(posterior, problem, holes, stored, groups=2, settings=SETTINGS, names="abcdefgh")
-    assert "c lack statistics" in found.doubts[0]
+    assert "is not counted: c" in found.doubts[0]
     assert len(found.scored) == COLONIES - 1
     assert np.isnan(found.log_density[2])
     assert np.isnan(found.below[2, 1])

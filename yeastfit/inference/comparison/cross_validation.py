@@ -107,7 +107,9 @@ def cross_validate(
     progress("leaving colonies out", 1.0)
     partly = [called[r] for r in range(count) if not np.isfinite(colonies[r]).all()]
     if partly:
-        doubts.append(f"colonies left out: {', '.join(partly)} lack statistics, no density of them is counted")
+        doubts.append(
+            f"some statistics are missing of these colonies, whose density is not counted: {', '.join(partly)}"
+        )
     unitless = density + np.log(scale_of(colonies)).sum()
     return LeftOut(tuple(labels) or problem.labels, called, colonies, group, unitless, below, quantiles, tuple(doubts))
 

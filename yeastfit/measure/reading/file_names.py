@@ -123,7 +123,7 @@ def named_images(files: Sequence[Path], pattern: NamePattern, hours: float | Non
             two images are of the same colony at the same time.
     """
     if ("hours" in pattern.fields) == (hours is not None):
-        wrong = "has {hours}, leave out hours" if hours is not None else "has no {hours}, give hours for all images"
+        wrong = "has no {hours}, give those of all images" if hours is None else "has {hours}, leave out those of all"
         raise InputError(f"pattern {quoted(pattern.text)}: {wrong}")
     images = [_read(path, pattern, hours) for path in files]
     seen: dict[tuple[str, str, float], NamedImage] = {}
