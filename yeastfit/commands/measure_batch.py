@@ -22,7 +22,6 @@ import numpy as np
 
 from yeastfit import plot
 from yeastfit.commands.console.failures import reason
-from yeastfit.commands.worker_processes import begin
 from yeastfit.errors import InputError, PixelSizeError
 from yeastfit.measure.measure_images import measure_file, outlined
 from yeastfit.measure.outlining.doubts import DOUBTS
@@ -34,6 +33,7 @@ from yeastfit.measure.statistics.statistic import Statistic
 from yeastfit.progress import Progress, silent
 from yeastfit.report.outcome import Outcome
 from yeastfit.storage import can_be_hashed, sha256_of, written_whole
+from yeastfit.worker_processes import begin
 
 IMAGES_PER_PROCESS = 4  # fewer are measured sooner than another process has started
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")

@@ -9,13 +9,14 @@ from pathlib import Path
 
 import pytest
 
-from yeastfit.commands import measure_batch, worker_processes
+from yeastfit import worker_processes
+from yeastfit.commands import measure_batch
 
 PARENT = """
 import multiprocessing, os, sys, time
 from concurrent.futures import ProcessPoolExecutor
-from yeastfit.commands import worker_processes
-from yeastfit.commands.worker_processes import end_with_parent
+from yeastfit import worker_processes
+from yeastfit.worker_processes import end_with_parent
 
 def begin(kernel):
     if not kernel:
