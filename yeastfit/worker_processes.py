@@ -30,10 +30,15 @@ def begin(work: bytes) -> None:
 def end_with_parent() -> None:
     """Make this process, started by `multiprocessing`, end when its parent does, and at once after Ctrl-C."""
     signal.signal(signal.SIGINT, signal.SIG_DFL)  # which reaches both: the parent need not wait for what is at hand
-    if sys.platform == "linux":
-        with suppress(OSError, AttributeError):  # then the thread does it, if later
-            ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
+    be_killed_with_parent()
     threading.Thread(target=_end_after_parent, daemon=True).start()
+
+
+def be_killed_with_parent() -> None:
+    """Ask the kernel for it, which kills a stopped process, too. Elsewhere than on Linux nothing happens."""
+    if sys.platform == "linux":
+        with suppress(OSError, AttributeError):
+            ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
 
 
 def _end_after_parent() -> None:

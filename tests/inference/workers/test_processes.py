@@ -202,6 +202,26 @@ def test_the_process_that_asks_is_killed_and_goes_on(tmp_path: Path) -> None:
     assert path.read_bytes() == (tmp_path / "serial.h5").read_bytes()
 
 
+@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere a stopped process stays")
+def test_ctrl_c_is_answered_by_the_process_that_asks(tmp_path: Path) -> None:
+    """In a terminal all processes of a command get it. Workers end with the one that asks, stopped ones, too."""
+    (tmp_path / "run.py").write_text(RUN)
+    command = [sys.executable, str(tmp_path / "run.py"), str(tmp_path / "simulations.h5")]
+    how: dict[str, Any] = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "start_new_session": True}
+    process = started(command, text=True, **how)
+    assert process.stdout is not None
+    assert process.stdout.readline() == "open\n"
+    children = psutil.Process(process.pid).children(recursive=True)
+    worker = next(one for one in children if "spawn_main" in " ".join(one.cmdline()))
+    worker.suspend()
+    os.killpg(process.pid, signal.SIGINT)
+    said = process.communicate(timeout=60)[1]
+    assert said.strip().endswith("KeyboardInterrupt")
+    assert "Dask Worker process" not in said
+    _, alive = psutil.wait_procs(children, timeout=20)
+    assert not [one for one in alive if one.status() != psutil.STATUS_ZOMBIE]
+
+
 def started(command: Sequence[str], **how: Any) -> "subprocess.Popen[str]":
     """A process that imports what the tests import."""
     paths = os.pathsep.join([*how.pop("first", []), str(TESTS), str(TESTS.parent)])

@@ -8,10 +8,12 @@ processes (spawned, never forked) and starts them again where they die.
 import itertools
 import logging
 import queue
+import signal
 import time
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
+from multiprocessing import resource_tracker
 from typing import Any
 from uuid import uuid4
 
@@ -148,6 +150,8 @@ def local_crew(count: int, threads: int = 1) -> DaskCrew:
     environment = {"NPROC": str(threads), "JAX_NUM_CPU_DEVICES": "1"}
     security = distributed.Security.temporary()
     cluster = distributed.LocalCluster(
+        loop=_loop_deaf_to_ctrl_c(),
+        preload="yeastfit.inference.workers.with_parent",
         n_workers=count,
         threads_per_worker=1,
         processes=True,
@@ -161,6 +165,27 @@ def local_crew(count: int, threads: int = 1) -> DaskCrew:
     )
     how: dict[str, Any] = {"set_as_default": False, "timeout": CONNECT, "security": security}
     return DaskCrew("this machine", lambda: distributed.Client(cluster, **how), cluster, count)
+
+
+def _loop_deaf_to_ctrl_c() -> Any:
+    """An event loop in a thread that blocks SIGINT, which the processes that it starts inherit.
+
+    Ctrl-C in a terminal goes to all processes of a command. This one answers, and the workers end with it; each would
+    write a traceback besides.
+    """
+    from distributed.utils import LoopRunner
+
+    runner = LoopRunner()
+    if not hasattr(signal, "pthread_sigmask"):  # on Windows
+        runner.start()
+        return runner.loop
+    resource_tracker.ensure_running()  # else multiprocessing would start it in that thread, and unblock SIGINT there
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        runner.start()
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+    return runner.loop
 
 
 def remote_crew(address: str) -> DaskCrew:
