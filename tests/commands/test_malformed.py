@@ -174,10 +174,6 @@ CASES: list[tuple[str, str]] = [
     ("infer table --out OUT --no-variation --variation-sd 0.3", "--variation-zero or --variation-sd is given, a"),
     ("infer table --out OUT --model offlattice --statistics radius --cells 1", "--cells is 1, the first cell alone"),
     ("design --out OUT --model offlattice --cells 1", "--cells is 1, the first cell alone"),
-    (
-        "fit table --out OUT --model offlattice --statistics radius,area --cells 1 --free fork",
-        "--cells is 1, the first cell alone",
-    ),
     ("infer table --out OUT --method abc-mcmc --colonies 0", "--colonies is 0, it must be at least 1"),
     ("gradcheck --contact-width -1", "--contact-width is -1.0, it must be a number from 0 to 1e+06"),
     ("gradcheck --overwrite", "--overwrite is given without --out"),

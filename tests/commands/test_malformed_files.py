@@ -293,7 +293,7 @@ def test_a_number_that_no_colony_has_is_refused_by_line_and_column(
 ) -> None:
     name, value = cell
     source = written(tmp_path / "measurements.csv", table({name: value}))
-    line = refused(["fit", source])
+    line = refused(["fit", source, "--free", "mobility"])
     assert f"measurements.csv, line 3: {name} is '{value}'" in line
     assert words in line
 
@@ -334,7 +334,7 @@ TABLES: dict[str, Case] = {
 def test_a_malformed_table_is_refused(tmp_path: Path, refused: Run, name: str, command: str) -> None:
     data, words = TABLES[name]
     written(tmp_path / "measurements.csv", data)
-    assert words in refused([command, tmp_path / "measurements.csv"])
+    assert words in refused([command, tmp_path / "measurements.csv", "--free", "mobility"])
 
 
 BESIDE: dict[str, tuple[str, str | bytes, str]] = {
@@ -352,7 +352,7 @@ def test_a_malformed_file_beside_a_table_is_refused(tmp_path: Path, refused: Run
     file, data, words = BESIDE[name]
     written(tmp_path / "data" / "measurements.csv", table())
     written(tmp_path / "data" / file, data)
-    line = refused(["fit", tmp_path / "data" / "measurements.csv"])
+    line = refused(["fit", tmp_path / "data" / "measurements.csv", "--free", "mobility"])
     assert file in line
     assert words in line
 
@@ -362,7 +362,7 @@ def test_a_number_that_a_mask_has_and_its_table_has_not_is_refused(tmp_path: Pat
     source = written(tmp_path / "data" / "measurements.csv", table().replace("700", ""))
     (tmp_path / "data" / "masks").mkdir()
     Image.fromarray(DISC < 100).save(tmp_path / "data" / "masks" / "a.png")
-    line = refused(["fit", source])
+    line = refused(["fit", source, "--free", "mobility"])
     assert "a.png: area is empty in the table, its mask" in line
     assert "leave the row out for the image not to count" in line
 
@@ -373,7 +373,7 @@ def test_a_mask_of_another_image_is_refused(tmp_path: Path, refused: Run) -> Non
     Image.fromarray(DISC < 100).save(tmp_path / "data" / "masks" / "a.png")
     other = table().replace("700", "600")
     written(source, other)
-    assert "a.png: area is 600 µm² in the table, its mask" in refused(["fit", source])
+    assert "a.png: area is 600 µm² in the table, its mask" in refused(["fit", source, "--free", "mobility"])
 
 
 TRUTHS = {"empty": "", "list": "[1]", "other names": "{}", "text": '{"diffusivity": "much"}', "nested": "[" * 10**5}
@@ -383,7 +383,7 @@ TRUTHS = {"empty": "", "list": "[1]", "other names": "{}", "text": '{"diffusivit
 def test_a_malformed_truth_is_refused(tmp_path: Path, refused: Run, name: str) -> None:
     written(tmp_path / "measurements.csv", table())
     written(tmp_path / "truth" / "parameters.json", TRUTHS[name])
-    assert "parameters.json: " in refused(["fit", tmp_path / "measurements.csv", "--truth"])
+    assert "parameters.json: " in refused(["fit", tmp_path / "measurements.csv", "--truth", "--free", "mobility"])
 
 
 PRIORS: dict[str, Case] = {
