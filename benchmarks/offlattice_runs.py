@@ -22,6 +22,7 @@ from yeastfit.inference.posterior.sampler import Sampler
 from yeastfit.inference.samplers import infer
 from yeastfit.inference.simulator import Simulator, labels_of
 from yeastfit.inference.store.simulation_store import Store
+from yeastfit.measure import OUTLINE_ERRORS
 from yeastfit.offlattice.masks.li2024_mask import BinnedOutlines
 from yeastfit.offlattice.statistics.li2024_statistics import PUBLISHED
 from yeastfit.storage import read_json, write_json
@@ -118,6 +119,13 @@ class Run:
         return rows.mean(axis=0), len(rows)
 
     @property
+    def noise(self) -> Float[np.ndarray, "statistic statistic"] | None:
+        """Covariance of the means' errors, where photographs are taken to be known as well as outlines are."""
+        if self.method != "emulator":
+            return None
+        return np.diag((np.array([OUTLINE_ERRORS[name] for name in FIVE]) * self.observed[0]) ** 2)
+
+    @property
     def sampler(self) -> Sampler:
         """With its settings."""
         if self.method.startswith("emulator"):
@@ -181,6 +189,7 @@ class Run:
                 observed,
                 method=self.sampler,
                 replicates=replicates if self.method.startswith("emulator") else 1,
+                noise=self.noise,
                 limits=self.limits,
                 seed=SEED,
                 store=store,
