@@ -21,7 +21,6 @@ from yeastfit import (
     PARAMETERS,
     Observable,
     ParameterSet,
-    Prior,
     Scales,
     Simulator,
     Specification,
@@ -104,7 +103,7 @@ class Known(Algebraic):
         x = np.arange(-80, 81)
         return [np.hypot(x[:, None], x) <= 40 + 10 * k for k in range(len(values))], 0.375
 
-    def check(self, prior: Prior, fixed: Mapping[str, float]) -> None:
+    def check(self, largest: Mapping[str, float], hours: Sequence[float]) -> None:
         """Known curves need no time step."""
 
 

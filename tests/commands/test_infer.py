@@ -19,6 +19,7 @@ from PIL import Image
 from yeastfit.commands import app as cli
 from yeastfit.commands.posterior_run.config import Request
 from yeastfit.commands.posterior_run.doubts import doubts_of
+from yeastfit.commands.posterior_run.leave_out import check_groups
 from yeastfit.commands.posterior_run.run import InferRun
 from yeastfit.errors import InputError
 from yeastfit.inference.abc.distances import LiDistance
@@ -312,6 +313,16 @@ def test_options_that_make_no_sense(options: dict[str, Any], said: str) -> None:
         Request(**options)
 
 
+def test_what_one_group_alone_has_cannot_be_left_out() -> None:
+    nouns = ("colony", "colonies")
+    check_groups(2, ("1", "2", "3"), {"at 6 hours": [True, True, False]}, nouns)
+    with pytest.raises(InputError, match="--leave-out is 2: at 8 hours there is only colony 3, which no others"):
+        check_groups(2, ("1", "2", "3"), {"at 6 hours": [True] * 3, "at 8 hours": [False, False, True]}, nouns)
+    with pytest.raises(InputError, match="only colony 1, 3"):
+        check_groups(2, ("1", "2", "3"), {"at 8 hours": [True, False, True]}, nouns)
+    check_groups(0, ("1",), {"at 8 hours": [True]}, nouns)
+
+
 def test_li_and_coauthors() -> None:
     request = Request.of_li(None, {"tolerance": 0.03})
     settings = request.configuration()["settings"]
@@ -326,9 +337,9 @@ def test_li_and_coauthors() -> None:
         "metabolic_rate": {"distribution": "log-uniform", "low": 0.05, "high": 20.0},
         "aspect_ratio": {"distribution": "beta", "a": 2.0, "b": 2.0, "low": 0.2, "high": 1.0},
     }
-    with wrong_types(), pytest.raises(InputError, match="--kernel is gaussian, with --li it is indicator"):
+    with wrong_types(), pytest.raises(InputError, match=r"^kernel is gaussian, with --li it is indicator"):
         Request.of_li(None, {"kernel": "gaussian"})
-    with pytest.raises(InputError, match=r"--measurement_error is 0\.1, with --li it is 0"):
+    with pytest.raises(InputError, match=r"^measurement_error is 0\.1, with --li it is 0"):
         Request.of_li(None, {}, measurement_error=0.1)
     with pytest.raises(InputError, match="not of emulator"):
         Request.of_li("emulator", {})

@@ -35,6 +35,7 @@ from yeastfit.inference.fit.settings import FitSettings
 from yeastfit.inference.models.forward_model import ForwardModel
 from yeastfit.inference.simulator import Simulator
 from yeastfit.inference.workers.spread import Workers
+from yeastfit.parameter_set import ParameterSet
 from yeastfit.processors import available_processors
 from yeastfit.report.files.fit_files import write_bootstrap, write_fit, write_profiles, write_targets
 from yeastfit.report.pages.fit_page import fit_page
@@ -126,9 +127,14 @@ def fit(
     held = {**model.parameters.defaults, **chosen.values}
     held = {name: value for name, value in held.items() if name not in model.parameters.subset(fitted)}
     chosen.check_free(fitted)
-    images = check_source(source, condition or (), model.columns, several=True)
-    most = sum(len(names) * len({hours for _, hours in one}) for one in images.values())
+    images = check_source(source, condition or (), model.columns, several=True, statistics=names)
+    hours = {name: sorted({time for _, time in one if time is not None}) for name, one in images.items()}
+    most = sum(len(names) * (1 if model.last_only else max(1, len(times))) for times in hours.values())
     check_search(model.parameters.subset(fitted), condition or ("",), **options, most=most)
+    for times in hours.values():
+        model.check(held | _largest(model.parameters.subset(fitted), options["bounds"]), times)
+    if workers is not None:
+        workers.check()
     _check_bootstrap(bootstrap, min(len({colony for colony, _ in one}) for one in images.values()), model.nouns)
     known = truth_of(source, model.parameters) if truth else None
     with results_folder(folder, "fit", reads=inputs_of(source), overwrite=overwrite) as results:
@@ -186,6 +192,15 @@ def _write_page(
     page = fit_page(result, model, folder, made, known, lines, measured if data.outcomes else ())
     with written_whole(folder / "index.html") as temporary:
         temporary.write_text(page, encoding="utf-8")
+
+
+def _largest(parameters: ParameterSet, bounds: Mapping[str, tuple[float, float]]) -> dict[str, float]:
+    """The upper end of where each parameter is searched for, in any condition."""
+    ends = {name: [one.plausible[1]] for name, one in parameters.items()}
+    for name, (_, high) in bounds.items():
+        if (of := name.partition(" of ")[0]) in ends:
+            ends[of] = [high] if name == of else [*ends[of], high]
+    return {name: max(each) for name, each in ends.items()}
 
 
 def _check_bootstrap(draws: int, fewest: int, nouns: tuple[str, str]) -> None:

@@ -1,7 +1,7 @@
 """`yeastfit infer`."""
 
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, nullcontext
 from pathlib import Path
 from typing import Annotated, Any
@@ -12,7 +12,7 @@ from yeastfit.commands.console.failures import reason
 from yeastfit.commands.console.signals import remaining
 from yeastfit.commands.console.terminal import Pace, out, shown_progress, warn
 from yeastfit.commands.generated.model import ChosenModel, Inferred, ModelOptions, Statistics
-from yeastfit.commands.generated.options import generated
+from yeastfit.commands.generated.options import flag_of, generated
 from yeastfit.commands.generated.samplers import SamplerOptions
 from yeastfit.commands.generated.workers import WorkerOptions
 from yeastfit.commands.measured_source import check_source, truth_of
@@ -183,9 +183,13 @@ def infer(
     request = Request.of_li(method, settings, **asked) if li else Request.of(sampled, settings, **asked)
     chosen.check_free(request.parameters.names)
     if print_prior:
-        of_runs = {"--resume": resume, "--overwrite": overwrite, "--truth": truth, "--reuse": reuse, "--out": folder}
+        of_runs: dict[str, Any] = {"--resume": resume, "--overwrite": overwrite, "--truth": truth, "--reuse": reuse}
+        of_runs |= {"--out": folder, "SOURCE": source, "--workers or --scheduler": workers, "--jobs": jobs}
+        of_runs |= {"--condition": condition, "--statistics": statistics, "--measurement-error": measurement_error}
+        of_runs |= {"--draws": draws != Request.draws, "--prior-draws": prior_draws != Request.prior_draws}
+        of_runs |= {"--leave-out": leave_out, "--method": method, **{flag_of(name): True for name in settings}}
         for name, given in of_runs.items():
-            if given:
+            if given is not None and given is not False and given != 0:
                 raise InputError(f"{name} is given beside --print-prior, which begins no run: leave out one of the two")
         sys.stdout.write(template(request.the_prior(), request.parameters))
         return
@@ -193,8 +197,11 @@ def infer(
         raise InputError(f"{'SOURCE' if source is None else '--out'} is missing: yeastfit infer SOURCE --out FOLDER")
     if resume and overwrite:
         raise InputError("--overwrite starts over, --resume continues: give one of the two")
-    (images,) = check_source(source, [] if condition is None else [condition], request.forward_model.columns).values()
-    check_groups(leave_out, len({colony for colony, _ in images}), request.forward_model.nouns)
+    conditions, columns = [] if condition is None else [condition], request.forward_model.columns
+    (images,) = check_source(source, conditions, columns, statistics=request.statistics).values()
+    _check_images(request, images)
+    if workers is not None:
+        workers.check()
     true_values = truth_of(source, request.forward_model.parameters) if truth else None
     reads = [*inputs_of(source), *([reuse / SIMULATIONS] if reuse else [])]
     with results_folder(folder, "infer", reads=reads, overwrite=overwrite, resume=resume, stored=STORED) as results:
@@ -203,6 +210,17 @@ def infer(
         settled = _finished(run, truth) if results.finished else _run(run, true_values, workers)
     if not settled:
         raise typer.Exit(1)
+
+
+def _check_images(request: Request, images: Sequence[tuple[str, Any]]) -> None:
+    """Raise `InputError` where the request does not suit the images that there are."""
+    model, hours = request.forward_model, sorted({one for _, one in images if one is not None})
+    compared = hours[-1:] if model.last_only else hours
+    model.check(request.largest(), compared)
+    request.check_sampler(len(request.statistics) * max(1, len(compared)))
+    names = list(dict.fromkeys(colony for colony, _ in images))
+    there = {f"at {one:g} hours": [(name, one) in images for name in names] for one in compared}
+    check_groups(request.leave_out, names, {} if model.last_only else there, model.nouns)
 
 
 def _variation(**given: float | None) -> Variation:

@@ -23,6 +23,7 @@ from yeastfit.measure.reading.batch_inputs import dataset_images
 from yeastfit.measure.reading.dataset import MANIFESTS, dataset_folder, read_dataset
 from yeastfit.measure.reading.pixel_size import overruled_sizes
 from yeastfit.measure.replicate_curves import shrunk_colonies
+from yeastfit.measure.statistics.registry import STATISTICS, names_with
 from yeastfit.progress import Progress
 from yeastfit.report.files.measurement_files import write_results
 from yeastfit.report.outcome import Outcome
@@ -75,7 +76,12 @@ Images = dict[str, list[tuple[str, Any]]]
 
 
 def check_source(
-    source: Path, chosen: Sequence[str], columns: Sequence[str] = NEEDED, *, several: bool = False
+    source: Path,
+    chosen: Sequence[str],
+    columns: Sequence[str] = NEEDED,
+    *,
+    several: bool = False,
+    statistics: Sequence[str] = (),
 ) -> Images:
     """Check that there are data and conditions of these names, before anything is measured or written.
 
@@ -84,6 +90,7 @@ def check_source(
         chosen: Names of conditions; none chooses the only one there is.
         columns: What a table must have.
         several: Whether the command takes more than one condition.
+        statistics: That will be compared.
 
     Returns:
         What is there of these conditions.
@@ -98,6 +105,9 @@ def check_source(
     images: list[tuple[str, str, Any]]
     if where is not None:
         data = read_dataset(where)
+        for name in statistics:
+            if name in STATISTICS and name not in names_with("mask"):
+                raise InputError(f"--statistics: no image shows {name!r}, and {source} holds images: leave it out")
         present, images = data.conditions, [(one.condition, one.replicate, one.hours) for one in data.frames]
     elif table.is_file():
         rows = read_measurements(table, columns)

@@ -41,6 +41,20 @@ def test_one_failure_fails_the_mean() -> None:
     assert np.isfinite(found).all(axis=1).mean() == pytest.approx(0.9**5, abs=0.06)
 
 
+def test_further_draws_take_the_place_of_those_that_failed() -> None:
+    def draw(value: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+        return np.full(2, np.nan if rng.random() < 0.6 else 1.0)
+
+    half = Drawing(("mean",), ("a", "b"), draw)
+    found = predict(np.zeros(100), half, np.zeros(2), draws=12, seed=1)
+    assert len(found.statistics) >= 10
+    assert found.failed % 12 != 0
+    assert (len(found.statistics) + found.failed) % 12 == 0
+    never = Drawing(("mean",), ("a", "b"), lambda value, rng: np.full(2, np.nan))
+    with pytest.raises(InputError, match="draws: 0 of 48 succeeded, a predictive check needs 10"):
+        predict(np.zeros(100), never, np.zeros(2), draws=12, seed=1)
+
+
 def test_bands_are_those_of_the_normal_distribution(tmp_path: Path) -> None:
     posterior = np.random.default_rng(1).normal(size=4000)
     found = predict(posterior, NORMAL, np.array([0.5, -0.5]), replicates=4, draws=2000, seed=3)

@@ -5,17 +5,22 @@ from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from yeastfit.errors import InputError
 from yeastfit.inference.models.forward_model import ForwardModel
 from yeastfit.inference.models.registry import DEFAULT, model_named
+from yeastfit.inference.neural_likelihood.sequential import SequentialEmulator
+from yeastfit.inference.neural_likelihood.training import fewest
 from yeastfit.inference.posterior.predictive_check import FEWEST
 from yeastfit.inference.posterior.sampler import Sampler
 from yeastfit.inference.prior.prior import Prior
-from yeastfit.inference.prior.variation import Variation
+from yeastfit.inference.prior.variation import ColonyCoordinates, Variation
 from yeastfit.inference.samplers import SAMPLERS, check_variation, name_of, sampler_of, settings_of
 from yeastfit.memory import check_count
 from yeastfit.parameter_set import ParameterSet
 
+FAR = 0.999  # cumulative probability of a prior beyond which there are few draws
 LI = {"distance": "li", "kernel": "indicator", "move": "gaussian", "replicates": 1}  # settings of Li et al. 2024
 
 
@@ -79,10 +84,30 @@ class Request:
         object.__setattr__(self, "statistics", forward.statistics_named(self.statistics or forward.statistics))
         forward.parameters.check(self.fixed)
         forward.parameters.subset(self.free or forward.free)
-        check = getattr(self.sampler, "check", None)
+        if self.variation is not None:
+            try:
+                ColonyCoordinates.of(self.parameters)
+            except InputError as error:
+                raise InputError(f"--{error}") from None
+        self.check_sampler(len(self.statistics))
+
+    def check_sampler(self, values: int) -> None:
+        """Check that the method can do with so many parameters and compared values, before there are any.
+
+        Raises:
+            InputError: A setting of it does not suit them.
+        """
+        free, check = len(self.parameters), getattr(self.sampler, "check", None)
         if check is not None and self.reuse is None:  # how many simulations another run has is not known yet
-            free = len(self.parameters)
-            check(free, free + (self.variation is not None), len(self.statistics))
+            check(free, free + (self.variation is not None), values)
+        most = getattr(self.sampler, "simulations_at_most", None)
+        if self.leave_out and most is not None and not getattr(self.sampler, "learns", False):
+            least = fewest(free, values, SequentialEmulator().training)
+            if most < least:
+                raise InputError(
+                    f"--leave-out trains an emulator, of at least {least} simulations, and {name_of(self.sampler)} "
+                    f"makes at most {most}: allow more, or leave it out"
+                )
 
     @staticmethod
     def of(method: str, settings: Mapping[str, Any], **rest: Any) -> "Request":
@@ -104,7 +129,7 @@ class Request:
         for name, value in {**LI, "measurement_error": 0.0}.items():
             other = rest.get(name, settings.get(name))
             if other not in (None, value):
-                raise InputError(f"--{name} is {other}, with --li it is {value}: leave out one of the two")
+                raise InputError(f"{name} is {other}, with --li it is {value}: leave out one of the two")
         chosen = {**rest, "measurement_error": 0.0, "bounded": "beta"}
         model = model_named(rest.get("model", DEFAULT))
         chosen["statistics"] = rest.get("statistics") or model.of_li or model.designed
@@ -126,6 +151,12 @@ class Request:
         if self.prior:
             return Prior.read(self.prior, self.parameters)
         return self.forward_model.prior(self.parameters, bounded=self.bounded)
+
+    def largest(self) -> dict[str, float]:
+        """All parameters, those that are free as large as few draws of the prior are."""
+        prior = self.the_prior()
+        far = prior.quantile(np.full((1, len(prior.free)), FAR))[0]
+        return self.held | dict(zip(prior.free, far.tolist(), strict=True))
 
     def resolved_sampler(self) -> Sampler:
         """The sampler with all its settings."""

@@ -94,7 +94,6 @@ class InferRun:
         """
         path, configuration, prior = results.path, request.configuration(), request.the_prior()
         check_own(path, STORED)
-        request.forward_model.check(prior, request.held)
         if request.reuse and not (path / REUSED).is_file():
             if not (request.reuse / SIMULATIONS).is_file():
                 raise InputError(f"--reuse: {request.reuse} holds no {SIMULATIONS}, need the folder of a run of infer")

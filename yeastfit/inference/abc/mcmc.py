@@ -52,6 +52,7 @@ from yeastfit.seeds import Stream, stream_of
 
 CHAIN = 32  # bytes of a step of a chain, at least
 PILOT_QUANTILE = 0.02
+STARTS = 1.25  # simulations of the pilot for each walker that starts at one of its own: some fail
 
 
 @dataclass(frozen=True)
@@ -84,7 +85,7 @@ class AbcMcmc:
         walkers: Chains.
         distance: From the data, a name or an object.
         tolerance: ε; by default the quantile `pilot_quantile` of the pilot's distances.
-        pilot_quantile: 0.02 by default.
+        pilot_quantile: By default 0.02, or as much as starts of all walkers need.
         pilot: Simulations from the prior before the chains.
         kernel: Weight of a distance.
         move: Proposal.
@@ -155,6 +156,20 @@ class AbcMcmc:
         if self.move != "gaussian" and self.walkers < least:
             raise InputError(f"walkers is {self.walkers}, {self.move} with {free} parameters needs at least {least}")
         check_pilot(self.distance, self.pilot, free, statistics)
+        near = int(np.ceil(self._quantile * (self.pilot - 1))) + 1  # of the pilot, within the tolerance
+        if self.move != "gaussian" and self.kernel == "indicator" and self.tolerance is None and near < self.walkers:
+            raise InputError(
+                f"walkers is {self.walkers}, {self.move} starts each at another simulation of the pilot, of which "
+                f"{near} of {self.pilot} are within the tolerance: give fewer, a larger pilot or pilot-quantile"
+            )
+
+    @property
+    def _quantile(self) -> float:
+        """Of the pilot's distances, that ε is; by default enough for moves that start walkers at different places."""
+        if self.pilot_quantile is not None:
+            return self.pilot_quantile
+        starts = 0.0 if self.move == "gaussian" else STARTS * self.walkers / self.pilot
+        return min(1.0, max(PILOT_QUANTILE, starts))
 
     def run(self, problem: Problem, store: Simulations, seed: int, progress: Progress) -> Posterior:
         """Sample the posterior of a problem; see `Sampler`.
@@ -172,7 +187,7 @@ class AbcMcmc:
         pilot = pilot_of(problem, data_sets, distance, self.pilot, seed) if self.asks_pilot else no_pilot(problem)
         tolerance = self.tolerance
         if tolerance is None:
-            tolerance = pilot.quantile(self.pilot_quantile or PILOT_QUANTILE)
+            tolerance = pilot.quantile(self._quantile)
         covariance = self._covariance(pilot, tolerance)
         target = _Target(data_sets, problem, distance, self, tolerance, seed)
         start = target.start(pilot)

@@ -122,8 +122,9 @@ class AbcSmc:
 
     def __post_init__(self) -> None:
         check_at_least(self, population=2, populations=1, simulations=1, batch=1, pilot=2, replicates=1)
-        if self.simulations < self.population:
-            raise InputError(f"simulations is {self.simulations}, it must be at least a population, {self.population}")
+        if self.simulations < (first := -(-self.population // self.batch) * self.batch):
+            what = f"{first}, a population of {self.population} in batches of {self.batch}"
+            raise InputError(f"simulations is {self.simulations}, it must be at least {what}")
         for name in ("quantile", "acceptance", "gain"):
             if not 0 <= getattr(self, name) < 1:
                 raise InputError(f"{name} is {getattr(self, name)}, it must be at least 0 and below 1")

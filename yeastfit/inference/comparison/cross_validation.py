@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from yeastfit.errors import InputError
 from yeastfit.inference.comparison.left_out import SHARES, LeftOut, scale_of
@@ -78,8 +78,7 @@ def cross_validate(
     emulator = _emulator(posterior, problem, simulations, how, seed)
     known = _known(posterior, problem, simulations[0], how)
     called = tuple(names) if len(names) == count else tuple(str(r + 1) for r in range(count))
-    in_order = sorted(range(count), key=lambda r: (natural_order(called[r]), r))
-    group, doubts = np.argsort(in_order) % groups, list[str]()
+    group, doubts = dealt(called, groups), list[str]()
     places = problem.prior.coordinates(simulations[0][_usable(problem, simulations)])
     if problem.variation is not None:
         rng = np.random.default_rng(stream_of(seed, Stream.COLONIES, 0))
@@ -112,6 +111,12 @@ def cross_validate(
         )
     unitless = density + np.log(scale_of(colonies)).sum()
     return LeftOut(tuple(labels) or problem.labels, called, colonies, group, unitless, below, quantiles, tuple(doubts))
+
+
+def dealt(names: Sequence[str], groups: int) -> Int[np.ndarray, " colony"]:
+    """The group of each colony: they are dealt in the order of their names."""
+    in_order = sorted(range(len(names)), key=lambda r: (natural_order(names[r]), r))
+    return np.argsort(in_order) % groups
 
 
 def without(problem: Problem, kept: Colonies) -> Problem:

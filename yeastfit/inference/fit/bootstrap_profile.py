@@ -15,7 +15,7 @@ from scipy.linalg import block_diag
 
 from yeastfit.errors import InputError
 from yeastfit.inference.fit.ensemble import Ensembles
-from yeastfit.inference.fit.response_surface import Minima, ResponseSurface, response_surface
+from yeastfit.inference.fit.response_surface import Minima, ResponseSurface, fewest_runs, response_surface
 from yeastfit.inference.fit.result import Fit
 from yeastfit.inference.fit.simulators import Simulators, colony_simulators, given_simulators
 from yeastfit.inference.parameter_space import Vector
@@ -24,6 +24,7 @@ from yeastfit.memory import check_count
 from yeastfit.model.model import Model
 from yeastfit.seeds import Stream, stream_of
 
+RUNS = 512  # simulations around an estimate
 REACH = 3.5  # standard errors: 1 draw of a bootstrap in 2000 lies beyond
 NEAREST = 0.1  # of log λ, the spread of the last stage's pairs: nearer, Monte-Carlo errors hide the slopes
 FARTHEST = 0.7  # of log λ, a factor of 2: farther, curves are not quadratic
@@ -156,7 +157,7 @@ def explore(
     simulator: Simulator | Mapping[str, Simulator] | None = None,
     *,
     fine: Simulator | Mapping[str, Simulator] | None = None,
-    runs: int = 512,
+    runs: int | None = None,
 ) -> Explored:
     """Simulate around a fit's estimate, for `Explored.bootstrap` and `Explored.profile`. Same fit, same result.
 
@@ -164,7 +165,7 @@ def explore(
         fit: The fit.
         simulator: That the fit was made with, where one was handed in.
         fine: Likewise.
-        runs: Simulations of each condition.
+        runs: Simulations of each condition; by default 512, or as many as the parameters need.
 
     Returns:
         The fit with a response surface around its estimate.
@@ -178,6 +179,7 @@ def explore(
     finer = both[1] if fit.settings.refined else {}
     ensembles = Ensembles(targets, both[0], fit.space, fit.seed, fit.settings, finer)
     simulate = partial(ensembles.single_simulations, stream=Stream.SURFACE, refined=True)
+    runs = max(RUNS, fewest_runs(len(fit.space.entries))) if runs is None else runs
     surface = response_surface(simulate, *_box(fit), runs, stream_of(fit.seed, Stream.SURFACE, 1))
     return Explored(fit, surface, ensembles.tally.simulated)
 

@@ -138,6 +138,11 @@ def _minimise(
     return jax.vmap(one)(units, values)
 
 
+def fewest_runs(size: int) -> int:
+    """Simulations that a surface in so many parameters needs: two for each of its terms."""
+    return (1 + size) * (2 + size)
+
+
 def response_surface(
     simulate: Simulate, centre: Vector, reach: Vector, runs: int, seed: int | np.random.SeedSequence
 ) -> ResponseSurface:
@@ -155,7 +160,7 @@ def response_surface(
         SimulationError: Most of them failed.
     """
     size = len(centre)
-    needed = 2 * (1 + size) * (2 + size) // 2
+    needed = fewest_runs(size)
     if runs < needed:
         raise InputError(
             f"runs is {runs}: a quadratic surface in {size} parameters needs at least {needed} simulations"

@@ -54,6 +54,8 @@ class FitSettings:
             if getattr(self, name) < 1:
                 raise InputError(f"{name} is {getattr(self, name)}, it must be at least 1")
             check_count(name, getattr(self, name))
+        if self.starts > self.screened:
+            raise InputError(f"starts is {self.starts}, it must be at most the points looked at, {self.screened}")
         if self.refined < 0 or 0 < self.refined < 16:
             raise InputError(f"refined is {self.refined}, it must be 0 or at least 16")
         POSITIVE.read(self.tolerance, "tolerance")

@@ -14,7 +14,6 @@ from yeastfit.inference.colony_simulator import COARSE, DEFAULT_FREE, OUTLINE_PI
 from yeastfit.inference.models.forward_model import ForwardModel, Row, Seen
 from yeastfit.inference.models.grown import Grown, Outlines
 from yeastfit.inference.posterior.settings import Setting
-from yeastfit.inference.prior.prior import Prior
 from yeastfit.inference.sensitivity.estimate import sensitivity as estimate_sensitivity
 from yeastfit.inference.sensitivity.result import Sensitivity
 from yeastfit.inference.simulator import Simulator
@@ -56,7 +55,6 @@ class Unmeasured:
 PHOTOGRAPHED = 1.55  # µm per pixel of the micrographs of Li et al. 2024
 MANY = 5000  # cells of a colony from which on a fit takes days
 CELL = 0.5  # area that a cell covers, in L0²
-FAR = 0.999  # cumulative probability of a prior beyond which there are few draws
 SIMULATE, DATA = ("simulate",), ("simulate", "fit", "infer")
 
 
@@ -191,9 +189,10 @@ class Algebraic(ForwardModel):
     def fit_simulators(
         self, targets: Targets, free: Sequence[str], fixed: Mapping[str, float]
     ) -> tuple[Simulator, Simulator]:
-        """Colonies in time steps as long as asked for, and at the default resolution."""
-        fine = ColonySimulator.of(targets, free, fixed, Resolution(capacity=self.capacity), self.rules)
-        return self.simulator(targets, free, fixed), fine
+        """Colonies in time steps as long as asked for, and at the default resolution where that is finer."""
+        usual = Resolution()
+        fine = Resolution(min(usual.dt, self.dt), min(usual.spacing, self.spacing), self.capacity)
+        return self.simulator(targets, free, fixed), ColonySimulator.of(targets, free, fixed, fine, self.rules)
 
     def seen(self, rows: Sequence[Row], folder: Path, condition: str | None, statistics: Sequence[str]) -> Seen:
         """Curves over time, lengths in L0."""
@@ -211,14 +210,16 @@ class Algebraic(ForwardModel):
             "grows hundreds of colonies cell by cell, for hours to days; --model offlattice is for such colonies"
         ]
 
-    def check(self, prior: Prior, fixed: Mapping[str, float]) -> None:
-        """Raise `InputError` where the prior reaches a diffusivity for which the time step is too long."""
-        largest = fixed.get("diffusivity", self.parameters["diffusivity"].default)
-        if "diffusivity" in prior.free:
-            far = prior.quantile(np.full((1, len(prior.free)), FAR))[0]
-            largest = float(far[prior.free.index("diffusivity")])
+    def check(self, largest: Mapping[str, float], hours: Sequence[float]) -> None:
+        """Raise `InputError` where the time step is too long for a diffusivity, or for the images."""
         step = Numerics(domain=100 * self.spacing, spacing=self.spacing, dt=self.dt)
-        check_alpha(jnp.asarray(largest, jnp.result_type(float)), step)
+        check_alpha(jnp.asarray(largest["diffusivity"], jnp.result_type(float)), step)
+        gaps = np.diff(hours, prepend=0.0)
+        if len(hours) and gaps.min() < (one := self.dt / self.rate):
+            raise InputError(
+                f"hours of images are {', '.join(f'{time:g}' for time in hours)}: a time step, --dt {self.dt:g} at "
+                f"--rate {self.rate:g} per hour, takes {one:.3g} hours, it must be at most {gaps.min():.3g}"
+            )
 
     def outlines(self, simulator: Any, values: Float[np.ndarray, "row free"], targets: Targets, seed: int) -> Outlines:
         """Where the cells of one colony are at the data's last time, at each row."""

@@ -62,6 +62,7 @@ class ForwardModel(ABC):
         of_li: What `infer --li` compares by default; what `design` chooses from where it is empty.
         nouns: What one replicate is called, and several.
         columns: What a table of its data must have besides the statistics.
+        last_only: Whether the last image of each colony is all that is compared, whatever others there are.
         units: A sentence for pages on the units of parameters and statistics.
     """
 
@@ -72,6 +73,7 @@ class ForwardModel(ABC):
     of_li: ClassVar[tuple[str, ...]] = ()
     nouns: ClassVar[tuple[str, str]] = ("simulation", "simulations")
     columns: ClassVar[tuple[str, ...]] = OF_ANYTHING
+    last_only: ClassVar[bool] = False
     units: ClassVar[str] = ""
 
     @property
@@ -166,12 +168,12 @@ class ForwardModel(ABC):
         """
         return Prior.default(parameters, bounded=bounded)
 
-    def check(self, prior: Prior, fixed: Mapping[str, float]) -> None:  # noqa: B027 - most models compute anything
-        """Check that the settings can compute what is asked for; by default anything.
+    def check(self, largest: Mapping[str, float], hours: Sequence[float]) -> None:  # noqa: B027 - most compute anything
+        """Check that the settings can compute what is asked for, before anything is measured; by default anything.
 
         Arguments:
-            prior: Of the free parameters.
-            fixed: Values of the others.
+            largest: Parameters, those that are free as large as they may become.
+            hours: At which there are images, rising.
 
         Raises:
             InputError: They cannot.

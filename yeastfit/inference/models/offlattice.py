@@ -63,6 +63,7 @@ class Offlattice(ForwardModel):
     of_li: ClassVar = (THEIRS,)
     nouns: ClassVar = ("colony", "colonies")
     columns: ClassVar = NEEDED
+    last_only: ClassVar = True
     units: ClassVar = (
         "Parameters are shares and probabilities. Lengths are in µm, areas in µm²; indices of Li et al. 2024 have no "
         "unit."
@@ -178,6 +179,14 @@ class Offlattice(ForwardModel):
         seen = replace(self, area=None if self.match == "none" else area, pixel_size=pixel)
         return Seen(seen, replace(targets, time_label="hours", length_unit="µm"), tuple(notes))
 
+    def check(self, largest: Mapping[str, float], hours: Sequence[float]) -> None:
+        """Raise `InputError` where so many cells are no colony, or more than memory holds."""
+        from yeastfit.offlattice.colony import BYTES_PER_CELL
+
+        check_count("cells", self.cells, BYTES_PER_CELL)
+        if self.cells == 1:
+            raise InputError("cells is 1, the first cell alone, which has no shape: give more")
+
     def measurement_errors(self, targets: Targets, given: float | None) -> dict[str, float]:
         """Those of outlines of photographs, where nothing is given."""
         from yeastfit.offlattice.simulator import known_statistics
@@ -233,13 +242,10 @@ class Offlattice(ForwardModel):
     def _simulator(
         self, statistics: Sequence[str], free: Sequence[str], fixed: Mapping[str, float]
     ) -> "OfflatticeSimulator":
-        from yeastfit.offlattice.colony import BYTES_PER_CELL
         from yeastfit.offlattice.masks.area_matching import match_exactly, search_from_below
         from yeastfit.offlattice.simulator import OfflatticeSimulator
 
-        check_count("cells", self.cells, BYTES_PER_CELL)
-        if self.cells == 1:
-            raise InputError("cells is 1, the first cell alone, which has no shape: give more")
+        self.check({}, ())
         draw, pixel = self._drawn(statistics)
         area = None if self.area is None or self.match == "none" else self.area / pixel**2
         match = match_exactly if self.match == "exactly" else search_from_below

@@ -30,6 +30,7 @@ from yeastfit.storage import reads_saved, written_whole
 
 LEAST_P = 0.025  # below, a warning says that the model does not make such data; 40 draws resolve just that
 FEWEST = 10  # draws of a band
+ROUNDS = 4  # of draws, until so many have succeeded
 
 
 @dataclass(frozen=True)
@@ -148,16 +149,20 @@ def predict(
     simulator = simulator_of_draws(simulator, draws_of.free)
     drawn, simulated = (2, 3) if prior else (0, 1)  # numbers of the streams of draws and of their simulations
     rng = np.random.default_rng(stream_of(seed, Stream.PREDICTIVE, drawn))
-    values = draws_of.prior.sample(draws, rng) if prior else draws_of.drawn(draws, rng)
-    seeds = np.array(
-        [stream_of(seed, Stream.PREDICTIVE, simulated, k).generate_state(1)[0] for k in range(draws)], dtype=np.uint64
-    )
     means: Simulator = Replicates(simulator, draws_of.replicates)
     if draws_of.noise is not None:
         means = Mismeasured(means, root_of(draws_of.noise))
-    statistics = means(values, seeds)
-    whole = np.isfinite(statistics).all(axis=1)
-    if whole.sum() < FEWEST:
-        raise InputError(f"draws: {whole.sum()} of {draws} succeeded, a predictive check needs {FEWEST}")
-    failed = int(draws - whole.sum())
+    values, statistics = np.zeros((0, len(draws_of.free))), np.zeros((0, len(labels)))
+    whole = np.zeros(0, dtype=bool)
+    for again in range(ROUNDS):
+        more = draws_of.prior.sample(draws, rng) if prior else draws_of.drawn(draws, rng)
+        streams = (stream_of(seed, Stream.PREDICTIVE, simulated, again * draws + k) for k in range(draws))
+        seeds = np.array([stream.generate_state(1)[0] for stream in streams], dtype=np.uint64)
+        values, statistics = np.concatenate([values, more]), np.concatenate([statistics, means(more, seeds)])
+        whole = np.asarray(np.isfinite(statistics).all(axis=1))
+        if whole.sum() >= FEWEST:
+            break
+    else:
+        raise InputError(f"draws: {whole.sum()} of {len(whole)} succeeded, a predictive check needs {FEWEST}")
+    failed = int((~whole).sum())
     return Predictive(draws_of.free, labels, values[whole], statistics[whole], observed, draws_of.replicates, failed)

@@ -24,7 +24,7 @@ from yeastfit.inference.simulator import Rows, Seeds, Simulator, Values, Wrapper
 from yeastfit.inference.workers.admission import Patience, Reference
 from yeastfit.inference.workers.arithmetic import Arithmetic, xla_threads
 from yeastfit.inference.workers.crew import Crew
-from yeastfit.inference.workers.dask_crew import local_crew, remote_crew
+from yeastfit.inference.workers.dask_crew import imported, local_crew, remote_crew
 from yeastfit.inference.workers.dispatch import Dispatch
 from yeastfit.inference.workers.worker import Block, in_full
 from yeastfit.memory import check_count
@@ -192,6 +192,14 @@ class Workers:
                 raise InputError(f"{name} is {value}, it must be at least 1")
         if self.processes is not None:
             check_count("processes", self.processes, PROCESS)
+
+    def check(self) -> None:
+        """Raise `InputError` where Dask is not installed, or no scheduler answers."""
+        if self.scheduler is None:
+            imported()
+        else:
+            with self:
+                pass
 
     def __enter__(self) -> "Workers":
         if self.scheduler is None:
