@@ -102,7 +102,7 @@ class RunFolder:
         earlier = read_run(file)
         before, now = earlier["configuration"]["settings"], plain["settings"]
         now |= {name: before[name] for name in kept if name in before}
-        different = _differences(earlier["configuration"], plain, leave_out=extents)
+        different = differences(earlier["configuration"], plain, leave_out=extents)
         different += [f"{name} of its settings is lost" for name in extents if not isinstance(before.get(name), int)]
         different += [f"seed was {earlier['seed']}, now it is {seed}"] if earlier["seed"] != seed else []
         changed = [f"{name} has changed" for name in hashes if earlier["inputs"].get(name) != hashes[name]]
@@ -172,21 +172,21 @@ def read_run(file: str | Path) -> dict[str, Any]:
     return {**found, "configuration": configuration}
 
 
-def _differences(
+def differences(
     earlier: Mapping[str, Any], now: Mapping[str, Any], within: str = "", leave_out: Sequence[str] = ()
 ) -> list[str]:
     """In words, down to single numbers of tables."""
-    differences = []
+    found = []
     for name in [*now, *(name for name in earlier if name not in now)]:
         if name in leave_out:
             continue
         before, after = earlier.get(name), now.get(name)
         if isinstance(before, dict) and isinstance(after, dict):
             inner = within if name == "settings" else f"{within}{name}: "
-            differences += _differences(before, after, inner, leave_out)
+            found += differences(before, after, inner, leave_out)
         elif before != after:
-            differences.append(f"{within}{name} was {before}, now it is {after}")
-    return differences
+            found.append(f"{within}{name} was {before}, now it is {after}")
+    return found
 
 
 def _machine() -> dict[str, Any]:

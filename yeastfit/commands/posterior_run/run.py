@@ -10,6 +10,7 @@ import shutil
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 from yeastfit.commands.generated.samplers import extending
 from yeastfit.commands.measured_source import MEASURED, Measurements, measure_once
@@ -17,7 +18,7 @@ from yeastfit.commands.posterior_run.config import Request
 from yeastfit.commands.posterior_run.doubts import doubts_of, doubts_of_reused
 from yeastfit.commands.posterior_run.leave_out import predicted_from_others, single_colonies
 from yeastfit.commands.posterior_run.watched_simulator import Met, Watched
-from yeastfit.commands.run_folder import RunFolder, inputs_of, read_run, run_versions
+from yeastfit.commands.run_folder import RunFolder, differences, inputs_of, read_run, run_versions
 from yeastfit.errors import InputError
 from yeastfit.inference.comparison.left_out import LeftOut
 from yeastfit.inference.curve_covariance import measurement_covariance
@@ -41,7 +42,7 @@ from yeastfit.report.files.posterior_files import photographs, with_arviz, write
 from yeastfit.report.posterior_summary import Summary
 from yeastfit.results.contents import MANIFEST, RUN, Contents, check_finished, check_own
 from yeastfit.results.folder import ResultsFolder
-from yeastfit.storage import written_whole
+from yeastfit.storage import as_json, from_json, written_whole
 
 SIMULATIONS, REUSED, PROBLEMS_MET = "simulations.h5", "reused.h5", "problems.json"
 POSTERIOR, CHAINS = "posterior.npz", "chains.h5"
@@ -100,6 +101,8 @@ class InferRun:
             check_finished(request.reuse)
             if not Contents.of(request.reuse).finished:
                 raise InputError(f"--reuse: {request.reuse} has no {MANIFEST}, need the folder of a finished run")
+            if (request.reuse / RUN).is_file():
+                _check_alike(request.reuse, read_run(request.reuse / RUN)["configuration"], request)
         folder = RunFolder.begin(
             results,
             configuration,
@@ -301,3 +304,12 @@ class InferRun:
         made = {name: str(value) for name, value in plain.items() if value is not None and name != "settings"}
         made |= {"seed": str(self.request.seed), "inputs (SHA-256)": f"{len(self.folder.inputs)}: {inputs}"}
         return made | {"versions": ", ".join(f"{name} {one}" for name, one in run_versions().items())}
+
+
+def _check_alike(reuse: Path, earlier: Mapping[str, Any], request: Request) -> None:
+    """Raise `InputError` where the simulations of an earlier run are of other parameters or of another model."""
+    names = ("model", "free", "fixed", *request.forward_model.settings("infer"))
+    now = from_json(as_json(request.configuration()))
+    was, now = ({name: one.get(name) for name in names} for one in (earlier, now))
+    if other := differences(was, now):
+        raise InputError(f"--reuse: {reuse} holds other simulations: {'; '.join(other)}")

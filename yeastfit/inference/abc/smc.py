@@ -136,7 +136,8 @@ class AbcSmc:
     @property
     def simulations_at_most(self) -> int:
         """Single simulations of a run, at most."""
-        return self.replicates * (self.pilot + self.simulations)
+        pilot = 0 if self.distance == "li" or not isinstance(self.distance, str) else self.pilot
+        return self.replicates * (pilot + self.simulations)
 
     def check(self, free: int, inferred: int, statistics: int) -> None:
         """See `Sampler`."""
