@@ -1,5 +1,6 @@
 """The estimators where the answer is known, their blend's risk, and the whole on small colonies."""
 
+from collections import Counter
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -24,6 +25,7 @@ from yeastfit import (
     fit,
     sensitivity,
 )
+from yeastfit.errors import SimulationError
 from yeastfit.inference.sensitivity import pathwise as module
 from yeastfit.inference.sensitivity.estimate import STATISTICS
 from yeastfit.inference.sensitivity.estimator import doubts
@@ -105,6 +107,22 @@ def test_rows_are_numbers() -> None:
 
     with pytest.raises(InputError, match=r"simulator gave .*much.*, expected an array of numbers of shape \(2, 1\)"):
         rows_of(Wordy(), np.ones((2, 1)), np.arange(2))
+
+
+def test_why_all_simulations_failed_is_said() -> None:
+    class Failing:
+        parameters = ParameterSet((Parameter("rate", "r", "growth", (0.1, 2.0), 0.5),))
+        observables = (Observable("size", 1.0),)
+
+        def __init__(self) -> None:
+            self.problems = Counter[str]()
+
+        def __call__(self, values: np.ndarray, seeds: np.ndarray) -> np.ndarray:
+            self.problems["no cell could bud"] += len(seeds)
+            return np.full((len(seeds), 1), np.nan)
+
+    with pytest.raises(SimulationError, match=r"^8 simulations at rate 0.5 failed: no cell could bud \(8 of them\)$"):
+        sensitivity(simulator=Failing(), at={"rate": 0.5}, runs=16)
 
 
 # --- on colonies ------------------------------------------------------------------------------------------------------

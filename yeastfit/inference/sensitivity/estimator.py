@@ -148,11 +148,14 @@ class Estimator:
         """Rows at λ itself."""
         self.progress("the mean", 0.0)
         began = clock.perf_counter()
-        self.spent["mean"] = max(8, self.runs // 4)
+        before = problems_of(self.simulator).copy()
+        self.spent["mean"] = members_for(self.runs)
         seeds = self._seeds(Part.MEAN, self.spent["mean"])
         rows = rows_of(self.simulator, np.tile(self.values, (len(seeds), 1)), seeds)
         if np.isfinite(rows).all(axis=1).sum() < 2:
-            raise SimulationError(f"{len(rows)} simulations at {self._where()} failed (not finite)")
+            met = problems_of(self.simulator) - before
+            why = "; ".join(f"{problem} ({count} of them)" for problem, count in met.items()) or "not finite"
+            raise SimulationError(f"{len(rows)} simulations at {self._where()} failed: {why}")
         self.seconds["mean"] = clock.perf_counter() - began
         return rows
 
@@ -198,6 +201,11 @@ class Estimator:
     def _where(self) -> str:
         values = zip(self.simulator.parameters, self.values, strict=True)
         return ", ".join(f"{name} {value:.3g}" for name, value in values)
+
+
+def members_for(runs: int) -> int:
+    """How many simulations are made at λ itself, beside those of the regression."""
+    return max(8, runs // 4)
 
 
 def doubts(tails: np.ndarray, observables: Sequence[Observable], method: str) -> list[str]:
