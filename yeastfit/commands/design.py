@@ -1,6 +1,5 @@
 """`yeastfit design`: which measurement would reduce the errors of the parameters most."""
 
-from collections.abc import Mapping, Sequence
 from contextlib import nullcontext
 from pathlib import Path
 from typing import Annotated, Any
@@ -9,22 +8,31 @@ import numpy as np
 import typer
 
 from yeastfit.commands.console.terminal import out, shown_progress, warn
+from yeastfit.commands.design_checks import (
+    check_effective,
+    check_freedom,
+    check_logarithms,
+    check_measured,
+    check_runs,
+)
 from yeastfit.commands.generated.model import ChosenModel, DesignedStatistics, Fitted, ModelOptions
 from yeastfit.commands.generated.options import flag_of, generated
 from yeastfit.commands.generated.workers import WorkerOptions, paced
-from yeastfit.commands.options import Out, Overwrite, Seed, names_in, numbers_in
+from yeastfit.commands.options import Out, Overwrite, names_in, numbers_in
 from yeastfit.errors import InputError
 from yeastfit.inference.information.design import check_arguments
 from yeastfit.inference.information.design import design as make_design
-from yeastfit.inference.information.experiment import times_among
 from yeastfit.inference.information.identifiability import percent
+from yeastfit.inference.models.offlattice import Offlattice
 from yeastfit.inference.sensitivity.result import Sensitivity
 from yeastfit.inference.workers.spread import Workers
+from yeastfit.numbers import SEEDS
 from yeastfit.report.files.design_files import write_design
 from yeastfit.results.contents import check_finished
 from yeastfit.results.folder import results_folder
 
-RUNS = 256
+REPLICATES, ADDED, RUNS = 10, 10, 256  # unless they are given
+NO_TIME = (np.nan,)
 
 
 @generated(chosen=ModelOptions("design"), workers=WorkerOptions())
@@ -44,10 +52,22 @@ def design(
             help="Statistics that have been measured already, with commas. By default all.", show_default=False
         ),
     ] = None,
-    replicates: Annotated[int, typer.Option(min=1, help="Number of colonies that have been measured already.")] = 10,
+    replicates: Annotated[
+        int | None,
+        typer.Option(
+            min=1,
+            help=f"Number of colonies that have been measured already. By default {REPLICATES}.",
+            show_default=False,
+        ),
+    ] = None,
     added: Annotated[
-        int, typer.Option(min=1, help="Number of further colonies to measure, each of them at one time.")
-    ] = 10,
+        int | None,
+        typer.Option(
+            min=1,
+            help=f"Number of further colonies to measure, each of them at one time. By default {ADDED}.",
+            show_default=False,
+        ),
+    ] = None,
     same_colonies: Annotated[
         bool, typer.Option("--same-colonies", help="Measure the same colonies again at other times, not further ones.")
     ] = False,
@@ -71,14 +91,26 @@ def design(
         ),
     ] = 0.01,
     runs: Annotated[
-        int, typer.Option(help="Number of colonies to simulate, a multiple of 16. More give smaller errors.")
-    ] = RUNS,
+        int | None,
+        typer.Option(
+            help=f"Number of colonies to simulate, a multiple of 16. More give smaller errors. By default {RUNS}.",
+            show_default=False,
+        ),
+    ] = None,
     sensitivity: Annotated[
         Path | None,
         typer.Option(help="sensitivity.json of an earlier run, to use instead of new simulations.", show_default=False),
     ] = None,
     overwrite: Overwrite = False,
-    seed: Seed = 0,
+    seed: Annotated[
+        int | None,
+        typer.Option(
+            min=0,
+            max=SEEDS.high,
+            help="Seed of the random numbers, by default 0. The same seed gives the same results.",
+            show_default=False,
+        ),
+    ] = None,
     *,
     chosen: ChosenModel,
     workers: Workers | None,
@@ -91,7 +123,7 @@ def design(
     the existing data can and cannot tell about the parameters.
     """
     if sensitivity:
-        others = {"statistics": statistics is not None, "runs": runs != RUNS, "seed": seed != 0}
+        others = {"statistics": statistics is not None, "runs": runs is not None, "seed": seed is not None}
         given = (*chosen.given, *(name for name, one in others.items() if one))
         if given:
             said = f"{flag_of(given[0])} is given beside --sensitivity, but {sensitivity} says it"
@@ -101,20 +133,17 @@ def design(
     known: dict[str, Any] = {
         "measured_times": None if measured_times is None else numbers_in("--measured-times", measured_times),
         "measured_statistics": None if measured_statistics is None else names_in(measured_statistics),
-        "replicates": replicates,
-        "added": added,
+        "replicates": REPLICATES if replicates is None else replicates,
+        "added": ADDED if added is None else added,
         "new_replicates": not same_colonies,
         "steps": steps,
         "by": by,
         "criterion": criterion,
         "measurement_error": measurement_error,
     }
-    check_arguments(replicates, added, steps, by, criterion)
-    if same_colonies and measured_times is None and measured_statistics is None:
-        raise InputError(
-            "--same-colonies: everything counts as measured, so that nothing is left to measure: say what has been "
-            "measured by --measured-times or --measured-statistics"
-        )
+    check_arguments(*(known[name] for name in ("replicates", "added", "steps", "by", "criterion")))
+    given_here = {"replicates": replicates, "added": added, "measured_statistics": known["measured_statistics"]}
+    check_effective(given_here, known["measured_times"] == [], same_colonies)
     inputs, how = ([sensitivity], {}) if sensitivity else ([], chosen.configuration("design"))
     earlier = _read(sensitivity) if sensitivity else None
     names = chosen.forward.statistics_named(names_in(statistics) or chosen.forward.designed)
@@ -124,15 +153,24 @@ def design(
             f"--sensitivity: {sensitivity} holds {', '.join(earlier.free)}, not {', '.join(fitted)}: give --free, or "
             "the --model that it is of"
         )
+    runs = RUNS if runs is None else runs
     if earlier is None:
-        _check_measured(known, names, how.get("times", ()))
-        chosen.forward.parameters.subset(fitted)
+        at = {**chosen.forward.parameters.defaults, **chosen.values}
+        check_logarithms(chosen.forward.parameters.subset(fitted).names, at)
+        if times := NO_TIME if isinstance(chosen.forward, Offlattice) else how.get("times"):
+            check_measured(known, names, times)
+            check_runs(known, names, times, runs, sum(value > 0 for value in at.values()))
+    else:
+        check_measured(known, earlier.statistics, earlier.times, f"those in {sensitivity}")
+        check_freedom(known, earlier, f"--sensitivity: {sensitivity}")
     with results_folder(folder, "design", reads=inputs, overwrite=overwrite) as results:
         if earlier is None:
             with shown_progress("growing colonies") as progress, workers or nullcontext():
                 how_far: dict[str, Any] = {} if workers is None else {"elsewhere": workers.spread}
                 how_far["progress"] = paced(progress, workers, chosen.forward.nouns[1])
-                found = chosen.forward.sensitivity(names, chosen.values, runs=runs, seed=seed, **how_far)
+                found = chosen.forward.sensitivity(names, chosen.values, runs=runs, seed=seed or 0, **how_far)
+            check_measured(known, found.statistics, found.times, "those of the model")  # where only it knows them
+            check_freedom(known, found, f"--runs is {runs}, which")
             found.save(results.partial / "sensitivity.json")
         else:
             found = earlier
@@ -151,19 +189,6 @@ def design(
     for number, sentence in enumerate(result.sentences(), start=1):
         out.print(f"{number}. {sentence}", highlight=False)
     out.print(f"Results in {folder}, on one page: index.html")
-
-
-def _check_measured(known: Mapping[str, Any], names: Sequence[str], times: Sequence[float]) -> None:
-    """Raise `InputError`, before anything is grown, where what has been measured is none of what will be there."""
-    for name in known["measured_statistics"] or ():
-        if name not in names:
-            raise InputError(f"--measured-statistics: {name!r} is not among {', '.join(names)}")
-    if known["measured_times"] and len(times):
-        try:
-            times_among(np.asarray(times), known["measured_times"])
-        except InputError:
-            said = f"--measured-times is {known['measured_times']}, need some of --times"
-            raise InputError(f"{said}, {', '.join(f'{time:g}' for time in times)}") from None
 
 
 def _read(path: Path) -> Sensitivity:

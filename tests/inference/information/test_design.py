@@ -250,6 +250,8 @@ def test_the_command_grows_colonies(tmp_path: Path) -> None:
         (["--free", "speed"], "free is speed, the sensitivity holds mobility, metabolic_rate, aspect_ratio"),
         (["--measured-times", "soon"], "--measured-times is 'soon', it must be numbers with commas"),
         (["--by", "hand"], "by is 'hand'"),
+        (["--measured-times", "9"], "--measured-times is 9, need some of those in "),
+        (["--measured-statistics", "speed"], "--measured-statistics: 'speed' is not among compactness, area"),
     ],
     ids=str,
 )

@@ -225,6 +225,23 @@ class _Task:
         return float(np.log(high / low) / np.sqrt(12.0))
 
 
+def most_means(measured: int, statistics: int, times: int, steps: int, by: str, same: bool) -> int:
+    """Of how many means the largest covariance in a design is, which the scatter has to tell.
+
+    Arguments:
+        measured: Number of means that are measured already.
+        statistics: Number of statistics.
+        times: Number of times.
+        steps: Length of the sequence.
+        by: What it takes.
+        same: Whether the same replicates are measured again, which all are then one group.
+    """
+    if not same:
+        return max(measured, statistics)
+    taken = steps * (statistics if by == "image" else 1)
+    return min(statistics * times, measured + max(statistics, taken))
+
+
 def check_arguments(replicates: float, added: float, steps: int, by: str, criterion: str) -> None:
     """Raise `InputError` where an argument makes no sense."""
     for name, value in (("replicates", replicates), ("added", added), ("steps", steps)):

@@ -4,6 +4,7 @@ Between a `Sensitivity`, which knows every observable there could be, and `infor
 """
 
 from collections.abc import Mapping, Sequence
+from itertools import count
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,7 @@ from yeastfit.errors import InputError
 from yeastfit.inference.curve_covariance import Square, mean_covariance, measurement_covariance
 from yeastfit.inference.information.fisher import information
 from yeastfit.inference.information.result import Information
+from yeastfit.inference.sensitivity.estimator import members_for
 from yeastfit.inference.sensitivity.result import Sensitivity
 
 
@@ -101,6 +103,16 @@ def scatter_freedom(sensitivity: Sensitivity) -> float:
         if "regression" in sensitivity.runs
         else freedom
     )
+
+
+def freedom_of_runs(runs: int, free: int) -> int:
+    """`scatter_freedom` of a sensitivity that is yet to be made by regression along so many parameters."""
+    return members_for(runs) - 1 + runs - 1 - free
+
+
+def runs_for(means: int, free: int) -> int:
+    """The fewest runs that tell the covariance of so many means."""
+    return next(runs for runs in count(16, 16) if freedom_of_runs(runs, free) > means + 1)
 
 
 def times_among(present: np.ndarray, times: Sequence[float] | np.ndarray) -> np.ndarray:
