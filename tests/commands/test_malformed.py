@@ -100,6 +100,12 @@ CASES: list[tuple[str, str]] = [
     ),
     ("simulate --out ''", "--out is ''"),
     ("simulate --out OUT --until-area 0", "--until-area is 0"),
+    ("simulate --out OUT --until-cells 5 --every 0.2", "--every is given beside --until-cells"),
+    ("simulate --out OUT --until-area 9 --every 99", "--every is given beside --until-area"),
+    (
+        "simulate --out OUT --model offlattice --movie --beside folder",
+        "--beside: photographs have hours offlattice none",
+    ),
     ("simulate --out OUT --until-cells -3", "--until-cells is -3"),
     ("simulate --out OUT --pixel-size 0", "--pixel-size is 0"),
     ("simulate --out OUT --pixel-size 1e300", "--pixel-size is 1e+300"),

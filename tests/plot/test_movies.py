@@ -1,6 +1,7 @@
 """Movies of colonies that grow: as many frames as were asked for, each further than the one before."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -50,3 +51,17 @@ def test_frames_of_the_algebraic_model_go_on_to_the_colony_of_simulate() -> None
     assert frames[-1][0].title == end[0].title
     np.testing.assert_array_equal(frames[-1][1].values, end[1].values)
     assert frames[0][1].values.min() > frames[-1][1].values.min()
+
+
+@pytest.mark.parametrize("until", [{"until_cells": 5}, {"until_area": 4.0}], ids=str)
+def test_a_movie_ends_where_growth_did(until: dict[str, Any]) -> None:
+    model = Algebraic(time=4.0, domain=12.0, spacing=0.2, dt=0.02, **until)
+    grown = model.grow({}, 2, 0)
+    frames = list(model.ended_as(grown).movie({}, 0, 3))
+    assert frames[-1][0].title == grown.panels(0)[0].title
+    assert "(t = 4)" not in frames[-1][0].title
+
+
+def test_a_movie_without_an_end_of_growth_lasts_to_the_time() -> None:
+    model = Algebraic(time=2.0, every=1.0, domain=12.0, spacing=0.2, dt=0.02)
+    assert model.ended_as(model.grow({}, 1, 0)) == model

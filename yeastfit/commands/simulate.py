@@ -10,10 +10,11 @@ import typer
 from yeastfit import plot
 from yeastfit.commands.console.terminal import out, shown_progress, warn
 from yeastfit.commands.generated.model import ChosenModel, ModelOptions
-from yeastfit.commands.generated.options import generated
+from yeastfit.commands.generated.options import flag_of, generated
 from yeastfit.commands.options import Out, Overwrite, Seed, names_in
 from yeastfit.errors import InputError
 from yeastfit.inference.models.grown import Grown
+from yeastfit.inference.models.offlattice import Offlattice
 from yeastfit.measure.photograph_panels import TimedPhotograph, panel_at, photographs_of_first_colony
 from yeastfit.measure.reading.dataset import read_dataset
 from yeastfit.measure.reading.outline_files import write_mask
@@ -23,6 +24,7 @@ from yeastfit.results.folder import results_folder
 from yeastfit.storage import write_table
 
 FRAMES = 40  # of a movie
+UNTIL = ("until_area", "until_cells")  # what ends growth before its time
 FAR = 10.0  # times the largest plausible value, from where a parameter is doubted
 
 
@@ -78,6 +80,10 @@ def simulate(
         raise InputError("--beside is given without --movie, which shows the photographs: give both, or neither")
     if "pixel_size" in chosen.given and not statistics:
         raise InputError("--pixel-size is given without --statistics, which are measured on such pixels: give both")
+    if beside is not None and isinstance(chosen.forward, Offlattice):
+        raise InputError(f"--beside: photographs have hours, and colonies of --model {chosen.name} none: leave it out")
+    if "every" in chosen.given and (end := next((name for name in UNTIL if name in chosen.given), None)):
+        raise InputError(f"--every is given beside {flag_of(end)}, which shows ends alone: leave it out")
     data = None if beside is None else read_dataset(beside)
     photographs = [] if data is None else photographs_of_first_colony(data)
     reads = [] if data is None else [data.manifest, *(one.measured.micrograph.path for one in photographs)]
@@ -98,7 +104,7 @@ def simulate(
             plot.save(plot.colony(result, member), results.partial / f"colony_{member}.png")
         if movie:
             progress("drawing the movie", 0.0)
-            frames = list(chosen.forward.movie(chosen.values, seed, FRAMES))
+            frames = list(chosen.forward.ended_as(result).movie(chosen.values, seed, FRAMES))
             if photographs:
                 frames = _beside(photographs, frames, result)
             plot.movie(frames, results.partial / "movie")
@@ -120,7 +126,8 @@ def _beside(photographs: Sequence[TimedPhotograph], frames: Sequence[list[Panel]
     """
     if result.clock_label != "hours":
         raise InputError(f"--beside: photographs have hours, and these colonies {result.clock_label}: leave it out")
-    last, count = float(result.clock[-1]), len(frames)
+    ends = [row["hours"] for row in result.rows() if row.get("member") == 0 and "hours" in row]
+    last, count = float(ends[-1] if ends else result.clock[-1]), len(frames)
     return [
         [*panels, panel_at(photographs, last * (k + 1) / count, panels[0].half_width)]
         for k, panels in enumerate(frames)

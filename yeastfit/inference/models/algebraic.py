@@ -282,6 +282,11 @@ class Algebraic(ForwardModel):
         """The same, keeping colonies that grow in segments."""
         return replace(self, kept=folder)
 
+    def ended_as(self, grown: Grown) -> "Algebraic":
+        """The same, growing for the time at which the first colony came to what ended growth."""
+        ends = np.atleast_1d(getattr(grown, "ends", self.time))
+        return replace(self, time=max(float(ends[0]), self.dt), until_area=None, until_cells=None)
+
     def _photographed(self, statistics: Sequence[str]) -> HardStatistics:
         """Statistics of black-and-white images of the whole dish.
 

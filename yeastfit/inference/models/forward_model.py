@@ -236,6 +236,10 @@ class ForwardModel(ABC):
         """The same model, whose `grow` keeps in a folder what it goes on from when it is broken off, if it can."""
         return self
 
+    def ended_as(self, grown: Grown) -> "ForwardModel":
+        """The same model, whose movie ends where the first of these colonies of `grow` did, if it could be later."""
+        return self
+
     def movie(self, values: Mapping[str, float], seed: int, frames: int) -> Iterator[list[Panel]]:
         """What the first colony of `grow` looks like at so many moments from its beginning to its end.
 
