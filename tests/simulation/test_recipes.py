@@ -47,6 +47,8 @@ BAD = {
     GOOD.replace("[4, 8.5]", "[8, 4]"): "[8, 4], they must rise",
     GOOD.replace("[4, 8.5]", "[4.01, 4.04]"): "[4.01, 4.04], they must differ in their first decimal",
     GOOD.replace("{ mobility = 2 }", "3"): "parameters is 3",
+    GOOD + "numerics = { dt = 3 }": "[4, 8.5], they must lie at least a time step from 0 and from each other, 6.52",
+    GOOD.replace("4, 8.5", "0.1, 8") + "numerics = { dt = 0.2 }": "from each other, 0.435 hours with numerics.dt = 0.2",
     GOOD.replace("mobility = 2", "mobility = '2'"): "parameters: mobility is '2', it must be a finite number",
     GOOD.replace("mobility = 2", "mobility = nan"): "parameters: mobility is nan",
     GOOD.replace("mobility = 2", "mobility = -2"): "mobility",

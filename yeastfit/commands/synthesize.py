@@ -46,7 +46,12 @@ def synthesize(
     if unknown:
         raise InputError(f"{recipe}: no data set {unknown[0]!r}, there are {', '.join(recipes)}")
     recipes = {name: changed(recipes[name]) for name in only or recipes}
-    for name in recipes:
+    for name, each in recipes.items():
+        each.truth()  # with what is given here
+        try:
+            each.check()
+        except InputError as error:
+            raise InputError(f"{recipe}, [{name}]: {error}") from None
         check_folder(folder / name, "synthesize", reads=[recipe], overwrite=overwrite)
     for name, each in recipes.items():
         each = each if seed is None else replace(each, seed=seed)

@@ -20,6 +20,7 @@ from yeastfit.errors import InputError
 from yeastfit.measure.reading.images import MAX_PIXELS, MIN_SIDE
 from yeastfit.model.model import Model
 from yeastfit.model.numerics import Numerics
+from yeastfit.model.nutrient import check_alpha
 from yeastfit.model.parameters import PARAMETERS, Parameters, Scales
 from yeastfit.numbers import HOURS, PIXEL_SIZES, Range
 from yeastfit.seeds import check_seed
@@ -54,7 +55,8 @@ class Recipe:
         model: Rules of the colonies.
 
     Raises:
-        InputError: A value is not admissible, or hours do not rise, or have the same first decimal.
+        InputError: A value is not admissible, or hours do not rise by at least a time step, or have the same first
+            decimal.
     """
 
     parameters: dict[str, float]
@@ -79,11 +81,31 @@ class Recipe:
             raise InputError(f"hours are {quoted(list(self.hours))}, they must rise")
         if len({photograph_name(0, hours) for hours in self.hours}) < len(self.hours):
             raise InputError(f"hours are {quoted(list(self.hours))}, they must differ in their first decimal")
+        self._check_steps()
         REPLICATES.read_whole(REPLICATES.check(self.replicates, "replicates"), "replicates")
         side = PIXEL_SIZES.check(self.pixel_size, "pixel_size")
         Range(MIN_SIDE * side, MAX_PIXELS**0.5 * side, "µm").check(self.extent, "extent")
         if self.kind not in KINDS:
             raise InputError(f"kind is {quoted(self.kind)}, it must be one of {', '.join(KINDS)}")
+
+    def check(self) -> None:
+        """Raise `InputError` for parameters that cannot be simulated, before anything grows."""
+        check_alpha(self.truth().diffusivity, self.numerics)
+
+    def _check_steps(self) -> None:
+        """Raise `InputError` where two photographs, or the beginning and the first, are less than a time step apart."""
+        times = [self.scales.time(hours) for hours in self.hours]
+        try:
+            self.numerics.check_steps(times[-1])
+        except InputError as error:
+            raise InputError(f"hours has {self.hours[-1]:g}, which comes too late: {error}") from None
+        steps = [0, *map(self.numerics.step_of, times)]
+        if any(later <= earlier for earlier, later in pairwise(steps)):
+            step = self.scales.hours(self.numerics.dt)
+            raise InputError(
+                f"hours are {quoted(list(self.hours))}, they must lie at least a time step from 0 and from each other, "
+                f"{step:.3g} hours with numerics.dt = {self.numerics.dt:g}"
+            )
 
     def truth(self) -> Parameters:
         """Values of all parameters of the model.
@@ -165,7 +187,7 @@ def _recipe(table: Any, where: str) -> Recipe:
         model = Model.of(rules)
         model.parameters.check(values)
         recipe = Recipe(**{**table, **made, "model": model, "parameters": values, "hours": hours})
-        recipe.truth()
+        recipe.check()
         return recipe
     except InputError as error:
         raise InputError(f"{where}: {error}") from None
