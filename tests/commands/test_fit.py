@@ -229,6 +229,8 @@ def test_an_older_fit_outlives_a_failed_one(tmp_path: Path, capsys: pytest.Captu
 def test_names_and_numbers_are_read() -> None:
     found = named_pairs_in("--bounds", ["mobility=0.1:10", "aspect-ratio = 0.3:0.9"], "the ends of a range")
     assert found == {"mobility": (0.1, 10.0), "aspect_ratio": (0.3, 0.9)}
+    found = named_pairs_in("--prior", ["aspect-ratio of low-N=1:0.1"], "its centre and width")
+    assert found == {"aspect_ratio of low-N": (1.0, 0.1)}, "conditions keep their names"
 
 
 def test_the_truth_lies_beside_the_table_or_in_the_folder(tmp_path: Path) -> None:

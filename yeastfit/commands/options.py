@@ -121,7 +121,8 @@ def named_pairs_in(
         numbers = [number_of(part) for part in pair.split(":")]
         if len(numbers) != 2 or not all(map(math.isfinite, numbers)):
             raise InputError(f"{option} is {quoted(text)}, it must be a name and {what}, such as {example}")
-        key = name.strip().replace("-", "_")
+        parameter, of, condition = name.strip().partition(" of ")  # whose names may have a minus
+        key = parameter.replace("-", "_") + of + condition
         if key in found:
             raise InputError(f"{option} is given twice for {key}, {quoted(text)} is the second: leave out one")
         found[key] = (numbers[0], numbers[1])
