@@ -101,7 +101,8 @@ CASES: list[tuple[str, str]] = [
         for command in ("simulate --out OUT", "design --out OUT", "gradcheck")
         for name, one in (("diffusivity", "1e300"), ("elasticity", "1e39"), ("metabolic-rate", "1e-300"))
     ),
-    ("simulate --out ''", "--out is ''"),
+    *((f"{line} --out ''", "--out is ''") for line in ("simulate", "demo", "infer table", "gradcheck", "synthesize")),
+    ("manifest . --pattern {replicate} --out ''", "--out is ''"),
     ("simulate --out OUT --until-area 0", "--until-area is 0"),
     ("simulate --out OUT --until-cells 5 --every 0.2", "--every is given beside --until-cells"),
     ("simulate --out OUT --until-area 9 --every 99", "--every is given beside --until-area"),

@@ -17,7 +17,7 @@ from yeastfit.text import quoted
 SMOOTH = ", ".join(most_telling_first(names_with("smooth")))
 
 
-def _folder(name: str) -> Path:
+def folder_of(name: str) -> Path:
     """The folder for results; an empty name, of a variable that is not set, perhaps, would be the current one."""
     if not name:
         raise UsageError("--out is '', need a folder; . is the current one")  # typer renames other errors
@@ -28,7 +28,7 @@ Out = Annotated[
     Path,
     typer.Option(
         "--out",
-        parser=_folder,
+        parser=folder_of,
         metavar="FOLDER",
         help="Folder for the results. It is made if it does not exist.",
         show_default=False,
