@@ -224,6 +224,10 @@ CASES: list[tuple[str, str]] = [
     ("measure a.png --out OUT --seed-point 1,a", "--seed-point is '1,a'"),
     ("measure a.png --out OUT --seed-point 1_0,2", "--seed-point is '1_0,2'"),
     ("measure a.png --out OUT --seed-point nan,2", "--seed-point is 'nan,2'"),
+    (
+        "measure a.png --out OUT --colonies all --seed-point 5,5",
+        "--colonies and --seed-point are 'all' and (5.0, 5.0), which means one",
+    ),
     ("measure a.png --out OUT --roi 1,2,3", "--roi is '1,2,3'"),
     ("measure a.png --out OUT --roi 0.5,1,2,3", "--roi is '0.5,1,2,3' four whole numbers"),
     ("measure a.png --out OUT --jobs 0", f"--jobs is '0', {WHOLE} from 1 to 10000"),

@@ -100,7 +100,11 @@ def find_images(
 def dataset_images(
     dataset: Dataset, pixel_size: float | None = None, options: SegmentationOptions = AUTOMATIC
 ) -> list[InputImage]:
-    """All images of a data set; `pixel_size` and `options` are for those of which the manifest does not say it."""
+    """All images of a data set; `pixel_size` and `options` are for those of which the manifest does not say it.
+
+    Raises:
+        InputError: Of an image all objects would be measured and one of them.
+    """
     images = [
         InputImage(
             frame.path,
@@ -115,6 +119,8 @@ def dataset_images(
         )
         for frame in dataset.frames
     ]
+    for image in images:
+        image.options.check_colonies(f"{image.path}: ")
     return _with_names(images)
 
 

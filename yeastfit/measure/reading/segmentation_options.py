@@ -39,10 +39,7 @@ class SegmentationOptions:
             raise InputError(f"{name}: threshold is {self.threshold!r}, need {CONTRASTS}")
         if self.colonies not in (None, *COLONIES):
             raise InputError(f"{name}: colonies is {self.colonies!r}, it must be {' or '.join(COLONIES)}")
-        if self.colonies == "all" and self.seed_point is not None:
-            raise InputError(
-                f"{name}: colonies is 'all' and seed_point {self.seed_point!r} means one: leave out either"
-            )
+        self.check_colonies(f"{name}: ")
         x0, y0, x1, y1 = 0.0, 0.0, float(shape[1]), float(shape[0])
         if self.roi is not None:
             if len(self.roi) != 4 or not all(_is_number(each) and int(each) == each for each in self.roi):
@@ -59,6 +56,13 @@ class SegmentationOptions:
             if not (x0 <= x < x1 and y0 <= y < y1):
                 where = f"roi {self.roi!r}" if self.roi is not None else f"{size} pixels"
                 raise InputError(f"{name}: seed_point is {self.seed_point!r}, need a point within the {where}")
+
+    def check_colonies(self, where: str) -> None:
+        """Raise `InputError` where all objects are asked for and one of them."""
+        if self.colonies == "all" and self.seed_point is not None:
+            raise InputError(
+                f"{where}colonies and seed_point are 'all' and {self.seed_point!r}, which means one: leave out either"
+            )
 
     def window(self, shape: tuple[int, int]) -> tuple[slice, slice]:
         """Rows and columns of the roi, or of the whole image without one."""
@@ -90,7 +94,7 @@ def read_options(values: Mapping[str, Any], where: str = "") -> SegmentationOpti
 
     Raises:
         InputError: The threshold is not above 0, the seed point not two numbers, the roi not four whole ones, or
-            `colonies` not one of `COLONIES`.
+            `colonies` not one of `COLONIES`, or all where there is a seed point.
     """
     point, roi = (
         _numbers(values[name], f"{where}{name}", size) if values.get(name) is not None else None
@@ -101,12 +105,14 @@ def read_options(values: Mapping[str, Any], where: str = "") -> SegmentationOpti
     threshold, colonies = values.get("threshold"), values.get("colonies")
     if colonies is not None and colonies not in COLONIES:
         raise InputError(f"{where}colonies is {quoted(colonies)}, it must be {' or '.join(COLONIES)}")
-    return SegmentationOptions(
+    found = SegmentationOptions(
         None if point is None else (point[0], point[1]),
         None if threshold is None else CONTRASTS.read(threshold, f"{where}threshold"),
         None if roi is None else (round(roi[0]), round(roi[1]), round(roi[2]), round(roi[3])),
         colonies,
     )
+    found.check_colonies(where)
+    return found
 
 
 def _numbers(value: Any, name: str, size: int) -> tuple[float, ...]:
