@@ -149,6 +149,38 @@ def test_a_pixel_size_that_overrules_the_file_is_told(tmp_path: Path, capsys: py
     assert "pixel size" not in capsys.readouterr().err
 
 
+def test_options_without_effect_are_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    write_disc(tmp_path / "a.png")
+    mask = np.pad(np.ones((60, 60), dtype=bool), 30)
+    for name in ("b.png", "c.png"):
+        Image.fromarray(mask if name == "b.png" else np.asarray(Image.open(tmp_path / "a.png"))).save(tmp_path / name)
+
+    def said(*options: str) -> str:
+        code = cli.run(["measure", str(tmp_path), *options, "--out", str(tmp_path / "out")])
+        assert code == 0, options
+        return " ".join(capsys.readouterr().err.split())
+
+    assert "--threshold has no effect on 1 of 3 images" in said("--threshold", "20", "--pixel-size", "1")
+    assert "no effect" not in said("--roi", "0,0,120,120", "--colonies", "one", "--pixel-size", "1")
+    header = "file,replicate,hours,um_per_pixel,mask\n"
+    (tmp_path / "manifest.csv").write_text(f"{header}a.png,1,2,1,b.png\nc.png,2,2,1,\n")
+    found = said("--pixel-size", "2", "--roi", "0,0,120,120", "--threshold", "20", "--colonies", "one")
+    assert "--pixel-size has no effect: manifest.csv says it of every image" in found
+    for name in ("--roi", "--threshold", "--colonies"):
+        assert f"{name} has no effect on 1 of 2 images: their outlines are ready-made" in found
+    (tmp_path / "manifest.csv").write_text(f"{header}a.png,1,2,1,b.png\nc.png,2,2,,\n")
+    assert "no effect" not in said("--pixel-size", "2")
+
+
+def test_one_object_and_all_of_them_are_not_both_measured(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    write_disc(tmp_path / "a.png")
+    (tmp_path / "manifest.csv").write_text("file,replicate,hours,um_per_pixel,colonies\na.png,1,2,1,all\n")
+    options = ["--seed-point", "60,60", "--out", str(tmp_path / "out")]
+    assert cli.run(["measure", str(tmp_path), *options]) == 2
+    assert "a.png: colonies and seed_point are 'all' and (60.0, 60.0), which means one" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
 # ------------------------------------------------------------------------------------------------------------ processes
 
 

@@ -1,6 +1,7 @@
 """`yeastfit measure`: outline the colony in each micrograph and measure it."""
 
 import os
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
@@ -8,15 +9,20 @@ from typing import Annotated, Any
 import typer
 
 from yeastfit.commands.console.terminal import fail, out, shown_progress, warn
+from yeastfit.commands.generated.options import flag_of
 from yeastfit.commands.measure_batch import measure_batch
 from yeastfit.commands.options import Jobs, Out, Overwrite
 from yeastfit.measure.reading.batch_inputs import find_images
+from yeastfit.measure.reading.dataset import Dataset, Frame
 from yeastfit.measure.reading.pixel_size import overruled_sizes
 from yeastfit.measure.reading.segmentation_options import read_options
 from yeastfit.measure.replicate_curves import shrunk_colonies
 from yeastfit.processors import available_processors
 from yeastfit.report.files.measurement_files import write_results
+from yeastfit.report.outcome import Outcome
 from yeastfit.results.folder import results_folder
+
+OF_PHOTOGRAPHS = ("threshold", "roi", "colonies")  # options that a ready-made outline leaves no use for
 
 
 def measure(
@@ -98,6 +104,7 @@ def measure(
     warn(changed)
     rows = [outcome.row for outcome in measured if outcome.row]
     warn([*overruled_sizes(rows), *shrunk_colonies(rows)])
+    warn(_without_effect(settings, measured, dataset))
     warn([f"{outcome.image.label}: {doubt}" for outcome in measured for doubt in outcome.in_doubt])
     if skipped:
         names = ", ".join(path.name for path in skipped)
@@ -105,6 +112,25 @@ def measure(
     out.print(f"{len(measured)} of {len(images)} micrographs measured. Results in {folder}, on one page: index.html")
     if failed:
         fail(failed)
+
+
+def _without_effect(given: Mapping[str, Any], measured: Sequence[Outcome], dataset: Dataset | None) -> list[str]:
+    """Say which options that are given changed nothing of some images: a warning for each."""
+    found = []
+    for name in given:
+        if dataset is not None and all(_says(frame, name) for frame in dataset.frames):
+            found.append(f"{flag_of(name)} has no effect: {dataset.manifest.name} says it of every image")
+        elif name in OF_PHOTOGRAPHS:
+            outlined = [one for one in measured if one.image.outline or (name == "threshold" and one.ready_made)]
+            if outlined:
+                images = f"{len(outlined)} of {len(measured)} images"
+                found.append(f"{flag_of(name)} has no effect on {images}: their outlines are ready-made")
+    return found
+
+
+def _says(frame: Frame, name: str) -> bool:
+    """Whether a manifest says an option of an image."""
+    return getattr(frame if name == "pixel_size" else frame.options, name, None) is not None
 
 
 def _from(folder: Path, file: Path) -> str:

@@ -171,7 +171,7 @@ def _measured(outcome: Outcome, folder: Path) -> Outcome:
     """The outcome with its row and thumbnail."""
     image = outcome.image
     measured = measure_file(image.path, image.pixel_size, image.options, image.outline, image.frame)
-    doubts = measured.segmentation.warnings
+    doubts, ready_made = measured.segmentation.warnings, measured.segmentation.ready_made
     shape, micrograph = measured.shape, measured.micrograph
     title = f"{image.label}: area {shape.area:.4g} µm², compactness {shape.compactness:.3g}"
     thumbnail = _pictures(
@@ -179,7 +179,7 @@ def _measured(outcome: Outcome, folder: Path) -> Outcome:
     )
     known = {"condition": image.condition, "replicate": image.replicate, "hours": image.hours}
     row = {"file": image.label, **known, **measured.row(), "mask": f"masks/{image.name}.png"}
-    return replace(outcome, row={**row, "file": image.label}, doubts=doubts, thumbnail=thumbnail)
+    return replace(outcome, row={**row, "file": image.label}, doubts=doubts, thumbnail=thumbnail, ready_made=ready_made)
 
 
 def _outlined(outcome: Outcome, folder: Path) -> Outcome:

@@ -18,6 +18,7 @@ class Outcome:
         error: Why there is no row; empty where there is one.
         thumbnail: A JPEG with the outline; empty where the image could not be outlined.
         sha256: Of the file; empty where it could not be read.
+        ready_made: Whether the outline was given, by a file of its own or as a mask.
     """
 
     image: InputImage
@@ -26,6 +27,7 @@ class Outcome:
     error: str = ""
     thumbnail: bytes = b""
     sha256: str = ""
+    ready_made: bool = False
 
     @property
     def in_doubt(self) -> tuple[str, ...]:

@@ -73,6 +73,11 @@ class Segmentation:
     noise: float
     warnings: tuple[str, ...]
 
+    @property
+    def ready_made(self) -> bool:
+        """Whether the mask was given and not found in a photograph."""
+        return self.blur == 0 and self.noise == 0
+
 
 def segment(
     pixels: npt.NDArray[Any],
