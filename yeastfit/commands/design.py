@@ -23,7 +23,6 @@ from yeastfit.errors import InputError
 from yeastfit.inference.information.design import check_arguments
 from yeastfit.inference.information.design import design as make_design
 from yeastfit.inference.information.identifiability import percent
-from yeastfit.inference.models.offlattice import Offlattice
 from yeastfit.inference.sensitivity.result import Sensitivity
 from yeastfit.inference.workers.spread import Workers
 from yeastfit.numbers import SEEDS
@@ -157,7 +156,7 @@ def design(
     if earlier is None:
         at = {**chosen.forward.parameters.defaults, **chosen.values}
         check_logarithms(chosen.forward.parameters.subset(fitted).names, at)
-        if times := NO_TIME if isinstance(chosen.forward, Offlattice) else how.get("times"):
+        if times := NO_TIME if not chosen.forward.timed else how.get("times"):
             check_measured(known, names, times)
             check_runs(known, names, times, runs, sum(value > 0 for value in at.values()))
     else:

@@ -129,7 +129,7 @@ def fit(
     chosen.check_free(fitted)
     images = check_source(source, condition or (), model.columns, several=True, statistics=names)
     hours = {name: sorted({time for _, time in one if time is not None}) for name, one in images.items()}
-    most = sum(len(names) * (1 if model.last_only else max(1, len(times))) for times in hours.values())
+    most = sum(len(names) * (max(1, len(times)) if model.timed else 1) for times in hours.values())
     check_search(model.parameters.subset(fitted), condition or ("",), **options, most=most)
     for times in hours.values():
         model.check(held | _largest(model.parameters.subset(fitted), options["bounds"]), times)

@@ -222,12 +222,12 @@ def infer(
 def _check_images(request: Request, images: Sequence[tuple[str, Any]]) -> None:
     """Raise `InputError` where the request does not suit the images that there are."""
     model, hours = request.forward_model, sorted({one for _, one in images if one is not None})
-    compared = hours[-1:] if model.last_only else hours
+    compared = hours if model.timed else hours[-1:]
     model.check(request.largest(), compared)
     request.check_sampler(len(request.statistics) * max(1, len(compared)))
     names = list(dict.fromkeys(colony for colony, _ in images))
     there = {f"at {one:g} hours": [(name, one) in images for name in names] for one in compared}
-    check_groups(request.leave_out, names, {} if model.last_only else there, model.nouns)
+    check_groups(request.leave_out, names, there if model.timed else {}, model.nouns)
 
 
 def _variation(**given: float | None) -> Variation:

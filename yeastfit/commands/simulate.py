@@ -14,7 +14,6 @@ from yeastfit.commands.generated.options import flag_of, generated
 from yeastfit.commands.options import Out, Overwrite, Seed, names_in
 from yeastfit.errors import InputError
 from yeastfit.inference.models.grown import Grown
-from yeastfit.inference.models.offlattice import Offlattice
 from yeastfit.measure.photograph_panels import TimedPhotograph, panel_at, photographs_of_first_colony
 from yeastfit.measure.reading.dataset import read_dataset
 from yeastfit.measure.reading.outline_files import write_mask
@@ -80,7 +79,7 @@ def simulate(
         raise InputError("--beside is given without --movie, which shows the photographs: give both, or neither")
     if "pixel_size" in chosen.given and not statistics:
         raise InputError("--pixel-size is given without --statistics, which are measured on such pixels: give both")
-    if beside is not None and isinstance(chosen.forward, Offlattice):
+    if beside is not None and not chosen.forward.timed:
         raise InputError(f"--beside: photographs have hours, and colonies of --model {chosen.name} none: leave it out")
     if "every" in chosen.given and (end := next((name for name in UNTIL if name in chosen.given), None)):
         raise InputError(f"--every is given beside {flag_of(end)}, which shows ends alone: leave it out")

@@ -62,7 +62,7 @@ class ForwardModel(ABC):
         of_li: What `infer --li` compares by default; what `design` chooses from where it is empty.
         nouns: What one replicate is called, and several.
         columns: What a table of its data must have besides the statistics.
-        last_only: Whether the last image of each colony is all that is compared, whatever others there are.
+        timed: Whether its colonies have an age; of colonies without one the last image alone is compared.
         units: A sentence for pages on the units of parameters and statistics.
     """
 
@@ -73,7 +73,7 @@ class ForwardModel(ABC):
     of_li: ClassVar[tuple[str, ...]] = ()
     nouns: ClassVar[tuple[str, str]] = ("simulation", "simulations")
     columns: ClassVar[tuple[str, ...]] = OF_ANYTHING
-    last_only: ClassVar[bool] = False
+    timed: ClassVar[bool] = True
     units: ClassVar[str] = ""
 
     @property

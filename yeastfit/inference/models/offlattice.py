@@ -63,7 +63,7 @@ class Offlattice(ForwardModel):
     of_li: ClassVar = (THEIRS,)
     nouns: ClassVar = ("colony", "colonies")
     columns: ClassVar = NEEDED
-    last_only: ClassVar = True
+    timed: ClassVar = False
     units: ClassVar = (
         "Parameters are shares and probabilities. Lengths are in µm, areas in µm²; indices of Li et al. 2024 have no "
         "unit."
