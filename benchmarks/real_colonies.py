@@ -15,7 +15,11 @@ that the run has simulated where its posterior is (in the central 80 % of every 
 statistics of one colony for normally distributed; excess kurtosis, 0 then, and the largest colony beside the 95 %
 quantile say whether they are.
 
-    python -m benchmarks.real_colonies --work WORK --docs docs
+    python -m benchmarks.real_colonies --work WORK --docs docs [--images IMAGES --grid FILE]
+
+With the masks or photographs that `data/real` was measured on, which are no part of the project, in a folder IMAGES, a
+picture is written besides: for each set three of them and three colonies of the off-lattice model at draws of its
+posterior, mixed, all at one scale. Which is which is printed. Can you tell?
 """
 
 import argparse
@@ -25,16 +29,27 @@ from typing import Any
 
 import h5py
 import numpy as np
+from matplotlib.figure import Figure
 from scipy.stats import kurtosis
 
 from benchmarks.report import Report, command
+from yeastfit import measure_file
+from yeastfit.errors import InputError
 from yeastfit.inference.comparison.left_out import LeftOut
 from yeastfit.inference.posterior.predictive_check import Predictive
 from yeastfit.inference.posterior.result import Posterior
+from yeastfit.measure.measurements_table import TABLE, read_measurements
+from yeastfit.offlattice.colony import grow
+from yeastfit.offlattice.masks.area_matching import search_from_below
+from yeastfit.offlattice.masks.li2024_mask import BinnedOutlines
+from yeastfit.offlattice.parameters import PARAMETERS
+from yeastfit.plot.style import save
 from yeastfit.results.contents import MANIFEST, RUN
 from yeastfit.storage import read_json
 
 SETS = ("awri796-50um", "awri796-500um", "simi-white-50um")
+DATA = Path(__file__).parents[1] / "data" / "real"
+EACH = 3  # real colonies, and simulated ones, in a row of the grid
 MODELS = ("offlattice", "algebraic")
 HEAVY = 10.0  # excess kurtosis from where a statistic is called heavy-tailed
 MIDDLE = (0.1, 0.9)
@@ -128,7 +143,11 @@ def main(arguments: list[str] | None = None) -> None:
     """Run the command: parse the option of this benchmark, then those of every benchmark."""
     parser = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
     parser.add_argument("--work", type=Path, default=Path("out/real"))
+    parser.add_argument("--images", type=Path)
+    parser.add_argument("--grid", type=Path)
     own, others = parser.parse_known_args(arguments)
+    if (own.images is None) != (own.grid is None):
+        raise InputError("--images holds what --grid shows: give both, or neither")
 
     def run(report: Report, quick: bool) -> None:
         said = judge(report, own.work)
@@ -145,7 +164,45 @@ def main(arguments: list[str] | None = None) -> None:
             text = "\n".join([report.head(__doc__), "", words, *report.sections()])
             (report.docs / "real.md").write_text(text, encoding="utf-8")
 
+        if own.grid is not None:
+            drawn, real = mixed(own.work / "offlattice", own.images)
+            save(drawn, own.grid)
+            report.stage(f"{own.grid}: real are {real}")
+
     command("real_colonies", run, others)
+
+
+def mixed(work: Path, images: Path) -> tuple[Figure, str]:
+    """Real and simulated colonies of each set, and which are real."""
+    rng, masks, said = np.random.default_rng(0), dict[tuple[int, int], np.ndarray](), list[str]()
+    for line, name in enumerate(SETS):
+        rows = read_measurements(DATA / name / TABLE)[:EACH]
+        real = [measure_file(images / str(row["file"]), float(row["um_per_pixel"])).segmentation.mask for row in rows]
+        found, known = Posterior.load(work / name / "posterior.npz"), read_json(work / name / RUN)["configuration"]
+        draws = found.flat[rng.integers(len(found.flat), size=EACH)]
+        values = [dict(zip(found.free, row.tolist(), strict=True)) for row in draws]
+        area = float(np.mean([mask.sum() for mask in real]))
+        simulated = [_simulated(one, int(known["cells"]), seed, area) for seed, one in enumerate(values)]
+        order = rng.permutation(2 * EACH)
+        masks |= {(line, place): [*real, *simulated][which] for place, which in enumerate(order)}
+        said.append(f"{name}: {', '.join(str(place + 1) for place, which in enumerate(order) if which < EACH)}")
+    side = max(max(np.ptp(one) for one in np.nonzero(mask)) for mask in masks.values())
+    figure = Figure(figsize=(12, 6.2), layout="constrained")
+    panels = figure.subplots(len(SETS), 2 * EACH)
+    for place, mask in masks.items():
+        row, column = (0.5 * (one.min() + one.max()) for one in np.nonzero(mask))
+        panels[place].imshow(mask, cmap="Greys", interpolation="antialiased")
+        reach = 0.52 * side
+        panels[place].set(xlim=(column - reach, column + reach), ylim=(row + reach, row - reach), xticks=[], yticks=[])
+    for line, name in enumerate(SETS):
+        panels[line, 0].set_ylabel(name)
+    return figure, "; ".join(said)
+
+
+def _simulated(values: dict[str, float], cells: int, seed: int, area: float) -> np.ndarray:
+    """A colony's mask of an area in pixels."""
+    colony = grow({name: value for name, value in values.items() if name in PARAMETERS.names}, cells=cells, seed=seed)
+    return search_from_below(BinnedOutlines.whole(colony).mask, cells, area).mask
 
 
 def _made(folder: Path) -> str:
