@@ -36,8 +36,8 @@ def test_a_design_is_refused_where_its_largest_covariance_cannot_be_told(how: di
     check_freedom(known, enough, "it")
     with pytest.raises(InputError, match="freedom is"):
         design(few, **known)
-    with pytest.raises(InputError, match=f"^it has too few runs for the covariance of {means} means .* --runs "):
-        check_freedom(known, few, "it")
+    with pytest.raises(InputError, match=f"^it is too few for the covariance of {means} means .* --runs "):
+        check_freedom(known, few, "it is")
 
 
 def test_runs_that_are_too_few_are_told_with_how_many_are_enough() -> None:

@@ -161,7 +161,7 @@ def design(
             check_runs(known, names, times, runs, sum(value > 0 for value in at.values()))
     else:
         check_measured(known, earlier.statistics, earlier.times, f"those in {sensitivity}")
-        check_freedom(known, earlier, f"--sensitivity: {sensitivity}")
+        check_freedom(known, earlier, f"--sensitivity: {sensitivity} is of runs that are")
     with results_folder(folder, "design", reads=inputs, overwrite=overwrite) as results:
         if earlier is None:
             with shown_progress("growing colonies") as progress, workers or nullcontext():
@@ -169,7 +169,7 @@ def design(
                 how_far["progress"] = paced(progress, workers, chosen.forward.nouns[1])
                 found = chosen.forward.sensitivity(names, chosen.values, runs=runs, seed=seed or 0, **how_far)
             check_measured(known, found.statistics, found.times, "those of the model")  # where only it knows them
-            check_freedom(known, found, f"--runs is {runs}, which")
+            check_freedom(known, found, f"--runs is {runs}, which is")
             found.save(results.partial / "sensitivity.json")
         else:
             found = earlier

@@ -88,8 +88,8 @@ def check_freedom(known: Mapping[str, Any], found: Sensitivity, name: str) -> No
     if scatter_freedom(found) <= means + 1:
         needed = runs_for(means, len(found.free))
         raise InputError(
-            f"{name} has too few runs for the covariance of {means} means (statistics at times): need --runs {needed} "
-            "or more, or fewer statistics or times"
+            f"{name} too few for the covariance of {means} means (statistics at times): need --runs {needed} or more, "
+            "or fewer statistics or times"
         )
 
 
