@@ -8,7 +8,7 @@ import typer
 
 from yeastfit.commands.fit import fit
 from yeastfit.commands.generated.options import with_options
-from yeastfit.commands.options import Jobs, Overwrite, folder_of
+from yeastfit.commands.options import RESULTS, Jobs, Overwrite, folder_option
 from yeastfit.errors import InputError
 
 IN_WHEEL = files("yeastfit") / "demo"
@@ -19,12 +19,7 @@ QUICK = ["--starts", "1"]
 def demo(
     folder: Annotated[
         Path,
-        typer.Option(
-            "--out",
-            parser=folder_of,
-            metavar="FOLDER",
-            help="Folder for the results. It is made if it does not exist.",
-        ),
+        folder_option(RESULTS),
     ] = Path("out/demo"),
     quick: Annotated[
         bool, typer.Option("--quick", help="Start the fit from one place of the search range instead of several.")

@@ -10,7 +10,7 @@ from rich.table import Table
 from yeastfit.commands.console.terminal import out, shown_progress, warn
 from yeastfit.commands.generated.model import ChosenModel, ModelOptions
 from yeastfit.commands.generated.options import generated
-from yeastfit.commands.options import Overwrite, Seed, folder_of
+from yeastfit.commands.options import Overwrite, Seed, folder_option
 from yeastfit.derivatives.check_colony import check_gradients
 from yeastfit.errors import InputError
 from yeastfit.model.model import Model
@@ -26,13 +26,7 @@ from yeastfit.storage import write_table
 def gradcheck(
     folder: Annotated[
         Path | None,
-        typer.Option(
-            "--out",
-            parser=folder_of,
-            metavar="FOLDER",
-            help="Folder for gradcheck.csv. By default, only print.",
-            show_default=False,
-        ),
+        folder_option("Folder for gradcheck.csv. By default, only print.", show_default=False),
     ] = None,
     time: Annotated[
         float,

@@ -16,7 +16,7 @@ from yeastfit.commands.generated.options import flag_of, generated
 from yeastfit.commands.generated.samplers import SamplerOptions
 from yeastfit.commands.generated.workers import WorkerOptions
 from yeastfit.commands.measured_source import check_source, truth_of
-from yeastfit.commands.options import Jobs, MeasurementError, Overwrite, Seed, Truth, folder_of, names_in
+from yeastfit.commands.options import Jobs, MeasurementError, Overwrite, Seed, Truth, folder_option, names_in
 from yeastfit.commands.posterior_run.config import Request
 from yeastfit.commands.posterior_run.leave_out import check_groups
 from yeastfit.commands.posterior_run.run import SIMULATIONS, STORED, InferRun
@@ -40,14 +40,7 @@ def infer(
     ] = None,
     folder: Annotated[
         Path | None,
-        typer.Option(
-            "--out",
-            parser=folder_of,
-            metavar="FOLDER",
-            help="Folder of the run; made if missing.",
-            show_default=False,
-            rich_help_panel=RUN,
-        ),
+        folder_option("Folder of the run; made if missing.", show_default=False, rich_help_panel=RUN),
     ] = None,
     method: Annotated[
         str | None,

@@ -10,7 +10,7 @@ from rich.table import Table
 
 from yeastfit.commands.console.signals import remaining
 from yeastfit.commands.console.terminal import out, warn
-from yeastfit.commands.options import folder_of
+from yeastfit.commands.options import folder_option
 from yeastfit.errors import InputError
 from yeastfit.measure.reading.batch_inputs import images_in, in_tables
 from yeastfit.measure.reading.dataset import MANIFESTS, find_manifest, read_dataset
@@ -46,13 +46,7 @@ def manifest(
     ] = None,
     to: Annotated[
         Path | None,
-        typer.Option(
-            "--out",
-            parser=folder_of,
-            metavar="FOLDER",
-            help="Folder for manifest.csv; by default that of the images.",
-            show_default=False,
-        ),
+        folder_option("Folder for manifest.csv; by default that of the images.", show_default=False),
     ] = None,
 ) -> None:
     """Write manifest.csv for a folder of images, from the names of its files.

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -17,23 +17,20 @@ from yeastfit.text import quoted
 SMOOTH = ", ".join(most_telling_first(names_with("smooth")))
 
 
-def folder_of(name: str) -> Path:
+def folder_option(text: str, **more: Any) -> Any:
+    """The option --out of a command, with its help and what else typer is told of it."""
+    return typer.Option("--out", parser=_folder, metavar="FOLDER", help=text, **more)
+
+
+def _folder(name: str) -> Path:
     """The folder for results; an empty name, of a variable that is not set, perhaps, would be the current one."""
     if not name:
         raise UsageError("--out is '', need a folder; . is the current one")  # typer renames other errors
     return Path(name)
 
 
-Out = Annotated[
-    Path,
-    typer.Option(
-        "--out",
-        parser=folder_of,
-        metavar="FOLDER",
-        help="Folder for the results. It is made if it does not exist.",
-        show_default=False,
-    ),
-]
+RESULTS = "Folder for the results. It is made if it does not exist."
+Out = Annotated[Path, folder_option(RESULTS, show_default=False)]
 Overwrite = Annotated[
     bool,
     typer.Option(
