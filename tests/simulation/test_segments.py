@@ -103,6 +103,7 @@ def test_a_short_colony_that_outgrows_its_first_arrays_is_grown_again(fixed: Sim
 def test_growth_ends_at_the_first_step_that_is_large_enough(until: dict[str, float]) -> None:
     found = simulate(Parameters(), member_keys(3, 1), times=[3.2], until=until, numerics=OPEN)
     assert found.reached is not None
+    np.testing.assert_allclose(found.clock, found.scales.hours(found.ends), rtol=1e-6)
     ((name, value),) = until.items()
     for member, time in enumerate(found.reached):
         assert time == pytest.approx(float(found.colony.step[member]) * OPEN.dt)

@@ -54,13 +54,14 @@ def curves(simulation: Grown) -> Figure:
     """
     statistics = simulation.statistics
     names = dict.fromkeys((*most_telling_first(statistics), *statistics))
+    marker = "-" if len(simulation.clock) > 1 else "o"
     lines = -(-len(names) // 4)
     figure = Figure(figsize=(11, 2.75 * lines), layout="constrained")
     axes = figure.subplots(lines, 4, squeeze=False).ravel()
     for name, panel in zip(names, axes, strict=False):
         values = np.atleast_2d(statistics[name])
-        panel.plot(simulation.clock, values.T, color=COLONY, alpha=0.35, lw=0.8)
-        panel.plot(simulation.clock, values.mean(axis=0), color=COLONY, lw=2)
+        panel.plot(simulation.clock, values.T, marker, color=COLONY, alpha=0.35, lw=0.8)
+        panel.plot(simulation.clock, values.mean(axis=0), marker, color=COLONY, lw=2)
         panel.set(xlabel=simulation.clock_label, title=title_of(name, simulation.length_unit))
         panel.title.set_fontsize(9)
     for panel in axes[len(names) :]:

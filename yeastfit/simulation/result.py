@@ -66,8 +66,8 @@ class Simulation:
 
     @property
     def clock(self) -> Float[np.ndarray, " sample"]:
-        """Times for plots, in hours."""
-        return self.scales.hours(self.times)
+        """Times for plots, in hours; of colonies that ended at a size, the mean of their ends."""
+        return self.scales.hours(self.times if self.until is None else self.ends.mean(keepdims=True))
 
     @property
     def clock_label(self) -> str:
