@@ -19,7 +19,8 @@ quantile say whether they are.
 
 With the masks or photographs that `data/real` was measured on, which are no part of the project, in a folder IMAGES, a
 picture is written besides: for each set three of them and three colonies of the off-lattice model at draws of its
-posterior, mixed, all at one scale. Which is which is printed. Can you tell?
+posterior, mixed, all at one scale. Which is which is printed (can you tell?), and how thick hairs are: quartiles of the
+distance to the edge, along the skeleton of what lies beyond 1.05 r_CSR.
 """
 
 import argparse
@@ -30,7 +31,9 @@ from typing import Any
 import h5py
 import numpy as np
 from matplotlib.figure import Figure
+from scipy import ndimage
 from scipy.stats import kurtosis
+from skimage.morphology import skeletonize
 
 from benchmarks.report import Report, command
 from yeastfit import measure_file
@@ -43,6 +46,7 @@ from yeastfit.offlattice.colony import grow
 from yeastfit.offlattice.masks.area_matching import search_from_below
 from yeastfit.offlattice.masks.li2024_mask import BinnedOutlines
 from yeastfit.offlattice.parameters import PARAMETERS
+from yeastfit.offlattice.statistics.li2024_statistics import centroid, li2024_statistics
 from yeastfit.plot.style import save
 from yeastfit.results.contents import MANIFEST, RUN
 from yeastfit.storage import read_json
@@ -165,15 +169,16 @@ def main(arguments: list[str] | None = None) -> None:
             (report.docs / "real.md").write_text(text, encoding="utf-8")
 
         if own.grid is not None:
-            drawn, real = mixed(own.work / "offlattice", own.images)
+            drawn, real = mixed(report, own.work / "offlattice", own.images)
             save(drawn, own.grid)
             report.stage(f"{own.grid}: real are {real}")
 
     command("real_colonies", run, others)
 
 
-def mixed(work: Path, images: Path) -> tuple[Figure, str]:
-    """Real and simulated colonies of each set, and which are real."""
+def mixed(report: Report, work: Path, images: Path) -> tuple[Figure, str]:
+    """Real and simulated colonies of each set, and which are real; a table of their hairs."""
+    hairs = []
     rng, masks, said = np.random.default_rng(0), dict[tuple[int, int], np.ndarray](), list[str]()
     for line, name in enumerate(SETS):
         rows = read_measurements(DATA / name / TABLE)[:EACH]
@@ -183,9 +188,13 @@ def mixed(work: Path, images: Path) -> tuple[Figure, str]:
         values = [dict(zip(found.free, row.tolist(), strict=True)) for row in draws]
         area = float(np.mean([mask.sum() for mask in real]))
         simulated = [_simulated(one, int(known["cells"]), seed, area) for seed, one in enumerate(values)]
+        for kind, those in (("real", real), ("simulated", simulated)):
+            widths = np.percentile(np.concatenate([half_widths(mask) for mask in those]), (25, 50, 75))
+            hairs.append({"set": name, "colonies": kind, **dict(zip(("25 %", "50 %", "75 %"), widths, strict=True))})
         order = rng.permutation(2 * EACH)
         masks |= {(line, place): [*real, *simulated][which] for place, which in enumerate(order)}
         said.append(f"{name}: {', '.join(str(place + 1) for place, which in enumerate(order) if which < EACH)}")
+    report.table("half width of hairs, pixels", hairs)
     side = max(max(np.ptp(one) for one in np.nonzero(mask)) for mask in masks.values())
     figure = Figure(figsize=(12, 6.2), layout="constrained")
     panels = figure.subplots(len(SETS), 2 * EACH)
@@ -197,6 +206,15 @@ def mixed(work: Path, images: Path) -> tuple[Figure, str]:
     for line, name in enumerate(SETS):
         panels[line, 0].set_ylabel(name)
     return figure, "; ".join(said)
+
+
+def half_widths(mask: np.ndarray) -> np.ndarray:
+    """Distances to the edge along the skeleton of a colony's hairs, in pixels."""
+    mask = np.pad(mask, 1)
+    row, column = centroid(mask)
+    away = np.hypot(np.arange(mask.shape[0])[:, None] - row, np.arange(mask.shape[1]) - column)
+    hairs = skeletonize(mask) & (away > 1.05 * li2024_statistics(mask).csr_radius)
+    return ndimage.distance_transform_edt(mask)[hairs]
 
 
 def _simulated(values: dict[str, float], cells: int, seed: int, area: float) -> np.ndarray:
