@@ -36,6 +36,7 @@ FULL_SIZE = {  # what the first cell says
     "mechanisms.ipynb": "full size: 16 colonies to t = 6",
     "offlattice.ipynb": "full size: 65000 cells, at most 12288 simulations",
     "posterior.ipynb": "full size: 10 colonies to 14 h, 4096 simulations",
+    "real_colonies.ipynb": "full size: 3 conditions, --simulations 12288",
     "source_figures.ipynb": "full size: 6 members, to 35.0 h",
 }
 VERDICTS = {
