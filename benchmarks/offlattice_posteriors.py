@@ -77,6 +77,7 @@ def study(report: Report, sizes: Sizes, runs: list[Run], wanted: list[Run]) -> N
         report.stage(f"{run.key}: {METHODS[run.method]}")
         run.infer(report.stage)
     found = {(run.key, run.method): run.posterior() for run in runs if run.there}
+    beyond = dict[tuple[str, str], float]()
     for key, colonies in sizes.sets.items():
         mine = {run.method: run for run in runs if run.key == key}
         results = {method: found[key, method] for method in METHODS if (key, method) in found}
@@ -86,7 +87,7 @@ def study(report: Report, sizes: Sizes, runs: list[Run], wanted: list[Run]) -> N
         at_mean(report, key, colonies, sizes.at_mean)
         for method, posterior in results.items():
             judged(report, f"{colonies.name}, {names[method]}", method, posterior)
-            cut_off(report, mine[method], posterior)
+            beyond[key, method] = cut_off(report, mine[method], posterior)
         if "protocol" in results:
             protocol(report, mine["protocol"], results["protocol"], results.get("smc"))
         for method in ("emulator", "emulator-theirs"):
@@ -95,7 +96,7 @@ def study(report: Report, sizes: Sizes, runs: list[Run], wanted: list[Run]) -> N
     if report.docs is not None:
         report.docs.mkdir(parents=True, exist_ok=True)
         picture(sizes, found).savefig(report.docs / "offlattice.png", dpi=70)
-        words = [line for key in sizes.sets for line in in_words([run for run in runs if run.key == key])]
+        words = [line for key in sizes.sets for line in in_words([run for run in runs if run.key == key], beyond)]
         text = [report.head(__doc__), CAPTION, missing(runs), "## In words", "\n".join(words), *report.sections()]
         (report.docs / "offlattice.md").write_text("\n\n".join(text))
 
@@ -212,8 +213,8 @@ def at_mean(report: Report, key: str, colonies: Li2024Colonies, count: int) -> N
     report.table(f"{colonies.name}: {count} colonies at the published mean", rows)
 
 
-def cut_off(report: Report, run: Run, found: Posterior) -> None:
-    """Add how many colonies at draws of a posterior Li et al.'s frame cuts off."""
+def cut_off(report: Report, run: Run, found: Posterior) -> float:
+    """Add which share of the colonies at draws of a posterior Li et al.'s frame cuts off, in per cent."""
     colonies, count = run.colonies, run.sizes.at_mean
 
     def one(job: tuple[list[float], int]) -> bool:
@@ -224,6 +225,7 @@ def cut_off(report: Report, run: Run, found: Posterior) -> None:
     draws = found.drawn(count, np.random.default_rng(SEED)).tolist()
     cut = 100 * float(np.mean(in_threads(one, list(zip(draws, range(count), strict=True)), None)))
     report.add(f"{colonies.name}, {run.name}: colonies that the frame cuts off", cut, "%", note=f"of {count} at draws")
+    return cut
 
 
 def reach(report: Report, run: Run, found: Posterior) -> None:

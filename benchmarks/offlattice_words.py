@@ -1,5 +1,7 @@
 """What the page of off-lattice posteriors says in words, all of it computed."""
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from benchmarks.li2024_published import PUBLISHED_POSTERIORS
@@ -10,6 +12,7 @@ from yeastfit.offlattice.parameters import PARAMETERS
 from yeastfit.offlattice.statistics.li2024_statistics import PUBLISHED
 from yeastfit.offlattice.statistics.smoothed_branch_index import SMOOTHED
 
+MANY = 50  # per cent of colonies that a frame cuts off
 SYMBOLS = [one.symbol for one in PARAMETERS.values()]
 SHORT = dict(zip(PUBLISHED, ("I_F", "I_R", "I_B"), strict=True)) | {SMOOTHED.name: "I_B, smoothed outlines"}
 
@@ -24,8 +27,8 @@ def missing(runs: list[Run]) -> str:
     )
 
 
-def in_words(runs: list[Run]) -> list[str]:
-    """What the posteriors of one set say of the published one, and of the model."""
+def in_words(runs: list[Run], beyond: Mapping[tuple[str, str], float]) -> list[str]:
+    """What the posteriors of one set say of the published one, of the model, and of colonies that the frame cuts off."""
     theirs, name = PUBLISHED_POSTERIORS[runs[0].key], runs[0].colonies.name
     moved = (np.array(theirs.last) - theirs.early) / np.array(theirs.last_error)
     far = [f"{SYMBOLS[k]} by {moved[k]:+.1f}" for k in np.flatnonzero(np.abs(moved) > 2)]
@@ -46,6 +49,9 @@ def in_words(runs: list[Run]) -> list[str]:
             lines.append(f"  - Published less ABC-SMC's means, in published errors: {near}: what short chains did.")
         else:
             lines += [f"  - {run.name}: {said}" for said in unreached(run, found)]
+        if beyond[run.key, run.method] > MANY and run.method != "emulator":
+            share = f"{beyond[run.key, run.method]:.0f} % of its colonies reach beyond the frame"
+            lines.append(f"  - {run.name}: {share}: what it finds is what the frame makes of them, not of the yeast.")
     return lines
 
 
