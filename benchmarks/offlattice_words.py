@@ -28,7 +28,7 @@ def missing(runs: list[Run]) -> str:
 
 
 def in_words(runs: list[Run], beyond: Mapping[tuple[str, str], float]) -> list[str]:
-    """What the posteriors of one set say of the published one, of the model, and of colonies that the frame cuts off."""
+    """What the posteriors of one set say of the published one, of the model, and of colonies that a frame cuts off."""
     theirs, name = PUBLISHED_POSTERIORS[runs[0].key], runs[0].colonies.name
     moved = (np.array(theirs.last) - theirs.early) / np.array(theirs.last_error)
     far = [f"{SYMBOLS[k]} by {moved[k]:+.1f}" for k in np.flatnonzero(np.abs(moved) > 2)]

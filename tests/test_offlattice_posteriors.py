@@ -86,7 +86,7 @@ def test_what_the_model_does_not_reach_is_said(finished: Run) -> None:
     assert "x was observed as 2" in said[0]
     assert "I_F" not in said[1]
     assert "I_B is" in said[1]
-    words = in_words([finished])
+    words = in_words([finished], {(finished.key, finished.method): 100.0})
     assert "p_ps" in words[0] or "γ by" in words[0]
     assert len(words) == 2
 
