@@ -88,7 +88,9 @@ def test_what_the_model_does_not_reach_is_said(finished: Run) -> None:
     assert "I_B is" in said[1]
     words = in_words([finished], {(finished.key, finished.method): 100.0})
     assert "p_ps" in words[0] or "γ by" in words[0]
-    assert len(words) == 2
+    assert len(words) == 3
+    assert "100 % of its colonies reach beyond the frame" in words[-1]
+    assert len(in_words([finished], {(finished.key, finished.method): 10.0})) == 2
 
 
 def in_use(run: Run) -> None:
