@@ -6,7 +6,7 @@ from scipy.stats import norm
 
 from yeastfit.inference.neural_likelihood import mcmc
 from yeastfit.inference.neural_likelihood.mcmc import Walk
-from yeastfit.inference.posterior.chain_diagnostics import LONG, autocorrelation_time
+from yeastfit.inference.posterior.chain_diagnostics import LONG, autocorrelation_time, split_r_hat
 
 
 @pytest.mark.thorough
@@ -82,6 +82,23 @@ def test_chains_go_on_where_diagnostics_find_them_short(most_steps: int, monkeyp
         assert short.steps < found.steps < most_steps
     else:
         assert found.steps == most_steps
+
+
+def test_chains_go_on_where_they_do_not_agree() -> None:
+    """Walkers stay long on their side of a valley: R̂ is 1.017 where they are `LONG`, and they go on."""
+    places = np.random.default_rng(0).normal(size=(300, 1)) * 3
+
+    def log_density(x: np.ndarray) -> np.ndarray:
+        return np.logaddexp(-0.5 * (x[:, 0] - 3) ** 2, -0.5 * (x[:, 0] + 3) ** 2)
+
+    def started() -> Walk:
+        return Walk.start(log_density, places, walkers=8, most_steps=100_000, seed=1)
+
+    short, found = started().until(mcmc.ENOUGH), started().until_long()
+    lengths = found.x.shape[1] / autocorrelation_time(found.x)
+    assert split_r_hat(short.x).max() > mcmc.ALIKE
+    assert found.steps > short.steps
+    assert split_r_hat(found.x).max() <= mcmc.ALIKE or lengths.min() >= mcmc.LONGEST
 
 
 def test_chains_that_nothing_moves_come_back_as_they_are() -> None:

@@ -7,8 +7,9 @@ differential evolution (ter Braak 2006, doi:10.1007/s11222-006-8769-1), which wo
 demo's trail 128 chains then decorrelate in 20 steps, by differential evolution alone in 110. emcee's snooker update is
 not used: as of 3.1.6 it does not leave the density invariant (of a normal one in three dimensions it makes standard
 deviations of 0.89). Chains start at simulations drawn by their posterior density, and run for a number of
-autocorrelation times: `ENOUGH` for a result, `ROUGHLY` to see where the next simulations belong, within a number of
-steps at most: `BRIEFLY` until the posterior is found, as it may have modes then that are none, and `LONGER` afterwards.
+autocorrelation times: `ENOUGH` for a result, and more where R̂ is above `ALIKE`; `ROUGHLY` to see where the next
+simulations belong, within a number of steps at most: `BRIEFLY` until the posterior is found, as it may have modes then
+that are none, and `LONGER` afterwards.
 """
 
 from collections.abc import Callable
@@ -22,13 +23,14 @@ from threadpoolctl import threadpool_limits
 
 from yeastfit.inference.neural_likelihood.emulator import Emulator, in_pieces
 from yeastfit.inference.neural_likelihood.single_colonies import likelihood_of_colonies
-from yeastfit.inference.posterior.chain_diagnostics import LONG, autocorrelation_time
+from yeastfit.inference.posterior.chain_diagnostics import LONG, autocorrelation_time, split_r_hat
 from yeastfit.inference.posterior.ensemble import Ensemble
 from yeastfit.inference.posterior.problem import Problem
 from yeastfit.seeds import Stream, stream_of
 
 ENOUGH = 1.2 * LONG  # autocorrelation times; `diagnose` estimates them again, and asks for LONG
 FURTHER = 1.2  # times as long, where it finds them short
+ALIKE, LONGEST = 1.01, 4 * LONG  # split R̂ of a result, and autocorrelation times after which it is left at what it is
 ROUGHLY = 20.0  # with 128 chains, quantiles are within some 0.03 standard deviations
 BRIEFLY = 1000  # steps of chains while the posterior is searched
 LONGER = 2000  # steps of chains between rounds once it is found
@@ -169,10 +171,13 @@ class Walk:
         )
 
     def until_long(self) -> Chains:
-        """Run until the draws kept are `LONG` autocorrelation times long, as `diagnose` finds them, or `most_steps`."""
+        """Run until the draws kept suffice as `diagnose` finds them, or for `most_steps`.
+
+        They are `LONG` autocorrelation times long then, and chains agree to `ALIKE` or are `LONGEST` of them long.
+        """
         enough = ENOUGH
         chains = self.until(enough)
-        while chains.steps < self.most_steps and (chains.x.shape[1] < LONG * autocorrelation_time(chains.x)).any():
+        while chains.steps < self.most_steps and not _suffice(chains.x):
             enough *= FURTHER
             chains = self.until(enough)
         return chains
@@ -189,6 +194,12 @@ class Walk:
             return np.full(self.sampler.ndim, np.inf), 0
         times = autocorrelation_time(self.sampler.get_chain(discard=steps // 2).transpose(1, 0, 2))
         return times, int(min(PIECE / 2 + BURN_IN * times.max(), steps // 2))
+
+
+def _suffice(x: Float[np.ndarray, "walker draw free"]) -> bool:
+    """Whether chains are long enough for a result."""
+    lengths = x.shape[1] / autocorrelation_time(x)
+    return bool((lengths >= LONG).all() and ((lengths >= LONGEST).all() or (split_r_hat(x) <= ALIKE).all()))
 
 
 def _moves(walkers: int, free: int) -> list[tuple[emcee.moves.Move, float]]:
