@@ -19,7 +19,7 @@ from PIL import Image
 from yeastfit.commands import app as cli
 from yeastfit.commands.posterior_run.config import Request
 from yeastfit.commands.posterior_run.doubts import doubts_of
-from yeastfit.commands.posterior_run.leave_out import check_groups
+from yeastfit.commands.posterior_run.leave_out import check_groups, single_colonies
 from yeastfit.commands.posterior_run.run import InferRun
 from yeastfit.errors import InputError
 from yeastfit.inference.abc.distances import LiDistance
@@ -35,6 +35,7 @@ from yeastfit.inference.samplers import SAMPLERS
 from yeastfit.inference.simulator import seed_of
 from yeastfit.inference.store.cached_simulator import CachedSimulator
 from yeastfit.inference.store.simulations import Simulations
+from yeastfit.inference.targets import Targets
 from yeastfit.model.parameters import PARAMETERS
 from yeastfit.progress import Progress
 from yeastfit.results.folder import results_folder
@@ -321,6 +322,9 @@ def test_what_one_group_alone_has_cannot_be_left_out() -> None:
     with pytest.raises(InputError, match="only colony 1, 3"):
         check_groups(2, ("1", "2", "3"), {"at 8 hours": [True, False, True]}, nouns)
     check_groups(0, ("1",), {"at 8 hours": [True]}, nouns)
+    means = Targets(("radius",), np.array([6.0]), np.array([[1.0]]), np.array([[0.1]]), np.array([[4]]))
+    with pytest.raises(InputError, match="--leave-out is 2, the data have 0 single colonies"):
+        single_colonies(means, 2, nouns)
 
 
 def test_li_and_coauthors() -> None:

@@ -22,7 +22,7 @@ def single_colonies(targets: Targets, groups: int, nouns: tuple[str, str]) -> Fl
     Raises:
         InputError: Fewer are known than groups are to be left out.
     """
-    curves = np.zeros((0, len(targets.measured))) if targets.curves is None else targets.curves
+    curves = np.zeros((0, *targets.measured.shape)) if targets.curves is None else targets.curves
     colonies = curves[:, targets.measured]
     names = targets.colonies if len(targets.colonies) == len(colonies) else tuple(map(str, range(1, len(colonies) + 1)))
     check_groups(groups, names, dict(zip(targets.points, np.isfinite(colonies).T.tolist(), strict=True)), nouns)
