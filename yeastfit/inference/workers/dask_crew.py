@@ -13,6 +13,7 @@ import time
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
+from functools import cache
 from multiprocessing import resource_tracker
 from typing import Any
 from uuid import uuid4
@@ -167,8 +168,9 @@ def local_crew(count: int, threads: int = 1) -> DaskCrew:
     return DaskCrew("this machine", lambda: distributed.Client(cluster, **how), cluster, count)
 
 
+@cache
 def _loop_deaf_to_ctrl_c() -> Any:
-    """An event loop in a thread that blocks SIGINT, which the processes that it starts inherit.
+    """An event loop, one for all crews, in a thread that blocks SIGINT, which the processes that it starts inherit.
 
     Ctrl-C in a terminal goes to all processes of a command. This one answers, and the workers end with it; each would
     write a traceback besides.
