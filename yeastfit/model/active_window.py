@@ -68,3 +68,12 @@ def on_window(
     halves = spacing * 0.5 * (jnp.asarray(sizes) - 1)
     index: Int[Array, ""] = largest_in_ensemble(jnp.sum(halves[:-1] < jax.lax.stop_gradient(extent)))
     return jax.lax.switch(index, [lambda *args, n=n: law(n, *args) for n in sizes], *args)
+
+
+def with_window(field: Float[Array, "x y"], window: slice, values: Float[Array, "w w"]) -> Float[Array, "x y"]:
+    """A field with other values on a window.
+
+    All of it is no window: JAX would make a scatter without indices of that, on whose empty constant XLA of jaxlib
+    0.11.2 ends the process where members are shared out over devices.
+    """
+    return values if values.shape == field.shape else field.at[window, window].set(values)

@@ -7,7 +7,7 @@ from typing import ClassVar
 import jax.numpy as jnp
 from jaxtyping import Array, Float, PyTree
 
-from yeastfit.model.active_window import extent_of_cells, extent_of_change, on_window
+from yeastfit.model.active_window import extent_of_cells, extent_of_change, on_window, with_window
 from yeastfit.model.cells import Cells, level_set, weights_of_cells
 from yeastfit.model.colony import Colony
 from yeastfit.model.nutrient import nutrient_step
@@ -31,7 +31,7 @@ def eaten(context: Context, cells: Cells, uptake: UptakeRule) -> Float[Array, "x
     """The nutrient one step later: union of the living cells, uptake and diffusion, where there is anything to do."""
 
     def law(window: slice, g: Float[Array, "w w"], nutrient: Float[Array, "x y"]) -> Float[Array, "x y"]:
-        return nutrient.at[window, window].set(nutrient_of_step(context, uptake, g, nutrient[window, window]))
+        return with_window(nutrient, window, nutrient_of_step(context, uptake, g, nutrient[window, window]))
 
     nutrient = context.colony.nutrient
     return where_cells_are(context, cells, extent_of_change(nutrient, context.numerics.spacing), law, nutrient)

@@ -12,7 +12,7 @@ from typing import ClassVar
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from yeastfit.model.active_window import extent_of_change
+from yeastfit.model.active_window import extent_of_change, with_window
 from yeastfit.model.cell_overlap import smooth_step
 from yeastfit.model.cells import Cells
 from yeastfit.model.colony import Colony
@@ -48,7 +48,7 @@ class MorphogenMedium(MediumRule):
             made = parameters["morphogen_secretion"] * source
             left = closed_step(here, decay, parameters["morphogen_diffusivity"], numerics, made)
             fed = nutrient_of_step(context, uptake, g, nutrient[window, window])
-            return nutrient.at[window, window].set(fed), morphogen.at[window, window].set(left)
+            return with_window(nutrient, window, fed), with_window(morphogen, window, left)
 
         fields = colony.nutrient, colony.medium["morphogen"]
         rest = (1.0, 0.0)

@@ -31,7 +31,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from yeastfit.errors import InputError
-from yeastfit.model.active_window import extent_of_change
+from yeastfit.model.active_window import extent_of_change, with_window
 from yeastfit.model.cells import Cells
 from yeastfit.model.colony import Colony
 from yeastfit.model.interpolation import gradient_at, nutrient_at
@@ -89,7 +89,7 @@ class NitrogenMedium(MediumRule):
             step = closed_step if self.boundary == "dish" else nutrient_step
             left = step(here, rate, parameters["nitrogen_diffusivity"], numerics)
             fed = nutrient_of_step(context, uptake, g, carbon[window, window])
-            return carbon.at[window, window].set(fed), nitrogen.at[window, window].set(left)
+            return with_window(carbon, window, fed), with_window(nitrogen, window, left)
 
         fields = colony.nutrient, colony.medium["nitrogen"]
         # births lower nitrogen where no cells are, too, and everywhere alike
