@@ -256,9 +256,12 @@ def results_folder(
         folder.partial.mkdir()
     except Timeout:
         raise _in_use(path) from None
-    except (OSError, InputError) as error:
+    except OSError as error:
         _let_go(lock, made)
-        raise error if isinstance(error, InputError) else unwritable(path, error) from error
+        raise unwritable(path, error) from error
+    except BaseException:  # an interruption as well: the process may go on, as that of a notebook does
+        _let_go(lock, made)
+        raise
     try:
         yield folder
     finally:
