@@ -1,6 +1,6 @@
 """The page of off-lattice posteriors: what is kept, resumed and said of it; slow: all of it in a quick look."""
 
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +16,7 @@ from benchmarks.real_tables import main as write_tables
 from benchmarks.report import Report
 from yeastfit import LI2024, InputError
 from yeastfit.inference.posterior.result import Posterior
+from yeastfit.inference.simulator import Wrapper
 from yeastfit.offlattice.statistics.li2024_statistics import PUBLISHED
 
 KEY = "awri796-50um"
@@ -97,20 +98,17 @@ def in_use(run: Run) -> None:
     raise InputError(f"{run.key} is in use by another process")
 
 
-class _Dying:
+@dataclass(frozen=True)
+class _Dying(Wrapper):
     """A simulator that dies at its third call."""
 
-    def __init__(self, simulator: object) -> None:
-        self.simulator, self.calls = simulator, 0
-
-    def __getattr__(self, name: str) -> object:
-        return getattr(self.simulator, name)
+    calls: list[int] = field(default_factory=list)
 
     def __call__(self, values: np.ndarray, seeds: np.ndarray) -> np.ndarray:
-        self.calls += 1
-        if self.calls > 2:
+        self.calls.append(len(values))
+        if len(self.calls) > 2:
             raise Killed
-        return self.simulator(values, seeds)  # type: ignore[operator]
+        return self.simulator(values, seeds)
 
 
 def test_page_of_one_finished_posterior(finished: Run, tmp_path: Path) -> None:
