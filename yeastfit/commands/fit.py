@@ -127,7 +127,7 @@ def fit(
     held = {**model.parameters.defaults, **chosen.values}
     held = {name: value for name, value in held.items() if name not in model.parameters.subset(fitted)}
     chosen.check_free(fitted)
-    images = check_source(source, condition or (), model.columns, several=True, statistics=names)
+    images = check_source(source, condition or (), model.columns, several=True, statistics=names, jobs=jobs)
     hours = {name: sorted({time for _, time in one if time is not None}) for name, one in images.items()}
     most = sum(len(names) * (max(1, len(times)) if model.timed else 1) for times in hours.values())
     check_search(model.parameters.subset(fitted), condition or ("",), **options, most=most)

@@ -198,7 +198,7 @@ def infer(
     if resume and overwrite:
         raise InputError("--overwrite starts over, --resume continues: give one of the two")
     conditions, columns = [] if condition is None else [condition], request.forward_model.columns
-    (images,) = check_source(source, conditions, columns, statistics=request.statistics).values()
+    (images,) = check_source(source, conditions, columns, statistics=request.statistics, jobs=jobs).values()
     _check_images(request, images)
     if workers is not None:
         workers.check()

@@ -82,6 +82,7 @@ def check_source(
     *,
     several: bool = False,
     statistics: Sequence[str] = (),
+    jobs: int | None = None,
 ) -> Images:
     """Check that there are data and conditions of these names, before anything is measured or written.
 
@@ -91,12 +92,14 @@ def check_source(
         columns: What a table must have.
         several: Whether the command takes more than one condition.
         statistics: That will be compared.
+        jobs: How many images to measure at once, if that was asked for.
 
     Returns:
         What is there of these conditions.
 
     Raises:
-        InputError: There are no data, a column or a condition is not there, or none of several is chosen.
+        InputError: There are no data, a column or a condition is not there, none of several is chosen, or jobs are
+            given where nothing is measured.
     """
     wanted = f"a data set, with {' or '.join(MANIFESTS)}, or a {TABLE}"
     if not source.exists():
@@ -110,6 +113,8 @@ def check_source(
                 raise InputError(f"--statistics: no image shows {name!r}, and {source} holds images: leave it out")
         present, images = data.conditions, [(one.condition, one.replicate, one.hours) for one in data.frames]
     elif table.is_file():
+        if jobs is not None:
+            raise InputError(f"--jobs is given, and {table} holds measurements, so that none is made: leave it out")
         rows = read_measurements(table, columns)
         present = conditions_of(rows)
         images = [(str(row["condition"] or ""), str(row["replicate"]), row.get("hours")) for row in rows]

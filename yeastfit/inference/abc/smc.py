@@ -44,6 +44,7 @@ from yeastfit.inference.store.simulations import Simulations
 from yeastfit.progress import Progress
 from yeastfit.seeds import Stream, stream_of
 
+PILOT = 500  # simulations that scale a distance
 PROMISE = 10  # accepted proposals that the lowest acceptable share promises: with fewer, a population is given up
 FEWEST = 25.0  # independent draws that the result must be worth: an error of the mean of a fifth of its sd
 
@@ -94,7 +95,7 @@ class AbcSmc:
         populations: At most.
         acceptance: Share of accepted proposals below which no further population is begun.
         gain: Relative decrease of ε below which no further population is begun.
-        pilot: Simulations from the prior that a distance is estimated from.
+        pilot: Simulations from the prior that a distance is estimated from, where it is; by default `PILOT`.
         replicates: Replicates that a simulated data set is the mean of.
         batch: Data sets that are proposed together.
         adjust: Whether the last population is adjusted by regression.
@@ -112,7 +113,9 @@ class AbcSmc:
     populations: Annotated[int, Setting("Populations at most.")] = 20
     acceptance: Annotated[float, Setting("Share of accepted proposals below which sampling ends.")] = 0.01
     gain: Annotated[float, Setting("Relative decrease of the tolerance below which sampling ends.")] = 0.01
-    pilot: Annotated[int, Setting("Simulations from the prior before sampling starts.")] = 500
+    pilot: Annotated[
+        int | None, Setting(f"Simulations from the prior that the distance is estimated from; {PILOT}.")
+    ] = None
     replicates: Annotated[
         int,
         Setting("Simulations whose mean is compared with the data; more narrow the posterior.", aliases=("colonies",)),
@@ -132,19 +135,32 @@ class AbcSmc:
             raise InputError(f"tolerance is {self.tolerance}, it must be at least 0")
         if isinstance(self.distance, str):
             check_choice(self, "distance", DISTANCES)
+        if self.pilot is not None and not self._estimated:
+            raise InputError(
+                f"pilot is {self.pilot}, and this distance is not estimated from simulations: leave it out"
+            )
 
     @property
     def simulations_at_most(self) -> int:
         """Single simulations of a run, at most."""
-        pilot = 0 if self.distance == "li" or not isinstance(self.distance, str) else self.pilot
-        return self.replicates * (pilot + self.simulations)
+        return self.replicates * (self._estimated * self._pilot + self.simulations)
+
+    @property
+    def _estimated(self) -> bool:
+        """Whether the distance is estimated from a pilot."""
+        return isinstance(self.distance, str) and self.distance != "li"
+
+    @property
+    def _pilot(self) -> int:
+        """Simulations of a pilot."""
+        return PILOT if self.pilot is None else self.pilot
 
     def check(self, free: int, inferred: int, statistics: int) -> None:
         """See `Sampler`."""
         if self.population <= free:
             few = f"it must be larger than the number of free parameters, {free}"
             raise InputError(f"population is {self.population}, {few}")
-        check_pilot(self.distance, self.pilot, free, statistics)
+        check_pilot(self.distance, self._pilot, free, statistics)
 
     def run(self, problem: Problem, store: Simulations, seed: int, progress: Progress) -> Posterior:
         """Sample the posterior of a problem; see `Sampler`.
@@ -160,7 +176,7 @@ class AbcSmc:
         distance = self.distance
         if isinstance(distance, str):
             progress("pilot", 0.0)
-            distance = distance_of(distance, problem, data_sets, self.pilot, seed)
+            distance = distance_of(distance, problem, data_sets, self._pilot, seed)
         sequence = _Sequence(data_sets, problem, distance, self, seed)
         populations = list[Population]()
         while True:

@@ -87,7 +87,7 @@ class SequentialEmulator:
 
     Attributes:
         simulations: At most.
-        walkers: Chains, at most as many as simulations.
+        walkers: Chains, at most as many as simulations of the first round.
         first: Simulations from the prior, a power of two; by default 512, or fewer where few are allowed.
         each: Simulations of every further round; by default as many as `first`.
         widen: w.
@@ -98,7 +98,7 @@ class SequentialEmulator:
     """
 
     simulations: Annotated[int, Setting("Simulations at most, those of a resumed run included.", extends=True)] = 12_288
-    walkers: Annotated[int, Setting("Number of chains.")] = 128
+    walkers: Annotated[int, Setting("Number of chains, at most as many as simulations of the first round.")] = 128
     first: Annotated[int | None, Setting("Simulations of the first round, a power of two; at most 512 by default.")] = (
         None
     )
