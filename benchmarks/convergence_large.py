@@ -1,0 +1,166 @@
+"""How far numerics may be coarsened for colonies of real size: Δt, h and the width of contact, at t = 30 and 60.
+
+The colony of `benchmarks.large` (λ5 = 1.3, λ6 = 0.9, λ7 = 0.65), relaxed, in a dish of 300 L0, with the same seeds for
+all settings. Statistics are those of images with 0.3 L0 a pixel, as photographs are measured. An entry is the
+difference of a setting's mean from that of the reference, Δt = 0.025, h = 0.4 and w = 0.05, in percent, that of I_F and
+I_R in hundredths, ± its standard error from the differences of pairs of colonies with one seed. Colonies of one seed
+are alike at first and as different as any at the end, so a standard error says what so many seeds can tell. At
+Δt = 0.1 forward Euler does not hold the springs: positions become not finite.
+
+    python -m benchmarks.convergence_large [--quick] [--json FILE] [--docs DIR] [--work DIR] [--seeds N] [--until T]
+
+Colonies are kept in the folder given by --work, out/convergence_large by default, as they are finished; an interrupted
+run goes on from there. One colony to t = 60 takes two to four minutes of a processor. --until 30 leaves out the later
+time. --quick: two seeds to t = 8.
+"""
+
+import argparse
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks.large import LARGE
+from benchmarks.lines import append_line, read_lines
+from benchmarks.report import Report, command
+from yeastfit import InputError, Numerics, Relaxation, member_keys, simulate
+from yeastfit.measure.statistics.model_as_mask import HardStatistics
+
+SIDE, PIXEL = 300.0, 0.3
+NAMES = {
+    "cell_count": "N",
+    "area": "area",
+    "radius": "radius",
+    "compactness": "C",
+    "filament_area_index": "I_F",
+    "filament_radius_index": "I_R",
+}
+REFERENCE = {"dt": 0.025, "spacing": 0.4, "contact": 0.05}
+CHANGES: dict[str, Mapping[str, float]] = {
+    "reference": {},
+    "Δt 0.0125": {"dt": 0.0125},
+    "Δt 0.05": {"dt": 0.05},
+    "h 0.2": {"spacing": 0.2},
+    "h 0.8": {"spacing": 0.8},
+    "w 0.025": {"contact": 0.025},
+    "w 0.1": {"contact": 0.1},
+    "w 0.2": {"contact": 0.2},
+}
+SEEDS = 4
+Record = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Study:
+    """Settings, seeds and times, and the folder of finished colonies."""
+
+    times: tuple[float, ...]
+    seeds: int
+    work: Path
+
+    @cached_property
+    def done(self) -> dict[tuple[str, int], Record]:
+        """Finished colonies. Raises `InputError` if they were grown to other times or otherwise."""
+        records = {}
+        for record in read_lines(self.work / "colonies.jsonl"):
+            name, known = record["name"], list(self.times)
+            if record["times"] != known or record["settings"] != REFERENCE | dict(CHANGES.get(name, {})):
+                raise InputError(f"--work: {self.work} holds colonies of other settings or times; name another folder")
+            records[name, record["seed"]] = record
+        return records
+
+    def grow(self, name: str, seed: int) -> None:
+        """One colony, measured and kept."""
+        began, used, settings = time.perf_counter(), time.process_time(), REFERENCE | dict(CHANGES[name])
+        run = simulate(
+            LARGE,
+            member_keys(0, self.seeds)[seed],
+            times=self.times,
+            numerics=Numerics(domain=SIDE, spacing=settings["spacing"], dt=settings["dt"]),
+            relaxation=Relaxation(contact=settings["contact"]),
+            observe=HardStatistics(SIDE, PIXEL, tuple(NAMES)),
+            throw=False,  # what went wrong stands in the record
+        )
+        record = {
+            **{"name": name, "seed": seed, "settings": settings, "times": list(self.times)},
+            **{"statistics": {one: run.statistics[one].tolist() for one in NAMES}, "warnings": run.warnings()},
+            **{"seconds": time.perf_counter() - began, "processor seconds": time.process_time() - used},
+        }
+        append_line(self.work / "colonies.jsonl", record)
+        self.done[name, seed] = record
+
+    def rows(self, moment: int) -> list[dict[str, Any]]:
+        """Differences from the reference at one of the times."""
+        rows = []
+        for name in CHANGES:
+            seeds = [
+                seed for seed in range(self.seeds) if (name, seed) in self.done and ("reference", seed) in self.done
+            ]
+            if not seeds:
+                continue
+            mine, reference = (
+                {
+                    one: np.array([self.done[of, seed]["statistics"][one][moment] for seed in seeds], dtype=float)
+                    for one in NAMES
+                }
+                for of in (name, "reference")
+            )
+            cost = np.median([self.done[name, seed]["processor seconds"] for seed in seeds])
+            row: dict[str, Any] = {"setting": name, "colonies": len(seeds), "processor s": float(cost)}
+            for one, symbol in NAMES.items():
+                mean = reference[one].mean()
+                if name == "reference":
+                    row[symbol] = _text(mean, reference[one].std(ddof=1) if len(seeds) > 1 else np.nan, "")
+                    continue
+                gaps = 100 * (mine[one] - reference[one]) / (1.0 if symbol.startswith("I") else mean)
+                error = gaps.std(ddof=1) / len(seeds) ** 0.5 if len(seeds) > 1 else np.nan
+                row[symbol] = _text(gaps.mean(), error, "+")
+            rows.append(row)
+        return rows
+
+
+def _text(value: float, error: float, sign: str) -> str:
+    digits = 1 if sign or value >= 10 else 3
+    return f"{value:{sign}.{digits}f} ± {error:.{digits}f}"
+
+
+def study(report: Report, found: Study) -> None:
+    """Grow what is missing, seed by seed, and report."""
+    for seed in range(found.seeds):
+        for name in CHANGES:
+            if (name, seed) not in found.done:
+                report.stage(f"{name}, seed {seed}")
+                found.grow(name, seed)
+    for moment, at in enumerate(found.times):
+        report.table(f"t = {at:g}: the reference with its scatter, and differences from it", found.rows(moment))
+    warned = [f"{name}, seed {seed}: {'; '.join(one['warnings'])}" for (name, seed), one in found.done.items()]
+    warned = [one for one in warned if not one.endswith(": ")]
+    report.add("colonies with warnings", len(warned), "", note="; ".join(dict.fromkeys(warned))[:300])
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Run the command: parse the options of this benchmark, then those of every benchmark."""
+    parser = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
+    parser.add_argument("--work", type=Path, default=Path("out/convergence_large"))
+    parser.add_argument("--seeds", type=int, default=SEEDS)
+    parser.add_argument("--until", type=float, default=60.0)
+    own, others = parser.parse_known_args(arguments)
+
+    def run(report: Report, quick: bool) -> None:
+        times = (4.0, 8.0) if quick else tuple(at for at in (30.0, 60.0) if at <= own.until)
+        folder = "quick" if quick else f"until-{times[-1]:g}"
+        study(report, Study(times, 2 if quick else own.seeds, own.work / folder))
+        if report.docs is not None:
+            report.docs.mkdir(parents=True, exist_ok=True)
+            page = "\n\n".join([report.head(__doc__), *report.sections()])
+            (report.docs / "convergence-large.md").write_text(page, encoding="utf-8")
+
+    command("convergence_large", run, others)
+
+
+if __name__ == "__main__":
+    main()
