@@ -113,8 +113,8 @@ def test_what_round_colonies_have_none_of_may_be_0_or_below() -> None:
         ({"times": [0.0, 1.0]}, "times must rise from above 0"),
         ({"times": [1.0, np.nan]}, "times must rise"),
         ({"times": [1.0, 2.0, 3.0]}, r"mean has shape \(2, 2\)|shape"),
-        ({"means": {"radius": [1.0, -2.0]}}, "mean of radius at time 2 is -2, it must be above 0"),
-        ({"means": {"radius": [0.0, 2.0]}}, "mean of radius at time 1 is 0"),
+        ({"means": {"radius": [1.0, -2.0]}}, "mean of radius at time 2 \\(4.35 hours\\) is -2, it must be above 0"),
+        ({"means": {"radius": [0.0, 2.0]}}, "mean of radius at time 1 \\(2.17 hours\\) is 0"),
         (
             {"means": {"colour": [1.0, 2.0]}, "imaging": Imaging(3.0)},
             "statistic 'colour' is unknown, expected some of compactne",
@@ -123,8 +123,11 @@ def test_what_round_colonies_have_none_of_may_be_0_or_below() -> None:
         ({"means": {"compactness": [1.0, 2.0]}}, "extent is missing"),
         ({"means": {"radius": [np.nan, np.nan]}, "imaging": Imaging(3.0)}, "nothing is measured"),
         ({"scatter": {"area": [1.0, 2.0]}}, "scatter of 'area', but there are means of radius, compactness only"),
-        ({"scatter": {"radius": [0.1, 0.0]}, "replicates": 5}, "scatter of radius at time 2 is 0, so no error"),
-        ({"scatter": {"radius": [0.1, -0.1]}}, "scatter of radius at time 2 is -0.1"),
+        (
+            {"scatter": {"radius": [0.1, 0.0]}, "replicates": 5},
+            "scatter of radius at time 2 \\(4.35 hours\\) is 0, so no error",
+        ),
+        ({"scatter": {"radius": [0.1, -0.1]}}, "scatter of radius at time 2 \\(4.35 hours\\) is -0.1"),
     ],
     ids=str,
 )

@@ -269,10 +269,9 @@ class Targets:
 
     def _refuse(self, bad: np.ndarray, what: str, why: str) -> None:
         for statistic, time in np.argwhere(bad & self.measured):
-            value = getattr(self, what)[statistic, time]
-            raise InputError(
-                f"targets: {what} of {self.names[statistic]} at time {self.times[time]:.3g} is {value:g}, {why}"
-            )
+            value, at = getattr(self, what)[statistic, time], self.times[time]
+            hours = "" if self.imaging is None else f" ({at / self.imaging.scales.rate:.3g} hours)"
+            raise InputError(f"targets: {what} of {self.names[statistic]} at time {at:.3g}{hours} is {value:g}, {why}")
 
 
 def _reaching(imaging: Imaging | None, names: tuple[str, ...], mean: np.ndarray) -> Imaging | None:
