@@ -18,6 +18,7 @@ from yeastfit.model.cells import Cells, cells_of
 from yeastfit.model.colony import Colony, start
 from yeastfit.model.laws.medium import eaten
 from yeastfit.model.laws.uptake import BiomassUptake
+from yeastfit.model.model import Model
 from yeastfit.model.simulate import step
 
 NUMERICS = Numerics(domain=17.0, spacing=0.1, capacity=60)  # squares of half sides 2.9, 4.2, 6 and 8.5
@@ -145,3 +146,13 @@ def test_no_derivative_is_lost_at_the_squares_edge(double: None, monkeypatch: py
     whole = slopes(1)
     assert (np.abs(whole).max(axis=(0, 1)) > 1e-2).all()
     np.testing.assert_allclose(slopes(7), whole, rtol=0.0, atol=1e-13)
+
+
+@pytest.mark.parametrize("medium", ["nutrient", "nitrogen", "morphogen"])
+def test_no_step_holds_an_empty_constant(medium: str) -> None:
+    """On which jaxlib 0.11.2 ends the process, where members are shared out over devices."""
+    model = Model.of({"medium": {"rule": medium}})
+    colony = model.start(jax.random.key(0), NUMERICS)
+    rules = model.complete(Parameters()), Relaxation(), NUMERICS, model
+    traced = jax.make_jaxpr(lambda one: step(one, *rules)[0])(colony)
+    assert [constant for constant in traced.consts if not np.size(constant)] == []

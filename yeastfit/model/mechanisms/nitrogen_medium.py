@@ -126,7 +126,7 @@ class NitrogenMedium(MediumRule):
         births = _without(births, colony, weights)
         room = colony.parents.shape[0] - colony.count
         born = jnp.sum(jnp.where(jnp.cumsum(weights > 0) <= room, weights, 0.0))
-        left = field.at[inside, inside].multiply(1.0 - cost * born / jnp.where(held > 0, held, 1.0))
+        left = with_window(field, inside, share * (1.0 - cost * born / jnp.where(held > 0, held, 1.0)))
         return dataclasses.replace(colony, medium={**colony.medium, "nitrogen": left}), births
 
     def drift(self, context: Context) -> Float[Array, "node 2"]:
