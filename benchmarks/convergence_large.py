@@ -43,13 +43,19 @@ NAMES = {
 REFERENCE = {"dt": 0.025, "spacing": 0.4, "contact": 0.05}
 CHANGES: dict[str, Mapping[str, float]] = {
     "reference": {},
-    "Δt 0.0125": {"dt": 0.0125},
     "Δt 0.05": {"dt": 0.05},
+    "Δt 0.0125": {"dt": 0.0125},
+    "Δt 0.00625": {"dt": 0.00625},
+    "Δt 0.003125": {"dt": 0.003125},
     "h 0.2": {"spacing": 0.2},
     "h 0.8": {"spacing": 0.8},
     "w 0.025": {"contact": 0.025},
     "w 0.1": {"contact": 0.1},
     "w 0.2": {"contact": 0.2},
+    "w 0.025, Δt 0.0125": {"contact": 0.025, "dt": 0.0125},
+    "w 0.1, Δt 0.0125": {"contact": 0.1, "dt": 0.0125},
+    "w 0.2, Δt 0.0125": {"contact": 0.2, "dt": 0.0125},
+    "w 0.025, Δt 0.003125": {"contact": 0.025, "dt": 0.003125},
     "plain sums": {"compiled": False},
 }
 SEEDS = 4
