@@ -104,7 +104,11 @@ CASES: list[tuple[str, str]] = [
         for command in ("simulate --out OUT", "design --out OUT", "gradcheck")
         for name, one in (("diffusivity", "1e300"), ("elasticity", "1e39"), ("metabolic-rate", "1e-300"))
     ),
-    *((f"{line} --out ''", "--out is ''") for line in ("simulate", "demo", "infer table", "gradcheck", "synthesize")),
+    *((f"{line} --out ''", "--out is ''") for line in ("simulate", "demo", "infer table", "gradcheck")),
+    ("synthesize --recipe recipe.toml --out ''", "--out is ''"),
+    ("measure '' --out OUT", "paths is '', need a file or folder"),
+    ("infer '' --out OUT", "source is '', need a file or folder"),
+    ("infer table --reuse '' --out OUT", "--reuse is '', need a file or folder"),
     ("manifest . --pattern {replicate} --out ''", "--out is ''"),
     ("simulate --out OUT --until-area 0", "--until-area is 0"),
     ("simulate --out OUT --until-cells 5 --every 0.2", "--every is given beside --until-cells"),
@@ -194,7 +198,10 @@ CASES: list[tuple[str, str]] = [
     ("infer table --out OUT --method abc-mcmc --move stretch --walkers 1", "--walkers is 1, stretch with 3 parameters"),
     ("infer table --out OUT --method abc-smc --population 3", "--population is 3, it must be larger than the number"),
     ("infer table --out OUT --method abc-smc --population 20 --simulations 10", "--simulations is 10, it must be at"),
-    ("infer table --out OUT --simulations 20", "the first round has 16 simulations, an emulator of 3 parameters"),
+    (
+        "infer table --out OUT --simulations 20",
+        "--simulations is 20: the first round has 16 simulations, an emulator of 3 parameters",
+    ),
     ("infer table --out OUT --no-variation --variation-sd 0.3", "--variation-zero or --variation-sd is given, a"),
     ("infer table --out OUT --model offlattice --statistics radius --cells 1", "--cells is 1, the first cell alone"),
     ("design --out OUT --model offlattice --cells 1", "--cells is 1, the first cell alone"),
@@ -229,7 +236,7 @@ CASES: list[tuple[str, str]] = [
     ("measure a.png --out OUT --seed-point nan,2", "--seed-point is 'nan,2'"),
     (
         "measure a.png --out OUT --colonies all --seed-point 5,5",
-        "--colonies and --seed-point are 'all' and (5.0, 5.0), which means one",
+        "--colonies and --seed-point are all and 5,5, which means one",
     ),
     ("measure a.png --out OUT --roi 1,2,3", "--roi is '1,2,3'"),
     ("measure a.png --out OUT --roi 0.5,1,2,3", "--roi is '0.5,1,2,3' four whole numbers"),

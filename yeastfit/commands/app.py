@@ -17,7 +17,7 @@ import typer
 from typer.core import TyperCommand, TyperGroup, TyperOption
 
 from yeastfit.commands.console import signals
-from yeastfit.commands.console.failures import explained
+from yeastfit.commands.console.failures import UsageError, explained
 from yeastfit.commands.console.program_cache import keep_programs
 from yeastfit.commands.console.strict_numbers import strictly
 from yeastfit.commands.generated.options import with_options
@@ -60,12 +60,16 @@ class _Command(TyperCommand):
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """Parse them, with a warning of what is given again although it counts once."""
         self.flags = {one.partition("=")[0] for one in args if one.startswith("--")}
-        given = self.make_parser(ctx).parse_args(args=list(args))[2]
+        texts, _, given = self.make_parser(ctx).parse_args(args=list(args))
         options = [one for one in given if isinstance(one, TyperOption) and not one.multiple]
         once = [one for one in options if not one.is_flag or one.secondary_opts]  # --hard --relaxed
         for name in dict.fromkeys(one.opts[0] for one in once if once.count(one) > 1):
             print(f"warning: {name} is given more than once, the last one counts", file=sys.stderr)
-        return super().parse_args(ctx, args)
+        rest = super().parse_args(ctx, args)
+        for one in given:  # an empty name, of a variable that is not set, perhaps, would be the current folder
+            if "" in _each(texts[one.name]) and any(isinstance(read, Path) for read in _each(ctx.params[one.name])):
+                raise UsageError(f"{one.opts[0]} is '', need a file or folder; . is the current one")
+        return rest
 
     def invoke(self, ctx: Any) -> Any:
         """Run it."""
@@ -85,6 +89,11 @@ class _Command(TyperCommand):
         """Options by their names in Python, each as it was typed."""
         options = [one for one in self.params if one.param_type_name == "option"]
         return {one.name: next((flag for flag in one.opts if flag in self.flags), one.opts[0]) for one in options}
+
+
+def _each(value: Any) -> Sequence[Any]:
+    """What is given once or several times."""
+    return value if isinstance(value, list | tuple) else [value]
 
 
 class _Commands(TyperGroup):

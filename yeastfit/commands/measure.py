@@ -1,7 +1,7 @@
 """`yeastfit measure`: outline the colony in each micrograph and measure it."""
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
@@ -89,7 +89,9 @@ def measure(
             outcomes = measure_batch(images, results.partial, jobs=jobs or available_processors(), progress=progress)
         write_results(results.partial, title, outcomes, dataset=dataset, skipped=skipped, settings=settings)
         inputs = [*manifest, *(file for outcome in outcomes if outcome.sha256 for file in outcome.image.files)]
-        failed = [outcome.error for outcome in outcomes if not outcome.row]
+        failed = [
+            _as_typed(outcome.error, settings if dataset is None else ()) for outcome in outcomes if not outcome.row
+        ]
         if results.finished and len(failed) == len(outcomes):
             fail([*failed, f"no micrograph was measured: the earlier results in {folder} stay"])
         overruled = {image.label: image.options.as_arguments() for image in images if image.options.as_arguments()}
@@ -112,6 +114,13 @@ def measure(
     out.print(f"{len(measured)} of {len(images)} micrographs measured. Results in {folder}, on one page: index.html")
     if failed:
         fail(failed)
+
+
+def _as_typed(error: str, given: Iterable[str]) -> str:
+    """What went wrong with an image, by the options that were given rather than by columns of a manifest."""
+    for name in given:
+        error = error.replace(f": {name} is ", f": {flag_of(name)} is ")
+    return error
 
 
 def _without_effect(given: Mapping[str, Any], measured: Sequence[Outcome], dataset: Dataset | None) -> list[str]:

@@ -7,7 +7,6 @@ from typing import Annotated, Any
 
 import typer
 
-from yeastfit.commands.console.failures import UsageError
 from yeastfit.errors import InputError
 from yeastfit.measure.statistics.registry import measurement_errors, most_telling_first, names_with
 from yeastfit.measure.statistics.statistic import Statistic
@@ -19,14 +18,7 @@ SMOOTH = ", ".join(most_telling_first(names_with("smooth")))
 
 def folder_option(text: str, **more: Any) -> Any:
     """The option --out of a command, with its help and what else typer is told of it."""
-    return typer.Option("--out", parser=_folder, metavar="FOLDER", help=text, **more)
-
-
-def _folder(name: str) -> Path:
-    """The folder for results; an empty name, of a variable that is not set, perhaps, would be the current one."""
-    if not name:
-        raise UsageError("--out is '', need a folder; . is the current one")  # typer renames other errors
-    return Path(name)
+    return typer.Option("--out", metavar="FOLDER", help=text, **more)
 
 
 RESULTS = "Folder for the results. It is made if it does not exist."

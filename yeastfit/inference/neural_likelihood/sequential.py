@@ -179,9 +179,10 @@ class SequentialEmulator:
         """See `Sampler`; with so many simulations of another run."""
         simulations, least = self.round_sizes(free)[0] + reused, fewest(free, statistics, self.training)
         if simulations < least:
+            said = f"simulations is {self.simulations}" if self.first is None else f"first is {self.first}"
             raise InputError(
-                f"the first round has {simulations} simulations, an emulator of {free} parameters and {statistics} "
-                f"statistics needs at least {least}: allow more of them"
+                f"{said}: the first round has {simulations} simulations, an emulator of {free} parameters and "
+                f"{statistics} statistics needs at least {least}"
             )
         if self.walkers < 2 * inferred:
             raise InputError(f"walkers is {self.walkers}, {inferred} parameters need at least {2 * inferred}")
