@@ -12,9 +12,9 @@ from yeastfit.offlattice import colony as module
 from yeastfit.offlattice.cell_sets import CHILDLESS, add, eligible, empty_sets, member, remove
 from yeastfit.offlattice.colony import OfflatticeColony, grow, grow_many
 from yeastfit.offlattice.mothers import NO_CHILDLESS, NO_MOTHER, NO_SATED, after_transition, any_eligible
-from yeastfit.offlattice.overlap import CELL
+from yeastfit.offlattice.overlap import CELL, empty_cells
 from yeastfit.offlattice.parameters import PARAMETERS, Rates
-from yeastfit.offlattice.random_numbers import seeded, uniform
+from yeastfit.offlattice.random_numbers import foreseen, seeded, uniform
 from yeastfit.offlattice.status import Status
 
 AWRI_50 = (0.6332, 0.6145, 0.2521, 0.1321, 0.1174)
@@ -183,6 +183,22 @@ def test_numbers_are_those_of_xoshiro256pp() -> None:
         s[3] = turned(s[3], 45)
         assert uniform(numbers) == (word >> 11) / 2**53
     assert numbers.drawn[0] == 200
+
+
+def test_foreseen_numbers_are_those_that_come() -> None:
+    numbers = seeded(3)
+    for skipped in (0, 1, 4):
+        two = foreseen(numbers, skipped)
+        drawn = [uniform(numbers) for _ in range(skipped + 2)]
+        assert two == tuple(drawn[skipped:])
+
+
+def test_no_cell_lies_across_two_lines_of_the_cache() -> None:
+    for count in (0, 1, 5, 1_000_000):
+        cells = empty_cells(count)
+        assert (cells.size, cells.dtype) == (count, CELL)
+        assert cells.ctypes.data % CELL.itemsize == 0
+    assert 64 % CELL.itemsize == 0
 
 
 @pytest.mark.parametrize("by_birth", [False, True])

@@ -15,7 +15,7 @@ from yeastfit.errors import InputError
 from yeastfit.offlattice.cell_sets import empty_sets
 from yeastfit.offlattice.growth import grow_cells
 from yeastfit.offlattice.mothers import RETIRED
-from yeastfit.offlattice.overlap import CELL, PSEUDOHYPHAL, empty_bins
+from yeastfit.offlattice.overlap import PSEUDOHYPHAL, empty_bins, empty_cells
 from yeastfit.offlattice.parameters import Rates, in_range, rates_of
 from yeastfit.offlattice.random_numbers import seeded, streamed
 from yeastfit.offlattice.status import Status
@@ -118,11 +118,11 @@ def grow(
         raise InputError(f"delay is {delay}, it must be a share of all cells of at least 0")
     numbers = seeded(seed) if stream is None else streamed(stream)
     if not in_range(rates):
-        return _colony(rates, cells, Status.OUTSIDE, np.empty(0, CELL))
+        return _colony(rates, cells, Status.OUTSIDE, empty_cells(0))
     memory = cells * BYTES_PER_CELL
     if cells > LARGEST or (memory > LITTLE and memory > _free_memory()):
-        return _colony(rates, cells, Status.TOO_LARGE, np.empty(0, CELL))
-    held, sated = np.empty(cells, CELL), last_sated(rates.transition, cells)
+        return _colony(rates, cells, Status.TOO_LARGE, empty_cells(0))
+    held, sated = empty_cells(cells), last_sated(rates.transition, cells)
     code, born, attempts, sated_attempts = grow_cells(
         rates,
         sated,

@@ -17,7 +17,7 @@ from jaxtyping import Int, Shaped
 
 from yeastfit.compiled import kernel
 from yeastfit.offlattice.cell_sets import CHILDLESS, ELIGIBLE_PSEUDOHYPHAL, ELIGIBLE_SATED, Sets, add
-from yeastfit.offlattice.mothers import after_transition, any_eligible, bear_pseudohyphal, count_on
+from yeastfit.offlattice.mothers import after_transition, any_eligible, bear_pseudohyphal, count_on, fetch_next
 from yeastfit.offlattice.overlap import NOBODY, PSEUDOHYPHAL, SATED, free, insert
 from yeastfit.offlattice.parameters import Rates
 from yeastfit.offlattice.placing import BUDDING, DISPLACEMENTS
@@ -68,6 +68,8 @@ def grow_cells(
                 return STREAM_ENDED, index, attempts + tried, sated_attempts
             step = DISPLACEMENTS[cells[mother].form, form, angle, cells[mother].direction & 31]
             x, y = cells[mother].x + step[0], cells[mother].y + step[1]
+            if number >= late:
+                fetch_next(cells, sets, numbers)
             if free(x, y, cells, bins):
                 break
         attempts += tried

@@ -27,9 +27,10 @@ from yeastfit.offlattice.cell_sets import (
     member,
     remove,
 )
+from yeastfit.offlattice.fetching import fetch
 from yeastfit.offlattice.overlap import SATED
 from yeastfit.offlattice.parameters import Rates
-from yeastfit.offlattice.random_numbers import Numbers, below
+from yeastfit.offlattice.random_numbers import Numbers, below, foreseen
 from yeastfit.offlattice.status import CODES, Status
 
 RETIRED = 4
@@ -64,6 +65,18 @@ def after_transition(
     if mother >= 0 and u[1] > rates.fork and cells[mother].bears and u[0] > rates.sated_from_pseudohyphal:
         mother = _one_of(sets, CHILDLESS, numbers, NO_CHILDLESS)
     return mother
+
+
+@kernel
+def fetch_next(cells: Shaped[np.ndarray, " cell"], sets: Sets, numbers: Numbers) -> None:
+    """Fetch the cells that the next attempt is likely to draw by steps 2 and 3, where there are lists of members.
+
+    Those are drawn by its fifth and sixth number, after one for step 1 and u₁, u₂, u₃.
+    """
+    if sets.tree.shape[1] == 0:
+        second, third = foreseen(numbers, 4)
+        fetch(cells, member(sets, ELIGIBLE_PSEUDOHYPHAL, int(second * sets.size[ELIGIBLE_PSEUDOHYPHAL])))
+        fetch(cells, member(sets, CHILDLESS, int(third * sets.size[CHILDLESS])))
 
 
 @kernel

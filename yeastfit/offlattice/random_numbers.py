@@ -22,6 +22,7 @@ from yeastfit.compiled import kernel
 from yeastfit.errors import InputError
 
 MOST_SEED = 2**64
+Words = tuple[np.uint64, np.uint64, np.uint64, np.uint64]
 
 
 class Numbers(NamedTuple):
@@ -67,7 +68,10 @@ def uniform(numbers: Numbers) -> float:
     position = numbers.drawn[0]
     numbers.drawn[0] = position + 1
     if numbers.stream.size == 0:
-        return np.float64(_next_word(numbers.state) >> np.uint64(11)) * (1.0 / 9007199254740992.0)
+        state = numbers.state
+        words = state[0], state[1], state[2], state[3]
+        state[0], state[1], state[2], state[3] = _moved_on(words)
+        return _number(words)
     return numbers.stream[position] if position < numbers.stream.size else 0.0
 
 
@@ -78,15 +82,27 @@ def below(numbers: Numbers, count: int) -> int:
 
 
 @kernel
-def _next_word(state: UInt64[np.ndarray, " 4"]) -> np.uint64:
-    s0, s1, s2, s3 = state[0], state[1], state[2], state[3]
-    word = _rotated(s0 + s3, np.uint64(23)) + s0
+def foreseen(numbers: Numbers, skipped: int) -> tuple[float, float]:
+    """Two numbers of the generator that come after so many others, without drawing them."""
+    state = numbers.state
+    words = state[0], state[1], state[2], state[3]
+    for _ in range(skipped):
+        words = _moved_on(words)
+    return _number(words), _number(_moved_on(words))
+
+
+@kernel
+def _number(words: Words) -> float:
+    return np.float64((_rotated(words[0] + words[3], np.uint64(23)) + words[0]) >> np.uint64(11)) * 2.0**-53
+
+
+@kernel
+def _moved_on(words: Words) -> Words:
+    s0, s1, s2, s3 = words
     shifted = s1 << np.uint64(17)
     s2 ^= s0
     s3 ^= s1
-    state[0], state[1] = s0 ^ s3, s1 ^ s2
-    state[2], state[3] = s2 ^ shifted, _rotated(s3, np.uint64(45))
-    return word
+    return s0 ^ s3, s1 ^ s2, s2 ^ shifted, _rotated(s3, np.uint64(45))
 
 
 @kernel
