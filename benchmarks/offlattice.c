@@ -15,6 +15,7 @@
 
 #define PI 3.14159265358979323846
 #define BIN 4.4
+#define BINS_PER_PIXEL (1 / BIN)
 #define RETIRED 4
 
 enum { SATED, PSEUDOHYPHAL, CHILDLESS };
@@ -60,17 +61,19 @@ static void tables(void)
 
 static inline uint64_t rotated(uint64_t word, int bits) { return word << bits | word >> (64 - bits); }
 
-static inline double uniform(void)
+static inline double moved_on(uint64_t *words)
 {
-    uint64_t word = rotated(state[0] + state[3], 23) + state[0], shifted = state[1] << 17;
-    state[2] ^= state[0];
-    state[3] ^= state[1];
-    state[1] ^= state[2];
-    state[0] ^= state[3];
-    state[2] ^= shifted;
-    state[3] = rotated(state[3], 45);
+    uint64_t word = rotated(words[0] + words[3], 23) + words[0], shifted = words[1] << 17;
+    words[2] ^= words[0];
+    words[3] ^= words[1];
+    words[1] ^= words[2];
+    words[0] ^= words[3];
+    words[2] ^= shifted;
+    words[3] = rotated(words[3], 45);
     return (double)(word >> 11) * (1.0 / 9007199254740992.0);
 }
+
+static inline double uniform(void) { return moved_on(state); }
 
 static inline int32_t below(int32_t count) { return (int32_t)(count * uniform()); }
 
@@ -109,31 +112,40 @@ static inline void count_on(int32_t index)
     }
 }
 
+static inline void fetch_next(void)
+{
+    uint64_t words[4];
+    memcpy(words, state, sizeof words);
+    for (int skipped = 0; skipped < 4; skipped++) moved_on(words);
+    __builtin_prefetch(cells + members[PSEUDOHYPHAL][(int32_t)(size[PSEUDOHYPHAL] * moved_on(words))]);
+    __builtin_prefetch(cells + members[CHILDLESS][(int32_t)(size[CHILDLESS] * moved_on(words))]);
+}
+
 static inline int is_free(double x, double y)
 {
     static const int near[3] = {0, -1, 1};
-    int32_t row = (int32_t)floor(x / BIN), column = (int32_t)floor(y / BIN);
-    for (int i = 0; i < 3; i++)
-        for (int j = 0; j < 3; j++) {
-            int32_t index = bins[(size_t)((row + near[i]) & wrap) * (wrap + 1) + ((column + near[j]) & wrap)];
-            while (index >= 0) {
-                const Cell *cell = cells + index;
-                double dx = x - cell->x, dy = y - cell->y;
-                if (dx * dx + dy * dy <= reach2) {
-                    const double *f = frame[cell->form][cell->direction & 31];
-                    double u = fabs(f[0] * dx + f[1] * dy), v = fabs(f[2] * dx + f[3] * dy);
-                    if (u * cos15 + v * sin15 <= cos15 && (u + v) * cos45 <= cos15 && u * sin15 + v * cos15 <= cos15)
-                        return 0;
-                }
-                index = cell->below;
-            }
+    int32_t row = (int32_t)floor(x * BINS_PER_PIXEL), column = (int32_t)floor(y * BINS_PER_PIXEL), topmost[9];
+    for (int k = 0; k < 9; k++) {
+        topmost[k] = bins[(size_t)((row + near[k / 3]) & wrap) * (wrap + 1) + ((column + near[k % 3]) & wrap)];
+        __builtin_prefetch(cells + topmost[k]);
+    }
+    for (int k = 0; k < 9; k++)
+        for (int32_t index = topmost[k]; index >= 0; index = cells[index].below) {
+            const Cell *cell = cells + index;
+            double dx = x - cell->x, dy = y - cell->y;
+            const double *f = frame[cell->form][cell->direction & 31];
+            double u = fabs(f[0] * dx + f[1] * dy), v = fabs(f[2] * dx + f[3] * dy);
+            if ((dx * dx + dy * dy <= reach2) & (u * cos15 + v * sin15 <= cos15) & ((u + v) * cos45 <= cos15)
+                & (u * sin15 + v * cos15 <= cos15))
+                return 0;
         }
     return 1;
 }
 
 static void bear(int32_t index, int32_t mother, int form, double x, double y, int direction)
 {
-    int32_t *bin = bins + (size_t)((int32_t)floor(x / BIN) & wrap) * (wrap + 1) + ((int32_t)floor(y / BIN) & wrap);
+    int32_t row = (int32_t)floor(x * BINS_PER_PIXEL), column = (int32_t)floor(y * BINS_PER_PIXEL);
+    int32_t *bin = bins + (size_t)(row & wrap) * (wrap + 1) + (column & wrap);
     cells[index] = (Cell){x, y, *bin, direction, mother, (uint8_t)form, 1, 0};
     *bin = index;
     add(form, index);
@@ -167,6 +179,7 @@ static int64_t grow(int32_t count, int32_t sated, double late, const double *rat
             angle = below(4);
             const double *step = displacement[cells[mother].form][form][angle][cells[mother].direction & 31];
             x = cells[mother].x + step[0], y = cells[mother].y + step[1];
+            if (number >= late) fetch_next();
             if (is_free(x, y)) break;
         }
         bear(index, mother, form, x, y, cells[mother].direction + BUDDING[form][angle]);
@@ -193,7 +206,7 @@ int main(int argc, char **argv)
     for (int k = 0; k < repeats; k++) {
         struct timespec start, end;
         clock_gettime(CLOCK_THREAD_CPUTIME_ID, &start);
-        cells = malloc((size_t)count * sizeof *cells);
+        cells = aligned_alloc(sizeof *cells, (size_t)count * sizeof *cells);
         bins = malloc((size_t)side * side * sizeof *bins);
         for (int set = 0; set < 3; set++) {
             members[set] = malloc((size_t)count * sizeof(int32_t));
