@@ -11,7 +11,9 @@ import pickle
 import signal
 import sys
 import threading
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from multiprocessing import resource_tracker
 
 PR_SET_PDEATHSIG = 1  # linux/prctl.h
 
@@ -30,8 +32,27 @@ def begin(work: bytes) -> None:
 def end_with_parent() -> None:
     """Make this process, started by `multiprocessing`, end when its parent does, and at once after Ctrl-C."""
     signal.signal(signal.SIGINT, signal.SIG_DFL)  # which reaches both: the parent need not wait for what is at hand
+    if hasattr(signal, "pthread_sigmask"):  # not on Windows
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
     be_killed_with_parent()
     threading.Thread(target=_end_after_parent, daemon=True).start()
+
+
+@contextmanager
+def interrupts_held_back() -> Iterator[None]:
+    """Hold Ctrl-C back from processes that are started inside: each would write a traceback before it has begun.
+
+    In a terminal it goes to all processes of a command. That of the parent is answered at the end.
+    """
+    if not hasattr(signal, "pthread_sigmask"):  # on Windows
+        yield
+        return
+    resource_tracker.ensure_running()  # else `multiprocessing` would start it inside, and let Ctrl-C through there
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def be_killed_with_parent() -> None:

@@ -8,8 +8,6 @@ and do not depend on the number of processes.
 import multiprocessing
 import os
 import pickle
-import signal
-import threading
 import traceback
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
@@ -33,7 +31,7 @@ from yeastfit.measure.statistics.statistic import Statistic
 from yeastfit.progress import Progress, silent
 from yeastfit.report.outcome import Outcome
 from yeastfit.storage import can_be_hashed, sha256_of, written_whole
-from yeastfit.worker_processes import begin
+from yeastfit.worker_processes import begin, interrupts_held_back
 
 IMAGES_PER_PROCESS = 4  # fewer are measured sooner than another process has started
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
@@ -97,6 +95,10 @@ def _in_processes(images: Sequence[InputImage], folder: Path, processes: int) ->
                 del waiting[number]
                 yield number, Outcome(image, error=f"{image.path}: its process died, perhaps of too little memory")
             processes = 1
+        except KeyboardInterrupt:  # of a signal that came to this process alone
+            for process in list(pool._processes.values()):
+                process.terminate()
+            raise
         finally:
             pool.shutdown(cancel_futures=True)  # after the images at hand
     for number, image in waiting.items():
@@ -114,16 +116,13 @@ def _can_be_sent(statistics: Sequence[Statistic]) -> bool:
 
 @contextmanager
 def _settings_for_workers() -> Iterator[None]:
-    """Let processes started inside use one thread each and ignore Ctrl-C until they have begun."""
+    """Let processes started inside use one thread each, and hold Ctrl-C back from them until they have begun."""
     added = [name for name in THREADS if name not in os.environ]
     os.environ.update(dict.fromkeys(added, "1"))
-    main = threading.current_thread() is threading.main_thread()  # only there can signals be set
-    handler = signal.signal(signal.SIGINT, signal.SIG_IGN) if main else None
     try:
-        yield
+        with interrupts_held_back():
+            yield
     finally:
-        if main:
-            signal.signal(signal.SIGINT, handler)
         for name in added:
             del os.environ[name]
 

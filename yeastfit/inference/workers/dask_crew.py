@@ -8,18 +8,17 @@ processes (spawned, never forked) and starts them again where they die.
 import itertools
 import logging
 import queue
-import signal
 import time
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cache
-from multiprocessing import resource_tracker
 from typing import Any
 from uuid import uuid4
 
 from yeastfit.errors import InputError
 from yeastfit.inference.workers.crew import Answer, SchedulerLost
+from yeastfit.worker_processes import interrupts_held_back
 
 POLL = 1.0  # seconds between two looks at who is there
 FETCH = 15.0  # seconds for a result of some kilobytes, after which its worker counts as lost
@@ -178,15 +177,8 @@ def _loop_deaf_to_ctrl_c() -> Any:
     from distributed.utils import LoopRunner
 
     runner = LoopRunner()
-    if not hasattr(signal, "pthread_sigmask"):  # on Windows
+    with interrupts_held_back():
         runner.start()
-        return runner.loop
-    resource_tracker.ensure_running()  # else multiprocessing would start it in that thread, and unblock SIGINT there
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        runner.start()
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
     return runner.loop
 
 
