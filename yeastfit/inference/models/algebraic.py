@@ -55,6 +55,7 @@ class Unmeasured:
 PHOTOGRAPHED = 1.55  # µm per pixel of the micrographs of Li et al. 2024
 MANY = 5000  # cells of a colony from which on a fit takes days
 CELL = 0.5  # area that a cell covers, in L0²
+EVERY = 0.2  # between two rows of a table, in 1/μ*
 SIMULATE, DATA = ("simulate",), ("simulate", "fit", "infer")
 
 
@@ -78,8 +79,12 @@ class Algebraic(ForwardModel):
         Setting("How long the colonies grow, in units of 1/μ* (2.17 hours unless --rate is given).", commands=SIMULATE),
     ] = 10.0
     every: Annotated[
-        float, Setting("Interval between two rows of the table, in the same unit as --time.", commands=SIMULATE)
-    ] = 0.2
+        float | None,
+        Setting(
+            f"Interval between two rows of the table, in the same unit as --time; {EVERY}, or all of a shorter time.",
+            commands=SIMULATE,
+        ),
+    ] = None
     hard: Annotated[
         bool,
         Setting("Use the model's exact rules, or the smoothed ones.", commands=SIMULATE, negative="relaxed"),
@@ -161,6 +166,11 @@ class Algebraic(ForwardModel):
         if len(found) > 1:
             raise InputError("--until-area and --until-cells are both given: growth ends at one of them")
         return found or None
+
+    @property
+    def _every(self) -> float:
+        """Time between two rows of a table."""
+        return min(EVERY, self.time) if self.every is None else self.every
 
     @property
     def _numerics(self) -> Numerics:
@@ -268,7 +278,7 @@ class Algebraic(ForwardModel):
         return run_simulation(
             chosen,
             member_keys(seed, members),
-            times=sample_times(self.time, self.every if until is None else self.time, numerics),
+            times=sample_times(self.time, self.time if until is not None else self._every, numerics),
             until=until,
             model=self.rules,
             numerics=numerics,

@@ -36,8 +36,9 @@ def measured(row: Row, folder: Path, statistics: Sequence[str]) -> dict[str, flo
     found = {name: float(row[name]) for name in statistics if name in row}
     missing = [name for name in statistics if name not in found]
     if missing:
-        path = folder / str(row["mask"])
-        if not path.is_file():
-            raise InputError(f"statistics: {missing[0]!r} is not in the table, and there is no mask {path} to measure")
+        name, path = str(row["mask"] or ""), folder / str(row["mask"] or "")
+        if not name or not path.is_file():
+            lacks = f"there is no mask {path}" if name else f"replicate {row['replicate']!r} names no mask"
+            raise InputError(f"statistics: {missing[0]!r} is not in the table, and {lacks} to measure")
         found |= statistics_of(read_mask(path, row), float(row["um_per_pixel"]), missing)
     return found

@@ -131,7 +131,7 @@ class Store(Simulations):
         self._file = _opened(self.path)
         try:
             head = from_json(self._file.attrs["head"])
-            different = [f"{key} is {head[key]}, not {one}" for key, one in self._head.items() if head[key] != one]
+            different = [f"{key} is {_apart(head[key], one)}" for key, one in self._head.items() if head[key] != one]
             if different:
                 raise InputError(f"{self.path} holds other simulations: {'; '.join(different)}")
             rows = self._file[DATASET][...]
@@ -169,6 +169,14 @@ def _opened(path: Path) -> h5py.File:
 def _check(start: int, end: int, bookkeeping: bytes) -> int:
     """CRC-32 of the lengths and of all but the flags that HDF5 changes while the file is open."""
     return zlib.crc32(struct.pack("<Q Q", start, end) + bookkeeping[: FLAGS.start] + bookkeeping[FLAGS.stop :])
+
+
+def _apart(there: Any, here: Any) -> str:
+    """What is there and is not what is here: of lists in words the parts that differ."""
+    parts = str(there).split(", "), str(here).split(", ")
+    if len(parts[0]) != len(parts[1]):
+        return f"{there}, not {here}"
+    return ", ".join(f"{one}, not {other}" for one, other in zip(*parts, strict=True) if one != other)
 
 
 def _fill_up(path: Path) -> bool:
