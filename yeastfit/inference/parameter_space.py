@@ -190,5 +190,8 @@ def _range(parameter: Parameter, bounds: tuple[float, float] | None) -> tuple[fl
         below = f"at least {least:g}" if least > 0 else "above 0"
         above = f" to at most {most:g}" if most < np.inf else ""
         raise InputError(f"bounds of {name} are {low:g}, {high:g}: they must rise, from {below}{above}")
-    parameter.check(np.array(bounds))
+    try:
+        parameter.check(np.array(bounds))
+    except InputError as error:
+        raise InputError(f"bounds of {name} are {low:g}, {high:g}: {error}") from None
     return float(low), float(high)

@@ -142,6 +142,11 @@ def check_search(
     """
     space = ParameterSpace.of(parameters, conditions, own, bounds)
     priors = _priors(prior or {}, space)
+    for name, (centre, width) in (prior or {}).items():
+        try:
+            parameters[name.partition(" of ")[0]].check(centre)
+        except InputError as error:
+            raise InputError(f"prior of {name} is {centre:g}, {width:g}: {error}") from None
     if most is not None:
         _check_count(most, space, priors)
 

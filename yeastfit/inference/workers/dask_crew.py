@@ -12,17 +12,18 @@ import time
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
-from functools import cache
+from functools import cache, partial
 from typing import Any
 from uuid import uuid4
 
-from yeastfit.errors import InputError
+from yeastfit.errors import InputError, SimulationError
 from yeastfit.inference.workers.crew import Answer, SchedulerLost
 from yeastfit.worker_processes import interrupts_held_back
 
 POLL = 1.0  # seconds between two looks at who is there
 FETCH = 15.0  # seconds for a result of some kilobytes, after which its worker counts as lost
 LOST = "5 s"  # after which a worker that died while it started is given up
+STARTS = 3  # of all workers, where one ends while it starts
 CONNECT = 10.0  # seconds for reaching a scheduler
 MISSING = "the extra `cluster` is not installed: pip install 'yeastfit[cluster]'"
 
@@ -141,6 +142,7 @@ def local_crew(count: int, threads: int = 1) -> DaskCrew:
 
     Raises:
         InputError: Dask is not installed.
+        SimulationError: Processes end while they start.
     """
     distributed = imported()
     import dask
@@ -149,7 +151,8 @@ def local_crew(count: int, threads: int = 1) -> DaskCrew:
     dask.config.set({"distributed.deploy.lost-worker-timeout": LOST})
     environment = {"NPROC": str(threads), "JAX_NUM_CPU_DEVICES": "1"}
     security = distributed.Security.temporary()
-    cluster = distributed.LocalCluster(
+    start = partial(
+        distributed.LocalCluster,
         loop=_loop_deaf_to_ctrl_c(),
         preload="yeastfit.inference.workers.with_parent",
         n_workers=count,
@@ -163,6 +166,16 @@ def local_crew(count: int, threads: int = 1) -> DaskCrew:
         memory_limit=0,
         env=environment,
     )
+    for left in reversed(range(STARTS)):
+        try:
+            cluster = start()
+            break
+        except RuntimeError as error:  # one that ends while it starts, for lack of memory, for instance
+            if not left:
+                raise SimulationError(
+                    f"a worker process ended while it started, {STARTS} times: with too little memory, perhaps, for "
+                    f"{count} of them ({' '.join(str(error).split())})"
+                ) from error
     how: dict[str, Any] = {"set_as_default": False, "timeout": CONNECT, "security": security}
     return DaskCrew("this machine", lambda: distributed.Client(cluster, **how), cluster, count)
 
