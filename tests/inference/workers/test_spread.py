@@ -232,5 +232,5 @@ def test_workers_that_are_slow_to_end_do_not_fail_a_run() -> None:
             asked.append(timeout)
             raise TimeoutError(f"timed out after {timeout} s.")
 
-    DaskCrew("this machine", lambda: None, Busy(), 1).close()
+    DaskCrew("this machine", lambda: None, Busy()).close()
     assert asked == [5]

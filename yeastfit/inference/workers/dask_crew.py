@@ -13,6 +13,7 @@ from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cache, partial
+from tempfile import TemporaryDirectory
 from typing import Any
 from uuid import uuid4
 
@@ -36,12 +37,14 @@ class DaskCrew:
         where: In words.
         connect: Makes a client.
         owned: A cluster of this process, which ends with the crew.
+        scratch: The folder of that cluster's files, likewise.
         wanted: How many workers it has to have: one that dies while it starts is not started again by itself.
     """
 
     where: str
     connect: Callable[[], Any]
     owned: Any = None
+    scratch: TemporaryDirectory[str] | None = None
     wanted: int = 0
     _client: Any = None
     _futures: dict[int, Any] = field(default_factory=dict)
@@ -109,6 +112,8 @@ class DaskCrew:
         if self.owned is not None:
             with suppress(TimeoutError):  # on a busy machine it goes on closing behind what comes next
                 self.owned.close(timeout=5)
+        if self.scratch is not None:
+            self.scratch.cleanup()
 
     def _forget(self) -> None:
         self._futures.clear()
@@ -148,7 +153,8 @@ def local_crew(count: int, threads: int = 1) -> DaskCrew:
     import dask
 
     quiet()
-    dask.config.set({"distributed.deploy.lost-worker-timeout": LOST})
+    scratch = TemporaryDirectory(prefix="yeastfit-workers-", ignore_cleanup_errors=True)
+    dask.config.set({"distributed.deploy.lost-worker-timeout": LOST, "temporary-directory": scratch.name})
     environment = {"NPROC": str(threads), "JAX_NUM_CPU_DEVICES": "1"}
     security = distributed.Security.temporary()
     start = partial(
@@ -177,7 +183,7 @@ def local_crew(count: int, threads: int = 1) -> DaskCrew:
                     f"{count} of them ({' '.join(str(error).split())})"
                 ) from error
     how: dict[str, Any] = {"set_as_default": False, "timeout": CONNECT, "security": security}
-    return DaskCrew("this machine", lambda: distributed.Client(cluster, **how), cluster, count)
+    return DaskCrew("this machine", lambda: distributed.Client(cluster, **how), cluster, scratch, count)
 
 
 @cache
