@@ -72,6 +72,7 @@ from yeastfit.seeds import Stream, stream_of
 
 CHAIN = 32  # bytes of a step of a chain, at least
 WIDEST = 1000.0  # proposals, in standard deviations of the posterior
+WALKERS = 128  # chains, or fewer where there are fewer simulations
 FIRST = 512  # simulations of the first round, where many are allowed
 UNLOOKED = (
     "whether parameters far from these explain the data as well was not looked for: the simulations were spent, allow "
@@ -87,7 +88,7 @@ class SequentialEmulator:
 
     Attributes:
         simulations: At most.
-        walkers: Chains, at most as many as simulations of the first round.
+        walkers: Chains, at most as many as simulations so far, at some of which they start.
         first: Simulations from the prior, a power of two; by default 512, or fewer where few are allowed.
         each: Simulations of every further round; by default as many as `first`.
         widen: w.
@@ -98,7 +99,7 @@ class SequentialEmulator:
     """
 
     simulations: Annotated[int, Setting("Simulations at most, those of a resumed run included.", extends=True)] = 12_288
-    walkers: Annotated[int, Setting("Number of chains, at most as many as simulations of the first round.")] = 128
+    walkers: Annotated[int, Setting("Number of chains, at most as many as simulations so far.")] = WALKERS
     first: Annotated[int | None, Setting("Simulations of the first round, a power of two; at most 512 by default.")] = (
         None
     )
@@ -186,6 +187,11 @@ class SequentialEmulator:
             )
         if self.walkers < 2 * inferred:
             raise InputError(f"walkers is {self.walkers}, {inferred} parameters need at least {2 * inferred}")
+        if self.walkers > max(WALKERS, self.simulations + reused):
+            raise InputError(
+                f"walkers is {self.walkers}, and each starts at another simulation, of which there are "
+                f"{self.simulations + reused} at most: give fewer chains, or more simulations"
+            )
 
 
 @dataclass(frozen=True)

@@ -108,6 +108,8 @@ def read_options(values: Mapping[str, Any], where: str = "") -> SegmentationOpti
     )
     if roi is not None and any(one != round(one) for one in roi):
         raise InputError(f"{where}roi is {quoted(values['roi'])}, need four whole numbers of pixels x0, y0, x1, y1")
+    if roi is not None and not (0 <= roi[0] < roi[2] and 0 <= roi[1] < roi[3]):
+        raise InputError(f"{where}roi is {quoted(values['roi'])}, need x0 < x1 and y0 < y1, none below 0")
     threshold, colonies = values.get("threshold"), values.get("colonies")
     if colonies is not None and colonies not in COLONIES:
         raise InputError(f"{where}colonies is {quoted(colonies)}, it must be {' or '.join(COLONIES)}")
