@@ -145,7 +145,8 @@ CASES: list[tuple[str, str]] = [
     ("simulate --out OUT --domain 1e9", f"domain / spacing is 1e+09 / 0.1 {MEMORY}"),
     ("simulate --out OUT --domain 1e308 --spacing 0.1", f"domain / spacing {MEMORY}"),
     ("simulate --out OUT --domain 10.03", "domain / spacing is 10.03"),
-    ("simulate --out OUT --time 1e-9", "--every is 0.2, it must be above 0 and at most the time, 1e-09"),
+    ("simulate --out OUT --time 1e-9", "--time is 1e-09, it must be at least dt = 0.02"),
+    ("simulate --out OUT --time 0.1 --every 0.2", "--every is 0.2, it must be above 0 and at most the time, 0.1"),
     ("simulate --out OUT --model offlattice --delay 2", "--delay is 2.0, it must be a number from 0 to 1"),
     ("simulate --out OUT --domain 0", "domain is 0"),
     ("simulate --out OUT --capacity 1e10", f"--capacity is '1e10', {WHOLE}"),
@@ -239,7 +240,7 @@ CASES: list[tuple[str, str]] = [
     ("measure a.png --out OUT --seed-point nan,2", "--seed-point is 'nan,2'"),
     (
         "measure a.png --out OUT --colonies all --seed-point 5,5",
-        "--colonies and --seed-point are all and 5,5, which means one",
+        "--colonies and --seed-point are 'all' and (5.0, 5.0), which means one",
     ),
     ("measure a.png --out OUT --roi 5,5,5,5", "--roi is '5,5,5,5', need x0 < x1"),
     ("measure a.png --out OUT --roi 1,2,3", "--roi is '1,2,3'"),

@@ -1,8 +1,10 @@
 """`yeastfit measure`: outline the colony in each micrograph and measure it."""
 
 import os
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -119,8 +121,14 @@ def measure(
 def _as_typed(error: str, given: Iterable[str]) -> str:
     """What went wrong with an image, by the options that were given rather than by columns of a manifest."""
     for name in given:
-        error = error.replace(f": {name} is ", f": {flag_of(name)} is ")
+        typed = partial(_with_flag, flag_of(name))
+        error = re.sub(rf": {name} is (\([^)]*\))?", typed, error)
     return error
+
+
+def _with_flag(flag: str, found: re.Match[str]) -> str:
+    """The option and its value, of which Python has a tuple."""
+    return f": {flag} is " + re.sub(r"[() ]|\.0\b", "", found[1] or "")
 
 
 def _without_effect(given: Mapping[str, Any], measured: Sequence[Outcome], dataset: Dataset | None) -> list[str]:

@@ -200,11 +200,13 @@ def sample_times(time: float, every: float, numerics: Numerics) -> np.ndarray:
         every, 2 · every, … and time.
 
     Raises:
-        InputError: A time is not a number above 0, `every` is longer than all or shorter than a step, or there would
+        InputError: A time is shorter than a step, `every` is longer than all or shorter than a step, or there would
             be more steps than can be counted or more times than memory holds.
     """
     if not 0 < time < np.inf:
         raise InputError(f"time is {time:g}, it must be a number above 0")
+    if time < numerics.dt * (1 - 1e-6):
+        raise InputError(f"time is {time:g}, it must be at least dt = {numerics.dt:g}")
     if not 0 < every <= time:
         raise InputError(f"every is {every:g}, it must be above 0 and at most the time, {time:g}")
     numerics.check_steps(time)

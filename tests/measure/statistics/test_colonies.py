@@ -64,7 +64,7 @@ def test_all_colonies_of_a_photograph_are_outlined_if_asked_for() -> None:
     mask = np.where(both.mask, 255, 0).astype(np.uint8)
     assert measure_mask(segment(mask).mask).object_count == 2
     assert measure_mask(segment(mask, colonies="one").mask).object_count == 1
-    with pytest.raises(InputError, match=r"all and .* means one: leave out either"):
+    with pytest.raises(InputError, match=r"'all' and .* means one: leave out either"):
         segment(image, colonies="all", seed_point=(60, 60))
     with pytest.raises(InputError, match="colonies is 'some', it must be one or all"):
         segment(image, colonies="some")

@@ -43,27 +43,26 @@ class SegmentationOptions:
         x0, y0, x1, y1 = 0.0, 0.0, float(shape[1]), float(shape[0])
         if self.roi is not None:
             if len(self.roi) != 4 or not all(_is_number(each) and int(each) == each for each in self.roi):
-                raise InputError(f"{name}: roi is {_typed(self.roi)}, need four whole numbers of pixels x0, y0, x1, y1")
+                raise InputError(f"{name}: roi is {self.roi!r}, need four whole numbers of pixels x0, y0, x1, y1")
             x0, y0, x1, y1 = self.roi
             if not (0 <= x0 < x1 <= shape[1] and 0 <= y0 < y1 <= shape[0]):
-                raise InputError(
-                    f"{name}: roi is {_typed(self.roi)}, need x0 < x1 and y0 < y1 within the {size} pixels"
-                )
+                raise InputError(f"{name}: roi is {self.roi!r}, need x0 < x1 and y0 < y1 within the {size} pixels")
             if min(x1 - x0, y1 - y0) < MIN_SIDE:
-                raise InputError(f"{name}: roi is {_typed(self.roi)}, need at least {MIN_SIDE} pixels a side")
+                raise InputError(f"{name}: roi is {self.roi!r}, need at least {MIN_SIDE} pixels a side")
         if self.seed_point is not None:
             if len(self.seed_point) != 2 or not all(_is_number(each) for each in self.seed_point):
-                raise InputError(f"{name}: seed_point is {_typed(self.seed_point)}, need two numbers of pixels x, y")
+                raise InputError(f"{name}: seed_point is {self.seed_point!r}, need two numbers of pixels x, y")
             x, y = self.seed_point
             if not (x0 <= x < x1 and y0 <= y < y1):
-                where = f"roi {_typed(self.roi)}" if self.roi is not None else f"{size} pixels"
-                raise InputError(f"{name}: seed_point is {_typed(self.seed_point)}, need a point within the {where}")
+                where = f"roi {self.roi!r}" if self.roi is not None else f"{size} pixels"
+                raise InputError(f"{name}: seed_point is {self.seed_point!r}, need a point within the {where}")
 
     def check_colonies(self, where: str) -> None:
         """Raise `InputError` where all objects are asked for and one of them."""
         if self.colonies == "all" and self.seed_point is not None:
-            both = f"colonies and seed_point are all and {_typed(self.seed_point)}"
-            raise InputError(f"{where}{both}, which means one: leave out either")
+            raise InputError(
+                f"{where}colonies and seed_point are 'all' and {self.seed_point!r}, which means one: leave out either"
+            )
 
     def window(self, shape: tuple[int, int]) -> tuple[slice, slice]:
         """Rows and columns of the roi, or of the whole image without one."""
@@ -76,11 +75,6 @@ class SegmentationOptions:
             return None
         x0, y0 = (0, 0) if self.roi is None else self.roi[:2]
         return self.seed_point[0] - x0, self.seed_point[1] - y0
-
-
-def _typed(numbers: Any) -> str:
-    """As a command line or a manifest has it."""
-    return ",".join(f"{one:g}" if _is_number(one) else str(one) for one in numbers)
 
 
 COLONIES = ("one", "all")
