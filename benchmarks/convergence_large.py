@@ -11,8 +11,8 @@ are alike at first and as different as any at the end, so a standard error says 
     python -m benchmarks.convergence_large [--quick] [--json FILE] [--docs DIR] [--work DIR] [--seeds N] [--until T]
 
 Colonies are kept in the folder given by --work, out/convergence_large by default, as they are finished; an interrupted
-run goes on from there. One colony to t = 60 takes half a minute to two minutes of a processor. --until 30 leaves out the
-later time. --quick: two seeds to t = 8.
+run goes on from there. One colony to t = 60 takes half a minute to two minutes of a processor. --until 30 leaves out
+the later time. --quick: two seeds to t = 8.
 """
 
 import argparse
