@@ -2,8 +2,10 @@
 
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
+import distributed
 import numpy as np
 import pytest
 from scattered_crew import MINE, Scattered, other_jaxlib
@@ -13,7 +15,7 @@ from yeastfit import CachedSimulator, InputError, Prior, SimulationError, Store,
 from yeastfit.inference.simulator import Replicates, Simulator, labels_of
 from yeastfit.inference.workers import dispatch, spread
 from yeastfit.inference.workers.admission import Patience
-from yeastfit.inference.workers.dask_crew import DaskCrew
+from yeastfit.inference.workers.dask_crew import STARTS, DaskCrew, local_crew
 from yeastfit.inference.workers.spread import Spread, Workers
 
 NEVER = Patience(tries=10**6, retry=0.0, look=0.0)
@@ -234,3 +236,23 @@ def test_workers_that_are_slow_to_end_do_not_fail_a_run() -> None:
 
     DaskCrew("this machine", lambda: None, Busy()).close()
     assert asked == [5]
+
+
+@pytest.mark.parametrize("dying", [2, 3])
+def test_workers_are_started_again_where_one_dies_while_it_starts(dying: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    started = list[int]()
+
+    def cluster(**options: Any) -> Any:
+        started.append(options["n_workers"])
+        if len(started) <= dying:
+            raise RuntimeError("Nanny failed to start.")
+        return SimpleNamespace(close=lambda timeout: None)
+
+    monkeypatch.setattr(distributed, "LocalCluster", cluster)
+    monkeypatch.setattr(distributed, "Client", lambda *_, **__: SimpleNamespace(close=lambda timeout: None))
+    if dying < STARTS:
+        local_crew(2, 1).close()
+    else:
+        with pytest.raises(SimulationError, match=r"a worker process ended while it started, 3 times.*Nanny failed"):
+            local_crew(2, 1)
+    assert started == [2, 2, 2]

@@ -178,6 +178,7 @@ def local_crew(count: int, threads: int = 1) -> DaskCrew:
             break
         except RuntimeError as error:  # one that ends while it starts, for lack of memory, for instance
             if not left:
+                scratch.cleanup()
                 raise SimulationError(
                     f"a worker process ended while it started, {STARTS} times: with too little memory, perhaps, for "
                     f"{count} of them ({' '.join(str(error).split())})"
