@@ -172,7 +172,7 @@ def test_statistics_by_hand(mask: np.ndarray) -> None:
     assert found.max_radius == pytest.approx(max_radius, rel=1e-12)
     assert found.filament_area_index == pytest.approx(area_index, rel=1e-12)
     assert found.filament_radius_index == pytest.approx(radius_index, rel=1e-12, abs=1e-12)
-    assert (found.ends > 0) == (quadrant > 0)
+    assert found.ends <= quadrant  # and none where what is there shrinks to a point or a ring
 
 
 @settings(max_examples=60, deadline=None)
