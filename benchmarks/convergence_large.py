@@ -69,8 +69,9 @@ CHOOSE = """How to choose, by the runs of 26 November 2026:
 - **w** is part of the model: the wider, the tighter, by 8 to 10 % of the area from 0.05 to 0.1.
 - **h** hardly matters: 0.8 is as good as 0.2 but for compactness, 8 ± 4 % lower, and costs 0.7 to 0.8 times as much as
   0.4.
-- So use **Δt = 0.00625 and h = 0.8**. Its bias at t = 30 is +2 % of the area and 1 % of N. Δt = 0.025 is four times
-  as fast; areas are 10 to 15 % too large then, and compactness is twice what it should be.
+- So use **Δt = 0.00625 and h = 0.8**, which have been studied one at a time. At t = 30 the bias of the step is +2 % of
+  the area and +1 % of N against half of it. Δt = 0.025 is four times as fast; areas are 10 to 15 % too large then, and
+  compactness is twice what it should be.
 - **I_F and I_R** tell nothing of these colonies, which are discs without filaments: the radius of the core jumps.
 - Plain sums and compiled ones agree: N within 0.2 %, area within 0.1 %; C differs by 2.5 standard errors."""
 Record = dict[str, Any]
