@@ -20,39 +20,20 @@ from pathlib import Path
 from typing import Any
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jax.profiler import ProfileData
 
 from benchmarks.large import AREA, LARGE, NODES, NUMERICS, Growth
-from benchmarks.programs import Program, further_steps, samples, whole_runs
+from benchmarks.programs import Program, further_steps, whole_runs
 from benchmarks.report import Report, command
 from yeastfit.inference.neural_likelihood.training import train
 from yeastfit.inference.prior.distributions import Distribution
 from yeastfit.inference.prior.prior import Prior
-from yeastfit.model.colony import Colony
-from yeastfit.model.model import Model
-from yeastfit.model.numerics import map_members
-from yeastfit.model.parameters import Parameters
-from yeastfit.model.relaxation import Relaxation
-from yeastfit.model.simulate import trajectory
 
 MEMBERS = 64
 STEPS = NUMERICS.steps_per_event
 SIMULATIONS, STATISTICS = 3000, 30
 DEVICE, OCCUPANCY = "/device:GPU", "theoretical_occupancy_pct"  # as JAX's profiler names them
-
-
-def further(colony: Colony, members: int) -> Program:
-    """Further steps of so many equal colonies, in arrays of the length of theirs."""
-    numerics, model = replace(NUMERICS, capacity=colony.parents.shape[0]), Model()
-    at = samples(STEPS, STEPS, int(colony.step))
-
-    def one(parameters: Parameters, colony: Colony) -> Colony:
-        return trajectory(parameters, colony, at, Relaxation(), numerics, lambda _: None, model)[0]
-
-    shared = jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (members, *leaf.shape)), (model.complete(LARGE), colony))
-    return Program.of(lambda *given: map_members(one, *given), *shared)
 
 
 def kernels(program: Program, steps: int) -> dict[str, Any]:
@@ -76,25 +57,26 @@ def kernels(program: Program, steps: int) -> dict[str, Any]:
 
 def grow(report: Report, quick: bool, members: int) -> None:
     """One colony to real size, and steps of one and of several on the way."""
-    growth, rows, busy = Growth(), [], []
+    growth, rows, traced = Growth(), [], []
     for size in [{"nodes": count} for count in (NODES[:1] if quick else NODES)] + ([] if quick else [{"area": AREA}]):
         report.stage(", ".join(f"{name} {value:g}" for name, value in size.items()))
         area = float(growth.until(**size).statistics["area"][0])
         assert growth.colony is not None
         row: dict[str, Any] = {"nodes": int(growth.colony.count), "area": area, "seconds so far": growth.seconds}
         row["time"] = float(growth.colony.step) * NUMERICS.dt
+        numerics = replace(NUMERICS, capacity=growth.colony.parents.shape[0])
         for count in (1, members):
-            program = further(growth.colony, count)
+            program = further_steps(growth.colony, count, STEPS, STEPS, LARGE.values, numerics, lambda _: None)
             program.timed(1)
             program.timed(1 if count > 1 else 3)
             row[f"ms a step, {count}"] = 1e3 * program.wall / STEPS
             if on_gpu():
                 of: dict[str, Any] = {"nodes": row["nodes"], "colonies": count}
-                busy.append(of | kernels(program, STEPS))
+                traced.append(of | kernels(program, STEPS))
         rows.append(row | {"arrays of all, GB": program.memory / 1e9})
     report.table(f"a step as the colony grows, of one and of {members} together", rows)
-    if busy:
-        report.table("kernels of a step", busy)
+    if traced:
+        report.table("kernels of a step", traced)
     note = f"{rows[-1]['nodes']} nodes, compiling included"
     report.add(f"one colony until {rows[-1]['area']:.0f} L0²", growth.seconds, "s", note=note)
     for count in (1, members):

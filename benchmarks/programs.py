@@ -4,7 +4,7 @@ import resource
 import statistics
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, ClassVar
@@ -19,7 +19,7 @@ from yeastfit.model.colony import Colony, start
 from yeastfit.model.numerics import Numerics, map_members, on_one_device
 from yeastfit.model.parameters import PARAMETERS, Parameters
 from yeastfit.model.relaxation import Relaxation
-from yeastfit.model.simulate import Schedule, trajectory
+from yeastfit.model.simulate import Observe, Schedule, trajectory
 from yeastfit.simulation.simulate import member_keys
 
 LAMBDA = dict(zip(PARAMETERS.names, (0.1, 5.0, 5.0, 0.5, 1.0, 1.0, 0.7), strict=True))
@@ -85,15 +85,23 @@ def whole_runs(members: int, every: int, steps: int = STEPS) -> Program:
     return Program.of(run, _shared(members), member_keys(0, members), samples(steps, every))
 
 
-def further_steps(grown: Colony, members: int, every: int, steps: int) -> Program:
-    """Further steps of a grown colony, the same for every member."""
+def further_steps(
+    grown: Colony,
+    members: int,
+    every: int,
+    steps: int,
+    values: Mapping[str, Any] = LAMBDA,
+    numerics: Numerics = SOURCE,
+    observe: Observe = STATISTICS,
+) -> Program:
+    """Further steps of a grown colony, the same for every member; by default of the source's problem."""
 
     def run(parameters: Parameters, colonies: Colony, at: Schedule) -> Any:
-        rules = Relaxation(), SOURCE, STATISTICS
+        rules = Relaxation(), numerics, observe
         return map_members(lambda p, c: trajectory(p, c, at, *rules), parameters, colonies)
 
     colonies = jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (members, *leaf.shape)), grown)
-    return Program.of(run, _shared(members), colonies, samples(steps, every, int(grown.step)))
+    return Program.of(run, _shared(members, values), colonies, samples(steps, every, int(grown.step)))
 
 
 def samples(steps: int, every: int, since: int = 0) -> Schedule:
@@ -146,5 +154,5 @@ def peak_memory() -> float:
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1.0 if sys.platform == "darwin" else 1024.0)
 
 
-def _shared(members: int) -> Parameters:
-    return jax.tree.map(lambda value: jnp.full(members, value), Parameters(**LAMBDA))
+def _shared(members: int, values: Mapping[str, Any] = LAMBDA) -> Parameters:
+    return jax.tree.map(lambda value: jnp.full(members, value), Parameters(**values))
