@@ -119,6 +119,11 @@ def no_pilot(problem: Problem) -> Pilot:
     return Pilot(np.zeros((0, len(problem.prior.free))), nothing, np.zeros((0, len(problem.labels))), nothing, [])
 
 
+def is_estimated(distance: Distance | str) -> bool:
+    """Whether a distance is scaled by a pilot: known ones are not, nor that of Li et al."""
+    return isinstance(distance, str) and distance != "li"
+
+
 def check_pilot(distance: Distance | str, count: int, free: int, statistics: int) -> int:
     """Check that a pilot is large enough for a distance that is scaled by it.
 
@@ -134,7 +139,7 @@ def check_pilot(distance: Distance | str, count: int, free: int, statistics: int
     Raises:
         InputError: There are fewer.
     """
-    if distance == "li" or not isinstance(distance, str):
+    if not is_estimated(distance):
         return 0
     needed = (free + 1) * (free + 2) // 2 + 2 * statistics  # terms of a quadratic, and statistics
     if count < needed:

@@ -29,7 +29,7 @@ from scipy.special import logsumexp
 
 from yeastfit.errors import InputError
 from yeastfit.inference.abc.distances import Distance
-from yeastfit.inference.abc.pilot import DISTANCES, DistanceName, check_pilot, distance_of
+from yeastfit.inference.abc.pilot import DISTANCES, DistanceName, check_pilot, distance_of, is_estimated
 from yeastfit.inference.abc.population import Mixture, Population
 from yeastfit.inference.abc.regression_adjustment import Accepted
 from yeastfit.inference.posterior.diagnostics import Diagnostics
@@ -135,7 +135,7 @@ class AbcSmc:
             raise InputError(f"tolerance is {self.tolerance}, it must be at least 0")
         if isinstance(self.distance, str):
             check_choice(self, "distance", DISTANCES)
-        if self.pilot is not None and not self._estimated:
+        if self.pilot is not None and not is_estimated(self.distance):
             raise InputError(
                 f"pilot is {self.pilot}, and this distance is not estimated from simulations: leave it out"
             )
@@ -143,12 +143,7 @@ class AbcSmc:
     @property
     def simulations_at_most(self) -> int:
         """Single simulations of a run, at most."""
-        return self.replicates * (self._estimated * self._pilot + self.simulations)
-
-    @property
-    def _estimated(self) -> bool:
-        """Whether the distance is estimated from a pilot."""
-        return isinstance(self.distance, str) and self.distance != "li"
+        return self.replicates * (is_estimated(self.distance) * self._pilot + self.simulations)
 
     @property
     def _pilot(self) -> int:
