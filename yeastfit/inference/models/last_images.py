@@ -36,7 +36,8 @@ def measured(row: Row, folder: Path, statistics: Sequence[str]) -> dict[str, flo
     found = {name: float(row[name]) for name in statistics if name in row}
     missing = [name for name in statistics if name not in found]
     if missing:
-        name, path = str(row["mask"] or ""), folder / str(row["mask"] or "")
+        name = str(row["mask"] or "")
+        path = folder / name
         if not name or not path.is_file():
             lacks = f"there is no mask {path}" if name else f"replicate {row['replicate']!r} names no mask"
             raise InputError(f"statistics: {missing[0]!r} is not in the table, and {lacks} to measure")
