@@ -273,6 +273,10 @@ def test_progress_goes_from_nothing_to_all(targets: Targets) -> None:
         ({"prior": {"elasticity": (5.0, 0.1)}}, "prior names 'elasticity', which is not free: mobility"),
         ({"prior": {"mobility": (1.0, 0.0)}}, "prior of mobility is 1, 0"),
         ({"prior": {"mobility": (-1.0, 0.1)}}, "prior of mobility is -1, 0.1"),
+        (
+            {"free": ["aspect_ratio"], "prior": {"aspect_ratio": (2.0, 0.1)}},
+            r"prior of aspect_ratio is 2, 0.1: aspect_ratio",
+        ),
         ({"start": {"mobility": 500.0}}, "start: mobility is 500"),
         ({"start": {"elasticity": 5.0}}, "start names 'elasticity', which is not free: mobility"),
         ({"fixed": {"rich": {"elasticity": 5.0}}}, "fixed is for 'rich', the conditions are ''"),

@@ -110,9 +110,10 @@ def fit(
         of_colonies = {"free": free, "fixed": fixed, "model": model, "resolution": resolution}
         _refuse_for_simulators(**of_colonies, fine_resolution=fine_resolution)
         simulators, finer = given_simulators(by_name, simulator, fine)
-    space = ParameterSpace.of(common_parameters(simulators), tuple(by_name), own, bounds)
+    parameters = common_parameters(simulators)
+    space = ParameterSpace.of(parameters, tuple(by_name), own, bounds)
     begin = None if start is None else space.start(start, next(iter(simulators.values())).parameters)
-    priors = _priors(prior or {}, space)
+    priors = _priors(prior or {}, space, parameters)
     _check_count(sum(len(each.values) for each in by_name.values()), space, priors)
     ensembles = Ensembles(by_name, simulators, space, seed, settings, finer if settings.refined else {})
     return Fitter(ensembles, priors, progress or silent, colonies_in(simulators, finer)).run(begin)
@@ -141,12 +142,7 @@ def check_search(
         InputError: Arguments that make no sense, or more parameters than the values could tell.
     """
     space = ParameterSpace.of(parameters, conditions, own, bounds)
-    priors = _priors(prior or {}, space)
-    for name, (centre, width) in (prior or {}).items():
-        try:
-            parameters[name.partition(" of ")[0]].check(centre)
-        except InputError as error:
-            raise InputError(f"prior of {name} is {centre:g}, {width:g}: {error}") from None
+    priors = _priors(prior or {}, space, parameters)
     if most is not None:
         _check_count(most, space, priors)
 
@@ -158,7 +154,7 @@ def _refuse_for_simulators(**given: Any) -> None:
             raise InputError(f"{name} is of colonies, the simulator that is given has its own: leave it out")
 
 
-def _priors(prior: GaussianPriors, space: ParameterSpace) -> dict[str, tuple[float, float]]:
+def _priors(prior: GaussianPriors, space: ParameterSpace, parameters: ParameterSet) -> dict[str, tuple[float, float]]:
     """Centre and width in θ of every entry that has one."""
     space.check_names("prior", prior)
     for name, (centre, width) in prior.items():
@@ -167,6 +163,10 @@ def _priors(prior: GaussianPriors, space: ParameterSpace) -> dict[str, tuple[flo
                 f"prior of {name} is {centre:g}, {width:g}: need λ above 0, of single precision, and as width of log λ "
                 f"{WIDTHS}"
             )
+        try:
+            parameters[name.partition(" of ")[0]].check(centre)
+        except InputError as error:
+            raise InputError(f"prior of {name} is {centre:g}, {width:g}: {error}") from None
     found = {entry.name: prior.get(entry.name, prior.get(entry.parameter)) for entry in space.entries}
     return {name: (float(np.log(one[0])), float(one[1])) for name, one in found.items() if one is not None}
 
