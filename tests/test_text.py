@@ -1,7 +1,9 @@
 """Text of users and files is shown whole, in one line, and acts on nothing."""
 
 import unicodedata
+from datetime import date
 
+import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -87,6 +89,8 @@ def test_values_of_messages_are_short() -> None:
     assert quoted("a\nb") == r"'a\nb'"
     assert quoted(b"\xff") == r"b'\xff'"
     assert quoted(2.5) == "2.5"
+    words = {"a": [True, None, 2.0], "b": {"c": date(2024, 1, 2)}, "d": np.array([2.0, 2.5]), "e": np.float64(3)}
+    assert quoted(words) == "{a = [true, null, 2.0], b = {c = 2024-01-02}, d = [2, 2.5], e = 3}"
     for huge in ("x" * 10**6, list(range(10**4)), 10**5000):
         assert len(quoted(huge)) <= LONGEST
     assert quoted("x" * 1000).startswith("'xxx")

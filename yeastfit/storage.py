@@ -195,14 +195,24 @@ def reads_saved(
             except Exception as error:  # what a damaged file comes to, nobody knows
                 if not Path(path).exists():
                     raise InputError(f"{path}: there is no such file") from None
-                why = os.strerror(error.errno) if isinstance(error, OSError) and error.errno else short(error)
-                raise InputError(
-                    f"{path}: this is no {what} that was saved whole ({type(error).__name__}: {why})"
-                ) from error
+                raise InputError(f"{path}: this is no {what} that was saved whole ({_why(error)})") from error
 
         return checked
 
     return decorated
+
+
+def _why(error: Exception) -> str:
+    """What is wrong with the content of a file, without Python's words."""
+    if isinstance(error, OSError) and error.errno:
+        return os.strerror(error.errno)
+    if isinstance(error, KeyError) and error.args:
+        return f"missing entry {short(error.args[0])}"
+    if isinstance(error, TypeError | AttributeError | IndexError | KeyError):
+        return "an entry is of another kind or size"
+    if isinstance(error, RecursionError):
+        return "entries within entries, too many"
+    return short(error) or "damaged"
 
 
 def can_be_hashed(path: Path) -> bool:

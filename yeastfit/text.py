@@ -9,6 +9,8 @@ same for figures.
 import html
 import re
 import unicodedata
+from collections.abc import Mapping
+from datetime import date, time
 from typing import Any
 
 HIDDEN = ("Cc", "Cf", "Cs", "Zl", "Zp")  # Unicode categories: control, format, surrogate, separators of lines
@@ -39,9 +41,9 @@ def short(text: object) -> str:
 
 
 def quoted(value: Any) -> str:
-    """Write a value as Python does, for a message, in no more than `LONGEST` characters."""
+    """Write a value for a message in no more than `LONGEST` characters, in the words of TOML: true, [2, 2], {a = 1}."""
     try:
-        return short(repr(value))
+        return short(_in_words_of_files(value))
     except ValueError:  # Python writes no integer of more than 4300 digits
         return "a whole number of thousands of digits"
     except RecursionError:
@@ -71,6 +73,22 @@ def natural_order(text: str) -> list[str | int]:
 def as_html(text: object) -> str:
     """Escape any text for HTML, attributes included."""
     return html.escape(shown(text))
+
+
+def _in_words_of_files(value: Any) -> str:
+    """A value as TOML and JSON write it; text in quotation marks, with escapes."""
+    if value is None or isinstance(value, bool):
+        return {None: "null", True: "true", False: "false"}[value]
+    if isinstance(value, date | time):
+        return value.isoformat()
+    if isinstance(value, Mapping):
+        entries = ", ".join(f"{key} = {_in_words_of_files(one)}" for key, one in value.items())
+        return f"{{{entries}}}"
+    if isinstance(value, list | tuple):
+        return f"[{', '.join(map(_in_words_of_files, value))}]"
+    if hasattr(value, "__array__"):  # of NumPy or of JAX
+        return re.sub(r"\.0(?=[],]|$)", "", _in_words_of_files(value.tolist()))
+    return repr(value)
 
 
 def _visible(character: str) -> str:

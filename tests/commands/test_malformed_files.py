@@ -202,13 +202,13 @@ TOML: dict[str, Case] = {
     "images are numbers": ("image = [3]", "image 1: is 3"),
     "file is a number": (IMAGE.replace("'a.png'", "3"), "there is no file 3"),
     "file is a list": (IMAGE.replace("'a.png'", "[3]"), "file is [3]"),
-    "hours true": (IMAGE.replace("2", "true"), "hours is True"),
+    "hours true": (IMAGE.replace("2", "true"), "hours is true"),
     "hours nan": (IMAGE.replace("2", "nan"), "hours is nan"),
-    "hours a date": (IMAGE.replace("2", "2024-01-01"), "hours is datetime.date"),
+    "hours a date": (IMAGE.replace("2", "2024-01-01"), "hours is 2024-01-01"),
     "hidden replicate": (IMAGE.replace("replicate = 1", r'replicate = "\u0007"'), r"replicate is '\x07'"),
     "long list": (IMAGE + f"roi = {list(range(5000))}", "roi is [0, 1, 2"),
     "unknown key": ("size = 3\n" + IMAGE, "'size' is unknown"),
-    "pixels shared": (IMAGE + "[um_per_pixel]\nx = 1\n", "um_per_pixel is {'x': 1}"),
+    "pixels shared": (IMAGE + "[um_per_pixel]\nx = 1\n", "um_per_pixel is {x = 1}"),
 }
 MANIFESTS = [("manifest.csv", *case) for case in CSV.items()] + [("manifest.toml", *case) for case in TOML.items()]
 

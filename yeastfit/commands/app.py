@@ -6,9 +6,10 @@ import inspect
 import os
 import re
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 from typing import Annotated, Any
@@ -42,6 +43,8 @@ COMMANDS = {
 """First paragraph of each command's help, shown without importing what the command needs."""
 SUBJECT = re.compile(r"[a-z_]\w*((: | and )[a-z_]\w*)?(?=( \([^)]*\))? (is|are|of|names) | ['\"].*['\"]: )")
 """Of an error's sentence: a name, two, or a rule and its setting, perhaps with a unit, or its value."""
+RULE = re.compile(r"\b(\w+)(?:: rule)? '([\w-]+)'")
+"""In an error's sentence: the question that a rule answers, and its name."""
 INTERRUPTED = 130  # what typer makes of `KeyboardInterrupt`
 NO_FILES = (errno.EMFILE, errno.ENFILE)  # no more files can be opened, of the process or of the machine
 UNREAD = 141  # what a shell says of a program whose output nobody reads
@@ -79,6 +82,8 @@ class _Command(TyperCommand):
             return super().invoke(ctx)
         except InputError as error:
             said, typed = str(error), self._typed()
+            if (rule := RULE.match(said)) and rule[1] in typed:  # "births: rule 'walkers' needs" an option, too
+                raise InputError(RULE.sub(partial(_as_option, typed), said)) from None
             subject = SUBJECT.match(said)  # "contact_width is -1" begins with a name in Python
             names = subject[0].replace(": ", "_").split(" and ") if subject else []
             if subject is None or not all(name in typed for name in names):
@@ -89,6 +94,11 @@ class _Command(TyperCommand):
         """Options by their names in Python, each as it was typed."""
         options = [one for one in self.params if one.param_type_name == "option"]
         return {one.name: next((flag for flag in one.opts if flag in self.flags), one.opts[0]) for one in options}
+
+
+def _as_option(typed: Mapping[str, str], rule: re.Match[str]) -> str:
+    """A rule as the option that chooses it."""
+    return f"{typed[rule[1]]} {rule[2]}" if rule[1] in typed else rule[0]
 
 
 def _each(value: Any) -> Sequence[Any]:

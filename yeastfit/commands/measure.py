@@ -122,13 +122,13 @@ def _as_typed(error: str, given: Iterable[str]) -> str:
     """What went wrong with an image, by the options that were given rather than by columns of a manifest."""
     for name in given:
         typed = partial(_with_flag, flag_of(name))
-        error = re.sub(rf": {name} is (\([^)]*\))?", typed, error)
+        error = re.sub(rf": {name} is (\[[^]]*\])?", typed, error)
     return error
 
 
 def _with_flag(flag: str, found: re.Match[str]) -> str:
-    """The option and its value, of which Python has a tuple."""
-    return f": {flag} is " + re.sub(r"[() ]|\.0\b", "", found[1] or "")
+    """The option and its value, of which a manifest has a list."""
+    return f": {flag} is " + re.sub(r"[][ ]|\.0\b", "", found[1] or "")
 
 
 def _without_effect(given: Mapping[str, Any], measured: Sequence[Outcome], dataset: Dataset | None) -> list[str]:

@@ -165,10 +165,10 @@ def read_run(file: str | Path) -> dict[str, Any]:
     found = read_json(file)
     for name, kind in PARTS.items():
         if not isinstance(found[name], kind):
-            raise TypeError(f"{name} is {quoted(found[name])}")
+            raise ValueError(f"{name} is {quoted(found[name])}")
     configuration = {"settings": {}, **found["configuration"]}
     if not isinstance(configuration["settings"], dict):
-        raise TypeError(f"settings is {quoted(configuration['settings'])}")
+        raise ValueError(f"settings is {quoted(configuration['settings'])}")
     return {**found, "configuration": configuration}
 
 
@@ -185,8 +185,13 @@ def differences(
             inner = within if name == "settings" else f"{within}{name}: "
             found += differences(before, after, inner, leave_out)
         elif before != after:
-            found.append(f"{within}{name} was {before}, now it is {after}")
+            found.append(f"{within}{name} was {_written(before)}, now it is {_written(after)}")
     return found
+
+
+def _written(value: Any) -> str:
+    """A value of a configuration, names without quotation marks."""
+    return "none" if value is None else value if isinstance(value, str) else quoted(value)
 
 
 def _machine() -> dict[str, Any]:

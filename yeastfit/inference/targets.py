@@ -16,6 +16,7 @@ from yeastfit.measure.statistics.registry import STATISTICS
 from yeastfit.measure.statistics.smooth_statistics import measure_mask_smoothly
 from yeastfit.model.parameters import Scales
 from yeastfit.observable import Observable
+from yeastfit.text import quoted
 
 Table = Float[np.ndarray, "statistic time"]
 
@@ -66,7 +67,7 @@ class Targets:
             raise InputError(f"targets: statistics are {list(self.names)}, need at least one, each once")
         times = self.times
         if not len(times) or not np.isfinite(times).all() or (np.diff(times) <= 0).any():
-            raise InputError(f"targets: times must rise, got {times}")
+            raise InputError(f"targets: times must rise, got {quoted(times)}")
         if not self.measured.any():
             raise InputError("targets: nothing is measured, replicates is 0 everywhere")
         self._refuse(~np.isfinite(self.mean), "mean", "it must be a finite number")
@@ -263,7 +264,7 @@ class Targets:
         if imaging.extent is None:
             raise InputError("targets: extent of the imaging is missing, in L0")
         if self.times[0] <= 0:
-            raise InputError(f"targets: times must rise from above 0, got {self.times}")
+            raise InputError(f"targets: times must rise from above 0, got {quoted(self.times)}")
         size = np.array([not STATISTICS[name].may_vanish for name in self.names])[:, None]
         self._refuse(size & (self.mean <= 0), "mean", "it must be above 0")
 

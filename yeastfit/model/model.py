@@ -46,6 +46,7 @@ from yeastfit.model.rules import (
     UptakeRule,
 )
 from yeastfit.parameter_set import ParameterSet
+from yeastfit.text import quoted
 
 BASES: dict[str, type[Rule]] = {
     base.question: base
@@ -260,7 +261,7 @@ def _described(rule: Rule) -> dict[str, Any]:
 
 def _rule_of(question: str, settings: Any) -> Rule:
     if not isinstance(settings, Mapping) or "rule" not in settings:
-        raise InputError(f"{question} is {settings!r}, expected a table that names its rule")
+        raise InputError(f"{question} is {quoted(settings)}, expected a table that names its rule")
     name, known = settings["rule"], RULES[question]
     if name not in known:
         raise InputError(f"{question}: rule {name!r} is unknown, expected one of {', '.join(known)}")

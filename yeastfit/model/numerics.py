@@ -12,6 +12,7 @@ from jaxtyping import Array, Float, PyTree
 from yeastfit.errors import InputError
 from yeastfit.memory import check_count, check_memory, machine_memory
 from yeastfit.numbers import Range
+from yeastfit.text import quoted
 
 MOST_STEPS = 2**30  # counted in 32 bits
 STEPS = Range(1.0 / MOST_STEPS, 1000.0)
@@ -52,9 +53,9 @@ class Numerics:
             if (field.name == "capacity" and value is None) or field.name == "compiled":
                 continue
             if isinstance(value, bool) or not isinstance(value, int | float) or not 0 < value < math.inf:
-                raise InputError(f"{field.name} is {value!r}, it must be a number above 0")
+                raise InputError(f"{field.name} is {quoted(value)}, it must be a number above 0")
         if not isinstance(self.compiled, bool):
-            raise InputError(f"compiled is {self.compiled!r}, it must be True or False")
+            raise InputError(f"compiled is {quoted(self.compiled)}, it must be true or false")
         check_capacity(self.room)
         STEPS.read(self.dt, "dt")
         intervals = self.domain / self.spacing
@@ -111,7 +112,7 @@ class Numerics:
 def check_capacity(capacity: int) -> None:
     """Raise `InputError` where a capacity is not a whole number of nodes, at least 2, or is more than memory holds."""
     if capacity != int(capacity) or capacity < 2:
-        raise InputError(f"capacity is {capacity!r}, it must be a whole number of nodes, at least 2")
+        raise InputError(f"capacity is {quoted(capacity)}, it must be a whole number of nodes, at least 2")
     check_count("capacity", capacity, NODE)
 
 

@@ -38,6 +38,7 @@ import scipy
 from yeastfit.errors import InputError
 from yeastfit.simulation.cell_coverage import Array, Floats, finite, require_positive
 from yeastfit.storage import written_whole
+from yeastfit.text import quoted
 
 Pixels = npt.NDArray[np.uint8]
 
@@ -95,7 +96,7 @@ class Optics:
             if not (numbers and all(map(isfinite, bounds)) and 0 <= bounds[0] <= bounds[-1] <= limit):
                 what = "smallest and largest" if pair else "a number"
                 upper = f" and at most {limit:g}" if isfinite(limit) else ""
-                raise InputError(f"optics {name}: got {value!r}, need {what}, finite, at least 0{upper}")
+                raise InputError(f"optics {name}: got {quoted(value)}, need {what}, finite, at least 0{upper}")
 
 
 DEFAULT = Optics()

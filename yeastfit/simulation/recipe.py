@@ -142,7 +142,11 @@ def read_truth(source: str | Path) -> dict[str, float] | None:
     if not isinstance(found, dict):
         raise InputError(f"{path}: holds {quoted(found)}, need parameters by name")
     names = dict.fromkeys((*PARAMETERS, *(name for name in found if name not in BESIDE)))
-    values = {name: Range().check(found.get(name), f"{path}: {name}") for name in names}
+    values = dict[str, float]()
+    for name in names:
+        if name not in found:
+            raise InputError(f"{path}: {name} is missing, need a finite number")
+        values[name] = Range().check(found[name], f"{path}: {name}")
     try:
         PARAMETERS.check({name: values[name] for name in PARAMETERS})
     except InputError as error:

@@ -73,7 +73,7 @@ IMAGE = "[[image]]\nfile = 'a.png'\nreplicate = 1\nhours = 2\n"
         ("image = [3]", ["image 1", "[[image]]"]),
         (IMAGE + IMAGE.replace("a.png", "b.png"), ["image 2 (b.png)", "no file b.png"]),
         (IMAGE + "hour = 3\n", ["image 1 (a.png)", "'hour' is unknown", "did you mean 'hours'?"]),
-        (IMAGE.replace("2", "true"), ["image 1 (a.png)", "hours is True"]),
+        (IMAGE.replace("2", "true"), ["image 1 (a.png)", "hours is true"]),
         (IMAGE.replace("hours = 2", ""), ["image 1 (a.png)", "hours is ''"]),
         (IMAGE.replace("'a.png'", "[1]"), ["image 1", "file is [1]"]),
         (IMAGE + "roi = [1, 2, 3, '4x']\n", ["image 1 (a.png)", "roi is [1, 2, 3, '4x']"]),

@@ -110,5 +110,5 @@ def test_multipliers_are_those_of_the_problem_of_complementarity() -> None:
 
 
 def test_rules_that_exclude_each_other_are_named() -> None:
-    with pytest.raises(InputError, match="contact: rule 'cells' pushes ellipses apart, and shape is 'superellipse'"):
+    with pytest.raises(InputError, match="contact: rule 'cells' pushes ellipses apart, not shape 'superellipse'"):
         Model.of({"contact": {"rule": "cells"}, "shape": {"rule": "superellipse"}})

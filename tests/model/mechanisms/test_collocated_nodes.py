@@ -94,11 +94,11 @@ def test_divisions_without_a_slot_keep_groups_whole() -> None:
         ({"births": {"rule": "collocated"}}, "births: rule 'collocated' goes with springs 'collocated' only"),
         (
             {"births": {"rule": "clocks"}, "springs": {"rule": "collocated"}},
-            "springs: rule 'collocated' goes with births 'collocated' only, not with 'clocks'",
+            "springs: rule 'collocated' goes with births 'collocated' only, not with births 'clocks'",
         ),
         (
             {"births": {"rule": "collocated", "nodes": 64}, "springs": {"rule": "collocated"}},
-            "springs: rule 'collocated' has nodes 512 and births has 64: give both the same",
+            "springs: rule 'collocated' has nodes 512 and births 'collocated' has 64: give both the same",
         ),
         ({"births": {"rule": "collocated", "nodes": 100}}, "nodes is 100, it must be a power of two"),
     ],

@@ -305,7 +305,7 @@ def test_walkers_are_taken_up_by_the_nearest_node_and_seen_as_a_density() -> Non
 @pytest.mark.parametrize(
     ("rules", "words"),
     [
-        ({"medium": {"rule": "walkers"}}, "medium: rule 'walkers' excludes births 'global'.*it needs 'walkers'"),
+        ({"medium": {"rule": "walkers"}}, "medium: rule 'walkers' excludes births 'global'.*it needs births 'walkers'"),
         ({"births": {"rule": "walkers"}}, "births: rule 'walkers' needs walkers: choose medium 'walkers', too"),
         ({"medium": {"rule": "nitrogen", "boundary": "sea"}}, "boundary is 'sea', it must be 'dish' or 'reservoir'"),
     ],

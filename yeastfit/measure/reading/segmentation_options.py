@@ -36,32 +36,35 @@ class SegmentationOptions:
         """Raise `InputError` where an option does not fit an image of `shape` [rows, columns]."""
         size = f"image of {shape[1]} x {shape[0]}"
         if self.threshold is not None and not (_is_number(self.threshold) and self.threshold in CONTRASTS):
-            raise InputError(f"{name}: threshold is {self.threshold!r}, need {CONTRASTS}")
+            raise InputError(f"{name}: threshold is {quoted(self.threshold)}, need {CONTRASTS}")
         if self.colonies not in (None, *COLONIES):
-            raise InputError(f"{name}: colonies is {self.colonies!r}, it must be {' or '.join(COLONIES)}")
+            raise InputError(f"{name}: colonies is {quoted(self.colonies)}, it must be {' or '.join(COLONIES)}")
         self.check_colonies(f"{name}: ")
         x0, y0, x1, y1 = 0.0, 0.0, float(shape[1]), float(shape[0])
         if self.roi is not None:
             if len(self.roi) != 4 or not all(_is_number(each) and int(each) == each for each in self.roi):
-                raise InputError(f"{name}: roi is {self.roi!r}, need four whole numbers of pixels x0, y0, x1, y1")
+                raise InputError(f"{name}: roi is {quoted(self.roi)}, need four whole numbers of pixels x0, y0, x1, y1")
             x0, y0, x1, y1 = self.roi
             if not (0 <= x0 < x1 <= shape[1] and 0 <= y0 < y1 <= shape[0]):
-                raise InputError(f"{name}: roi is {self.roi!r}, need x0 < x1 and y0 < y1 within the {size} pixels")
+                raise InputError(
+                    f"{name}: roi is {quoted(self.roi)}, need x0 < x1 and y0 < y1 within the {size} pixels"
+                )
             if min(x1 - x0, y1 - y0) < MIN_SIDE:
-                raise InputError(f"{name}: roi is {self.roi!r}, need at least {MIN_SIDE} pixels a side")
+                raise InputError(f"{name}: roi is {quoted(self.roi)}, need at least {MIN_SIDE} pixels a side")
         if self.seed_point is not None:
             if len(self.seed_point) != 2 or not all(_is_number(each) for each in self.seed_point):
-                raise InputError(f"{name}: seed_point is {self.seed_point!r}, need two numbers of pixels x, y")
+                raise InputError(f"{name}: seed_point is {quoted(self.seed_point)}, need two numbers of pixels x, y")
             x, y = self.seed_point
             if not (x0 <= x < x1 and y0 <= y < y1):
-                where = f"roi {self.roi!r}" if self.roi is not None else f"{size} pixels"
-                raise InputError(f"{name}: seed_point is {self.seed_point!r}, need a point within the {where}")
+                where = f"roi {quoted(self.roi)}" if self.roi is not None else f"{size} pixels"
+                raise InputError(f"{name}: seed_point is {quoted(self.seed_point)}, need a point within the {where}")
 
     def check_colonies(self, where: str) -> None:
         """Raise `InputError` where all objects are asked for and one of them."""
         if self.colonies == "all" and self.seed_point is not None:
             raise InputError(
-                f"{where}colonies and seed_point are 'all' and {self.seed_point!r}, which means one: leave out either"
+                f"{where}colonies and seed_point are 'all' and {quoted(self.seed_point)}, which means one: leave out "
+                "either"
             )
 
     def window(self, shape: tuple[int, int]) -> tuple[slice, slice]:

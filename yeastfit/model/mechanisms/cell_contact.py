@@ -40,6 +40,7 @@ from yeastfit.model.differentiable_sum import sum_of_terms
 from yeastfit.model.numerics import largest_in_ensemble
 from yeastfit.model.rules import ContactRule, Context, Rule
 from yeastfit.parameter_set import Parameter
+from yeastfit.text import quoted
 
 POINTS = 14  # along each side of the box of a pair
 REACHED = 2.5  # f/K up to which a cell counts; forces are within 1.2 % (rms) of finer ones
@@ -67,12 +68,12 @@ class _BetweenCells(ContactRule):
     def __check_init__(self) -> None:
         for name in ("union", "boundary"):
             if not getattr(self, name) > 0:
-                raise InputError(f"contact: {name} is {getattr(self, name)!r}, it must be above 0")
+                raise InputError(f"contact: {name} is {quoted(getattr(self, name))}, it must be above 0")
 
     def objection(self, rules: Mapping[str, Rule]) -> str | None:
         """Cells are ellipses."""
         shape = rules["shape"].name
-        return None if shape == "ellipse" else f"pushes ellipses apart, and shape is {shape!r}: choose one of the two"
+        return None if shape == "ellipse" else f"pushes ellipses apart, not shape {shape!r}: choose one of the two"
 
     def meeting(self, context: Context) -> "Pairs":
         """The pairs of cells that may overlap."""

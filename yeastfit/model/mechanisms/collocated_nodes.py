@@ -27,6 +27,7 @@ from yeastfit.errors import InputError
 from yeastfit.model.colony import Colony
 from yeastfit.model.laws.growth import number_of_births
 from yeastfit.model.rules import BirthRule, Births, Context, Rule, SpringRule
+from yeastfit.text import quoted
 
 MOST = 1 << 22  # nodes: every step takes operations for each of them
 
@@ -48,13 +49,15 @@ class CollocatedBirths(BirthRule):
 
     def __check_init__(self) -> None:
         if not 2 <= self.nodes <= MOST or self.nodes & (self.nodes - 1):
-            raise InputError(f"births: nodes is {self.nodes!r}, it must be a power of two up to {MOST}, such as 512")
+            raise InputError(
+                f"births: nodes is {quoted(self.nodes)}, it must be a power of two up to {MOST}, such as 512"
+            )
 
     def objection(self, rules: Mapping[str, Rule]) -> str | None:
         """Groups are halved and never lost, and springs are those of A."""
         for question, only in (("springs", "collocated"), ("death", "none"), ("detachment", "none")):
             if rules[question].name != only:
-                return f"goes with {question} {only!r} only, not with {rules[question].name!r}"
+                return f"goes with {question} {only!r} only, not with {question} {rules[question].name!r}"
         return None
 
     def node_state(self) -> dict[str, float]:
@@ -104,8 +107,8 @@ class CollocatedSprings(SpringRule):
         """There must be groups, of as many nodes."""
         births = rules["births"]
         if not isinstance(births, CollocatedBirths):
-            return f"goes with births 'collocated' only, not with {births.name!r}"
-        differs = f"has nodes {self.nodes!r} and births has {births.nodes!r}: give both the same"
+            return f"goes with births 'collocated' only, not with births {births.name!r}"
+        differs = f"has nodes {self.nodes} and births {births.name!r} has {births.nodes}: give both the same"
         return None if births.nodes == self.nodes else differs
 
     def pull(self, colony: Colony) -> Float[Array, "node 2"]:

@@ -24,6 +24,7 @@ from yeastfit.model.mechanisms.cell_contact import (
 )
 from yeastfit.model.rules import Context
 from yeastfit.parameter_set import Parameter
+from yeastfit.text import quoted
 
 FAINT = 0.1  # of the tolerated overlap: what is smaller is no constraint
 
@@ -41,7 +42,7 @@ class ConstrainedContact(_BetweenCells):
 
     def __check_init__(self) -> None:
         if not self.tolerated >= 0:
-            raise InputError(f"contact: tolerated is {self.tolerated!r}, an area at least 0 is expected")
+            raise InputError(f"contact: tolerated is {quoted(self.tolerated)}, an area at least 0 is expected")
 
     def velocity(self, context: Context, motion: Float[Array, "node 2"]) -> Float[Array, "node 2"]:
         """−Jᵀ μ."""

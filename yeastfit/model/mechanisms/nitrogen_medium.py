@@ -43,6 +43,7 @@ from yeastfit.model.parameters import Parameters
 from yeastfit.model.relaxation import Relaxation
 from yeastfit.model.rules import Births, Context, MediumRule, UptakeRule
 from yeastfit.parameter_set import Parameter
+from yeastfit.text import quoted
 
 WIDTH = 0.02  # w, of the relaxed minimum
 NITROGEN = Parameter("nitrogen", "ν", "nitrogen at the start, in units of c0", (0.01, 100.0), 1.0, positive=True)
@@ -74,7 +75,7 @@ class NitrogenMedium(MediumRule):
 
     def __check_init__(self) -> None:
         if self.boundary not in ("dish", "reservoir"):
-            raise InputError(f"medium: boundary is {self.boundary!r}, it must be 'dish' or 'reservoir'")
+            raise InputError(f"medium: boundary is {quoted(self.boundary)}, it must be 'dish' or 'reservoir'")
 
     def fields(self) -> dict[str, float]:
         """Nitrogen, as a share of that at the start."""

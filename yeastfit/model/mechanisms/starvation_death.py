@@ -20,6 +20,7 @@ from yeastfit.model.colony import Colony
 from yeastfit.model.mechanisms.lineage_draws import keys_of
 from yeastfit.model.rules import Context, DeathRule
 from yeastfit.parameter_set import Parameter
+from yeastfit.text import quoted
 
 DEATH_RATE = Parameter("death_rate", "h", "rate at which a node without any nutrient dies, over μ*", (0.01, 10.0), 0.0)
 STARVATION = Parameter(
@@ -45,7 +46,7 @@ class StarvationDeath(DeathRule):
 
     def __check_init__(self) -> None:
         if self.dead not in ("stay", "vanish"):
-            raise InputError(f"death: dead is {self.dead!r}, it must be 'stay' or 'vanish'")
+            raise InputError(f"death: dead is {quoted(self.dead)}, it must be 'stay' or 'vanish'")
 
     def node_state(self) -> dict[str, float]:
         """How much of a node that stays is alive."""

@@ -30,6 +30,7 @@ from yeastfit.model.colony import Colony
 from yeastfit.model.numerics import Numerics, largest_in_ensemble
 from yeastfit.model.rules import BirthRule, Births, Context, MediumRule, Rule, UptakeRule
 from yeastfit.parameter_set import Parameter
+from yeastfit.text import quoted
 
 UPTAKE_RADIUS = Parameter(
     "uptake_radius", "R_u", "distance within which a node takes up a walker", (0.05, 1.0), 0.25, "L0", positive=True
@@ -51,7 +52,7 @@ class WalkerBirths(BirthRule):
 
     def __check_init__(self) -> None:
         if not 1 <= self.per_bud <= MOST:
-            raise InputError(f"births: per_bud is {self.per_bud!r}, it must be from 1 to {MOST}")
+            raise InputError(f"births: per_bud is {quoted(self.per_bud)}, it must be from 1 to {MOST}")
 
     def objection(self, rules: Mapping[str, Rule]) -> str | None:
         """There must be walkers."""
@@ -95,15 +96,16 @@ class WalkerMedium(MediumRule):
 
     def __check_init__(self) -> None:
         if not 1 <= self.walkers <= MOST:
-            raise InputError(f"medium: walkers is {self.walkers!r}, it must be from 1 to {MOST}")
+            raise InputError(f"medium: walkers is {quoted(self.walkers)}, it must be from 1 to {MOST}")
         if not self.width > 0:
-            raise InputError(f"medium: width is {self.width!r}, it must be above 0")
+            raise InputError(f"medium: width is {quoted(self.width)}, it must be above 0")
 
     def objection(self, rules: Mapping[str, Rule]) -> str | None:
         """Walkers are no field that could be shaken, and births are by them."""
         for question, only in (("births", "walkers"), ("fluctuations", "none"), ("uptake", "biomass")):
             if rules[question].name != only:
-                return f"excludes {question} {rules[question].name!r}, there is no field of nutrient: it needs {only!r}"
+                other = f"{question} {rules[question].name!r}"
+                return f"excludes {other}, there is no field of nutrient: it needs {question} {only!r}"
         return None
 
     def node_state(self) -> dict[str, float]:
