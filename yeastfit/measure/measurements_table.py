@@ -69,6 +69,9 @@ def read_measurements(path: str | Path, needed: Sequence[str] = NEEDED) -> list[
         }
         rows.append(values)
         _check_row(rows[-1], where)
+    named = [(row, where) for row, (where, _) in zip(rows, cells, strict=True) if row.get("replicate")]
+    timed = [(row, where) for row, where in named if math.isfinite(row.get("hours", math.nan))]
+    _refuse_twice([row for row, _ in timed], [where for _, where in timed])
     for name in ("condition", "replicate"):
         check_look_alikes((str(row.get(name, "")) for row in rows), f"{path}: {name}s")
     return rows
@@ -199,7 +202,7 @@ def checked_rows(rows: Sequence[Mapping[str, Any]], condition: str | None) -> li
     unnamed = [row for row in chosen if not str(row["replicate"] or "")]
     if unnamed and len(unnamed) < len(chosen):
         raise InputError(f"{unnamed[0]['file']}: its replicate is empty, others have one: say which colony it is of")
-    _refuse_twice(chosen)
+    _refuse_twice(chosen, [str(row["file"]) for row in chosen])
     return chosen
 
 
@@ -215,14 +218,14 @@ def check_same_size(rows: Sequence[Mapping[str, Any]], advice: str = "") -> None
         )
 
 
-def _refuse_twice(rows: Sequence[Mapping[str, Any]]) -> None:
-    """Raises `InputError` where two rows are of one colony at one time."""
-    first: dict[tuple[str, float], str] = {}
-    for row in rows:
-        key = (str(row["replicate"] or ""), float(row["hours"]))
+def _refuse_twice(rows: Sequence[Mapping[str, Any]], places: Sequence[str]) -> None:
+    """Raises `InputError` where two rows, which are at these places, are of one colony at one time."""
+    first: dict[tuple[str, str, float], str] = {}
+    for row, place in zip(rows, places, strict=True):
+        key = (str(row["condition"] or ""), str(row["replicate"] or ""), float(row["hours"]))
         if key in first:
             raise InputError(
-                f"{row['file']}: replicate {key[0]!r} at {key[1]:g} hours appears twice, {first[key]} is of it, too: "
+                f"{place}: replicate {key[1]!r} at {key[2]:g} hours appears twice, {first[key]} is of it, too: "
                 "every colony needs a replicate of its own"
             )
-        first[key] = str(row["file"])
+        first[key] = place.rpartition(", ")[2] if place != row["file"] else place

@@ -145,8 +145,9 @@ def read_dataset(folder: str | Path) -> Dataset:
         if first != k:
             condition = f" of condition {frame.condition!r}" if frame.condition else ""
             raise InputError(
-                f"{rows[k][0]}: replicate {frame.replicate}{condition} at {frame.hours:g} hours appears twice, "
-                f"{frames[first].path.name} and {frame.path.name}: a colony has one image at one time"
+                f"{rows[k][0]}: replicate {frame.replicate}{condition} at {frame.hours:g} hours appears twice, as "
+                f"{frame.path.name} here and as {frames[first].path.name} in {rows[first][0].rpartition(', ')[2]}: a "
+                "colony has one image at one time"
             )
     check_look_alikes((frame.condition for frame in frames), f"{manifest}: conditions")
     check_look_alikes((frame.replicate for frame in frames), f"{manifest}: replicates")
