@@ -331,7 +331,7 @@ CASES: list[tuple[str, str]] = [
     ("fit table --out OUT --mobility -1", "mobility is -1"),
     ("fit table --out OUT --truth", "--truth"),
     ("fit table --out OUT --seed 18446744073709551616", SEED),
-    ("fit table --out OUT --model offlattice --area 0", "area is 0"),
+    ("fit table --out OUT --model offlattice --area 0", "--area is 0.0, it must be a number of at least 40 µm²"),
     ("fit table --out OUT --model offlattice --pixel-size 1e-200", "--pixel-size is 1e-200"),
     # --- infer
     ("infer nowhere --out OUT", "nowhere"),
@@ -343,6 +343,25 @@ CASES: list[tuple[str, str]] = [
     *((f"infer table --out OUT {option} ''", "''") for option in ("--free", "--statistics", "--method")),
     ("infer table --out OUT --mobility 2", "--mobility is 2, but mobility is free"),
     ("infer table --out OUT --statistics radius,radius", "--statistics: 'radius' appears twice"),
+    *(
+        (f"{command} --out OUT --statistics radius,centroid_x{model}", "--statistics: 'centroid_x' leave it out")
+        for command in ("fit table", "infer table", "design")
+        for model in ("", " --model offlattice")
+    ),
+    *(
+        (f"{line} --out OUT --model offlattice --statistics radius,compactness,area", "'area' (--match li2024)")
+        for line in ("fit table", "infer table", "design --area 500")
+    ),
+    ("fit table --out OUT --spacing 5", "--spacing is 5, it must be at most 3 L0"),
+    ("infer table --out OUT --spacing 5", "--spacing is 5, it must be at most 3 L0"),
+    *(
+        (f"{command} table --out OUT --length {length}", f"1_4.tif: um_per_pixel is 0.75, from {ends} µm by --length")
+        for command in ("fit", "infer")
+        for length, ends in (("1000", "1 to 1000"), ("0.5", "0.0005 to 0.5"))
+    ),
+    ("infer table --out OUT --model offlattice --pixel-size 100 --masks ellipses", "--pixel-size is 100 to 8.4 µm"),
+    ("design --out OUT --model offlattice --statistics radius --pixel-size 100", "--pixel-size is 100 to 8.4 µm"),
+    ("infer table --out OUT --li --variation", "--variation is given, with --li"),
     ("infer table --out OUT --length 1e300", "length is 1e+300, it must be a number from 0.01 to 1000 µm"),
     ("infer table --out OUT --condition nothing", "--condition 'nothing'"),
     ("infer table --out OUT --draws 5", "--draws is '5'"),

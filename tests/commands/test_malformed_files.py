@@ -167,7 +167,10 @@ CSV: dict[str, Case] = {
     "empty file": (HEADER + ",1,2,1\n", "line 2: file is empty"),
     "empty replicate": (HEADER + "a.png,,2,1\n", "line 2: replicate is empty"),
     "twice": (HEADER + "a.png,1,2,1\r\nb.png,1,2.0,1\r\n", "line 3: there is no file b.png"),
-    "twice a colony": (HEADER + "a.png,1,2,1\r\na.png,1,2.0,1\r\n", "line 3: replicate 1 at 2 hours appears twice"),
+    "twice a colony": (
+        HEADER + "a.png,1,2,1\r\na.png,1,2.0,1\r\n",
+        "line 3: replicate 1 at 2 hours appears twice, as a.png here and as a.png in line 2",
+    ),
     "hours of text": (HEADER + "a.png,1,two,1\n", "line 2: hours is 'two', it must be a number above 0, up to 100000"),
     "hours 1_0": (HEADER + "a.png,1,1_0,1\n", "line 2: hours is '1_0'"),
     "hours of other digits": (HEADER + "a.png,1,١٢,1\n", "line 2: hours is '١٢'"),
@@ -220,6 +223,27 @@ def test_a_malformed_manifest_is_refused(tmp_path: Path, refused: Run, file: str
     line = refused(["measure", written(tmp_path / "data" / file, data).parent])
     assert words in line
     assert f"{file}" in line
+
+
+SIZES = {
+    "of two sizes": ("1.0", "2.0", "um_per_pixel runs from 1 to 2"),
+    "of no cell": ("0.75", "0.001", "a.png: um_per_pixel is 0.001, it must be a number from 0.00"),
+    "of many cells": ("0.75", "500", "a.png: um_per_pixel is 500, it must be a number from 0.00"),
+}
+
+
+@pytest.mark.parametrize(("model", "free"), [("algebraic", "mobility"), ("offlattice", "fork")])
+@pytest.mark.parametrize("command", ["fit", "infer"])
+@pytest.mark.parametrize("name", SIZES)
+def test_pixels_that_cannot_be_compared_are_refused_before_an_image_is_read(
+    tmp_path: Path, refused: Run, name: str, command: str, model: str, free: str
+) -> None:
+    *sizes, words = SIZES[name]
+    lines = [f"a.png,{number},2,{size}\n" for number, size in enumerate(sizes)]
+    written(tmp_path / "data" / "manifest.csv", "".join([HEADER, *lines]))
+    written(tmp_path / "data" / "a.png", b"x")
+    options = ["--model", model, "--free", free, "--statistics", "solidity,hole_count"]
+    assert words in refused([command, tmp_path / "data", *options])
 
 
 def test_a_manifest_of_another_system_is_read(tmp_path: Path) -> None:
@@ -319,11 +343,11 @@ TABLES: dict[str, Case] = {
     "largest radius without end": (table(max_radius="1e300"), "line 3: max_radius is 1e+300 µm, it must be at most"),
     "compactness without end": (table(compactness="1e300"), "it must be a number from 0.9 to 1e+09"),
     "no largest radius": (table(max_radius=""), "a.png: max_radius is nan, it must be a number above 0 µm"),
-    "largest radius of ten metres": (
-        table(max_radius="1e7"),
-        "a.png: max_radius is 10000000.0, it must be a number",
-    ),
-    "a colony twice": (table(replicate="1"), "replicate '1' at 4 hours appears twice"),
+    "largest radius of ten metres": (table(max_radius="1e7"), "a.png: max_radius is 1e+07 µm, the largest of its"),
+    "a colony twice": (table(replicate="1"), "line 3: replicate '1' at 4 hours appears twice, line 2 is of it, too"),
+    "pixels of no cell": (table(um_per_pixel="0.001"), "a.png: um_per_pixel is 0.001, it must be a number from 0.0075"),
+    "pixels of many cells": (table(um_per_pixel="20"), "a.png: um_per_pixel is 20, it must be a number from 0.0075"),
+    "no cell": (table().replace("700", "1").replace("10,15", ".5,1"), "a.png: max_radius is 1 µm, the largest"),
     "two conditions": (table(condition="y"), "the data have 'x', 'y'"),
     "pixels of two sizes": (table(um_per_pixel="1.5"), "um_per_pixel runs from 1 to 1.5"),
 }

@@ -165,7 +165,9 @@ def test_cells_that_do_not_cover_the_area_are_refused(
     assert isinstance(simulator, OfflatticeSimulator)
     assert simulator.problems["all cells together cover no more than the area: all are kept"] <= 10
     if masks == "ellipses":
-        assert "no pixel" in said(capsys, *few, "--cells", "1200", "--pixel-size", "1000")
+        assert "--pixel-size is 1000, it must be a number from 0.0084 to 8.4 µm" in said(
+            capsys, *few, "--cells", "1200", "--pixel-size", "1000"
+        )
     (read, where), sized = (read_measurements(table), table.parent), Offlattice(masks=masks, pixel_size=2.0)  # type: ignore[arg-type]
     unused = [note for note in sized.seen(read, where, None, ("radius",)).notes if "not used" in note]
     assert len(unused) == (masks != "ellipses")
@@ -201,11 +203,11 @@ def test_infer_with_colonies_of_different_parameters(
 
 
 def test_design_without_times(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    how = ["--statistics", "compactness,radius,area", "--runs", "32", "--by", "statistic", "--area", "30000"]
+    how = ["--statistics", "compactness,radius,perimeter", "--runs", "32", "--by", "statistic", "--area", "30000"]
     assert cli.run(["design", *OFFLATTICE, *how, "--out", str(tmp_path)]) == 0
     assert "1. " in capsys.readouterr().out
     found = Sensitivity.load(tmp_path / "sensitivity.json")
-    assert found.statistics == ("compactness", "radius", "area")
+    assert found.statistics == ("compactness", "radius", "perimeter")
     assert rows(tmp_path / "design.csv")
     assert configuration(tmp_path)["area"] == 30000.0
     saved = ["design", "--sensitivity", str(tmp_path / "sensitivity.json"), "--out", str(tmp_path / "again")]

@@ -14,7 +14,7 @@ from yeastfit.commands.console.terminal import out, shown_progress, warn
 from yeastfit.commands.generated.model import ChosenModel, Fitted, ModelOptions, Statistics
 from yeastfit.commands.generated.options import generated
 from yeastfit.commands.generated.workers import WorkerOptions, paced
-from yeastfit.commands.measured_source import Measurements, check_source, measure_source, truth_of
+from yeastfit.commands.measured_source import Measurements, check_source, hours_of, measure_source, truth_of
 from yeastfit.commands.options import (
     Jobs,
     MeasurementError,
@@ -128,14 +128,15 @@ def fit(
     held = {name: value for name, value in held.items() if name not in model.parameters.subset(fitted)}
     chosen.check_free(fitted)
     images = check_source(source, condition or (), model.columns, several=True, statistics=names, jobs=jobs)
-    hours = {name: sorted({time for _, time in one if time is not None}) for name, one in images.items()}
+    hours = {name: hours_of(one) for name, one in images.items()}
     most = sum(len(names) * (max(1, len(times)) if model.timed else 1) for times in hours.values())
     check_search(model.parameters.subset(fitted), condition or ("",), **options, most=most)
-    for times in hours.values():
+    for name, times in hours.items():
         model.check(held | _largest(model.parameters.subset(fitted), options["bounds"]), times)
+        model.check_images(images[name], names)
     if workers is not None:
         workers.check()
-    _check_bootstrap(bootstrap, min(len({colony for colony, _ in one}) for one in images.values()), model.nouns)
+    _check_bootstrap(bootstrap, min(len({row["replicate"] for row in one}) for one in images.values()), model.nouns)
     known = truth_of(source, model.parameters) if truth else None
     with results_folder(folder, "fit", reads=inputs_of(source), overwrite=overwrite) as results:
         with shown_progress("measuring micrographs") as progress:

@@ -15,7 +15,7 @@ from yeastfit.commands.generated.model import ChosenModel, Inferred, ModelOption
 from yeastfit.commands.generated.options import flag_of, generated
 from yeastfit.commands.generated.samplers import SamplerOptions
 from yeastfit.commands.generated.workers import WorkerOptions
-from yeastfit.commands.measured_source import check_source, truth_of
+from yeastfit.commands.measured_source import check_source, colonies_at, hours_of, truth_of
 from yeastfit.commands.options import Jobs, MeasurementError, Overwrite, Seed, Truth, folder_option, names_in
 from yeastfit.commands.posterior_run.config import Request
 from yeastfit.commands.posterior_run.leave_out import check_groups
@@ -212,15 +212,15 @@ def infer(
         raise typer.Exit(1)
 
 
-def _check_images(request: Request, images: Sequence[tuple[str, Any]]) -> None:
+def _check_images(request: Request, images: Sequence[Mapping[str, Any]]) -> None:
     """Raise `InputError` where the request does not suit the images that there are."""
-    model, hours = request.forward_model, sorted({one for _, one in images if one is not None})
+    model, hours = request.forward_model, hours_of(images)
     compared = hours if model.timed else hours[-1:]
     model.check(request.largest(), compared)
+    model.check_images(images, request.statistics)
     request.check_sampler(len(request.statistics) * max(1, len(compared)))
-    names = list(dict.fromkeys(colony for colony, _ in images))
-    there = {f"at {one:g} hours": [(name, one) in images for name in names] for one in compared}
-    check_groups(request.leave_out, names, there if model.timed else {}, model.nouns)
+    names, there = colonies_at(images, compared if model.timed else ())
+    check_groups(request.leave_out, names, there, model.nouns)
 
 
 def _variation(**given: float | None) -> Variation:

@@ -1,5 +1,6 @@
 """The measurements that `yeastfit fit` and `yeastfit infer` start from: read from a table, or made from micrographs."""
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -7,7 +8,7 @@ from typing import Any
 
 from yeastfit.commands.measure_batch import measure_batch
 from yeastfit.errors import InputError
-from yeastfit.inference.models.forward_model import ForwardModel, Seen
+from yeastfit.inference.models.forward_model import ForwardModel, Row, Seen
 from yeastfit.measure.measurements_table import (
     NEEDED,
     OF_ANYTHING,
@@ -16,6 +17,7 @@ from yeastfit.measure.measurements_table import (
     files_of,
     missing_masks,
     read_measurements,
+    rows_of,
     table_in,
 )
 from yeastfit.measure.outlining.doubts import to_be_checked
@@ -71,8 +73,8 @@ class Measurements:
         return {name: model.seen(self.rows, self.folder, name, statistics) for name in chosen or present}
 
 
-Images = dict[str, list[tuple[str, Any]]]
-"""By condition: colony and hours of each image that is there."""
+Images = dict[str, list[Row]]
+"""By condition: the row of each image that is there, of which a data set says file, replicate, hours and pixel size."""
 
 
 def check_source(
@@ -105,23 +107,38 @@ def check_source(
     if not source.exists():
         raise InputError(f"{source}: there is no such file or folder, need {wanted}")
     table, where = table_in(source), dataset_folder(source)
-    images: list[tuple[str, str, Any]]
+    rows: list[dict[str, Any]]
     if where is not None:
         data = read_dataset(where)
         for name in statistics:
             if name in STATISTICS and name not in names_with("mask"):
                 raise InputError(f"--statistics: no image shows {name!r}, and {source} holds images: leave it out")
-        present, images = data.conditions, [(one.condition, one.replicate, one.hours) for one in data.frames]
+        rows = [
+            {"file": one.path.name, "condition": one.condition, "replicate": one.replicate, "hours": one.hours}
+            | ({} if one.pixel_size is None else {"um_per_pixel": one.pixel_size})
+            for one in data.frames
+        ]
     elif table.is_file():
         if jobs is not None:
             raise InputError(f"--jobs is given, and {table} holds measurements, so that none is made: leave it out")
         rows = read_measurements(table, columns)
-        present = conditions_of(rows)
-        images = [(str(row["condition"] or ""), str(row["replicate"]), row.get("hours")) for row in rows]
     else:
         raise InputError(f"{source}: no data there, need {wanted}")
+    present = conditions_of(rows)
     _check_chosen(chosen, present, several)
-    return {name: [(of, hours) for condition, of, hours in images if condition == name] for name in chosen or present}
+    return {name: rows_of(rows, name) for name in chosen or present}
+
+
+def hours_of(rows: Sequence[Row]) -> list[float]:
+    """Times of images, rising, as far as they are known."""
+    return sorted({float(row["hours"]) for row in rows if math.isfinite(row["hours"])})
+
+
+def colonies_at(rows: Sequence[Row], hours: Sequence[float]) -> tuple[list[str], dict[str, list[bool]]]:
+    """Names of colonies, and which of them have an image, by "at 4 hours"."""
+    names = list(dict.fromkeys(str(row["replicate"]) for row in rows))
+    seen = {(str(row["replicate"]), row["hours"]) for row in rows}
+    return names, {f"at {one:g} hours": [(name, one) in seen for name in names] for one in hours}
 
 
 def measure_source(source: Path, folder: Path, jobs: int, progress: Progress) -> Measurements:

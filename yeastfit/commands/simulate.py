@@ -34,9 +34,9 @@ def simulate(
     statistics: Annotated[
         str | None,
         typer.Option(
-            help="Statistics to record, with commas: any that yeastfit measure has, measured as it does on "
-            "black-and-white images of the colonies at the pixel size of photographs. By default a few that each model "
-            "chooses, of the algebraic one by a smooth estimator on its own grid.",
+            help="Statistics to record, with commas: any that yeastfit measure has, but where a colony lies, "
+            "measured as it does on black-and-white images of colonies at the pixel size of photographs. By default "
+            "a few that each model chooses, of the algebraic one by a smooth estimator on its own grid.",
             show_default=False,
         ),
     ] = None,

@@ -127,7 +127,9 @@ class ColonySimulator:
             )
         farthest = FARTHER * imaging.extent
         seen = 2 * farthest
-        check_memory(POINT * (seen / spacing) ** 2, f"spacing is {spacing:g}, which over {seen:.3g} L0")
+        check_spacing(spacing)
+        reach = f"targets: colonies reach {imaging.extent:.3g} L0 from their start, a grid of spacing {spacing:g} there"
+        check_memory(POINT * (seen / spacing) ** 2, reach)
         domain = 2 * spacing * np.ceil((farthest + MARGIN) / spacing)
         model = model or Model()
         most, room = most_nodes(float(times[-1]), model.births.doublings), resolution.capacity
@@ -227,6 +229,12 @@ class ColonySimulator:
     def _count(self, values: np.ndarray) -> None:
         met = values[:, -len(PROBLEMS) :].sum(axis=0).astype(int).tolist()
         self.problems.update({PROBLEMS[name]: count for name, count in zip(PROBLEMS, met, strict=True) if count})
+
+
+def check_spacing(spacing: float) -> None:
+    """Raise `InputError` where the nutrient around a colony has no point of the grid."""
+    if spacing > MARGIN:
+        raise InputError(f"spacing is {spacing:g}, it must be at most {MARGIN:g} L0, the margin around a colony")
 
 
 def colony_simulator_of(

@@ -22,6 +22,8 @@ from yeastfit.model.parameters import Scales
 from yeastfit.numbers import Range
 
 LARGEST_REACH = 10_000  # steps of the grid on which colonies are measured, from its middle to its edge
+LEAST_REACH = 0.25  # L0: the largest colony of a condition is a cell at least
+SMOOTH_DO_NOT = f", {', '.join(most_telling_first(names_with('smooth')))} with their masks do not"
 
 
 def targets_of(
@@ -59,14 +61,17 @@ def targets_of(
         ]
         spacing, smoothing = SPACING, SMOOTHING
     else:
-        advice = f", {', '.join(most_telling_first(names_with('smooth')))} with their masks do not"
-        check_same_size(chosen, advice)
+        check_same_size(chosen, SMOOTH_DO_NOT)
         values = [_in_lengths(row, statistics, scales) for row in chosen]
         spacing, smoothing = float(pixels.mean()), 0.0
-    for row in chosen:
-        reach = Range(high=LARGEST_REACH * spacing * scales.length, unit="µm")
-        reach.read(row["max_radius"], f"{row['file']}: max_radius")
-    extent = max(float(row["max_radius"]) for row in chosen) / scales.length
+    largest = max(chosen, key=lambda row: float(row["max_radius"]))
+    reach = Range(LEAST_REACH * scales.length, LARGEST_REACH * spacing * scales.length, "µm")
+    if (extent := float(largest["max_radius"])) not in reach:
+        raise InputError(
+            f"{largest['file']}: max_radius is {extent:g} µm, the largest of its condition, it must be {reach}, where "
+            f"a cell is {scales.length:g} µm long: is um_per_pixel {largest['um_per_pixel']:g}?"
+        )
+    extent /= scales.length
     colonies, curves, hours = _by_replicate(chosen, values, statistics)
     imaging = Imaging(extent, estimator, spacing, smoothing, scales)
     return Targets.from_replicates(curves, scales.time(hours), imaging=imaging, colonies=colonies)

@@ -126,6 +126,8 @@ class Request:
         """
         if method not in (None, "abc-mcmc"):
             raise InputError(f"--li is a way of --method abc-mcmc, not of {method}")
+        if rest.get("variation") is not None:
+            raise InputError("--variation is given, with --li all colonies have the same parameters: leave out one")
         for name, value in {**LI, "measurement_error": 0.0}.items():
             other = rest.get(name, settings.get(name))
             if other not in (None, value):

@@ -10,9 +10,17 @@ import numpy as np
 from jaxtyping import Float
 
 from yeastfit.errors import InputError
-from yeastfit.inference.colony_simulator import COARSE, DEFAULT_FREE, OUTLINE_PIXEL, ColonySimulator, Resolution
+from yeastfit.inference.colony_simulator import (
+    COARSE,
+    DEFAULT_FREE,
+    OUTLINE_PIXEL,
+    ColonySimulator,
+    Resolution,
+    check_spacing,
+)
 from yeastfit.inference.models.forward_model import ForwardModel, Row, Seen
 from yeastfit.inference.models.grown import Grown, Outlines
+from yeastfit.inference.models.image_checks import check_images, of_pixels
 from yeastfit.inference.posterior.settings import Setting
 from yeastfit.inference.sensitivity.estimate import sensitivity as estimate_sensitivity
 from yeastfit.inference.sensitivity.result import Sensitivity
@@ -221,7 +229,8 @@ class Algebraic(ForwardModel):
         ]
 
     def check(self, largest: Mapping[str, float], hours: Sequence[float]) -> None:
-        """Raise `InputError` where the time step is too long for a diffusivity, or for the images."""
+        """Raise `InputError` where steps in space or time are too long for colonies, a diffusivity, or the images."""
+        check_spacing(self.spacing)
         step = Numerics(domain=100 * self.spacing, spacing=self.spacing, dt=self.dt)
         check_alpha(jnp.asarray(largest["diffusivity"], jnp.result_type(float)), step)
         gaps = np.diff(hours, prepend=0.0)
@@ -230,6 +239,10 @@ class Algebraic(ForwardModel):
                 f"hours of images are {', '.join(f'{time:g}' for time in hours)}: a time step, --dt {self.dt:g} at "
                 f"--rate {self.rate:g} per hour, takes {one:.3g} hours, it must be at most {gaps.min():.3g}"
             )
+
+    def check_images(self, images: Sequence[Row], statistics: Sequence[str]) -> None:
+        """Raise `InputError` where pixels are of no size for cells, or of two sizes where statistics depend on it."""
+        check_images(images, self.length, by="--length", alike=of_pixels(statistics))
 
     def outlines(self, simulator: Any, values: Float[np.ndarray, "row free"], targets: Targets, seed: int) -> Outlines:
         """Where the cells of one colony are at the data's last time, at each row."""

@@ -16,6 +16,7 @@ from jaxtyping import Float
 
 from yeastfit.errors import InputError
 from yeastfit.inference.models.grown import Grown, Outlines
+from yeastfit.inference.models.image_checks import check_comparable
 from yeastfit.inference.posterior.limits import Limits
 from yeastfit.inference.posterior.settings import Setting
 from yeastfit.inference.prior.prior import Prior
@@ -123,6 +124,7 @@ class ForwardModel(ABC):
         known = {*known_statistics("smooth"), *known_statistics("mask")}
         known |= {name for name, one in STATISTICS.items() if not one.forms}
         for name in names:
+            check_comparable(name)
             if name not in known:
                 raise InputError(f"--statistics: {name!r} is unknown, expected some of {', '.join(sorted(known))}")
             if names.count(name) > 1:
@@ -174,6 +176,17 @@ class ForwardModel(ABC):
         Arguments:
             largest: Parameters, those that are free as large as they may become.
             hours: At which there are images, rising.
+
+        Raises:
+            InputError: They cannot.
+        """
+
+    def check_images(self, images: Sequence[Row], statistics: Sequence[str]) -> None:  # noqa: B027 - likewise
+        """Check that images of one condition can be compared, before any is measured; by default any can.
+
+        Arguments:
+            images: Rows of file, replicate, hours and, where it is known, um_per_pixel.
+            statistics: Which are compared.
 
         Raises:
             InputError: They cannot.

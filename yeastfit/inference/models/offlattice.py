@@ -17,6 +17,7 @@ from jaxtyping import Float
 from yeastfit.errors import InputError
 from yeastfit.inference.models.forward_model import ForwardModel, Row, Seen
 from yeastfit.inference.models.grown import Outlines
+from yeastfit.inference.models.image_checks import check_comparable, check_images, check_pixel
 from yeastfit.inference.models.last_images import last_images, measured
 from yeastfit.inference.posterior.limits import Limits, limits_around
 from yeastfit.inference.posterior.settings import Setting
@@ -29,7 +30,7 @@ from yeastfit.inference.targets import Targets
 from yeastfit.measure.measurements_table import NEEDED, check_same_size, checked_rows
 from yeastfit.measure.outlining.outline_errors import OUTLINE_ERRORS
 from yeastfit.memory import check_count
-from yeastfit.numbers import PIXEL_SIZES, POSITIVE, Range
+from yeastfit.numbers import PIXEL_SIZES, Range
 from yeastfit.offlattice.parameters import PARAMETERS, PRIOR
 from yeastfit.panel import Panel
 from yeastfit.parameter_set import ParameterSet
@@ -45,6 +46,7 @@ COMPARABLE = ("li2024_filament_area_index", "li2024_filament_radius_index", "smo
 Photographing a mask leaves them alone. Without the last a posterior may be of colonies of a few tufts.
 """
 COMPARED = ("fit", "infer", "design")
+CELL_LENGTH, COVERED_AREAS = 8.4, Range(40.0, unit="µm²")  # µm, of a cell in yeast form, which covers 40 µm²
 TRIED = 16  # colonies that show whether the cells cover the area of the data
 COVERED = 0.75  # share of it that is enough; below 1 a warning counts the colonies that do not cover it
 ROOM = 1.1  # times as many cells as cover it: Li et al. took as many
@@ -113,7 +115,7 @@ class Offlattice(ForwardModel):
         if self.cells < 1:
             raise InputError(f"cells is {self.cells}, it must be at least 1")
         if self.area is not None:
-            POSITIVE.read(self.area, "area")
+            COVERED_AREAS.read(self.area, "area")
             if self.match == "none":
                 raise InputError(f"area is {self.area:g} and match none, which compares whole colonies: leave out one")
         if self.pixel_size is not None:
@@ -135,6 +137,7 @@ class Offlattice(ForwardModel):
 
         known, found = known_statistics(), tuple(one for name in names for one in _expanded(name, PUBLISHED))
         for name in found:
+            check_comparable(name)
             if name not in known:
                 raise InputError(
                     f"--statistics: {name!r} is unknown, expected {THEIRS} or some of {', '.join(sorted(known))}"
@@ -176,6 +179,11 @@ class Offlattice(ForwardModel):
             notes.append(
                 f"--pixel-size is that of ellipses and not used: masks are drawn by --masks {self._masks(statistics)}"
             )
+        if area not in COVERED_AREAS:
+            raise InputError(
+                f"{chosen[0]['file']}: colonies cover {area:.3g} µm² in the mean, which must be {COVERED_AREAS}, as a "
+                f"cell does: is um_per_pixel {pixel:g}?"
+            )
         seen = replace(self, area=None if self.match == "none" else area, pixel_size=pixel)
         return Seen(seen, replace(targets, time_label="hours", length_unit="µm"), tuple(notes))
 
@@ -186,6 +194,20 @@ class Offlattice(ForwardModel):
         check_count("cells", self.cells, BYTES_PER_CELL)
         if self.cells == 1:
             raise InputError("cells is 1, the first cell alone, which has no shape: give more")
+
+    def check_images(self, images: Sequence[Row], statistics: Sequence[str]) -> None:
+        """Raise `InputError` where a statistic tells nothing, or pixels are of no size for cells, or of two sizes."""
+        self._check_matched(statistics)
+        self._drawn(statistics)
+        check_images(last_images(images)[0], CELL_LENGTH, alike=True)
+
+    def _check_matched(self, statistics: Sequence[str]) -> None:
+        """Raise `InputError` where a statistic is the area that colonies are drawn with."""
+        if "area" in statistics and self.match != "none":
+            raise InputError(
+                f"--statistics: 'area' is what simulated colonies are matched to (--match {self.match}), so that it "
+                "tells nothing: leave it out, or give --match none"
+            )
 
     def measurement_errors(self, targets: Targets, given: float | None) -> dict[str, float]:
         """Those of outlines of photographs, where nothing is given."""
@@ -213,6 +235,8 @@ class Offlattice(ForwardModel):
             raise InputError(
                 f"--pixel-size is that of ellipses, masks are drawn by --masks {self._masks(statistics)}: leave it out"
             )
+        if self.area is not None:
+            self._check_matched(statistics)
         at = {**PARAMETERS.defaults, **values}
         free = [name for name, value in at.items() if value > 0]
         held = {name: value for name, value in at.items() if value == 0}
@@ -262,10 +286,6 @@ class Offlattice(ForwardModel):
         reached = float(np.median(covered[np.isfinite(covered)])) if np.isfinite(covered).any() else np.inf
         if reached >= COVERED * self.area:
             return
-        if not reached:
-            raise InputError(
-                f"--cells is {self.cells}: simulated colonies have no pixel, give more or less --pixel-size"
-            )
         enough = ROOM * self.cells * self.area / reached
         rounded = ceil(enough / (step := 10 ** max(0, floor(log10(enough) - 1)))) * step
         raise InputError(
@@ -293,7 +313,8 @@ class Offlattice(ForwardModel):
 
         masks = self._masks(statistics)
         if masks == "ellipses":
-            pixel = self.pixel_size or PIXEL
+            pixel = PIXEL if self.pixel_size is None else self.pixel_size
+            check_pixel(pixel, CELL_LENGTH, "pixel_size")
             return partial(Ellipses.of, pixel_size=pixel), pixel
         return BinnedOutlines.of if masks == "li2024" else BinnedOutlines.whole, 1 / PIXELS_PER_UM
 
