@@ -404,6 +404,7 @@ CASES: list[tuple[str, str]] = [
         for one in ("1,a", "1,inf", "1_0", "", "0", "-1,2")
     ),
     ("design --out OUT --times 1e300", MEMORY),
+    ("design --out OUT --times 1,1.000001", "--times is [1, 1.000001], it must rise"),
     ("design --out OUT --times 1,2 --same-colonies", "--same-colonies: everything counts as measured"),
     *(
         (f"design --out OUT --times 1,2 --scheduler '{one}'", "--scheduler is it must be like tcp://host:8786")

@@ -338,6 +338,7 @@ TABLES: dict[str, Case] = {
     "area beyond the largest": (table(area="900"), "line 3: area is 900 µm², it must be at most 775"),
     "pixels and area": (table(um_per_pixel="1000", area="9e9"), "line 3: area is 9e+09 µm², it must be at most"),
     "no hours": (table(hours=""), "a.png: its hours are unknown"),
+    "no hours of any": (table(hours="").replace(",4,", ",,"), "a.png: its hours are unknown"),
     "no pixel size": (table(um_per_pixel=""), "a.png: um_per_pixel is nan, it must be a number from 0.001 to 1000 µm"),
     "radius below that of a disc": (table(radius="5"), "line 3: radius is 5 µm, it must be at least"),
     "largest radius without end": (table(max_radius="1e300"), "line 3: max_radius is 1e+300 µm, it must be at most"),

@@ -13,11 +13,11 @@ from yeastfit.measure.measurements_table import (
     NEEDED,
     OF_ANYTHING,
     TABLE,
+    checked_rows,
     conditions_of,
     files_of,
     missing_masks,
     read_measurements,
-    rows_of,
     table_in,
 )
 from yeastfit.measure.outlining.doubts import to_be_checked
@@ -100,8 +100,8 @@ def check_source(
         What is there of these conditions.
 
     Raises:
-        InputError: There are no data, a column or a condition is not there, none of several is chosen, or jobs are
-            given where nothing is measured.
+        InputError: There are no data, a column or a condition is not there, none of several is chosen, an image has no
+            hours or no colony of its own, or jobs are given where nothing is measured.
     """
     wanted = f"a data set, with {' or '.join(MANIFESTS)}, or a {TABLE}"
     if not source.exists():
@@ -126,7 +126,7 @@ def check_source(
         raise InputError(f"{source}: no data there, need {wanted}")
     present = conditions_of(rows)
     _check_chosen(chosen, present, several)
-    return {name: rows_of(rows, name) for name in chosen or present}
+    return {name: checked_rows(rows, name) for name in chosen or present}
 
 
 def hours_of(rows: Sequence[Row]) -> list[float]:

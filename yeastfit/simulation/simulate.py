@@ -30,6 +30,7 @@ from yeastfit.simulation.ensemble_in_segments import grown_in_segments
 from yeastfit.simulation.result import Simulation
 from yeastfit.simulation.until import Until
 from yeastfit.specification import module_outside
+from yeastfit.text import quoted
 
 SHORT = 4096  # nodes: a colony that cannot come to more is grown by one program
 
@@ -221,10 +222,10 @@ def schedule_of(times: Sequence[Any] | np.ndarray | Array, numerics: Numerics, s
     """Times to step numbers, checked; `since` is the step a colony has done already."""
     steps = _steps_of(times, numerics)
     if steps.size == 0 or steps[0] <= since or (np.diff(steps) < 1).any():
-        values = np.array2string(np.atleast_1d(np.asarray(times, dtype=float)), precision=4, threshold=8)
+        values = np.array([float(f"{time:.7g}") for time in np.atleast_1d(np.asarray(times, dtype=float)).flat])
         since_time = f"{since * numerics.dt:g} + " if since else ""
         raise InputError(
-            f"times is {values}, it must rise from at least {since_time}dt = {numerics.dt:g} "
+            f"times is {quoted(values)}, it must rise from at least {since_time}dt = {numerics.dt:g} "
             "with at least dt between two times"
         )
     return Schedule.of(steps, since)

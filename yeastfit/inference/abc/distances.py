@@ -19,6 +19,7 @@ from jaxtyping import Float
 
 from yeastfit.errors import InputError
 from yeastfit.inference.curve_covariance import Square, correlation_root, whitened
+from yeastfit.text import quoted
 
 KernelName = Literal["indicator", "gaussian"]
 KERNELS: tuple[KernelName, ...] = ("indicator", "gaussian")
@@ -142,4 +143,4 @@ def _differences(simulated: Statistics, observed: Vector, scale: Vector) -> tupl
 
 def _check_finite(name: str, values: np.ndarray) -> None:
     if not values.size or not np.isfinite(values).all():
-        raise InputError(f"{name} is {values}, it must be finite numbers")
+        raise InputError(f"{name} is {quoted(values)}, it must be finite numbers")
