@@ -3,21 +3,31 @@
 One colony grows as `yeastfit simulate --relaxed --capacity 200000 --domain 300 --spacing 0.4 --dt 0.025 --mobility 1.3
 --metabolic-rate 0.9 --aspect-ratio 0.65` grows it, seed 0, to given numbers of nodes and then until an area of 24 500
 L0², that of a photographed colony. At each size, 20 further steps are timed with compiled contact and by the plain
-switch (`Numerics.compiled`), after both programs have been compiled. Targets:
+switch (`Numerics.compiled`), after both programs have been compiled. A second colony, whose cells need more nutrient
+and are rounder (λ6 = 1.8, λ7 = 0.9), comes to the same area with a third of the nodes. Targets:
 
-- until the area, births not cut: at most 90 s, compiling included, and at least 8 times as fast as plain;
+- until the area, births not cut: at most 90 s, of the second one 40 s, compiling included;
+- with --against: at least 8 times as fast as older code;
 - cost of a step against nodes: exponent at most 1.0;
 - memory of the process at most 24 GB.
 
 The plain colony is not grown as a whole: its time is that of the compiled one's steps at the plain cost, which is
-interpolated between the sizes. With --quick the colony ends at 4000 nodes, which is mostly compiling.
-The machine should be otherwise idle.
+interpolated between the sizes. With --against the command above, to the time at which the first colony came to the
+area, runs as a user would run it: with this code, then with that of a checkout of another commit, by the same Python.
+With --quick the colony ends at 4000 nodes, which is mostly compiling. The machine should be otherwise idle.
 
-    python -m benchmarks.large [--quick] [--json FILE]
+    python -m benchmarks.large [--quick] [--json FILE] [--against CHECKOUT]
 """
 
+import argparse
+import csv
+import os
+import subprocess
+import sys
 import time
 from dataclasses import dataclass, field, replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import jax
@@ -37,6 +47,7 @@ from yeastfit.simulation.simulate import member_keys, simulate
 
 NUMERICS = Numerics(domain=300.0, spacing=0.4, dt=0.025, capacity=200_000)
 LARGE = Parameters(mobility=1.3, metabolic_rate=0.9, aspect_ratio=0.65)
+HUNGRY = Parameters(mobility=1.3, metabolic_rate=1.8, aspect_ratio=0.9)
 NODES = (1000, 4000, 16_000, 64_000)
 AREA = 24_500.0  # L0², of the smallest set of photographed colonies
 STEPS, LATEST = 20, 200.0  # further steps that are timed; a time that no colony comes to
@@ -46,6 +57,7 @@ STEPS, LATEST = 20, 200.0  # further steps that are timed; a time that no colony
 class Growth:
     """One colony as it grows, and what that has taken."""
 
+    parameters: Parameters = LARGE
     colony: Colony | None = None
     seconds: float = 0.0
     processor: float = 0.0
@@ -55,7 +67,7 @@ class Growth:
         """Grow further."""
         begin: dict[str, Any] = {"keys": member_keys(0, 1)[0]} if self.colony is None else {"start": self.colony}
         wall, busy = time.perf_counter(), time.process_time()
-        grown = simulate(LARGE, **begin, times=[LATEST], until=size, numerics=NUMERICS)
+        grown = simulate(self.parameters, **begin, times=[LATEST], until=size, numerics=NUMERICS)
         self.seconds += time.perf_counter() - wall
         self.processor += time.process_time() - busy
         self.colony = grown.colony
@@ -98,7 +110,40 @@ def plain_seconds(costs: list[dict[str, float]], seconds: float) -> float:
     return seconds + steps * float(np.trapezoid(plain - ours, times))
 
 
-def run(report: Report, quick: bool) -> None:
+def command_run(code: Path, end: float) -> dict[str, float]:
+    """Seconds of the command to a time with the code of a folder, and the colony at its end.
+
+    Raises:
+        CalledProcessError: The command failed.
+    """
+    options = ["--relaxed", "--members", "1", "--seed", "0", "--time", f"{end:g}", "--every", f"{end:g}"]
+    for name in ("domain", "spacing", "dt", "capacity"):
+        options += [f"--{name}", f"{getattr(NUMERICS, name):g}"]
+    for name in ("mobility", "metabolic_rate", "aspect_ratio"):
+        options += [f"--{name.replace('_', '-')}", f"{float(getattr(LARGE, name)):g}"]
+    with TemporaryDirectory() as folder:
+        out = Path(folder) / "colony"
+        arguments = [sys.executable, "-m", "yeastfit", "simulate", "--out", str(out), *options]
+        began = time.perf_counter()
+        subprocess.run(arguments, cwd=folder, env=os.environ | {"PYTHONPATH": str(code.resolve())}, check=True)
+        seconds = time.perf_counter() - began
+        with (out / "curves.csv").open(encoding="utf-8") as file:
+            last = list(csv.DictReader(file))[-1]
+    return {"seconds": seconds, "cells": float(last["cell_count"]), "area": float(last["area"])}
+
+
+def compare(report: Report, against: Path, end: float, quick: bool) -> None:
+    """The command with this code and with that of another checkout."""
+    runs = {}
+    for name, code in (("this code", Path(__file__).parents[1]), ("the other", against)):
+        report.stage(f"the command to t = {end:g}, {name}")
+        runs[name] = command_run(code, end)
+    report.table(f"the command to t = {end:g}", [{"code": name} | one for name, one in runs.items()])
+    ratio = runs["the other"]["seconds"] / runs["this code"]["seconds"]
+    report.add("the other code, the command", ratio, "×", None if quick else 8, note="times as long")
+
+
+def run(report: Report, quick: bool, against: Path | None) -> None:
     """Grow, and time steps on the way."""
     growth, area = Growth(), np.nan
     for nodes in NODES[:2] if quick else NODES:
@@ -116,13 +161,33 @@ def run(report: Report, quick: bool) -> None:
     note = f"{costs[-1]['nodes']} nodes, t = {costs[-1]['time']:.4g}, {growth.processor:.0f} processor seconds"
     report.add(f"until {area:.0f} L0²", growth.seconds, "s", None if quick else 90, at_least=False, note=note)
     ratio = plain_seconds(costs, growth.seconds) / growth.seconds
-    report.add("plain contact, the whole colony", ratio, "×", None if quick else 8, note="times as long")
+    report.add("plain contact, the whole colony", ratio, "×", note="times as long")
     for name in ("compiled", "plain"):
         x, y = np.log([(row["nodes"], row[f"ms {name}"]) for row in costs]).T
         target = 1.0 if name == "compiled" else None
         report.add(f"exponent in nodes, {name}", float(np.polyfit(x, y, 1)[0]), "", target, at_least=False)
+    if not quick:
+        report.stage(f"the colony of hungry cells, {AREA:g} L0²")
+        hungry = Growth(HUNGRY)
+        cut = hungry.until(area=AREA).capacity_reached.any()
+        assert hungry.colony is not None
+        at = float(hungry.colony.step) * NUMERICS.dt
+        note = f"{int(hungry.colony.count)} nodes, t = {at:.4g}" + (", births cut" if cut else "")
+        report.add("hungry cells, until the area", hungry.seconds, "s", 40, at_least=False, note=note)
     report.add("peak memory of the process", peak_memory() / 1e9, "GB", 24, at_least=False)
+    if against is not None:
+        compare(report, against, round(costs[-1]["time"], 1), quick)
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Run the command: parse the options of this benchmark, then those of every benchmark."""
+    parser = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
+    parser.add_argument("--against", type=Path)
+    own, others = parser.parse_known_args(arguments)
+    if own.against is not None and not (own.against / "yeastfit").is_dir():
+        parser.error(f"--against: {own.against} is no checkout, it has no folder yeastfit")
+    command("large", lambda report, quick: run(report, quick, own.against), others)
 
 
 if __name__ == "__main__":
-    command("large", run)
+    main()
