@@ -10,7 +10,7 @@ from yeastfit.errors import InputError
 from yeastfit.model.numerics import MEMBER, Numerics, largest_in_ensemble, map_members
 
 
-@pytest.mark.parametrize("name", ["domain", "spacing", "dt", "capacity", "bud_distance"])
+@pytest.mark.parametrize("name", ["domain", "spacing", "dt", "capacity", "bud_distance", "substeps"])
 @pytest.mark.parametrize("value", [0.0, -1.0, float("nan"), float("inf"), True, "1"])
 def test_a_value_that_is_no_number_above_zero_is_named(name: str, value: object) -> None:
     with wrong_types(), pytest.raises(InputError, match=f"{name} is {value!r}, it must be a number above 0"):
@@ -21,6 +21,12 @@ def test_a_value_that_is_no_number_above_zero_is_named(name: str, value: object)
 def test_capacity_is_a_whole_number_of_at_least_two(capacity: float) -> None:
     with wrong_types(), pytest.raises(InputError, match=f"capacity is {capacity}, it must be a whole number"):
         Numerics(capacity=capacity)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("substeps", [0.5, 2.5, 1001])
+def test_substeps_are_a_whole_number_up_to_a_thousand(substeps: float) -> None:
+    with wrong_types(), pytest.raises(InputError, match=f"substeps is {substeps}, it must be a whole number from 1 to"):
+        Numerics(substeps=substeps)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(("domain", "spacing"), [(10.0, 0.3), (0.3, 0.1)])

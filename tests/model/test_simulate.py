@@ -1,7 +1,7 @@
 """The step against the plain reading in `reference.colony`, its repetition, and the derivative of a trajectory."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import equinox as eqx
 import jax
@@ -31,6 +31,7 @@ CASES: dict[str, dict[str, float]] = {
     "mobile, hungry, slender": {"mobility": 2.5, "metabolic_rate": 3.0, "aspect_ratio": 0.4, "repulsivity": 0.1},
     "stiff, close, round": {"elasticity": 9.0, "repulsion_radius": 0.3, "aspect_ratio": 1.0, "diffusivity": 0.5},
 }
+SUBSTEPS = "the defaults, three steps of motion in each"
 SHORT = Numerics(domain=8.0, spacing=0.2, dt=0.02, capacity=12)
 SAMPLES = (60, 110)  # steps: 10 after the first and the second event
 OBSERVE = SmoothStatistics(extent=8.0, spacing=0.2)
@@ -59,16 +60,18 @@ class Comparison:
         self.differences.setdefault(name, []).append(float(np.abs(np.asarray(ours) - theirs).max(initial=0.0)))
 
 
-@pytest.fixture(scope="module", params=CASES.values(), ids=list(CASES))
+@pytest.fixture(scope="module", params=[*CASES, SUBSTEPS])
 def comparison(request: pytest.FixtureRequest) -> Comparison:
     """310 steps and 6 mitosis events; each step of the package is repeated by the reference from the same state."""
-    values = {name: info.default for name, info in PARAMETERS.items()} | request.param
+    values = {name: info.default for name, info in PARAMETERS.items()} | CASES.get(request.param, {})
     parameters, reference = Parameters(**values), plain.Parameters(**values)
+    substeps = 3 if request.param == SUBSTEPS else 1
+    numerics, reference_numerics = replace(NUMERICS, substeps=substeps), replace(PLAIN, substeps=substeps)
     colony, found = started(jax.random.key(5), NUMERICS), Comparison()
     for _ in range(310):
-        after, g, mu = _hard_step(colony, parameters)
+        after, g, mu = _hard_step(colony, parameters, numerics)
         before = plain.Colony(*_nodes(colony), np.asarray(colony.nutrient), int(colony.step))
-        expected, details = plain.step(before, reference, PLAIN, _AnglesOf(colony), cg_tolerance=1e-13)
+        expected, details = plain.step(before, reference, reference_numerics, _AnglesOf(colony), cg_tolerance=1e-13)
 
         nodes, slots = len(before.positions), int(after.count)
         positions, parents = _nodes(after)
@@ -91,15 +94,17 @@ def comparison(request: pytest.FixtureRequest) -> Comparison:
 
 
 @eqx.filter_jit
-def _compiled_step(colony: Colony, parameters: Parameters, relaxation: Relaxation) -> tuple[Colony, Snapshot, Array]:
-    after, snapshot = step(colony, parameters, relaxation, NUMERICS)
-    g = level_set(snapshot.cells, relaxation.union, relaxation.union_reach, -6.0, 0.2, NUMERICS.points)
+def _compiled_step(
+    colony: Colony, parameters: Parameters, relaxation: Relaxation, numerics: Numerics
+) -> tuple[Colony, Snapshot, Array]:
+    after, snapshot = step(colony, parameters, relaxation, numerics)
+    g = level_set(snapshot.cells, relaxation.union, relaxation.union_reach, -6.0, 0.2, numerics.points)
     return after, snapshot, g
 
 
-def _hard_step(colony: Colony, parameters: Parameters) -> tuple[Colony, np.ndarray, float]:
+def _hard_step(colony: Colony, parameters: Parameters, numerics: Numerics) -> tuple[Colony, np.ndarray, float]:
     with jax.debug_nans(True):
-        after, snapshot, g = _compiled_step(colony, parameters, HARD)
+        after, snapshot, g = _compiled_step(colony, parameters, HARD, numerics)
     return after, np.asarray(g), float(snapshot.growth_rate)
 
 

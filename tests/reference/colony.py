@@ -50,13 +50,14 @@ class Parameters:
 
 @dataclass(frozen=True)
 class Numerics:
-    """Domain side L, grid spacing h, time step, node capacity and budding distance delta."""
+    """Domain side L, grid spacing h, time step, node capacity, budding distance delta, and steps of motion a step."""
 
     domain: float = 40.0
     spacing: float = 0.1
     dt: float = 0.02
     capacity: int = 500
     bud_distance: float = 0.01
+    substeps: int = 1
 
     def __post_init__(self) -> None:
         intervals = self.domain / self.spacing
@@ -338,7 +339,9 @@ def step(
         parents = np.concatenate([parents, chosen])
         births.append(chosen)
 
-    positions = positions + numerics.dt * velocity(positions, parents, nutrient, parameters, numerics)
+    for _ in range(numerics.substeps):
+        going = velocity(positions, parents, nutrient, parameters, numerics)
+        positions = positions + numerics.dt / numerics.substeps * going
     require_inside(positions, numerics)
     diagnostics = {
         "growth_rate": mu,

@@ -128,7 +128,7 @@ def widened(colony: Colony, room: int, newborn: Mapping[str, float]) -> Colony:
 PROBLEMS = {
     "capacity_reached": "births were cut because every node slot was taken: raise capacity or end earlier",
     "left_domain": "a node came within one cell of the domain's edge: raise domain or end earlier",
-    "unstable": "Δt · elasticity · (degree + 1) reached 2, where forward Euler oscillates: lower dt",
+    "unstable": "Δt · elasticity · (degree + 1) reached 2, where forward Euler oscillates: lower dt, or take substeps",
     "not_finite": "positions or nutrient are not finite: raise domain if a node came to its edge, else lower dt",
     "died_out": "no node was left alive: lower death_rate or starvation, or end earlier",
     "store_empty": "a store ran empty, of walkers or of nodes in one place: give more of them, or end earlier",

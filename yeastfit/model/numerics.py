@@ -19,6 +19,7 @@ STEPS = Range(1.0 / MOST_STEPS, 1000.0)
 """Admissible Δt."""
 POINT, NODE = 48, 600  # bytes that a step works on in single precision: a dozen grids, and lanes of contacts
 FIRST_ROOM = 500  # nodes that a colony without a capacity begins with room for, the source's number
+MOST_SUBSTEPS = 1000
 MEMBER = "member"  # the name of the ensemble axis inside `trajectory`
 
 
@@ -30,14 +31,16 @@ class Numerics:
         domain: Side of the square dish, centred on the origin.
         spacing: h of the nutrient grid; domain / spacing is a whole number.
         dt: Δt of forward Euler and Crank–Nicolson.
+        substeps: Steps of Δt / substeps in which nodes move within a time step, while all else stands still.
         capacity: Largest number of nodes; births beyond it are cut. None: as many as are born, while memory lasts.
         bud_distance: δ, how far from its parent a child appears.
         compiled: Whether contact, springs and nutrient of large colonies on a CPU are computed by loops that numba has
             compiled, where it is installed: the same sums in another order. False is the plain calculation.
 
     Raises:
-        InputError: A value is not positive, `compiled` neither True nor False, domain / spacing is not a whole number,
-            dt is beyond what steps can be counted for, or a colony would not fit into memory.
+        InputError: A value is not positive, `substeps` is no whole number up to 1000, `compiled` neither True nor
+            False, domain / spacing is not a whole number, dt is beyond what steps can be counted for, or a colony would
+            not fit into memory.
     """
 
     domain: float = 40.0
@@ -46,6 +49,7 @@ class Numerics:
     capacity: int | None = None
     bud_distance: float = 0.01
     compiled: bool = True
+    substeps: int = 1
 
     def __post_init__(self) -> None:
         for field in fields(self):
@@ -58,6 +62,7 @@ class Numerics:
             raise InputError(f"compiled is {quoted(self.compiled)}, it must be true or false")
         check_capacity(self.room)
         STEPS.read(self.dt, "dt")
+        check_substeps(self.substeps)
         intervals = self.domain / self.spacing
         what = f"domain / spacing is {self.domain:g} / {self.spacing:g}: a grid of {intervals + 1:.5g}² points"
         check_memory(POINT * (intervals + 1) * (intervals + 1), what)
@@ -107,6 +112,12 @@ class Numerics:
     def step_of(self, time: float) -> int:
         """The step that ends at (or nearest to) a time."""
         return round(time / self.dt)
+
+
+def check_substeps(substeps: int) -> None:
+    """Raise `InputError` where substeps are not a whole number, from 1 to 1000."""
+    if substeps != int(substeps) or not 1 <= substeps <= MOST_SUBSTEPS:
+        raise InputError(f"substeps is {substeps:g}, it must be a whole number from 1 to {MOST_SUBSTEPS}")
 
 
 def check_capacity(capacity: int) -> None:

@@ -12,7 +12,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Int, PyTree
+from jaxtyping import Array, Float, Int, PyTree
 
 from yeastfit.model.colony import Colony, Problems
 from yeastfit.model.laws.budding import bud
@@ -65,13 +65,33 @@ def step(
 
     colony = jax.lax.cond(model.births.due(context), with_births, lambda: context.colony)
     parted = seen(model.detachment.detached(seen(colony), model.node_state()))
-    going = velocity(parted, model.contact, model.medium, model.springs)
-    positions = model.motion.answered(model.motion.moved(parted, going), going.shape)
+    positions = _moved(parted, model)
     from_edge = 0.5 * numerics.domain - jnp.abs(positions)
     problems, at_edge = parted.colony.problems, jnp.any((from_edge < 1.0) & (from_edge >= 0.0))
     problems = eqx.tree_at(lambda p: p.left_domain, problems, problems.left_domain | at_edge)
     colony = dataclasses.replace(parted.colony, positions=positions, problems=problems)
     return colony, Snapshot(cells, context.growth_rate, colony, parameters, relaxation)
+
+
+def _moved(context: Context, model: Model) -> Float[Array, "node 2"]:
+    """Places of all nodes after a time step, by `Numerics.substeps` equal steps in which only nodes move.
+
+    To the rules, a substep is a step of a colony with so many times more steps, each so many times shorter.
+    """
+    colony, numerics = context.colony, context.numerics
+    short = dataclasses.replace(numerics, dt=numerics.dt / numerics.substeps, substeps=1)
+
+    def once(k: int | Array, positions: Float[Array, "node 2"]) -> Float[Array, "node 2"]:
+        number = (colony.step - 1) * numerics.substeps + k + 1
+        here = dataclasses.replace(
+            context, colony=dataclasses.replace(colony, positions=positions, step=number), numerics=short
+        )
+        going = velocity(here, model.contact, model.medium, model.springs)
+        return model.motion.answered(model.motion.moved(here, going), going.shape)
+
+    if numerics.substeps == 1:
+        return once(0, colony.positions)
+    return jax.lax.fori_loop(0, numerics.substeps, once, colony.positions)
 
 
 class Schedule(eqx.Module):
@@ -154,10 +174,11 @@ def problems_of(colony: Colony, parameters: Parameters, numerics: Numerics, mode
     before = colony.problems
     outside = jnp.any(jnp.abs(colony.positions) > 0.5 * numerics.domain - 1.0)
     finite = jnp.isfinite(colony.positions).all() & jnp.isfinite(colony.nutrient).all()
+    stiffness = numerics.dt / numerics.substeps * parameters.elasticity * model.springs.stiffness(colony)
     return Problems(
         capacity_reached=before.capacity_reached,
         left_domain=before.left_domain | (finite & outside),
-        unstable=before.unstable | (numerics.dt * parameters.elasticity * model.springs.stiffness(colony) >= 2.0),
+        unstable=before.unstable | (stiffness >= 2.0),
         not_finite=before.not_finite | ~finite,
         died_out=before.died_out | (jnp.sum(model.death.living(colony)) < 0.5),
         store_empty=before.store_empty,

@@ -19,7 +19,9 @@ from yeastfit.model.mechanisms.nutrient_fluctuation import NutrientFluctuation
 from yeastfit.model.model import Model
 from yeastfit.model.numerics import Numerics
 from yeastfit.model.parameters import Parameters
+from yeastfit.model.relaxation import HARD
 from yeastfit.model.rules import Context
+from yeastfit.model.simulate import step
 
 PAIRS = 1500
 MODEL = Model(motion=LangevinMotion(), fluctuations=NutrientFluctuation())
@@ -46,6 +48,20 @@ def noisy(dt: float, steps: int, noise: float, elasticity: float) -> np.ndarray:
     parameters = MODEL.complete(Parameters(node_noise=noise))
     colony = colony_of(x, parents, numerics=numerics)
     return np.array(shaken_cells(colony, numerics, parameters, jnp.asarray(elasticity), jnp.asarray(steps)))
+
+
+@pytest.mark.parametrize("substeps", [1, 4])
+def test_substeps_draw_noise_of_their_own(substeps: int) -> None:
+    """Mean square displacement 4 D_n Δt in one time step, however many parts it has."""
+    numerics = Numerics(domain=60.0, spacing=1.0, dt=0.02, capacity=2 * PAIRS, substeps=substeps)
+    places = np.stack(np.meshgrid(np.arange(60), np.arange(50)), axis=-1).reshape(-1, 2) * 0.9 - 25.0
+    colony = colony_of(places, np.full(2 * PAIRS, -1), numerics=numerics)
+    model = Model(motion=LangevinMotion())
+    weak = {"elasticity": 1e-6, "repulsivity": 1e-6, "mobility": 1e-6}
+    parameters = model.complete(Parameters(**weak, node_noise=0.03))
+    moved = eqx.filter_jit(step)(colony, parameters, HARD, numerics, model)[0].positions - colony.positions
+    squared, expected = np.asarray((moved**2).sum(axis=1)), 4 * 0.03 * 0.02
+    assert abs(squared.mean() - expected) < 4 * expected / np.sqrt(squared.size)
 
 
 def test_a_free_node_diffuses() -> None:
