@@ -1,7 +1,7 @@
 """How far numerics may be coarsened for colonies of real size: Δt, h and the width of contact, at t = 30 and 60.
 
-The colony of `benchmarks.large` (λ5 = 1.3, λ6 = 0.9, λ7 = 0.65), relaxed, in a dish of 300 L0, with the same seeds for
-all settings. Statistics are those of images with 0.3 L0 a pixel, as photographs are measured. An entry is the
+The colonies of `benchmarks.large`, relaxed, in a dish of 300 L0, with the same seeds for all settings: discs, λ5 = 1.3,
+λ6 = 0.9, λ7 = 0.65, and those of hungry cells, λ6 = 1.8, λ7 = 0.9, with a third of the cells in an area. Statistics are those of images with 0.3 L0 a pixel, as photographs are measured. An entry is the
 difference of a setting's mean from that of the reference, Δt = 0.025, h = 0.4 and w = 0.05, in percent, that of I_F and
 I_R in hundredths, ± its standard error from the differences of pairs of colonies with one seed. Colonies of one seed
 are alike at first and as different as any at the end, so a standard error says what so many seeds can tell. At
@@ -25,12 +25,13 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.large import LARGE
+from benchmarks.large import HUNGRY, LARGE
 from benchmarks.lines import append_line, read_lines
 from benchmarks.report import Report, command
 from yeastfit import InputError, Numerics, Relaxation, member_keys, simulate
 from yeastfit.measure.statistics.model_as_mask import HardStatistics
 
+COLONIES = {"discs": LARGE, "hungry": HUNGRY}
 SIDE, PIXEL = 300.0, 0.3
 NAMES = {
     "cell_count": "N",
@@ -56,6 +57,12 @@ CHANGES: dict[str, Mapping[str, float]] = {
     "w 0.1, Δt 0.0125": {"contact": 0.1, "dt": 0.0125},
     "w 0.2, Δt 0.0125": {"contact": 0.2, "dt": 0.0125},
     "w 0.025, Δt 0.003125": {"contact": 0.025, "dt": 0.003125},
+    "Δt 0.0125 in 2 substeps": {"dt": 0.0125, "substeps": 2},
+    "Δt 0.025 in 2 substeps": {"substeps": 2},
+    "Δt 0.025 in 4 substeps": {"substeps": 4},
+    "Δt 0.025 in 8 substeps": {"substeps": 8},
+    "Δt 0.05 in 8 substeps": {"dt": 0.05, "substeps": 8},
+    "Δt 0.025 in 4 substeps, h 0.8": {"substeps": 4, "spacing": 0.8},
     "plain sums": {"compiled": False},
 }
 DEAR = ("Δt 0.003125", "w 0.025, Δt 0.003125", "plain sums")  # to the earlier time only: many times as much work
@@ -79,8 +86,9 @@ Record = dict[str, Any]
 
 @dataclass(frozen=True)
 class Study:
-    """Settings, seeds and times, and the folder of finished colonies."""
+    """Which colonies at which times, how many seeds, and the folder of finished ones."""
 
+    colonies: str
     times: tuple[float, ...]
     seeds: int
     work: Path
@@ -100,11 +108,15 @@ class Study:
         """One colony, measured and kept."""
         began, used, settings = time.perf_counter(), time.process_time(), REFERENCE | dict(CHANGES[name])
         run = simulate(
-            LARGE,
+            COLONIES[self.colonies],
             member_keys(0, self.seeds)[seed],
             times=self.times,
             numerics=Numerics(
-                SIDE, settings["spacing"], settings["dt"], compiled=settings.get("compiled", True) is True
+                SIDE,
+                settings["spacing"],
+                settings["dt"],
+                compiled=settings.get("compiled", True) is True,
+                substeps=int(settings.get("substeps", 1)),
             ),
             relaxation=Relaxation(contact=settings["contact"]),
             observe=HardStatistics(SIDE, PIXEL, tuple(NAMES)),
@@ -161,10 +173,13 @@ def study(report: Report, found: Study) -> None:
                 report.stage(f"{name}, seed {seed}")
                 found.grow(name, seed)
     for moment, at in enumerate(found.times):
-        report.table(f"t = {at:g}: the reference with its scatter, and differences from it", found.rows(moment))
+        title = f"{found.colonies} at t = {at:g}: the reference with its scatter, and differences from it"
+        report.table(title, found.rows(moment))
     warned = [f"{name}, seed {seed}: {'; '.join(one['warnings'])}" for (name, seed), one in found.done.items()]
     warned = [one for one in warned if not one.endswith(": ")]
-    report.add("colonies with warnings", len(warned), "", note="; ".join(dict.fromkeys(warned))[:300])
+    report.add(
+        f"{found.colonies}: colonies with warnings", len(warned), "", note="; ".join(dict.fromkeys(warned))[:300]
+    )
 
 
 def main(arguments: list[str] | None = None) -> None:
@@ -178,10 +193,12 @@ def main(arguments: list[str] | None = None) -> None:
     def run(report: Report, quick: bool) -> None:
         times = (4.0, 8.0) if quick else tuple(at for at in (30.0, 60.0) if at <= own.until)
         folder = "quick" if quick else f"until-{times[-1]:g}"
-        study(report, Study(times, 2 if quick else own.seeds, own.work / folder))
-        alone = Study((30.0,), SEEDS_ALONE, own.work / "until-30")
+        for name in COLONIES:
+            work = own.work / (folder if name == "discs" else f"{name}-{folder}")
+            study(report, Study(name, times, 2 if quick else own.seeds, work))
+        alone = Study("discs", (30.0,), SEEDS_ALONE, own.work / "until-30")
         if not quick and len(times) > 1 and alone.done:
-            report.table("t = 30, of more seeds and settings", alone.rows(0))
+            report.table("discs at t = 30, of more seeds and settings", alone.rows(0))
         if report.docs is not None:
             report.docs.mkdir(parents=True, exist_ok=True)
             page = "\n\n".join([report.head(__doc__), CHOOSE, *report.sections()])
