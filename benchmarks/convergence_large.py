@@ -1,12 +1,13 @@
 """How far numerics may be coarsened for colonies of real size: Δt, h and the width of contact, at t = 30 and 60.
 
 The colonies of `benchmarks.large`, relaxed, in a dish of 300 L0, with the same seeds for all settings: discs, λ5 = 1.3,
-λ6 = 0.9, λ7 = 0.65, and those of hungry cells, λ6 = 1.8, λ7 = 0.9, with a third of the cells in an area. Statistics are those of images with 0.3 L0 a pixel, as photographs are measured. An entry is the
-difference of a setting's mean from that of the reference, Δt = 0.025, h = 0.4 and w = 0.05, in percent, that of I_F and
-I_R in hundredths, ± its standard error from the differences of pairs of colonies with one seed. Colonies of one seed
-are alike at first and as different as any at the end, so a standard error says what so many seeds can tell. At
-Δt = 0.1 forward Euler does not hold the springs: positions become not finite. Plain sums are those of the plain switch,
-`Numerics.compiled` = False, which differ from the reference's by rounding.
+λ6 = 0.9, λ7 = 0.65, and those of hungry cells, λ6 = 1.8, λ7 = 0.9, with a third of the cells in an area. Statistics
+are those of images with 0.3 L0 a pixel, as photographs are measured. An entry is the difference of a setting's mean
+from that of the reference, Δt = 0.025, h = 0.4 and w = 0.05, in percent, that of I_F and I_R in hundredths, ± its
+standard error from the differences of pairs of colonies with one seed. Colonies of one seed are alike at first and as
+different as any at the end, so a standard error says what so many seeds can tell. At Δt = 0.1 forward Euler does not
+hold the springs: positions become not finite. Plain sums are those of the plain switch, `Numerics.compiled` = False,
+which differ from the reference's by rounding.
 
     python -m benchmarks.convergence_large [--quick] [--json FILE] [--docs DIR] [--work DIR] [--seeds N] [--until T]
 
