@@ -6,10 +6,11 @@ from typing import Any, Protocol
 import numpy as np
 
 from benchmarks.recovery import BOX, STATISTICS
-from yeastfit.inference.colony_simulator import ColonySimulator, Resolution
+from yeastfit.inference.colony_simulator import ColonySimulator
 from yeastfit.inference.imaging import Imaging
 from yeastfit.inference.li2024 import LI2024
 from yeastfit.inference.prior.prior import Prior
+from yeastfit.inference.resolution import Resolution
 from yeastfit.inference.simulator import Simulator
 from yeastfit.inference.targets import Targets
 from yeastfit.offlattice.simulator import OfflatticeSimulator

@@ -37,8 +37,9 @@ import psutil
 from benchmarks.cluster_simulation import simulated
 from benchmarks.nothing import Nothing
 from benchmarks.report import Report, command
-from yeastfit.inference.colony_simulator import ColonySimulator, Resolution
+from yeastfit.inference.colony_simulator import ColonySimulator
 from yeastfit.inference.imaging import Imaging
+from yeastfit.inference.resolution import Resolution
 from yeastfit.inference.simulator import Simulator, labels_of
 from yeastfit.inference.store.cached_simulator import CachedSimulator
 from yeastfit.inference.store.simulation_store import Store

@@ -10,11 +10,11 @@ from jaxtyping import Float
 from scipy.optimize import least_squares, minimize
 
 from yeastfit import ColonySimulator, FitSettings, SimulationError, Simulator, Targets
-from yeastfit.inference.colony_simulator import COARSE
 from yeastfit.inference.curve_covariance import Square, whitened
 from yeastfit.inference.fit.ensemble import Ensembles
 from yeastfit.inference.fit.response_surface import ResponseSurface, response_surface
 from yeastfit.inference.parameter_space import ONLY, ParameterSpace, Points, Vector
+from yeastfit.inference.resolution import COARSE
 from yeastfit.inference.simulator import Rows, member_seeds
 from yeastfit.seeds import Stream
 

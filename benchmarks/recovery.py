@@ -41,10 +41,11 @@ from benchmarks.report import Report, command
 from benchmarks.workers import add_workers, workers_of
 from yeastfit.commands.measured_source import measure_source
 from yeastfit.errors import InputError, SimulationError
-from yeastfit.inference.colony_simulator import COARSE, DEFAULT_FREE, ColonySimulator, Resolution
+from yeastfit.inference.colony_simulator import DEFAULT_FREE, ColonySimulator
 from yeastfit.inference.fit.least_squares import fit
 from yeastfit.inference.fit.settings import FitSettings
 from yeastfit.inference.parameter_space import ParameterSpace
+from yeastfit.inference.resolution import COARSE, Resolution
 from yeastfit.inference.targets_from_table import targets_of
 from yeastfit.inference.workers.spread import Workers
 from yeastfit.model.numerics import Numerics

@@ -52,12 +52,13 @@ from yeastfit.inference.abc.mcmc import AbcMcmc
 from yeastfit.inference.abc.pilot import distance_of
 from yeastfit.inference.abc.regression_adjustment import Accepted
 from yeastfit.inference.abc.smc import AbcSmc, SmcDiagnostics
-from yeastfit.inference.colony_simulator import ColonySimulator, Resolution
+from yeastfit.inference.colony_simulator import ColonySimulator
 from yeastfit.inference.neural_likelihood.network import TrainingSettings
 from yeastfit.inference.neural_likelihood.rounds import EmulatorDiagnostics
 from yeastfit.inference.neural_likelihood.sequential import SequentialEmulator
 from yeastfit.inference.posterior.result import Posterior
 from yeastfit.inference.prior.prior import Prior
+from yeastfit.inference.resolution import Resolution
 from yeastfit.inference.samplers import infer
 from yeastfit.inference.store.cached_simulator import CachedSimulator
 from yeastfit.inference.store.simulations import Simulations

@@ -6,7 +6,7 @@ from .derivatives.check_colony import check_gradients
 from .derivatives.result import GradientCheck
 from .errors import InputError, SimulationError
 from .inference.calibration import calibrate
-from .inference.colony_simulator import ColonySimulator, Resolution
+from .inference.colony_simulator import ColonySimulator
 from .inference.comparison.conditions import ConditionComparison
 from .inference.comparison.cross_validation import cross_validate
 from .inference.comparison.left_out import LeftOut
@@ -34,6 +34,7 @@ from .inference.posterior.settings import Setting
 from .inference.posterior.status import Status
 from .inference.prior.prior import Prior
 from .inference.prior.variation import Variation
+from .inference.resolution import Resolution
 from .inference.samplers import SAMPLERS, infer
 from .inference.sensitivity.estimate import sensitivity
 from .inference.sensitivity.pathwise import robust_mean

@@ -27,9 +27,9 @@ from yeastfit import (
 from yeastfit.commands import app as cli
 from yeastfit.commands.generated.model import ModelOptions
 from yeastfit.commands.generated.rules import RecipeOptions, rule_options
-from yeastfit.inference.colony_simulator import COARSE
 from yeastfit.inference.fit.simulators import colonies_in
 from yeastfit.inference.models.algebraic import Algebraic
+from yeastfit.inference.resolution import COARSE
 from yeastfit.inference.simulator import names_of
 from yeastfit.model.model import BASES
 from yeastfit.simulation.recipe import Recipe

@@ -17,6 +17,7 @@ from jaxtyping import Bool
 
 from yeastfit.errors import InputError
 from yeastfit.inference.colony_curves import ColonyCurves
+from yeastfit.inference.resolution import Resolution, seen_width, usual_resolution
 from yeastfit.inference.simulator import Rows, Seeds, Values, once
 from yeastfit.inference.targets import Targets
 from yeastfit.measure.statistics.model_as_mask import HardStatistics, mask_of
@@ -26,11 +27,10 @@ from yeastfit.measure.statistics.smooth_statistics import SmoothStatistics
 from yeastfit.memory import check_memory
 from yeastfit.model.colony import PROBLEMS
 from yeastfit.model.model import RULES, Model
-from yeastfit.model.numerics import POINT, STEPS, Numerics, check_capacity, most_nodes
+from yeastfit.model.numerics import POINT, Numerics, most_nodes
 from yeastfit.model.parameters import PARAMETERS, Parameters
 from yeastfit.model.relaxation import HARD, Relaxation
 from yeastfit.model.simulate import Schedule
-from yeastfit.numbers import POSITIVE
 from yeastfit.observable import Observable
 from yeastfit.parameter_set import ParameterSet
 from yeastfit.seeds import keys_of
@@ -38,38 +38,11 @@ from yeastfit.simulation.simulate import SHORT, member_keys, schedule_of, simula
 from yeastfit.specification import Specification, found_at, module_outside, path_of
 
 DEFAULT_FREE = ("mobility", "metabolic_rate", "aspect_ratio")
-FARTHER = 1.3  # times as far as any colony of the data: simulated ones that reach farther are not measured whole
 MARGIN = 3.0  # L0 between a colony and the edge of the dish: several diffusion lengths, nutrient is untouched there
 OUTLINE_PIXEL, AROUND = (
     0.05,
     1.5,
 )  # L0, of `outlines`: a pixel, and what is shown around the farthest node
-SMALLEST = 4.0  # L0: no colony's domain is narrower
-
-
-@dataclass(frozen=True)
-class Resolution:
-    """Time step in 1/μ*, spacing of the nutrient's grid in L0, and most nodes of a colony.
-
-    Births beyond a capacity are cut, which `ColonySimulator.problems` counts; with None, where memory ends.
-
-    Raises:
-        InputError: A value is not admissible.
-    """
-
-    dt: float = 0.005
-    spacing: float = 0.1
-    capacity: int | None = None
-
-    def __post_init__(self) -> None:
-        STEPS.read(self.dt, "dt")
-        side = SMALLEST / POSITIVE.read(self.spacing, "spacing")
-        check_memory(POINT * side * side, f"spacing is {self.spacing:g}, which over {SMALLEST:g} L0")
-        if self.capacity is not None:
-            check_capacity(self.capacity)
-
-
-COARSE = Resolution(dt=0.01, spacing=0.2)
 
 
 @dataclass(frozen=True)
@@ -108,15 +81,14 @@ class ColonySimulator:
             targets: The data; columns are in the order of `Targets.values`.
             free: Names of the free parameters.
             fixed: Values of others, by name; the default of those that are not named.
-            resolution: By default Δt = 0.005 and a grid of 0.1 L0.
+            resolution: By default Δt = 0.005 and a grid of 0.1 L0, or that of `usual_resolution` for large colonies.
             model: The rules of the colonies; by default the source's.
 
         Raises:
             InputError: A name or value is not admissible, or two times lie closer than a time step.
         """
-        resolution, imaging = resolution or Resolution(), targets.imaging
-        if imaging is None or imaging.extent is None:
-            raise InputError("targets have no imaging: colonies need to know how shapes were measured, `Imaging`")
+        resolution, imaging, seen = resolution or usual_resolution(targets), targets.imaging, seen_width(targets)
+        assert imaging is not None
         dt, spacing, times = resolution.dt, resolution.spacing, targets.times
         if times[0] < dt or (np.diff(times) < dt).any():
             unit = 1.0 / imaging.scales.rate
@@ -125,17 +97,15 @@ class ColonySimulator:
                 f"targets: times in hours are {found}, they must be at least a time step apart, {unit * dt:.3g} hours "
                 f"at dt = {dt:g}: give a smaller dt"
             )
-        farthest = FARTHER * imaging.extent
-        seen = 2 * farthest
         check_spacing(spacing)
         reach = f"targets: colonies reach {imaging.extent:.3g} L0 from their start, a grid of spacing {spacing:g} there"
         check_memory(POINT * (seen / spacing) ** 2, reach)
-        domain = 2 * spacing * np.ceil((farthest + MARGIN) / spacing)
+        domain = 2 * spacing * np.ceil((0.5 * seen + MARGIN) / spacing)
         model = model or Model()
         most, room = most_nodes(float(times[-1]), model.births.doublings), resolution.capacity
         if most <= SHORT and (room is None or room > SHORT):  # arrays have room for what can be, not for what may
             room = most
-        numerics = Numerics(domain=float(domain), spacing=spacing, dt=dt, capacity=room)
+        numerics = Numerics(float(domain), spacing, dt, room, substeps=resolution.substeps)
         if imaging.estimator == "smooth":
             observe: SmoothStatistics | HardStatistics = SmoothStatistics(
                 seen, imaging.spacing, imaging.smoothing, statistics=targets.names

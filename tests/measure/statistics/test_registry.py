@@ -28,7 +28,8 @@ from yeastfit import (
 )
 from yeastfit.commands import app
 from yeastfit.commands.measure_batch import measure_batch
-from yeastfit.inference.colony_simulator import COARSE, ColonySimulator
+from yeastfit.inference.colony_simulator import ColonySimulator
+from yeastfit.inference.resolution import COARSE
 from yeastfit.inference.targets_from_table import targets_of
 from yeastfit.measure import HardStatistics, measure_mask
 from yeastfit.measure.measurements_table import read_measurements

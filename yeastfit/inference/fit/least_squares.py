@@ -29,13 +29,14 @@ from typing import Any
 import numpy as np
 
 from yeastfit.errors import InputError
-from yeastfit.inference.colony_simulator import COARSE, DEFAULT_FREE, Resolution
+from yeastfit.inference.colony_simulator import DEFAULT_FREE
 from yeastfit.inference.fit.ensemble import Ensembles
 from yeastfit.inference.fit.result import Fit
 from yeastfit.inference.fit.settings import FitSettings
 from yeastfit.inference.fit.simulators import Fixed, colonies_in, colony_simulators, common_parameters, given_simulators
 from yeastfit.inference.fit.stages import Fitter
 from yeastfit.inference.parameter_space import ONLY, Bounds, ParameterSpace
+from yeastfit.inference.resolution import Resolution
 from yeastfit.inference.simulator import Simulator
 from yeastfit.inference.targets import Targets
 from yeastfit.model.model import Model
@@ -85,7 +86,8 @@ def fit(
         seed: Of all random numbers.
         settings: How to compute.
         model: Rules of the colonies; by default the source's.
-        resolution: Of the colonies that ensembles are made of.
+        resolution: Of the colonies that ensembles are made of; by default Δt = 0.01 and a grid of 0.2 L0, coarser for
+            large colonies (`usual_resolution`).
         fine_resolution: Of those that correct them.
         progress: Called with what is being done and the share that is done.
 
@@ -103,9 +105,8 @@ def fit(
     if simulator is None and fine is not None:
         raise InputError("fine is given without simulator: give both, or fine_resolution for colonies")
     if simulator is None:
-        resolutions = resolution or COARSE, fine_resolution or Resolution()
         chosen = DEFAULT_FREE if free is None else free
-        simulators, finer = colony_simulators(by_name, chosen, fixed or {}, resolutions, model)
+        simulators, finer = colony_simulators(by_name, chosen, fixed or {}, (resolution, fine_resolution), model)
     else:
         of_colonies = {"free": free, "fixed": fixed, "model": model, "resolution": resolution}
         _refuse_for_simulators(**of_colonies, fine_resolution=fine_resolution)

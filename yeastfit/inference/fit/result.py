@@ -10,12 +10,12 @@ import numpy as np
 from jaxtyping import Float
 
 from yeastfit.errors import InputError
-from yeastfit.inference.colony_simulator import Resolution
 from yeastfit.inference.curve_covariance import Square
 from yeastfit.inference.fit.evaluations import Start, Step
 from yeastfit.inference.fit.settings import FitSettings
 from yeastfit.inference.information.result import Information
 from yeastfit.inference.parameter_space import Entry, ParameterSpace, Vector
+from yeastfit.inference.resolution import Resolution
 from yeastfit.inference.targets import Targets
 from yeastfit.storage import read_json, reads_saved, versions, write_json
 

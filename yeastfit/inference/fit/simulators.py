@@ -4,7 +4,8 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from yeastfit.errors import InputError
-from yeastfit.inference.colony_simulator import ColonySimulator, Resolution
+from yeastfit.inference.colony_simulator import ColonySimulator
+from yeastfit.inference.resolution import Resolution, usual_resolution
 from yeastfit.inference.simulator import Simulator, check_simulator, inside
 from yeastfit.inference.targets import Targets
 from yeastfit.model.model import Model
@@ -24,7 +25,7 @@ def colony_simulators(
     targets: Mapping[str, Targets],
     free: Sequence[str],
     fixed: Fixed,
-    resolutions: tuple[Resolution, Resolution],
+    resolutions: tuple[Resolution | None, Resolution | None],
     model: Model | None = None,
 ) -> tuple[Simulators, Simulators]:
     """Simulators of colonies that are imaged as the data are.
@@ -33,7 +34,7 @@ def colony_simulators(
         targets: By condition.
         free: Names of the free parameters.
         fixed: Values of others.
-        resolutions: Coarse and fine.
+        resolutions: Coarse and fine; None for that of `usual_resolution`.
         model: The rules; by default the source's.
 
     Returns:
@@ -42,8 +43,11 @@ def colony_simulators(
     nested = any(isinstance(one, Mapping) for one in fixed.values())
     held = _by_condition("fixed", fixed if nested else dict.fromkeys(targets, fixed), targets)
     coarse, fine = (
-        {name: ColonySimulator.of(each, free, held[name], one, model) for name, each in targets.items()}
-        for one in resolutions
+        {
+            name: ColonySimulator.of(each, free, held[name], one or usual_resolution(each, one_is_coarse), model)
+            for name, each in targets.items()
+        }
+        for one, one_is_coarse in zip(resolutions, (True, False), strict=True)
     )
     return {**coarse}, {**fine}
 

@@ -7,7 +7,6 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from yeastfit.errors import SimulationError
-from yeastfit.inference.colony_simulator import Resolution
 from yeastfit.inference.curve_covariance import Square, whitened
 from yeastfit.inference.fit.descent import Descent, are_different
 from yeastfit.inference.fit.ensemble import Ensembles, JointModel
@@ -20,6 +19,7 @@ from yeastfit.inference.fit.starting_points import along_unseen, put_ends_togeth
 from yeastfit.inference.information.fisher import information
 from yeastfit.inference.information.result import Information
 from yeastfit.inference.parameter_space import Points, Vector
+from yeastfit.inference.resolution import Resolution
 from yeastfit.progress import Progress
 
 NEAR_AT_FIRST = 9.0  # of χ², three standard errors: what a start may lag behind the best and still go on

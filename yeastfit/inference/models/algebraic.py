@@ -10,18 +10,12 @@ import numpy as np
 from jaxtyping import Float
 
 from yeastfit.errors import InputError
-from yeastfit.inference.colony_simulator import (
-    COARSE,
-    DEFAULT_FREE,
-    OUTLINE_PIXEL,
-    ColonySimulator,
-    Resolution,
-    check_spacing,
-)
+from yeastfit.inference.colony_simulator import DEFAULT_FREE, OUTLINE_PIXEL, ColonySimulator, check_spacing
 from yeastfit.inference.models.forward_model import ForwardModel, Row, Seen
 from yeastfit.inference.models.grown import Grown, Outlines
 from yeastfit.inference.models.image_checks import check_images, of_pixels
 from yeastfit.inference.posterior.settings import Setting
+from yeastfit.inference.resolution import COARSE, WIDE_COARSE, WIDE_FINE, Resolution, usual_resolution
 from yeastfit.inference.sensitivity.estimate import sensitivity as estimate_sensitivity
 from yeastfit.inference.sensitivity.result import Sensitivity
 from yeastfit.inference.simulator import Simulator
@@ -30,7 +24,7 @@ from yeastfit.inference.targets_from_table import targets_of
 from yeastfit.measure.measurements_table import NEEDED, rows_of
 from yeastfit.measure.statistics.model_as_mask import HardStatistics
 from yeastfit.model.model import Model
-from yeastfit.model.numerics import Numerics, most_nodes
+from yeastfit.model.numerics import WIDE, Numerics, most_nodes
 from yeastfit.model.nutrient import check_alpha
 from yeastfit.model.parameters import Parameters, Scales
 from yeastfit.model.relaxation import HARD, Relaxation
@@ -102,17 +96,30 @@ class Algebraic(ForwardModel):
         Setting("Times at which colonies could be photographed, in units of 1/μ*, with commas.", commands=("design",)),
     ] = (2.0, 3.0, 4.0, 5.0, 6.0)
     dt: Annotated[
-        float,
+        float | None,
         Setting(
-            "Time step, in units of 1/μ*.",
+            f"Time step, in units of 1/μ*. Default: {Numerics.dt:g} for simulate, {COARSE.dt:g} for fit, "
+            f"{Resolution.dt:g} for infer and design; {WIDE_FINE.dt:g} to {WIDE_COARSE.dt:g} in {WIDE_COARSE.substeps} "
+            f"substeps in dishes wider than {WIDE:g} L0.",
             commands=(*DATA, "design"),
-            defaults={"simulate": Numerics.dt, "fit": COARSE.dt},
         ),
-    ] = Resolution.dt
+    ] = None
+    substeps: Annotated[
+        int | None,
+        Setting(
+            "Steps within a time step in which only nodes move, as springs and contact need shorter ones. Default: 1, "
+            "or that of the default time step.",
+            commands=DATA,
+        ),
+    ] = None
     spacing: Annotated[
-        float,
-        Setting("Spacing of the nutrient's grid, in cell lengths L0.", commands=DATA, defaults={"fit": COARSE.spacing}),
-    ] = Resolution.spacing
+        float | None,
+        Setting(
+            f"Spacing of the nutrient's grid, in cell lengths L0. Default: {COARSE.spacing:g} for fit, else "
+            f"{Resolution.spacing:g}; {WIDE_COARSE.spacing:g} in dishes wider than {WIDE:g} L0.",
+            commands=DATA,
+        ),
+    ] = None
     domain: Annotated[float, Setting("Side of the square dish, in cell lengths L0.", commands=SIMULATE)] = 40.0
     pixel_size: Annotated[
         float, Setting("µm per pixel of the images that --statistics are measured on.", commands=SIMULATE)
@@ -156,7 +163,7 @@ class Algebraic(ForwardModel):
     def __post_init__(self) -> None:
         CELL_LENGTHS.check(self.length, "length")
         GROWTH_RATES.check(self.rate, "rate")
-        Resolution(self.dt, self.spacing, self.capacity)
+        self._chosen(Resolution())
         PIXEL_SIZES.read(self.pixel_size, "pixel_size")
         for name in ("until_area", "until_cells"):
             if (end := getattr(self, name)) is not None:
@@ -183,7 +190,18 @@ class Algebraic(ForwardModel):
     @property
     def _numerics(self) -> Numerics:
         """Of `simulate`."""
-        return Numerics(self.domain, self.spacing, self.dt, self.capacity, compiled=self.compiled)
+        wide = self.domain > WIDE
+        usual = WIDE_COARSE if wide else Resolution(Numerics.dt, Numerics.spacing)
+        if self.spacing is None and wide:  # the nearest that the dish is a whole number of
+            usual = replace(usual, spacing=self.domain / round(self.domain / usual.spacing))
+        how = self._chosen(usual)
+        return Numerics(self.domain, how.spacing, how.dt, how.capacity, compiled=self.compiled, substeps=how.substeps)
+
+    def _chosen(self, usual: Resolution) -> Resolution:
+        """What is given, and the usual values of the rest; a time step that is given has one substep."""
+        own: dict[str, Any] = {name: getattr(self, name) for name in ("dt", "spacing", "substeps", "capacity")}
+        one = replace(usual, substeps=1) if self.dt is not None else usual
+        return replace(one, **{name: value for name, value in own.items() if value is not None})
 
     @property
     def parameters(self) -> ParameterSet:
@@ -202,15 +220,16 @@ class Algebraic(ForwardModel):
 
     def simulator(self, targets: Targets, free: Sequence[str], fixed: Mapping[str, float]) -> Simulator:
         """Colonies that are seen as the data are."""
-        return ColonySimulator.of(targets, free, fixed, Resolution(self.dt, self.spacing, self.capacity), self.rules)
+        return ColonySimulator.of(targets, free, fixed, self._chosen(usual_resolution(targets)), self.rules)
 
     def fit_simulators(
         self, targets: Targets, free: Sequence[str], fixed: Mapping[str, float]
     ) -> tuple[Simulator, Simulator]:
         """Colonies in time steps as long as asked for, and at the default resolution where that is finer."""
-        usual = Resolution()
-        fine = Resolution(min(usual.dt, self.dt), min(usual.spacing, self.spacing), self.capacity)
-        return self.simulator(targets, free, fixed), ColonySimulator.of(targets, free, fixed, fine, self.rules)
+        coarse, usual = self._chosen(usual_resolution(targets, coarse=True)), usual_resolution(targets)
+        fine = replace(coarse, dt=min(usual.dt, coarse.dt), spacing=min(usual.spacing, coarse.spacing))
+        of_coarse, of_fine = (ColonySimulator.of(targets, free, fixed, one, self.rules) for one in (coarse, fine))
+        return of_coarse, of_fine
 
     def seen(self, rows: Sequence[Row], folder: Path, condition: str | None, statistics: Sequence[str]) -> Seen:
         """Curves over time, lengths in L0."""
@@ -228,15 +247,23 @@ class Algebraic(ForwardModel):
             "grows hundreds of colonies cell by cell, for hours to days; --model offlattice is for such colonies"
         ]
 
+    def settings(self, command: str) -> dict[str, Any]:
+        """The settings that a command has; of `simulate`, the steps that the dish's width decides, too."""
+        found = super().settings(command)
+        if command == "simulate":
+            found |= {name: getattr(self._numerics, name) for name in ("dt", "spacing", "substeps")}
+        return found
+
     def check(self, largest: Mapping[str, float], hours: Sequence[float]) -> None:
         """Raise `InputError` where steps in space or time are too long for colonies, a diffusivity, or the images."""
-        check_spacing(self.spacing)
-        step = Numerics(domain=100 * self.spacing, spacing=self.spacing, dt=self.dt)
+        how = self._chosen(Resolution())
+        check_spacing(how.spacing)
+        step = Numerics(domain=100 * how.spacing, spacing=how.spacing, dt=how.dt)
         check_alpha(jnp.asarray(largest["diffusivity"], jnp.result_type(float)), step)
         gaps = np.diff(hours, prepend=0.0)
-        if len(hours) and gaps.min() < (one := self.dt / self.rate):
+        if len(hours) and gaps.min() < (one := how.dt / self.rate):
             raise InputError(
-                f"hours of images are {', '.join(f'{time:g}' for time in hours)}: a time step, --dt {self.dt:g} at "
+                f"hours of images are {', '.join(f'{time:g}' for time in hours)}: a time step, --dt {how.dt:g} at "
                 f"--rate {self.rate:g} per hour, takes {one:.3g} hours, it must be at most {gaps.min():.3g}"
             )
 
@@ -256,7 +283,9 @@ class Algebraic(ForwardModel):
             raise InputError(f"--times is {','.join(f'{time:g}' for time in times)}, it must hold numbers above 0")
         latest = max(times)
         try:
-            numerics = Numerics(dt=self.dt, capacity=most_nodes(latest, self.rules.births.doublings))
+            numerics = Numerics(
+                dt=self._chosen(Resolution()).dt, capacity=most_nodes(latest, self.rules.births.doublings)
+            )
         except InputError as error:
             raise InputError(f"--times has {latest:g}, when a colony may have that many nodes: {error}") from None
         return estimate_sensitivity(
@@ -276,7 +305,7 @@ class Algebraic(ForwardModel):
             **{"model": self.rules, "numerics": numerics, "scales": self.scales, "observe": Unmeasured()},
             "relaxation": HARD if self.hard else Relaxation(),
         }
-        times = sample_times(self.time, max(self.time / frames, self.dt), numerics)
+        times = sample_times(self.time, max(self.time / frames, numerics.dt), numerics)
         seen = [run_simulation(chosen, member_keys(seed, 1), times=times[:1], **shared)]
         for time in times[1:]:
             seen.append(run_simulation(chosen, times=[time], start=seen[-1].colony, **shared))
@@ -308,7 +337,7 @@ class Algebraic(ForwardModel):
     def ended_as(self, grown: Grown) -> "Algebraic":
         """The same, growing for the time at which the first colony came to what ended growth."""
         ends = np.atleast_1d(getattr(grown, "ends", self.time))
-        return replace(self, time=max(float(ends[0]), self.dt), until_area=None, until_cells=None)
+        return replace(self, time=max(float(ends[0]), self._numerics.dt), until_area=None, until_cells=None)
 
     def _photographed(self, statistics: Sequence[str]) -> HardStatistics:
         """Statistics of black-and-white images of the whole dish.
