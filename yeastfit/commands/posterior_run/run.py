@@ -8,7 +8,7 @@ them, and manifest.json.
 
 import shutil
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -31,7 +31,7 @@ from yeastfit.inference.posterior.sampler import Sampler
 from yeastfit.inference.prior.prior import Prior
 from yeastfit.inference.prior.variation import Varied
 from yeastfit.inference.samplers import sample
-from yeastfit.inference.simulator import Simulator, Tally, labels_of, member_seeds, problems_of
+from yeastfit.inference.simulator import Simulator, Tally, inside, labels_of, member_seeds, problems_of
 from yeastfit.inference.store.cached_simulator import CachedSimulator
 from yeastfit.inference.store.simulation_store import Store
 from yeastfit.inference.targets import Targets
@@ -295,6 +295,8 @@ class InferRun:
         named = {name: configuration[name] for name in ("model", "fixed")} | self.model.settings("infer")
         if imaging is not None:
             named |= {"extent": imaging.extent, "estimator": imaging.estimator, "pixels": imaging.spacing}
+        if (resolution := getattr(inside(self.problem.simulator), "resolution", None)) is not None:
+            named |= asdict(resolution)
         return ", ".join(f"{name} {value}" for name, value in named.items())
 
     def _made(self) -> dict[str, str]:

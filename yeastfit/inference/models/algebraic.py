@@ -28,31 +28,12 @@ from yeastfit.model.numerics import WIDE, Numerics, most_nodes
 from yeastfit.model.nutrient import check_alpha
 from yeastfit.model.parameters import Parameters, Scales
 from yeastfit.model.relaxation import HARD, Relaxation
-from yeastfit.model.snapshot import Snapshot
 from yeastfit.numbers import CELL_LENGTHS, GROWTH_RATES, PIXEL_SIZES, Range
 from yeastfit.panel import Panel
 from yeastfit.parameter_set import LARGEST, ParameterSet
+from yeastfit.simulation.panels_over_time import panels_over_time
 from yeastfit.simulation.simulate import member_keys, sample_times
 from yeastfit.simulation.simulate import simulate as run_simulation
-
-
-class Unmeasured:
-    """Records nothing, for pictures that need the states only."""
-
-    def __call__(self, snapshot: Snapshot) -> dict[str, Any]:
-        """Nothing."""
-        return {}
-
-    def finish(self, observed: dict[str, Any]) -> dict[str, Any]:
-        """Nothing."""
-        return observed
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, Unmeasured)
-
-    def __hash__(self) -> int:
-        return 0
-
 
 PHOTOGRAPHED = 1.55  # µm per pixel of the micrographs of Li et al. 2024
 MANY = 5000  # cells of a colony from which on a fit takes days
@@ -299,19 +280,19 @@ class Algebraic(ForwardModel):
         )
 
     def movie(self, values: Mapping[str, float], seed: int, frames: int) -> Iterator[list[Panel]]:
-        """Cells and nutrient of one colony; each frame goes on from the one before."""
+        """Cells and nutrient of one colony."""
         chosen, numerics = self.rules.complete(Parameters(**values)), self._numerics
-        shared: dict[str, Any] = {
-            **{"model": self.rules, "numerics": numerics, "scales": self.scales, "observe": Unmeasured()},
-            "relaxation": HARD if self.hard else Relaxation(),
-        }
+        relaxation = HARD if self.hard else Relaxation()
         times = sample_times(self.time, max(self.time / frames, numerics.dt), numerics)
-        seen = [run_simulation(chosen, member_keys(seed, 1), times=times[:1], **shared)]
-        for time in times[1:]:
-            seen.append(run_simulation(chosen, times=[time], start=seen[-1].colony, **shared))
-        width = 2 * seen[-1].panels(0)[0].half_width / self.scales.length
-        for one in seen:
-            yield one.panels(0, width)
+        yield from panels_over_time(
+            chosen,
+            member_keys(seed, 1),
+            times=times,
+            model=self.rules,
+            numerics=numerics,
+            relaxation=relaxation,
+            scales=self.scales,
+        )
 
     def grow(self, values: Mapping[str, float], members: int, seed: int, statistics: Sequence[str] = ()) -> Grown:
         """Colonies in an ensemble, seen at regular times and at the end; named statistics as `measure` takes them."""
