@@ -192,7 +192,7 @@ def test_what_lies_in_the_folder_is_never_overwritten(
     said = refused(*first, "--resume", "--seed", "4", "--dt", "0.02", "--elasticity", "6", "--distance", "li")
     for words in (
         "seed was 0, now it is 4",
-        "dt was 0.005, now it is 0.02",
+        "dt was none, now it is 0.02",
         "elasticity was",
         "distance was mahalanobis",
     ):
