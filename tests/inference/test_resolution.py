@@ -8,7 +8,7 @@ import pytest
 from yeastfit import ColonySimulator, Imaging, InputError, Numerics, Resolution, Targets
 from yeastfit.inference.fit.simulators import colony_simulators
 from yeastfit.inference.models.algebraic import Algebraic
-from yeastfit.inference.resolution import COARSE, WIDE_COARSE, WIDE_FINE, usual_resolution
+from yeastfit.inference.resolution import COARSE, OF_WIDE_DISHES, usual_resolution
 
 
 def targets(extent: float) -> Targets:
@@ -16,7 +16,9 @@ def targets(extent: float) -> Targets:
     return Targets.from_means({"radius": np.ones(2)}, [1.5, 3.2], imaging=Imaging(extent))
 
 
-@pytest.mark.parametrize(("extent", "coarse", "fine"), [(10.0, COARSE, Resolution()), (60.0, WIDE_COARSE, WIDE_FINE)])
+@pytest.mark.parametrize(
+    ("extent", "coarse", "fine"), [(10.0, COARSE, Resolution()), (60.0, OF_WIDE_DISHES, OF_WIDE_DISHES)]
+)
 def test_colonies_of_wide_dishes_move_in_substeps(extent: float, coarse: Resolution, fine: Resolution) -> None:
     data = targets(extent)
     assert (usual_resolution(data, coarse=True), usual_resolution(data)) == (coarse, fine)
@@ -36,7 +38,7 @@ def test_what_is_given_replaces_what_is_usual() -> None:
     made = given.simulator(data, ("mobility",), {}).resolution  # type: ignore[attr-defined]
     assert made == Resolution(0.01, 0.2)  # a time step of one's own has one substep
     made = Algebraic(substeps=2).simulator(data, ("mobility",), {}).resolution  # type: ignore[attr-defined]
-    assert made == dataclasses.replace(WIDE_FINE, substeps=2)
+    assert made == dataclasses.replace(OF_WIDE_DISHES, substeps=2)
     coarse, fine = (one.resolution for one in given.fit_simulators(data, ("mobility",), {}))  # type: ignore[attr-defined]
     assert coarse == Resolution(0.01, 0.2)
     assert (fine.dt, fine.spacing, fine.substeps) == (0.01, 0.2, 1)
@@ -46,8 +48,8 @@ def test_what_is_given_replaces_what_is_usual() -> None:
     ("side", "expected"),
     [
         (40.0, (Numerics.dt, Numerics.spacing, 1)),
-        (300.0, (WIDE_COARSE.dt, 0.4, WIDE_COARSE.substeps)),
-        (251.0, (WIDE_COARSE.dt, 251.0 / 628, WIDE_COARSE.substeps)),
+        (300.0, (OF_WIDE_DISHES.dt, 0.4, OF_WIDE_DISHES.substeps)),
+        (251.0, (OF_WIDE_DISHES.dt, 251.0 / 628, OF_WIDE_DISHES.substeps)),
     ],
 )
 def test_a_dish_says_in_what_steps_simulate_goes(side: float, expected: tuple[float, float, int]) -> None:

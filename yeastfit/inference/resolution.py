@@ -3,7 +3,7 @@
 Defaults for colonies of photographs of real ones follow from docs/convergence-large.md.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from yeastfit.errors import InputError
 from yeastfit.inference.targets import Targets
@@ -49,8 +49,7 @@ class Resolution:
 
 
 COARSE = Resolution(dt=0.01, spacing=0.2)
-WIDE_COARSE = Resolution(dt=WIDE_DT, spacing=WIDE_SPACING, substeps=WIDE_SUBSTEPS)
-WIDE_FINE = replace(WIDE_COARSE, dt=0.5 * WIDE_DT)
+OF_WIDE_DISHES = Resolution(dt=WIDE_DT, spacing=WIDE_SPACING, substeps=WIDE_SUBSTEPS)
 
 
 def seen_width(targets: Targets) -> float:
@@ -72,5 +71,5 @@ def usual_resolution(targets: Targets, coarse: bool = False) -> Resolution:
         InputError: The targets do not tell how wide colonies are.
     """
     if seen_width(targets) > WIDE:
-        return WIDE_COARSE if coarse else WIDE_FINE
+        return OF_WIDE_DISHES
     return COARSE if coarse else Resolution()

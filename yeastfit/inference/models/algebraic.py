@@ -15,7 +15,7 @@ from yeastfit.inference.models.forward_model import ForwardModel, Row, Seen
 from yeastfit.inference.models.grown import Grown, Outlines
 from yeastfit.inference.models.image_checks import check_images, of_pixels
 from yeastfit.inference.posterior.settings import Setting
-from yeastfit.inference.resolution import COARSE, WIDE_COARSE, WIDE_FINE, Resolution, usual_resolution
+from yeastfit.inference.resolution import COARSE, OF_WIDE_DISHES, Resolution, usual_resolution
 from yeastfit.inference.sensitivity.estimate import sensitivity as estimate_sensitivity
 from yeastfit.inference.sensitivity.result import Sensitivity
 from yeastfit.inference.simulator import Simulator
@@ -80,8 +80,8 @@ class Algebraic(ForwardModel):
         float | None,
         Setting(
             f"Time step, in units of 1/μ*. Default: {Numerics.dt:g} for simulate, {COARSE.dt:g} for fit, "
-            f"{Resolution.dt:g} for infer and design; {WIDE_FINE.dt:g} to {WIDE_COARSE.dt:g} in {WIDE_COARSE.substeps} "
-            f"substeps in dishes wider than {WIDE:g} L0.",
+            f"{Resolution.dt:g} for infer and design; {OF_WIDE_DISHES.dt:g} in {OF_WIDE_DISHES.substeps} substeps "
+            f"in dishes wider than {WIDE:g} L0.",
             commands=(*DATA, "design"),
         ),
     ] = None
@@ -97,7 +97,7 @@ class Algebraic(ForwardModel):
         float | None,
         Setting(
             f"Spacing of the nutrient's grid, in cell lengths L0. Default: {COARSE.spacing:g} for fit, else "
-            f"{Resolution.spacing:g}; {WIDE_COARSE.spacing:g} in dishes wider than {WIDE:g} L0.",
+            f"{Resolution.spacing:g}; {OF_WIDE_DISHES.spacing:g} in dishes wider than {WIDE:g} L0.",
             commands=DATA,
         ),
     ] = None
@@ -172,7 +172,7 @@ class Algebraic(ForwardModel):
     def _numerics(self) -> Numerics:
         """Of `simulate`."""
         wide = self.domain > WIDE
-        usual = WIDE_COARSE if wide else Resolution(Numerics.dt, Numerics.spacing)
+        usual = OF_WIDE_DISHES if wide else Resolution(Numerics.dt, Numerics.spacing)
         if self.spacing is None and wide:  # the nearest that the dish is a whole number of
             usual = replace(usual, spacing=self.domain / round(self.domain / usual.spacing))
         how = self._chosen(usual)
