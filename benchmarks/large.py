@@ -7,6 +7,7 @@ switch (`Numerics.compiled`), after both programs have been compiled. A second c
 and are rounder (λ6 = 1.8, λ7 = 0.9), comes to the same area with a third of the nodes. Targets:
 
 - until the area, births not cut: at most 90 s, of the second one 40 s, compiling included;
+- 500 hard colonies of that area in at most 10 hours, by the default steps of a wide dish, each core one at a time;
 - with --against: at least 8 times as fast as older code;
 - cost of a step against nodes: exponent at most 1.0;
 - memory of the process at most 24 GB.
@@ -50,6 +51,9 @@ LARGE = Parameters(mobility=1.3, metabolic_rate=0.9, aspect_ratio=0.65)
 HUNGRY = Parameters(mobility=1.3, metabolic_rate=1.8, aspect_ratio=0.9)
 NODES = (1000, 4000, 16_000, 64_000)
 AREA = 24_500.0  # L0², of the smallest set of photographed colonies
+COLUMNS = {"cells": "cell_count", "area": "area"}
+POSTERIOR = 500  # colonies of a posterior
+HERE = Path(__file__).parents[1]
 STEPS, LATEST = 20, 200.0  # further steps that are timed; a time that no colony comes to
 
 
@@ -110,37 +114,46 @@ def plain_seconds(costs: list[dict[str, float]], seconds: float) -> float:
     return seconds + steps * float(np.trapezoid(plain - ours, times))
 
 
-def command_run(code: Path, end: float) -> dict[str, float]:
-    """Seconds of the command to a time with the code of a folder, and the colony at its end.
+def command_run(code: Path, *options: str) -> dict[str, float]:
+    """Seconds of `yeastfit simulate` with the code of a folder, and the mean of its colonies at their end.
 
     Raises:
         CalledProcessError: The command failed.
     """
-    options = ["--relaxed", "--members", "1", "--seed", "0", "--time", f"{end:g}", "--every", f"{end:g}"]
-    for name in ("domain", "spacing", "dt", "capacity"):
-        options += [f"--{name}", f"{getattr(NUMERICS, name):g}"]
+    given = [*options, "--seed", "0", "--domain", f"{NUMERICS.domain:g}"]
     for name in ("mobility", "metabolic_rate", "aspect_ratio"):
-        options += [f"--{name.replace('_', '-')}", f"{float(getattr(LARGE, name)):g}"]
+        given += [f"--{name.replace('_', '-')}", f"{float(getattr(LARGE, name)):g}"]
     with TemporaryDirectory() as folder:
         out = Path(folder) / "colony"
-        arguments = [sys.executable, "-m", "yeastfit", "simulate", "--out", str(out), *options]
+        arguments = [sys.executable, "-m", "yeastfit", "simulate", "--out", str(out), *given]
         began = time.perf_counter()
         subprocess.run(arguments, cwd=folder, env=os.environ | {"PYTHONPATH": str(code.resolve())}, check=True)
         seconds = time.perf_counter() - began
         with (out / "curves.csv").open(encoding="utf-8") as file:
-            last = list(csv.DictReader(file))[-1]
-    return {"seconds": seconds, "cells": float(last["cell_count"]), "area": float(last["area"])}
+            ends = {row["member"]: row for row in csv.DictReader(file)}.values()
+    means = {name: float(np.mean([float(row[column]) for row in ends])) for name, column in COLUMNS.items()}
+    return {"colonies": len(ends), "seconds": seconds, **means}
 
 
 def compare(report: Report, against: Path, end: float, quick: bool) -> None:
     """The command with this code and with that of another checkout."""
+    steps = [f"--{name}={getattr(NUMERICS, name):g}" for name in ("spacing", "dt", "capacity")]
     runs = {}
-    for name, code in (("this code", Path(__file__).parents[1]), ("the other", against)):
+    for name, code in (("this code", HERE), ("the other", against)):
         report.stage(f"the command to t = {end:g}, {name}")
-        runs[name] = command_run(code, end)
+        runs[name] = command_run(code, "--relaxed", "--members=1", f"--time={end:g}", f"--every={end:g}", *steps)
     report.table(f"the command to t = {end:g}", [{"code": name} | one for name, one in runs.items()])
     ratio = runs["the other"]["seconds"] / runs["this code"]["seconds"]
     report.add("the other code, the command", ratio, "×", None if quick else 8, note="times as long")
+
+
+def posterior(report: Report) -> None:
+    """What the colonies of a posterior take: two hard ones, as they are compared with photographs, on all cores."""
+    report.stage("two hard colonies by the default steps")
+    pair = command_run(HERE, "--hard", "--members=2", f"--until-area={AREA:g}", f"--time={LATEST:g}")
+    note = f"by two of {pair['cells']:.0f} cells on average, which take {pair['seconds']:.0f} s together"
+    hours = POSTERIOR / 2 * pair["seconds"] / 3600
+    report.add(f"{POSTERIOR} colonies of that area", hours, "h", 10, at_least=False, note=note)
 
 
 def run(report: Report, quick: bool, against: Path | None) -> None:
@@ -174,6 +187,7 @@ def run(report: Report, quick: bool, against: Path | None) -> None:
         at = float(hungry.colony.step) * NUMERICS.dt
         note = f"{int(hungry.colony.count)} nodes, t = {at:.4g}" + (", births cut" if cut else "")
         report.add("hungry cells, until the area", hungry.seconds, "s", 40, at_least=False, note=note)
+        posterior(report)
     report.add("peak memory of the process", peak_memory() / 1e9, "GB", 24, at_least=False)
     if against is not None:
         compare(report, against, round(costs[-1]["time"], 1), quick)
