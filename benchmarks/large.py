@@ -4,7 +4,7 @@ One colony grows as `yeastfit simulate --relaxed --capacity 200000 --domain 300 
 --metabolic-rate 0.9 --aspect-ratio 0.65` grows it, seed 0, to given numbers of nodes and then until an area of 24 500
 L0², that of a photographed colony. At each size, 20 further steps are timed with compiled contact and by the plain
 switch (`Numerics.compiled`), after both programs have been compiled. A second colony, whose cells need more nutrient
-and are rounder (λ6 = 1.8, λ7 = 0.9), comes to the same area with a third of the nodes. Targets:
+and are rounder (λ6 = 1.8, λ7 = 0.9), comes to the same area with a third of the cells. Targets:
 
 - until the area, births not cut: at most 90 s, of the second one 40 s, compiling included;
 - 500 hard colonies of that area in at most 10 hours, by the default steps of a wide dish, each core one at a time;
@@ -141,7 +141,7 @@ def compare(report: Report, against: Path, end: float, quick: bool) -> None:
     runs = {}
     for name, code in (("this code", HERE), ("the other", against)):
         report.stage(f"the command to t = {end:g}, {name}")
-        runs[name] = command_run(code, "--relaxed", "--members=1", f"--time={end:g}", f"--every={end:g}", *steps)
+        runs[name] = command_run(code, "--relaxed", "--members=1", f"--time={end:g}", *steps)
     report.table(f"the command to t = {end:g}", [{"code": name} | one for name, one in runs.items()])
     ratio = runs["the other"]["seconds"] / runs["this code"]["seconds"]
     report.add("the other code, the command", ratio, "×", None if quick else 8, note="times as long")
@@ -185,7 +185,8 @@ def run(report: Report, quick: bool, against: Path | None) -> None:
         cut = hungry.until(area=AREA).capacity_reached.any()
         assert hungry.colony is not None
         at = float(hungry.colony.step) * NUMERICS.dt
-        note = f"{int(hungry.colony.count)} nodes, t = {at:.4g}" + (", births cut" if cut else "")
+        cells = f"{float(np.sum(hungry.colony.weights)):.0f} cells on {int(hungry.colony.count)} nodes"
+        note = f"{cells}, t = {at:.4g}" + (", births cut" if cut else "")
         report.add("hungry cells, until the area", hungry.seconds, "s", 40, at_least=False, note=note)
         posterior(report)
     report.add("peak memory of the process", peak_memory() / 1e9, "GB", 24, at_least=False)
