@@ -8,12 +8,13 @@ from helpers import wrong_types
 
 from yeastfit.errors import InputError
 from yeastfit.model.numerics import MEMBER, Numerics, largest_in_ensemble, map_members
+from yeastfit.text import quoted
 
 
 @pytest.mark.parametrize("name", ["domain", "spacing", "dt", "capacity", "bud_distance", "substeps"])
 @pytest.mark.parametrize("value", [0.0, -1.0, float("nan"), float("inf"), True, "1"])
 def test_a_value_that_is_no_number_above_zero_is_named(name: str, value: object) -> None:
-    with wrong_types(), pytest.raises(InputError, match=f"{name} is {value!r}, it must be a number above 0"):
+    with wrong_types(), pytest.raises(InputError, match=f"{name} is {quoted(value)}, it must be a number above 0"):
         Numerics(**{name: value})  # type: ignore[arg-type]
 
 

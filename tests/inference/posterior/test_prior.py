@@ -149,7 +149,7 @@ def test_every_law_comes_back_from_a_file(tmp_path: Path) -> None:
         ),
         ("[mobility]\ndistribution = 'uniform'\nlow = 'a'\nhigh = 1", "low is 'a', it must be a finite number"),
         ("[mobility]\ndistribution = 'uniform'\nlow = nan\nhigh = 1", "low is nan, it must be a finite number"),
-        ("[mobility]\ndistribution = 'uniform'\nlow = true\nhigh = 2", "low is True, it must be a finite number"),
+        ("[mobility]\ndistribution = 'uniform'\nlow = true\nhigh = 2", "low is true, it must be a finite number"),
         ("[mobility]\ndistribution = 'uniform'\nlow = 2\nhigh = 1", "low is 2 and high 1, low must be below high"),
         (
             "[mobility]\ndistribution = 'uniform'\nlow = 1\nhigh = 1.0000000001",

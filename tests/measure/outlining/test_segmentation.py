@@ -15,6 +15,7 @@ from benchmarks.segmentation import INDICES, overlap, published, real, synthetic
 from yeastfit.errors import InputError
 from yeastfit.measure.outlining.doubts import DOUBTS
 from yeastfit.measure.outlining.segmentation import segment
+from yeastfit.text import quoted
 
 SIDE = 200
 Y, X = np.mgrid[:SIDE, :SIDE]
@@ -194,7 +195,7 @@ def test_what_a_user_says_is_checked(given: dict[str, Any], words: str) -> None:
         assert words in str(caught.value)
         assert argument in str(caught.value)
         assert "need" in str(caught.value)
-        assert repr(value) in str(caught.value)
+        assert quoted(value) in str(caught.value)
 
 
 def test_a_roi_without_a_colony_is_refused() -> None:

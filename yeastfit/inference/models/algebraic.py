@@ -171,7 +171,7 @@ class Algebraic(ForwardModel):
     @property
     def _numerics(self) -> Numerics:
         """Of `simulate`."""
-        wide = self.domain > WIDE
+        wide = WIDE < self.domain < np.inf
         usual = OF_WIDE_DISHES if wide else Resolution(Numerics.dt, Numerics.spacing)
         if self.spacing is None and wide:  # the nearest that the dish is a whole number of
             usual = replace(usual, spacing=self.domain / round(self.domain / usual.spacing))
