@@ -73,7 +73,8 @@ def read_csv(
         by column, without those that are empty. Space around names and cells is left out.
 
     Raises:
-        InputError: It is no text file, no CSV, a column appears twice, or a row has more cells than there are columns.
+        InputError: It is no text file, no CSV, a column appears twice, or a row has more or fewer cells than there are
+            columns.
     """
     reader = csv.reader(StringIO(read_text(path), newline=""), strict=True)
     rows = []
@@ -87,6 +88,11 @@ def read_csv(
             where = f"{path}, line {reader.line_num}"
             if len(cells) > len(names) and any(cell.strip() for cell in cells):
                 raise InputError(f"{where}: {len(cells)} cells, the first line names {len(names)} columns")
+            if len(cells) < len(names) and any(cell.strip() for cell in cells):
+                raise InputError(
+                    f"{where}: {len(cells)} cells, the first line names {len(names)} columns: the file may be cut off "
+                    "here; empty cells need their commas"
+                )
             row = {name: cell.strip() for name, cell in zip(names, cells, strict=False) if cell.strip()}
             rows += [(where, row)] if row else []
     except csv.Error as error:

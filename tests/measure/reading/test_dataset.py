@@ -34,7 +34,7 @@ def folder(tmp_path: Path, text: str | bytes) -> Path:
         (HEADER + "a.png,1,,0.5\n", ["line 2", "hours is ''"]),
         (HEADER + "a.png,1,2,-1\n", ["line 2", "um_per_pixel is '-1'"]),
         (HEADER + "a.png,,2,1\n", ["line 2", "replicate is empty"]),
-        (HEADER + "a.png\n", ["line 2", "replicate is empty"]),
+        (HEADER + "a.png,,,\n", ["line 2", "replicate is empty"]),
         (HEADER + "a.png,1,2,1\na.png,1,2,1\n", ["replicate 1 at 2 hours appears twice"]),
         (HEADER + "a.png,1,2,1\na.png,2,2,1\n\na.png,1,2.0,1\n", ["line 5: replicate 1 at 2 hours appears twice"]),
         (b"\xff\xfe\x00\xd8", ["UTF-8"]),
@@ -101,7 +101,7 @@ def test_csv_and_toml_say_the_same(tmp_path: Path) -> None:
         tmp_path,
         f"\ufeff{HEADER.strip()},{columns}\n"
         'a.png,1,2,0.5,AWRI 796,"10.5, 20",12,1 2 30 40,taken twice\n'
-        "a.png, left ,2.5,0.5,AWRI 796,,,,\n,,,,,,,,\na.png,1,2,0.75,other,,7\n",
+        "a.png, left ,2.5,0.5,AWRI 796,,,,\n,,,,,,,,\na.png,1,2,0.75,other,,7,,\n",
     )
     from_csv = read_dataset(tmp_path)
     (tmp_path / "manifest.csv").unlink()
