@@ -216,6 +216,23 @@ def test_what_cannot_be_reused_is_refused(data: Path, tmp_path: Path, capsys: py
     assert not (tmp_path / "two").exists()  # nor reused.h5, which the next run would find in its way
 
 
+@pytest.mark.usefixtures("unchecked")
+def test_a_damaged_simulation_is_made_again_and_changes_no_prediction(data: Path, tmp_path: Path) -> None:
+    """Although the file has it in another place then."""
+    out, asked = tmp_path / "out", arguments(data, tmp_path / "out", "abc-smc", "--leave-out", "2")
+    finished(asked)
+    expected = {name: (out / name).read_text() for name in ("left_out.csv", "posterior.csv")}
+    for name in (*json.loads((out / "manifest.json").read_text())["files"], "manifest.json"):
+        if name not in ("run.json", "simulations.h5"):
+            (out / name).unlink()
+    with h5py.File(out / "simulations.h5", "r+") as file:
+        row = file[DATASET][100]
+        row["statistics"][0] += 1.0
+        file[DATASET][100] = row
+    finished([*asked, "--resume"])
+    assert {name: (out / name).read_text() for name in expected} == expected
+
+
 @pytest.mark.thorough
 @pytest.mark.usefixtures("unchecked")
 def test_more_steps_make_a_run_longer(data: Path, tmp_path: Path) -> None:

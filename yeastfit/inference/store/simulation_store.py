@@ -144,8 +144,11 @@ class Store(Simulations):
         whole = checks(rows) == rows["check"]
         torn = int(np.sum(~whole & (rows != np.zeros(1, rows.dtype))))
         self._take(rows[whole], len(rows))
-        if shorter or torn:
+        if shorter:
             self.notes.append(f"{self.path.name} was torn: {len(self)} simulations are whole, what followed is gone")
+        elif torn:
+            self.notes.append(f"{self.path.name}: {len(self)} simulations are whole, {torn} damaged: left out")
+        if shorter or torn:
             self._write_whole()
 
 
