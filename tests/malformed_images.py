@@ -194,6 +194,7 @@ REFUSED: dict[str, tuple[Make, str]] = {
     "black.png": (pillow(Image.new("L", (SIDE, SIDE)), "PNG"), "every pixel is 0"),
     "white.jpg": (pillow(Image.new("L", (SIDE, SIDE), 255), "JPEG"), "every pixel is 255"),
     "overflowing.tif": (tiff(np.where(DISC, 1.0, 1e300)), "beyond single precision"),
+    "vanishing.tif": (tiff(np.where(DISC, 1e-36, 6e-35)), "grey values differ by 5.9e-35 at most, need 1e-15"),
 }
 
 # the grey values each must give

@@ -28,6 +28,7 @@ MAX_BYTES = 8 * MAX_PIXELS  # likewise, for wide types and many channels
 DENSEST = {1: 1, 5: 3_000, 8: 1_100, 32_773: 64, 32_946: 1_100}  # bytes in a stored one: none, LZW, deflate, PackBits
 MAX_RATIO = 32  # of the sides
 MIN_SIDE = 16  # pixels; below, a background cannot be told from a colony
+LEAST_CONTRAST = 1e-15  # of floating-point images, whose squares are in single precision's range
 LUMINANCE = np.array([0.2125, 0.7154, 0.0721], dtype=np.float32)  # of red, green and blue, Rec. 709
 
 logging.getLogger("tifffile").addHandler(logging.NullHandler())  # what it says of damaged files, InputError says too
@@ -185,6 +186,11 @@ def _finite(pixels: Grey, path: Path) -> Grey:
     if pixels.dtype.kind == "f" and (bad := int((~np.isfinite(pixels)).sum())):
         raise InputError(
             f"{path}: {bad} of {pixels.size} pixels are NaN, infinite or beyond single precision, need finite values"
+        )
+    if pixels.dtype.kind == "f" and 0 < (contrast := float(np.ptp(pixels))) < LEAST_CONTRAST:
+        raise InputError(
+            f"{path}: grey values differ by {contrast:.3g} at most, need {LEAST_CONTRAST:g} for single precision: "
+            "multiply them by a number"
         )
     return pixels
 
