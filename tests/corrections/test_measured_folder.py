@@ -106,10 +106,11 @@ def test_only_the_mask_of_a_row_is_written(copies: tuple[Path, Path]) -> None:
     manifest = copies[0] / "manifest.csv"
     before = manifest.read_bytes()
     name_mask(manifest, copies[0] / "c.png", "b.png")
-    first, *others = before.decode().split("\r\n")
-    assert manifest.read_bytes().decode() == "\r\n".join([f"{first},mask", *others]) + ",b.png\r\n"
+    first, *others, last = before.decode().split("\r\n")
+    expected = "\r\n".join([f"{first},mask", *(one and f"{one}," for one in others), last])
+    assert manifest.read_bytes().decode() == f"{expected},b.png\r\n"
     name_mask(manifest, copies[0] / "c.png", "a.png")
-    assert manifest.read_bytes().decode() == "\r\n".join([f"{first},mask", *others]) + ",a.png\r\n"
+    assert manifest.read_bytes().decode() == f"{expected},a.png\r\n"
 
 
 def test_comments_of_a_manifest_in_toml_are_kept(copies: tuple[Path, Path]) -> None:
@@ -152,8 +153,9 @@ def test_a_second_correction_replaces_the_first_and_no_other_file(copies: tuple[
 def test_what_cannot_be_saved_changes_nothing(copies: tuple[Path, Path]) -> None:
     data, results = copies
     manifest = data / "manifest.csv"
-    text = manifest.read_text(encoding="utf-8-sig").replace("um_per_pixel", "um_per_pixel,seed_point")
-    manifest.write_text(text.replace("b.png,2,5,0.5", "b.png,2,5,0.5,90 90"), encoding="utf-8")
+    first, *others = manifest.read_text(encoding="utf-8-sig").split()
+    seeds = [f"{one},{'90 90' if 'b.png' in one else ''}" for one in others]
+    manifest.write_text("\n".join([f"{first},seed_point", *seeds, ""]), encoding="utf-8")
     before = manifest.read_bytes()
     folder = MeasuredFolder.of(results)
     for mask, words in (

@@ -39,7 +39,7 @@ def name_mask(manifest: Path, photograph: Path, mask: str) -> None:
 
 
 def _csv(text: str, manifest: Path, photograph: Path, mask: str) -> str:
-    """The text with the column `mask`, which is added at the end where there is none."""
+    """The text with the column `mask`, which is added at the end of all rows where there is none."""
     rows = list(csv.reader(StringIO(text, newline=""), strict=True))
     names = [name.strip() for name in rows[0]]
     if "mask" not in names:
@@ -47,8 +47,9 @@ def _csv(text: str, manifest: Path, photograph: Path, mask: str) -> str:
         names.append("mask")
     file, column = names.index("file"), names.index("mask")
     found = [row for row in rows[1:] if len(row) > file and _same(manifest.parent / row[file].strip(), photograph)]
+    for row in rows[1:]:
+        row += [""] * (len(names) - len(row)) if any(row) else []
     for row in found or _missing(manifest, photograph):
-        row += [""] * (column + 1 - len(row))
         row[column] = mask
     written = StringIO(newline="")
     csv.writer(written, lineterminator="\r\n" if "\r\n" in text else "\n").writerows(rows)
