@@ -204,11 +204,11 @@ def main(arguments: list[str] | None = None) -> None:
         times = (4.0, 8.0) if quick else tuple(at for at in (30.0, 60.0) if at <= own.until)
         folder = "quick" if quick else f"until-{times[-1]:g}"
         for name in COLONIES:
-            work = own.work / (folder if name == "discs" else f"{name}-{folder}")
-            study(report, Study(name, times, 2 if quick else own.seeds, work))
-        alone = Study("discs", (30.0,), SEEDS_ALONE, own.work / "until-30")
-        if not quick and len(times) > 1 and alone.done:
-            report.table("discs at t = 30, of more seeds and settings", alone.rows(0))
+            before = "" if name == "discs" else f"{name}-"
+            study(report, Study(name, times, 2 if quick else own.seeds, own.work / f"{before}{folder}"))
+            alone = Study(name, (30.0,), SEEDS_ALONE, own.work / f"{before}until-30")
+            if not quick and len(times) > 1 and alone.done:
+                report.table(f"{name} at t = 30, of more seeds and settings", alone.rows(0))
         if report.docs is not None:
             report.docs.mkdir(parents=True, exist_ok=True)
             page = "\n\n".join([report.head(__doc__), CHOOSE, *report.sections()])
