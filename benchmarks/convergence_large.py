@@ -141,12 +141,10 @@ class Study:
         self.done[name, seed] = record
 
     def rows(self, moment: int) -> list[dict[str, Any]]:
-        """Differences from the reference at one of the times."""
+        """Differences from the reference at one of the times, by all seeds that are finished."""
         rows = []
         for name in CHANGES:
-            seeds = [
-                seed for seed in range(self.seeds) if (name, seed) in self.done and ("reference", seed) in self.done
-            ]
+            seeds = sorted(seed for one, seed in self.done if one == name and ("reference", seed) in self.done)
             if not seeds:
                 continue
             mine, reference = (
@@ -172,7 +170,7 @@ class Study:
 
 def _text(value: float, error: float, sign: str) -> str:
     digits = 1 if sign or value >= 10 else 3
-    return f"{value:{sign}.{digits}f} ± {error:.{digits}f}"
+    return f"{value:{sign}.{digits}f}" + (f" ± {error:.{digits}f}" if np.isfinite(error) else "")
 
 
 def study(report: Report, found: Study) -> None:
