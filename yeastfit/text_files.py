@@ -86,13 +86,9 @@ def read_csv(
             raise InputError(f"{path}, line 1: a column appears twice, {twice!r}")
         for cells in reader:
             where = f"{path}, line {reader.line_num}"
-            if len(cells) > len(names) and any(cell.strip() for cell in cells):
-                raise InputError(f"{where}: {len(cells)} cells, the first line names {len(names)} columns")
-            if len(cells) < len(names) and any(cell.strip() for cell in cells):
-                raise InputError(
-                    f"{where}: {len(cells)} cells, the first line names {len(names)} columns: the file may be cut off "
-                    "here; empty cells need their commas"
-                )
+            if len(cells) != len(names) and any(cell.strip() for cell in cells):
+                cut = ": the file may be cut off here; empty cells need their commas" if len(cells) < len(names) else ""
+                raise InputError(f"{where}: {len(cells)} cells, the first line names {len(names)} columns{cut}")
             row = {name: cell.strip() for name, cell in zip(names, cells, strict=False) if cell.strip()}
             rows += [(where, row)] if row else []
     except csv.Error as error:

@@ -3,21 +3,13 @@
 Defaults for colonies of photographs of real ones follow from docs/convergence-large.md.
 """
 
+import math
 from dataclasses import dataclass
 
 from yeastfit.errors import InputError
 from yeastfit.inference.targets import Targets
 from yeastfit.memory import check_memory
-from yeastfit.model.numerics import (
-    POINT,
-    STEPS,
-    WIDE,
-    WIDE_DT,
-    WIDE_SPACING,
-    WIDE_SUBSTEPS,
-    check_capacity,
-    check_substeps,
-)
+from yeastfit.model.numerics import POINT, STEPS, check_capacity, check_substeps
 from yeastfit.numbers import POSITIVE
 
 FARTHER = 1.3  # times as far as any colony of the data: simulated ones that reach farther are not measured whole
@@ -49,7 +41,13 @@ class Resolution:
 
 
 COARSE = Resolution(dt=0.01, spacing=0.2)
-OF_WIDE_DISHES = Resolution(dt=WIDE_DT, spacing=WIDE_SPACING, substeps=WIDE_SUBSTEPS)
+WIDE = 100.0  # L0
+OF_WIDE_DISHES = Resolution(dt=0.025, spacing=0.4, substeps=4)
+
+
+def usual_in(width: float, narrow: Resolution) -> Resolution:
+    """That of a dish of a width in L0, where a narrow one has another."""
+    return OF_WIDE_DISHES if WIDE < width < math.inf else narrow
 
 
 def seen_width(targets: Targets) -> float:
@@ -70,6 +68,4 @@ def usual_resolution(targets: Targets, coarse: bool = False) -> Resolution:
     Raises:
         InputError: The targets do not tell how wide colonies are.
     """
-    if seen_width(targets) > WIDE:
-        return OF_WIDE_DISHES
-    return COARSE if coarse else Resolution()
+    return usual_in(seen_width(targets), COARSE if coarse else Resolution())

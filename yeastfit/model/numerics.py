@@ -20,8 +20,6 @@ STEPS = Range(1.0 / MOST_STEPS, 1000.0)
 POINT, NODE = 48, 600  # bytes that a step works on in single precision: a dozen grids, and lanes of contacts
 FIRST_ROOM = 500  # nodes that a colony without a capacity begins with room for, the source's number
 MOST_SUBSTEPS = 1000
-WIDE = 100.0  # L0: in dishes wider than this, the following are defaults (docs/convergence-large.md)
-WIDE_DT, WIDE_SUBSTEPS, WIDE_SPACING = 0.025, 4, 0.4
 MEMBER = "member"  # the name of the ensemble axis inside `trajectory`
 
 

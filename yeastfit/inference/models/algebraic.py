@@ -15,7 +15,7 @@ from yeastfit.inference.models.forward_model import ForwardModel, Row, Seen
 from yeastfit.inference.models.grown import Grown, Outlines
 from yeastfit.inference.models.image_checks import check_images, of_pixels
 from yeastfit.inference.posterior.settings import Setting
-from yeastfit.inference.resolution import COARSE, OF_WIDE_DISHES, Resolution, usual_resolution
+from yeastfit.inference.resolution import COARSE, OF_WIDE_DISHES, WIDE, Resolution, usual_in, usual_resolution
 from yeastfit.inference.sensitivity.estimate import sensitivity as estimate_sensitivity
 from yeastfit.inference.sensitivity.result import Sensitivity
 from yeastfit.inference.simulator import Simulator
@@ -24,7 +24,7 @@ from yeastfit.inference.targets_from_table import targets_of
 from yeastfit.measure.measurements_table import NEEDED, rows_of
 from yeastfit.measure.statistics.model_as_mask import HardStatistics
 from yeastfit.model.model import Model
-from yeastfit.model.numerics import WIDE, Numerics, most_nodes
+from yeastfit.model.numerics import Numerics, most_nodes
 from yeastfit.model.nutrient import check_alpha
 from yeastfit.model.parameters import Parameters, Scales
 from yeastfit.model.relaxation import HARD, Relaxation
@@ -171,9 +171,8 @@ class Algebraic(ForwardModel):
     @property
     def _numerics(self) -> Numerics:
         """Of `simulate`."""
-        wide = WIDE < self.domain < np.inf
-        usual = OF_WIDE_DISHES if wide else Resolution(Numerics.dt, Numerics.spacing)
-        if self.spacing is None and wide:  # the nearest that the dish is a whole number of
+        usual = usual_in(self.domain, Resolution(Numerics.dt, Numerics.spacing))
+        if self.spacing is None and usual is OF_WIDE_DISHES:  # the nearest that the dish is a whole number of
             usual = replace(usual, spacing=self.domain / round(self.domain / usual.spacing))
         how = self._chosen(usual)
         return Numerics(self.domain, how.spacing, how.dt, how.capacity, compiled=self.compiled, substeps=how.substeps)
