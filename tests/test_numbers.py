@@ -72,7 +72,7 @@ def test_what_python_writes_is_read_back(value: float) -> None:
         (Range(1), "a number of at least 1"),
         (Range(high=2, unit="µm"), "a number of at most 2 µm"),
         (PIXEL_SIZES, "a number from 0.001 to 1000 µm"),
-        (HOURS, "a number above 0, up to 100000 hours"),
+        (HOURS, "a number from 0.001 to 100000 hours"),
     ],
 )
 def test_ranges_say_what_is_admissible(admissible: Range, words: str) -> None:

@@ -140,8 +140,8 @@ def _written(end: float) -> str:
 POSITIVE = Range(0.0, above=True)
 PIXEL_SIZES = Range(1e-3, 1e3, "µm")
 """Of micrographs: from 1 nm to 1 mm."""
-HOURS = Range(0.0, 1e5, "hours", above=True)
-"""Since a colony was one cell; 1e5 are eleven years."""
+HOURS = Range(1e-3, 1e5, "hours")
+"""Since a colony was one cell: from 4 seconds to eleven years."""
 CONTRASTS = Range(0.0, 1e38, "grey levels", above=True)
 """Of a colony with its background: images are of single precision."""
 CELL_LENGTHS = Range(1e-2, 1e3, "µm")

@@ -172,7 +172,7 @@ CSV: dict[str, Case] = {
         HEADER + "a.png,1,2,1\r\na.png,1,2.0,1\r\n",
         "line 3: replicate 1 at 2 hours appears twice, as a.png here and as a.png in line 2",
     ),
-    "hours of text": (HEADER + "a.png,1,two,1\n", "line 2: hours is 'two', it must be a number above 0, up to 100000"),
+    "hours of text": (HEADER + "a.png,1,two,1\n", "line 2: hours is 'two', it must be a number from 0.001 to 1"),
     "hours 1_0": (HEADER + "a.png,1,1_0,1\n", "line 2: hours is '1_0'"),
     "hours of other digits": (HEADER + "a.png,1,١٢,1\n", "line 2: hours is '١٢'"),
     "hours in hexadecimal": (HEADER + "a.png,1,0x10,1\n", "line 2: hours is '0x10'"),
@@ -195,6 +195,7 @@ CSV: dict[str, Case] = {
 TOML: dict[str, Case] = {
     "empty": (b"", "no rows"),
     "no toml": ("image = = 1", "not TOML"),
+    "hours as text": (IMAGE.replace("2", "'2'"), "to 100000 hours, without quotation marks"),
     "utf-16": (IMAGE.encode("utf-16"), "need UTF-8"),
     "latin-1": (b"# \xe9\n", "line 1: not a text file in UTF-8"),
     "nul": ("a = '\0'", "line 1: holds a NUL"),
@@ -287,9 +288,9 @@ def table(changed: dict[str, str] | None = None, **more: str) -> str:
 
 
 CELLS = {
-    ("hours", "1_0"): "it must be a number above 0, up to 100000 hours",
-    ("hours", "-4"): "it must be a number above 0",
-    ("hours", "1e300"): "up to 100000 hours",
+    ("hours", "1_0"): "it must be a number from 0.001 to 100000 hours",
+    ("hours", "-4"): "it must be a number from 0.001",
+    ("hours", "1e300"): "to 100000 hours",
     ("um_per_pixel", "1e-200"): "from 0.001 to 1000 µm",
     ("um_per_pixel", "0"): "from 0.001 to 1000 µm",
     ("um_per_pixel", "1e4"): "from 0.001 to 1000 µm",

@@ -111,11 +111,19 @@ def test_paths_that_cannot_be_meant_are_refused(tmp_path: Path) -> None:
     image = write_disc(tmp_path / "images" / "a.png")
     (tmp_path / "manifest.csv").write_text("file,replicate,hours,um_per_pixel\nimages/a.png,1,2,1\n")
     (tmp_path / "empty").mkdir()
+    (tmp_path / "linked").mkdir()
+    for name in ("a.png", "b.png"):
+        (tmp_path / "linked" / name).hardlink_to(image)
+    with results_folder(tmp_path / "fitted", "fit", reads=[]) as results:
+        write_disc(results.partial / "curves.png")
+        results.finish(inputs=[], configuration={})
     for paths, words in (
         ([tmp_path / "gone.png"], "gone.png: there is no such file"),
         ([tmp_path / "empty"], "empty: no manifest and no image"),
         ([tmp_path, image], "is a data set, measure it by itself"),
         ([image, image.parent / ".." / "images" / "a.png"], "is given twice"),
+        ([tmp_path / "linked"], "b.png: is given twice, it is a.png, too, each image is measured once"),
+        ([tmp_path / "fitted"], "fitted: holds results of yeastfit fit, need micrographs"),
     ):
         with pytest.raises(InputError, match=words):
             find_images(paths)

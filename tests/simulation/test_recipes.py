@@ -40,7 +40,7 @@ BAD = {
     GOOD.replace("[4, 8.5]", "[]"): "hours: there are none",
     GOOD.replace("[4, 8.5]", "4"): "hours is 4, it must be a list",
     GOOD.replace("[4, 8.5]", "'4'"): "hours is '4', it must be a list",
-    GOOD.replace("[4, 8.5]", "['4']"): "hours is '4', it must be a number above 0, up to 100000 hours",
+    GOOD.replace("[4, 8.5]", "['4']"): "hours is '4', it must be a number from 0.001 to 100000 hours",
     GOOD.replace("[4, 8.5]", "[true]"): "hours is true",
     GOOD.replace("[4, 8.5]", "[0]"): "hours is 0",
     GOOD.replace("[4, 8.5]", "[inf]"): "hours is inf",

@@ -9,6 +9,7 @@ from yeastfit.errors import InputError
 from yeastfit.measure.reading.dataset import Dataset, dataset_folder, read_dataset
 from yeastfit.measure.reading.segmentation_options import AUTOMATIC, SegmentationOptions
 from yeastfit.numbers import PIXEL_SIZES
+from yeastfit.results.contents import Contents
 from yeastfit.text import file_name, natural_order, shown
 
 SUFFIXES = (".tif", ".tiff", ".png", ".jpg", ".jpeg", ".czi", ".nd2", ".lif")
@@ -67,8 +68,8 @@ def find_images(
         links to others.
 
     Raises:
-        InputError: A path does not exist, a data set is given beside other things, a file is given twice, there is no
-            image, or the pixel size is not from 1 nm to 1 mm.
+        InputError: A path does not exist or is the folder of a command's results, a data set is given beside other
+            things, a file is given twice, there is no image, or the pixel size is not from 1 nm to 1 mm.
     """
     if pixel_size is not None:
         PIXEL_SIZES.read(pixel_size, "pixel_size")
@@ -84,7 +85,7 @@ def find_images(
     files: list[Path] = []
     skipped: list[Path] = []
     for path in paths:
-        chosen, other = _images(path) if path.is_dir() else ([path], [])
+        chosen, other = _photographs(path) if path.is_dir() else ([path], [])
         files += chosen
         skipped += other
     if not files:
@@ -138,6 +139,18 @@ def images_in(folder: Path) -> tuple[list[Path], list[Path]]:
     return images, other
 
 
+def _photographs(folder: Path) -> tuple[list[Path], list[Path]]:
+    """`_images` of a folder that is no command's results, whose plots are no micrographs.
+
+    Raises:
+        InputError: It is.
+    """
+    command = Contents.of(folder).command
+    if command:
+        raise InputError(f"{folder}: holds results of yeastfit {command}, need micrographs or a data set")
+    return _images(folder)
+
+
 def _images(folder: Path) -> tuple[list[Path], list[Path]]:
     """Images, and what else there is: links to images of the same folder, too."""
     inside = sorted(
@@ -154,6 +167,15 @@ def in_tables(path: str) -> str:
     return f"./{path}" if path.startswith(FORMULA) else path
 
 
+def _file_at(place: str) -> tuple[int, int] | str:
+    """What two names of one file share."""
+    try:
+        found = os.stat(place)
+    except OSError:
+        return place
+    return (found.st_dev, found.st_ino) if found.st_ino else place
+
+
 def _label(path: str) -> str:
     return shown(in_tables(path))
 
@@ -167,9 +189,11 @@ def _labels(files: Sequence[Path]) -> list[str]:
 def _with_names(images: list[InputImage]) -> list[InputImage]:
     """Give images different names, and thumbnails small enough for a page of all of them."""
     places = [os.path.realpath(image.path) for image in images]
-    twice = next((image for k, image in enumerate(images) if places.index(places[k]) != k), None)
-    if twice:
-        raise InputError(f"{twice.path}: is given twice, each image is measured once")
+    first: dict[tuple[int, int] | str, InputImage] = {}
+    for image, place in zip(images, places, strict=True):
+        if (other := first.setdefault(_file_at(place), image)) is not image:
+            also = "" if other.path == image.path else f", it is {other.path.name}, too"
+            raise InputError(f"{image.path}: is given twice{also}, each image is measured once")
     folder = os.path.commonpath([os.path.dirname(place) for place in places])
     inside = [Path(place).relative_to(folder) for place in places]
     choices: list[list[str]] = [

@@ -190,7 +190,11 @@ def _toml_rows(manifest: Path) -> Iterator[tuple[str, dict[str, Any]]]:
             raise InputError(f"{where}: is {quoted(image)}, write a table [[image]] for each micrograph")
         where += f" ({short(image['file'])})" if isinstance(image.get("file"), str) else ""
         _check_names(list(image), KNOWN, f"{where}: key")
-        yield where, {**content, **image}
+        row = {**content, **image}
+        for name, range_ in (("hours", HOURS), ("um_per_pixel", PIXEL_SIZES)):
+            if name in row:
+                range_.check(row[name], f"{where}: {name}")
+        yield where, row
 
 
 def _frame(row: Mapping[str, Any], folder: Path, where: str) -> Frame:
