@@ -13,7 +13,7 @@ import re
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from types import TracebackType
 from typing import Any
 
@@ -34,6 +34,7 @@ from yeastfit.text import quoted
 BLOCK = 8  # rows: 1.6 s where a colony takes 0.2 s, some hundred times what sending them takes
 PROCESS = 2e8  # bytes that a worker process takes at least
 ADDRESS = re.compile(r"(tcp|tls)://[^\s/]+:[0-9]{1,5}")
+ALONE = 120.0  # seconds without any worker on this machine, where they start within a minute
 FIRST = 2  # blocks that the asking process simulates itself
 
 Say = Callable[[str], None]
@@ -223,7 +224,8 @@ class Workers:
         """
         if self._crew is None:
             raise InputError("workers are not open: use them as a context manager, `with Workers(8) as workers:`")
-        how: dict[str, Any] = {"say": self.say, "tell": self._tell, "patience": self.patience}
+        alone = self.patience.alone if self.processes is None else min(ALONE, self.patience.alone)
+        how: dict[str, Any] = {"say": self.say, "tell": self._tell, "patience": replace(self.patience, alone=alone)}
         self.spreads.append(Spread(simulator, self._crew, self.block, self.mixed_arithmetic, **how))
         return self.spreads[-1]
 
