@@ -14,8 +14,9 @@ from reference import mechanisms as plain
 from yeastfit.errors import InputError
 from yeastfit.model.colony import Colony
 from yeastfit.model.laws.forces import velocity
-from yeastfit.model.mechanisms.cell_contact import CellContact, overlap, overlap_and_slope
+from yeastfit.model.mechanisms.cell_contact import CellContact
 from yeastfit.model.mechanisms.constrained_contact import ConstrainedContact, nonnegative
+from yeastfit.model.mechanisms.pair_overlap import overlap_and_slope
 from yeastfit.model.model import Model
 from yeastfit.model.numerics import Numerics
 from yeastfit.model.parameters import Parameters
@@ -44,8 +45,39 @@ def test_two_circles_overlap_in_a_lens() -> None:
     """With little smoothing; ellipses of aspect ratio 1."""
     for distance in (0.3, 0.6):
         ends = jnp.array([[0.5, 0.0], [-0.5, 0.0], [0.5, distance], [-0.5, distance]])
-        area = float(jax.jit(overlap)(ends, jnp.asarray(1.0), jnp.array([0.02, 0.08])))
+        area = float(jax.jit(overlap_and_slope)(ends[None], jnp.asarray(1.0), jnp.array([0.02, 0.08]))[0][0])
         assert area == pytest.approx(plain.lens_area(0.5, distance), rel=0.02)
+
+
+@pytest.mark.parametrize("widths", [(0.1, 0.2), (0.02, 0.08), (0.3, 0.5)])
+def test_slopes_are_the_derivatives_of_the_area(widths: tuple[float, float], double: None) -> None:
+    """By the nodes, of pairs that cross, touch, lie apart, share a node, all but coincide, or have no length."""
+    rng = np.random.default_rng(3)
+    ends = rng.normal(size=(40, 4, 2)) * [0.4, 0.6]
+    ends[:5, 2] = ends[:5, 1]  # a mother and her daughter
+    ends[5, 2:] = ends[5, :2] + 1e-4
+    ends[6, 1] = ends[6, 0]
+    ends[7, 2:] += 9.0
+    ratio, both = jnp.asarray(0.6), jnp.array(widths)
+
+    def areas(ends: Array) -> Array:
+        return overlap_and_slope(ends, ratio, both)[0]
+
+    found, slopes = (np.asarray(one) for one in jax.jit(overlap_and_slope)(jnp.asarray(ends), ratio, both))
+    wanted = np.asarray(jax.jit(jax.grad(lambda ends: jnp.sum(areas(ends))))(jnp.asarray(ends)))
+    assert (found > 1e-3).sum() >= 20
+    assert found[7] < 1e-6
+    np.testing.assert_allclose(slopes, wanted, atol=1e-10 * np.abs(wanted).max())
+
+    # and once more: both ways agree along a direction
+    toward, weights = rng.normal(size=(2, *ends.shape))
+
+    def weighed(ends: Array) -> Array:
+        return jnp.sum(overlap_and_slope(ends, ratio, both)[1][8:] * weights[8:])
+
+    along = float(jax.jit(lambda ends: jax.jvp(weighed, (ends,), (jnp.asarray(toward),))[1])(jnp.asarray(ends)))
+    back = float(np.sum(np.asarray(jax.jit(jax.grad(weighed))(jnp.asarray(ends))) * toward))
+    assert along == pytest.approx(back, rel=1e-9)
 
 
 @eqx.filter_jit
@@ -81,7 +113,7 @@ def test_overlapping_cells_part_symmetrically(name: str) -> None:
         def one(colony: Colony, _: None) -> tuple[Colony, Array]:
             moved = velocity(context_of(colony, NUMERICS, parameters=parameters), model.contact)
             colony = dataclasses.replace(colony, positions=colony.positions + NUMERICS.dt * moved)
-            return colony, overlap(colony.positions[:4], jnp.asarray(0.6), WIDTHS)
+            return colony, overlap_and_slope(colony.positions[None, :4], jnp.asarray(0.6), WIDTHS)[0][0]
 
         colony, areas = jax.lax.scan(one, colony, None, length=150)
         return colony.positions[:4], areas

@@ -2,7 +2,7 @@
 
     C_ij = ∬ ½ + ½ tanh(−f / K),    f = k log(exp(f_i / k) + exp(f_j / k))
 
-is the area in which cells i and j overlap (`cell_overlap`), a function of the places of their four nodes: centre, angle
+is the area in which cells i and j overlap (`pair_overlap`), a function of the places of their four nodes: centre, angle
 and length of an ellipse are those of the edge between its two. Either the overlap pushes,
 
     cells         dx_n/dt = … − κ_c Σ_ij w_j C_ij ∂C_ij/∂x_n,    κ_c = `overlap_stiffness`,
@@ -26,26 +26,16 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
 from yeastfit.errors import InputError
-from yeastfit.model.cell_overlap import (
-    CHUNK,
-    MOST,
-    box_of_pair,
-    cells_at,
-    intersection,
-    meeting_pairs,
-    smooth_area,
-)
-from yeastfit.model.cells import Cells, cells_of
+from yeastfit.model.cell_overlap import CHUNK, MOST, meeting_pairs
+from yeastfit.model.cells import cells_of
 from yeastfit.model.differentiable_sum import sum_of_terms
+from yeastfit.model.mechanisms.pair_overlap import REACHED, SHORTEST, overlap_and_slope
 from yeastfit.model.numerics import largest_in_ensemble
 from yeastfit.model.rules import ContactRule, Context, Rule
 from yeastfit.parameter_set import Parameter
 from yeastfit.text import quoted
 
-POINTS = 14  # along each side of the box of a pair
-REACHED = 2.5  # f/K up to which a cell counts; forces are within 1.2 % (rms) of finer ones
 SWEEPS = 40  # of the projected iteration for multipliers
-SHORTEST = 2e-3  # L0: a cell shorter than this pushes nobody
 
 OVERLAP_STIFFNESS = Parameter(
     "overlap_stiffness", "κ_c", "force of overlapping cells, over η μ* / L0²", (1.0, 60.0), 20.0
@@ -130,41 +120,6 @@ class CellContact(_BetweenCells):
 def weights_of_ends(context: Context) -> Float[Array, " cell"]:
     """Weights of cells."""
     return cells_of(context.colony, context.parameters.aspect_ratio).weights
-
-
-def overlap_and_slope(
-    ends: Float[Array, "pair 4 2"], ratio: Float[Array, ""], widths: Float[Array, "2"]
-) -> tuple[Float[Array, " pair"], Float[Array, "pair 4 2"]]:
-    """C of each pair of cells, given its four nodes, and ∂C by their places."""
-    return jax.vmap(jax.value_and_grad(lambda four: overlap(four, ratio, widths)))(ends)
-
-
-def overlap(ends: Float[Array, "4 2"], ratio: Float[Array, ""], widths: Float[Array, "2"]) -> Float[Array, ""]:
-    """C of two cells with these ends, by the midpoint rule in the frame of the first cell.
-
-    The box is constant under differentiation; the integrand vanishes at its edge.
-    """
-    edges, middles = ends[::2] - ends[1::2], 0.5 * (ends[::2] + ends[1::2])
-    lengths = jnp.sqrt(jnp.maximum(jnp.sum(edges**2, axis=-1), SHORTEST**2))
-    (cosine, sine), apart = edges[0] / lengths[0], middles[1] - middles[0]
-    axis = edges[1] / lengths[1]
-
-    def turned(vector: Array) -> Array:
-        return jnp.stack([cosine * vector[0] + sine * vector[1], cosine * vector[1] - sine * vector[0]])
-
-    pair = Cells(
-        centres=jnp.stack([jnp.zeros_like(apart), turned(apart)]),
-        directions=jnp.stack([jnp.array([1.0, 0.0], apart.dtype), turned(axis)]),
-        half_lengths=0.5 * lengths,
-        half_widths=0.5 * ratio * lengths,
-        weights=jnp.ones_like(lengths),
-    )
-    fixed = jax.lax.stop_gradient(pair)
-    low, high = box_of_pair(cells_at(fixed, 0), cells_at(fixed, 1), 1.0 + REACHED * widths[1])
-    high = jnp.maximum(high, low)
-    u, v = low[:, None] + (high - low)[:, None] * (jnp.arange(POINTS) + 0.5) / POINTS
-    f = intersection(pair, widths[0], u[:, None] + 0.0 * v, v + 0.0 * u[:, None])
-    return smooth_area(f, widths[1], jnp.prod(high - low) / POINTS**2)
 
 
 def chunk_of(pairs: Pairs, i: Int[Array, ""]) -> tuple[Array, Array, Array]:

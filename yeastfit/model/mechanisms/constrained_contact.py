@@ -5,6 +5,7 @@ The multipliers solve a problem of complementarity. Its matrix J Jᵀ is never f
 absolute values of the matrix's rows allow.
 """
 
+from functools import partial
 from typing import Any, ClassVar
 
 import equinox as eqx
@@ -17,15 +18,18 @@ from yeastfit.model.differentiable_sum import sum_of_terms
 from yeastfit.model.mechanisms.cell_contact import (
     RELEASE_RATE,
     SWEEPS,
+    Pairs,
     _BetweenCells,
     chunk_of,
-    overlap_and_slope,
     weights_of_ends,
 )
+from yeastfit.model.mechanisms.pair_overlap import overlap_and_slope
+from yeastfit.model.numerics import largest_in_ensemble
 from yeastfit.model.rules import Context
 from yeastfit.parameter_set import Parameter
 from yeastfit.text import quoted
 
+ROOMS = (512, 2048, 8192)  # pairs that are solved together; as many as there is room for if more meet
 FAINT = 0.1  # of the tolerated overlap: what is smaller is no constraint
 
 
@@ -52,21 +56,38 @@ class ConstrainedContact(_BetweenCells):
         args = (colony.positions, cells, parameters.aspect_ratio, widths, pairs)
         zero = jnp.zeros((*pairs.ends.shape, 3), colony.positions.dtype)
         areas, slopes = jnp.split(sum_of_terms(_slopes_of_chunk, pairs.trips, zero, args), [1], axis=-1)
-        area = areas[:, 0, 0]
-        near = area > FAINT * self.tolerated
-        weight = jnp.prod(cells[pairs.cells], axis=-1)
-        slopes = jnp.where(near[:, None, None], slopes, 0.0)
+        given = areas[:, 0, 0], slopes, pairs, jnp.prod(cells[pairs.cells], axis=-1)
+
+        def push(most: int) -> Float[Array, "node 2"]:
+            area, slopes, some, weight = jax.tree.map(lambda one: one[:most] if one.ndim else one, given)
+            return self._push(area, slopes, some, weight, motion, parameters["release_rate"])
+
+        rooms = [most for most in ROOMS if most < pairs.ends.shape[0]] + [pairs.ends.shape[0]]
+        index = largest_in_ensemble(jnp.sum(jnp.asarray(rooms[:-1]) < pairs.found))
+        return jax.lax.switch(index, [partial(push, most) for most in rooms]) * pairs.complete
+
+    def _push(
+        self,
+        area: Float[Array, " pair"],
+        slopes: Float[Array, "pair 4 2"],
+        pairs: Pairs,
+        weight: Float[Array, " pair"],
+        motion: Float[Array, "node 2"],
+        release_rate: Float[Array, ""],
+    ) -> Float[Array, "node 2"]:
+        """−Jᵀ μ of pairs with these C and ∂C, which weigh so much."""
+        slopes = jnp.where((area > FAINT * self.tolerated)[:, None, None], slopes, 0.0)
 
         def along(velocity: Array) -> Array:
             return jnp.sum(slopes * velocity[pairs.ends], axis=(1, 2))
 
         def back(multipliers: Array) -> Array:
-            return jnp.zeros_like(colony.positions).at[pairs.ends].add(multipliers[:, None, None] * slopes)
+            return jnp.zeros_like(motion).at[pairs.ends].add(multipliers[:, None, None] * slopes)
 
-        wanted = along(motion) + parameters["release_rate"] * (area - self.tolerated)
-        size = jax.lax.stop_gradient(_row_sums(slopes, pairs.ends, colony.positions))
+        wanted = along(motion) + release_rate * (area - self.tolerated)
+        size = jax.lax.stop_gradient(_row_sums(slopes, pairs.ends, motion))
         multipliers = nonnegative(lambda m: along(back(weight * m)), wanted, size)
-        return -back(weight * multipliers) * pairs.complete
+        return -back(weight * multipliers)
 
 
 def nonnegative(
