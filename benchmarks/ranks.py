@@ -134,6 +134,13 @@ def verdicts(report: Report, part: Ranked, records: Sequence[Record]) -> None:
             report.add(f"{part.method}: {what}, median", float(np.median(values)), unit, note=note)
     warned = sum(bool(record["warnings"]) for record in whole)
     report.add(f"{part.method}: posteriors with warnings", 100 * warned / len(whole), "%")
+    unsettled = sum("not settled" in " ".join(record["warnings"]) for record in whole)
+    report.add(
+        f"{part.method}: posteriors not settled",
+        100 * unsettled / len(whole),
+        "%",
+        note="as many as that used up their simulations",
+    )
 
 
 MEDIANS = {
@@ -187,7 +194,7 @@ def picture(parts: Sequence[Ranked], records: Sequence[Sequence[Record]], path: 
             panel.step(uniform.at, below(ranks, part.draws) / len(ranks) - uniform.at, color="#7a5230", lw=1.2)
             panel.axhline(0.0, color="black", lw=0.8)
             panel.set(xlabel="rank / (L + 1)", ylabel="ECDF − diagonal")
-        panels[2 * k + 1, 0].legend(fontsize=8)
+        panels[2 * k + 1, 0].legend(fontsize=7, loc="lower center", bbox_to_anchor=(0.5, -0.02))
     figure.savefig(path, dpi=70)
 
 
