@@ -129,7 +129,7 @@ def test_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
         ([one, str(tmp_path / "unfinished")], "holds an unfinished run"),
         (
             [one, str(tmp_path / "damaged")],
-            "manifest.json is damaged: restore it, or remove it and repeat",
+            "manifest.json is damaged: restore it, or repeat yeastfit infer into another folder",
         ),
     ]
     for runs, words in cases:

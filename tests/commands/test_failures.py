@@ -35,6 +35,11 @@ TOLD = {
     "memory": (MemoryError("Unable to allocate 7.81 EiB"), 2, "not enough memory: Unable to allocate 7.81 EiB"),
     "no words": (MemoryError(), 2, "not enough memory: give smaller sizes"),
     "memory of XLA": (jax.errors.JaxRuntimeError(HUGE), 2, f"not enough memory: {' '.join(HUGE.split())}"),
+    "memory for a library": (
+        ImportError("libjax_common.so: failed to map segment from shared object"),
+        2,
+        "not enough memory: libjax_common.so: failed to map segment from shared object",
+    ),
     "name": (UnicodeEncodeError("utf-8", "\udce9", 0, 1, "surrogates"), 2, "text that cannot be read or written: "),
 }
 

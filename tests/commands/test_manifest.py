@@ -71,6 +71,24 @@ def test_a_name_that_is_no_text_is_refused_by_name(folder: Path, capsys: pytest.
     assert not (folder / "manifest.csv").exists()
 
 
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        ("  s1 24h 4X.tif", "'  s1 24h 4X.tif': begins or ends with a blank"),
+        ("a\u202eb s1 24h 4X.tif", "24h 4X.tif': condition is 'a\\u202eb', it must be one line of at most 200 visible"),
+        (f"{'x' * 201} s1 24h 4X.tif", "condition is 'xxx"),
+    ],
+)
+def test_a_name_that_no_manifest_can_hold_is_refused_by_name(
+    name: str, said: str, folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (folder / name).touch()
+    out = tmp_path / "elsewhere"
+    assert cli.run(["manifest", str(folder), "--pattern", PATTERN, *SIZES, "--out", str(out)]) == 2
+    assert said in " ".join(capsys.readouterr().err.split("\n"))
+    assert not out.exists()
+
+
 def test_a_folder_with_the_name_of_an_image_is_refused_by_name(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -132,9 +150,11 @@ def test_a_full_disk_leaves_no_half_manifest(
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
     monkeypatch.setattr("yeastfit.commands.manifest.os.path.relpath", full)
-    assert cli.run(["manifest", str(folder), "--pattern", PATTERN, *SIZES]) == 2
-    assert capsys.readouterr().err == f"error: {folder / 'manifest.csv'}: No space left on device\n"
-    assert not (folder / "manifest.csv").exists()
+    for place in (folder, folder / "new"):
+        assert cli.run(["manifest", str(folder), "--pattern", PATTERN, *SIZES, "--out", str(place)]) == 2
+        assert capsys.readouterr().err == f"error: {place / 'manifest.csv'}: No space left on device\n"
+        assert not (place / "manifest.csv").exists()
+    assert not (folder / "new").exists()
 
 
 def test_any_text_behind_any_text_takes_no_time() -> None:

@@ -29,7 +29,7 @@ def demo(
 ) -> None:
     """Fit 110 photographs of ten synthetic colonies and show the fitted parameters beside the true ones.
 
-    The same as `yeastfit fit` on that data set with --truth.
+    The same as `yeastfit fit` on that data set with --truth; it replaces the results of an earlier fit in its folder.
     """
     source = IN_WHEEL if IN_WHEEL.is_dir() else IN_CLONE
     if not source.is_dir():

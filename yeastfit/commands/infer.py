@@ -81,7 +81,7 @@ def infer(
         typer.Option(
             "--li",
             help="As Li et al. 2024: abc-mcmc, their distance, indicator, Gaussian proposal Σ/3, beta prior of aspect "
-            "ratio; compactness, radius and area, the last area within 5 %.",
+            "ratio; compactness, radius and area unless --statistics names others; the last area within 5 %.",
             rich_help_panel=MODEL,
         ),
     ] = False,

@@ -67,13 +67,17 @@ def manifest(
             raise InputError(f"{path}: is a folder with the name of an image: rename it, or move it away")
         if path.name.encode(errors="replace").decode() != path.name:
             raise InputError(f"{path}: its name is not UTF-8, so no manifest can name it: rename it, or move it away")
+        if path.name != path.name.strip():
+            raise InputError(
+                f"{quoted(path.name)}: begins or ends with a blank, which no manifest keeps: rename it, or move it away"
+            )
     if hours is not None:
         HOURS.read(hours, "--hours")
     images = named_images(files, NamePattern.of(pattern), hours)
     with remaining(f"no {MANIFESTS[0]} is written"):
         sizes = pixel_sizes_of(images, _sizes(pixel_size or []))
+        out.print(_understood(images, sizes))
         _write(place / MANIFESTS[0], images, sizes)
-    out.print(_understood(images, sizes))
     if rest := sorted({image.rest.strip(" _-") for image in images if image.rest}):
         out.print(f"Not read, at the end of names: {', '.join(map(shown, rest[:5]))}{' …' if len(rest) > 5 else ''}")
     if skipped:
@@ -99,6 +103,7 @@ def _sizes(given: list[str]) -> dict[str, float]:
 
 def _write(path: Path, images: list[NamedImage], sizes: list[float | None]) -> None:
     """Write the manifest, and take it away again unless it can be read."""
+    made = not path.parent.exists()
     path.parent.mkdir(parents=True, exist_ok=True)
     file = path.open("x", newline="", encoding="utf-8")
     try:
@@ -112,6 +117,8 @@ def _write(path: Path, images: list[NamedImage], sizes: list[float | None]) -> N
         read_dataset(path.parent)
     except BaseException as error:  # a full disk, which names no file, and Ctrl-C among others
         path.unlink()
+        if made:
+            path.parent.rmdir()
         if isinstance(error, OSError) and error.errno:
             error.filename = error.filename or path
         raise

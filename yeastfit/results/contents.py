@@ -80,7 +80,7 @@ def check_finished(folder: Path) -> None:
         how = " with --resume" if found.command == "infer" else ""
         if (folder / MANIFEST).is_file():
             raise InputError(
-                f"{folder / MANIFEST} is damaged: restore it, or remove it and repeat yeastfit {found.command}{how}"
+                f"{folder / MANIFEST} is damaged: restore it, or repeat yeastfit {found.command} into another folder"
             )
         raise InputError(
             f"{folder} holds an unfinished run of yeastfit {found.command}: wait for it, or repeat the command{how}"

@@ -85,6 +85,15 @@ def test_sigma_holds_scatter_monte_carlo_and_measurement_errors(targets: Targets
     assert np.linalg.eigvalsh(whole.covariance(joint)).min() > 0
 
 
+def test_colonies_that_do_not_differ_have_no_errors(targets: Targets) -> None:
+    """As where a coarse time step allows one number of cells alone."""
+    whole = ensembles({"": targets}, {"": StandIn(straight)})
+    (joint,) = (model_of(each) for each in whole.local_models([AT], 64, 0.1))
+    local = replace(joint.conditions[""], scatter=replace(joint.conditions[""].scatter, covariance=np.diag([0.0] * 12)))
+    with pytest.raises(SimulationError, match=f"simulated colonies do not differ in {targets.names[0]}, so its"):
+        whole.condition_covariance("", local)
+
+
 def test_a_statistic_that_is_not_measured_has_no_row(targets: Targets) -> None:
     curves = np.array(targets.curves)
     curves[:, 1, 2] = np.nan

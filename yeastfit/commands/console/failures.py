@@ -21,7 +21,12 @@ COMPUTATION, GIVEN, FAULT = 1, 2, 70
 REPORT = "yeastfit-error.txt"  # the traceback, beside the results of a run
 MANIFEST, RUN = "manifest.json", "run.json"  # of `results.contents`, which imports what failed, perhaps
 NO_DEVICE = "Unable to initialize backend"  # jax's words where JAX_PLATFORMS names one that is not there
-NO_ROOM = "RESOURCE_EXHAUSTED"  # XLA's word in the message of an exception of jax
+NO_ROOM = (  # words of an exception of jax where XLA has no memory, and of one where a library cannot be loaded
+    "RESOURCE_EXHAUSTED",
+    "failed to map segment",
+    "cannot allocate memory",
+    "Cannot allocate memory",
+)
 OF_VARIABLES = {  # by words of libraries that refuse a variable's value; jax names it
     "for environment 'JAX_": "",
     "Number of threads specified must be > 0": "NUMBA_NUM_THREADS: ",
@@ -48,7 +53,7 @@ def explained(error: Exception, folder: Path | None) -> tuple[int, str]:
         return GIVEN, shown(_in_one_line(error.format_message()))  # type: ignore[attr-defined]
     if isinstance(error, OSError):
         return GIVEN, shown(reason(error))
-    if isinstance(error, MemoryError) or NO_ROOM in str(error):
+    if isinstance(error, MemoryError) or any(words in str(error) for words in NO_ROOM):
         return GIVEN, shown(f"not enough memory: {_in_one_line(error) or 'give smaller sizes'}")
     if isinstance(error, UnicodeError):
         return GIVEN, shown(f"text that cannot be read or written: {_in_one_line(error)}")

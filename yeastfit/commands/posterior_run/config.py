@@ -173,7 +173,7 @@ class Request:
 
     def configuration(self) -> dict[str, Any]:
         """What makes the run what it is, plain data."""
-        named = ("model", "statistics", "condition", "draws", "measurement_error", "leave_out")
+        named = ("model", "statistics", "condition", "draws", "prior_draws", "measurement_error", "leave_out")
         return {
             "method": name_of(self.sampler),
             **{one.name: getattr(self, one.name) for one in fields(self) if one.name in named},

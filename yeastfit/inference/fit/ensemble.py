@@ -256,8 +256,15 @@ class Ensembles:
         ratio = np.ones(len(rows))
         for row in range(len(targets.names)):
             known = (rows == row) & np.isfinite(spread)
-            if known.any():
-                ratio[rows == row] = np.sqrt((spread[known] ** 2).mean() / np.diag(chance)[known].mean())
+            if not known.any():
+                continue
+            own = np.diag(chance)[known].mean()
+            if not own > 0:
+                raise SimulationError(
+                    f"simulated colonies do not differ in {targets.names[row]}, so its errors are not known: give "
+                    "another statistic, a later time or a smaller time step"
+                )
+            ratio[rows == row] = np.sqrt((spread[known] ** 2).mean() / own)
         return chance * np.outer(ratio, ratio)
 
     def _simulate(self, simulator: Simulator, values: np.ndarray, seeds: np.ndarray) -> Rows:

@@ -166,7 +166,7 @@ class Algebraic(ForwardModel):
     @property
     def _every(self) -> float:
         """Time between two rows of a table."""
-        return min(EVERY, self.time) if self.every is None else self.every
+        return min(max(EVERY, self._numerics.dt), self.time) if self.every is None else self.every
 
     @property
     def _numerics(self) -> Numerics:

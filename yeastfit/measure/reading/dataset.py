@@ -199,10 +199,10 @@ def _toml_rows(manifest: Path) -> Iterator[tuple[str, dict[str, Any]]]:
 
 def _frame(row: Mapping[str, Any], folder: Path, where: str) -> Frame:
     """A checked row."""
-    file, replicate = (_text(row, name, where) for name in ("file", "replicate"))
+    file, replicate = (text_in(row, name, where) for name in ("file", "replicate"))
     if not file or not replicate:
         raise InputError(f"{where}: {'file' if not file else 'replicate'} is empty")
-    path, mask = folder / file, _text(row, "mask", where)
+    path, mask = folder / file, text_in(row, "mask", where)
     for name in filter(None, (file, mask)):
         if not _is_file(folder / name):
             raise InputError(f"{where}: there is no file {short(name)}")
@@ -221,10 +221,15 @@ def _is_file(path: Path) -> bool:
 def _optional(row: Mapping[str, Any], where: str) -> tuple[float | None, str, SegmentationOptions]:
     """Checked values of `SHARED`."""
     size = PIXEL_SIZES.read(row["um_per_pixel"], f"{where}: um_per_pixel") if "um_per_pixel" in row else None
-    return size, _text(row, "condition", where), read_options(row, f"{where}: ")
+    return size, text_in(row, "condition", where), read_options(row, f"{where}: ")
 
 
-def _text(row: Mapping[str, Any], name: str, where: str) -> str:
+def text_in(row: Mapping[str, Any], name: str, where: str) -> str:
+    """What a row says as text, empty where it says nothing.
+
+    Raises:
+        InputError: It is no text of a manifest; the message begins with `where`.
+    """
     value = row.get(name, "")
     if isinstance(value, bool) or not isinstance(value, str | int | float):
         raise InputError(f"{where}: {name} is {quoted(value)}, it must be a text or a number")

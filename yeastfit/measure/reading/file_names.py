@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from yeastfit.errors import InputError
+from yeastfit.measure.reading.dataset import text_in
 from yeastfit.numbers import HOURS
 from yeastfit.text import quoted
 
@@ -147,9 +148,8 @@ def _read(path: Path, pattern: NamePattern, hours: float | None) -> NamedImage:
         raise InputError(f"{quoted(path.name)} can be read in two ways: {two}; make the pattern longer")
     found = readings[0]
     when = hours if hours is not None else HOURS.read(found["hours"], f"{quoted(path.name)}: hours")
-    return NamedImage(
-        path, found.get("condition", ""), found["replicate"], when, found.get("objective", ""), found["rest"]
-    )
+    condition, replicate = (text_in(found, name, quoted(path.name)) for name in ("condition", "replicate"))
+    return NamedImage(path, condition, replicate, when, found.get("objective", ""), found["rest"])
 
 
 def pixel_sizes_of(images: Sequence[NamedImage], sizes: Mapping[str, float]) -> list[float | None]:
