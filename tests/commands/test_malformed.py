@@ -292,6 +292,7 @@ CASES: list[tuple[str, str]] = [
     ("fit table --out OUT --statistics radius,radius", "--statistics: 'radius' appears twice"),
     ("fit table --out OUT --free mobility,mobility", "--free names 'mobility' twice"),
     ("fit table --out OUT --own nothing", "--own names 'nothing'"),
+    ("fit table --out OUT --own mobility,mobility", "--own has mobility twice"),
     ("fit table --out OUT --workers 1000000000", f"--workers is 1e+09 {MEMORY}"),
     ("fit table --out OUT --statistics nothing", "'nothing'"),
     *(
@@ -427,6 +428,8 @@ CASES: list[tuple[str, str]] = [
     ("design --out OUT --free nothing", "nothing"),
     ("design --out OUT --measured-times 9", "--measured-times is 9, need some of --times"),
     ("design --out OUT --measured-times ''", "--measured-times is ''"),
+    ("design --out OUT --measured-times 1,2,1", "--measured-times has 1 twice"),
+    ("design --out OUT --measured-statistics area,area", "--measured-statistics has area twice"),
     ("design --out OUT --measured-statistics nothing", "--measured-statistics: 'nothing'"),
     ("design --out OUT --measured-statistics ''", "--measured-statistics: ''"),
     ("design --out OUT --runs 17", "runs is 17"),

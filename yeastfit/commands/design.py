@@ -18,7 +18,7 @@ from yeastfit.commands.design_checks import (
 from yeastfit.commands.generated.model import ChosenModel, DesignedStatistics, Fitted, ModelOptions
 from yeastfit.commands.generated.options import flag_of, generated
 from yeastfit.commands.generated.workers import WorkerOptions, paced
-from yeastfit.commands.options import Out, Overwrite, names_in, numbers_in
+from yeastfit.commands.options import Out, Overwrite, check_once, names_in, numbers_in
 from yeastfit.errors import InputError
 from yeastfit.inference.information.design import check_arguments
 from yeastfit.inference.information.design import design as make_design
@@ -140,6 +140,8 @@ def design(
         "criterion": criterion,
         "measurement_error": measurement_error,
     }
+    for name in ("measured_times", "measured_statistics"):
+        check_once(flag_of(name), known[name] or ())
     check_arguments(*(known[name] for name in ("replicates", "added", "steps", "by", "criterion")))
     given_here = {"replicates": replicates, "added": added, "measured_statistics": known["measured_statistics"]}
     check_effective(given_here, known["measured_times"] == [], same_colonies)

@@ -22,6 +22,7 @@ from yeastfit.commands.options import (
     Overwrite,
     Seed,
     Truth,
+    check_once,
     named_pairs_in,
     names_in,
 )
@@ -123,6 +124,7 @@ def fit(
         "bounds": named_pairs_in("--bounds", bounds or (), "the ends of a range"),
         "prior": named_pairs_in("--prior", prior or (), "its centre and width", "mobility=1:0.1"),
     }
+    check_once("--own", options["own"])
     settings = FitSettings(method=method, starts=starts, measurement_error=measurement_error)  # type: ignore[arg-type]
     held = {**model.parameters.defaults, **chosen.values}
     held = {name: value for name, value in held.items() if name not in model.parameters.subset(fitted)}

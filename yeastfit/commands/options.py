@@ -1,7 +1,7 @@
 """Options that several commands share, and how their text is read."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -66,6 +66,20 @@ MeasurementError = Annotated[
 def names_in(text: str | None) -> tuple[str, ...]:
     """Read names separated by commas, none where nothing is given; a minus stands for an underscore."""
     return tuple(part.strip().replace("-", "_") for part in text.split(",")) if text is not None else ()
+
+
+def check_once(option: str, given: Iterable[str | float]) -> None:
+    """Raise `InputError` where something is given twice.
+
+    Arguments:
+        option: Its name, for the error.
+        given: Names or numbers.
+    """
+    seen = set[str | float]()
+    for one in given:
+        if one in seen:
+            raise InputError(f"{option} has {one if isinstance(one, str) else f'{one:g}'} twice: leave out one")
+        seen.add(one)
 
 
 def numbers_in(option: str, text: str) -> list[float]:
