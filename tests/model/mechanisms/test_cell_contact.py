@@ -24,14 +24,14 @@ from yeastfit.model.rules import ContactRule
 
 NUMERICS = Numerics(domain=6.0, spacing=1.0, dt=0.02, capacity=8)
 BOTH = {"cells": Model(contact=CellContact()), "constraint": Model(contact=ConstrainedContact())}
-WIDTHS = jnp.array([0.1, 0.2])
+WIDTHS = 0.1, 0.2
 CROSSED = np.array([[0.5, 0.1], [-0.5, 0.05], [0.35, 0.45], [-0.3, -0.4]])
 TREE = [-1, 0, -1, 2]  # two cells
 
 
 @pytest.mark.parametrize("ends", [CROSSED, CROSSED + np.array([[0, 0], [0, 0], [0.3, 0.5], [0.3, 0.4]])])
 def test_overlaps_and_forces_are_those_of_the_plain_reading(ends: np.ndarray, double: None) -> None:
-    area, slope = jax.jit(overlap_and_slope)(jnp.asarray(ends)[None], jnp.asarray(0.6), WIDTHS)
+    area, slope = jax.jit(lambda ends: overlap_and_slope(ends, jnp.asarray(0.6), *WIDTHS))(jnp.asarray(ends)[None])
     assert float(area[0]) == pytest.approx(plain.cell_overlap(ends, 0.6, 0.1, 0.2), rel=2e-3)
     h = 1e-4
     for node, axis in ((0, 0), (1, 1), (3, 0)):
@@ -45,7 +45,7 @@ def test_two_circles_overlap_in_a_lens() -> None:
     """With little smoothing; ellipses of aspect ratio 1."""
     for distance in (0.3, 0.6):
         ends = jnp.array([[0.5, 0.0], [-0.5, 0.0], [0.5, distance], [-0.5, distance]])
-        area = float(jax.jit(overlap_and_slope)(ends[None], jnp.asarray(1.0), jnp.array([0.02, 0.08]))[0][0])
+        area = float(jax.jit(lambda ends: overlap_and_slope(ends, jnp.asarray(1.0), 0.02, 0.08))(ends[None])[0][0])
         assert area == pytest.approx(plain.lens_area(0.5, distance), rel=0.02)
 
 
@@ -58,12 +58,14 @@ def test_slopes_are_the_derivatives_of_the_area(widths: tuple[float, float], dou
     ends[5, 2:] = ends[5, :2] + 1e-4
     ends[6, 1] = ends[6, 0]
     ends[7, 2:] += 9.0
-    ratio, both = jnp.asarray(0.6), jnp.array(widths)
+    ratio = jnp.asarray(0.6)
 
     def areas(ends: Array) -> Array:
-        return overlap_and_slope(ends, ratio, both)[0]
+        return overlap_and_slope(ends, ratio, *widths)[0]
 
-    found, slopes = (np.asarray(one) for one in jax.jit(overlap_and_slope)(jnp.asarray(ends), ratio, both))
+    found, slopes = (
+        np.asarray(one) for one in jax.jit(lambda ends: overlap_and_slope(ends, ratio, *widths))(jnp.asarray(ends))
+    )
     wanted = np.asarray(jax.jit(jax.grad(lambda ends: jnp.sum(areas(ends))))(jnp.asarray(ends)))
     assert (found > 1e-3).sum() >= 20
     assert found[7] < 1e-6
@@ -73,7 +75,7 @@ def test_slopes_are_the_derivatives_of_the_area(widths: tuple[float, float], dou
     toward, weights = rng.normal(size=(2, *ends.shape))
 
     def weighed(ends: Array) -> Array:
-        return jnp.sum(overlap_and_slope(ends, ratio, both)[1][8:] * weights[8:])
+        return jnp.sum(overlap_and_slope(ends, ratio, *widths)[1][8:] * weights[8:])
 
     along = float(jax.jit(lambda ends: jax.jvp(weighed, (ends,), (jnp.asarray(toward),))[1])(jnp.asarray(ends)))
     back = float(np.sum(np.asarray(jax.jit(jax.grad(weighed))(jnp.asarray(ends))) * toward))
@@ -113,7 +115,7 @@ def test_overlapping_cells_part_symmetrically(name: str) -> None:
         def one(colony: Colony, _: None) -> tuple[Colony, Array]:
             moved = velocity(context_of(colony, NUMERICS, parameters=parameters), model.contact)
             colony = dataclasses.replace(colony, positions=colony.positions + NUMERICS.dt * moved)
-            return colony, overlap_and_slope(colony.positions[None, :4], jnp.asarray(0.6), WIDTHS)[0][0]
+            return colony, overlap_and_slope(colony.positions[None, :4], jnp.asarray(0.6), *WIDTHS)[0][0]
 
         colony, areas = jax.lax.scan(one, colony, None, length=150)
         return colony.positions[:4], areas

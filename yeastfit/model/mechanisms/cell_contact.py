@@ -111,10 +111,20 @@ class CellContact(_BetweenCells):
     def velocity(self, context: Context, motion: Float[Array, "node 2"]) -> Float[Array, "node 2"]:
         """−κ_c Σ w_j C ∂C/∂x over all pairs."""
         colony, parameters, pairs = context.colony, context.parameters, self.meeting(context)
-        widths = jnp.asarray([self.union, self.boundary], colony.positions.dtype)
-        args = (colony.positions, weights_of_ends(context), parameters.aspect_ratio, widths, pairs)
-        push = sum_of_terms(_push_of_chunk, pairs.trips, jnp.zeros_like(colony.positions), args)
+        args = (colony.positions, weights_of_ends(context), parameters.aspect_ratio, pairs)
+        push = sum_of_terms(self._push_of_chunk, pairs.trips, jnp.zeros_like(colony.positions), args)
         return parameters["overlap_stiffness"] * push * pairs.complete
+
+    def _push_of_chunk(
+        self, push: Float[Array, "node 2"], i: Int[Array, ""], args: tuple[Any, ...]
+    ) -> Float[Array, "node 2"]:
+        """Adds −w C ∂C/∂x of the next CHUNK pairs, w that of the other cell."""
+        positions, weights, ratio, pairs = args
+        ends, cells, real = chunk_of(pairs, i)
+        areas, slopes = overlap_and_slope(positions[ends], ratio, self.union, self.boundary)
+        other = jnp.repeat(weights[cells[:, ::-1]], 2, axis=1)
+        force = jnp.where(real[:, None, None], -(areas[:, None] * other)[..., None] * slopes, 0.0)
+        return push.at[ends].add(force)
 
 
 def weights_of_ends(context: Context) -> Float[Array, " cell"]:
@@ -126,13 +136,3 @@ def chunk_of(pairs: Pairs, i: Int[Array, ""]) -> tuple[Array, Array, Array]:
     """Slots of nodes and of cells of the next CHUNK pairs, and which of these exist."""
     ends, cells = (jax.lax.dynamic_slice_in_dim(slots, i * CHUNK, CHUNK) for slots in (pairs.ends, pairs.cells))
     return ends, cells, i * CHUNK + jnp.arange(CHUNK) < pairs.found
-
-
-def _push_of_chunk(push: Float[Array, "node 2"], i: Int[Array, ""], args: tuple[Any, ...]) -> Float[Array, "node 2"]:
-    """Adds −w C ∂C/∂x of the next CHUNK pairs, w that of the other cell."""
-    positions, weights, ratio, widths, pairs = args
-    ends, cells, real = chunk_of(pairs, i)
-    areas, slopes = overlap_and_slope(positions[ends], ratio, widths)
-    other = jnp.repeat(weights[cells[:, ::-1]], 2, axis=1)
-    force = jnp.where(real[:, None, None], -(areas[:, None] * other)[..., None] * slopes, 0.0)
-    return push.at[ends].add(force)

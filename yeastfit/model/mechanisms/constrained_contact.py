@@ -51,11 +51,10 @@ class ConstrainedContact(_BetweenCells):
     def velocity(self, context: Context, motion: Float[Array, "node 2"]) -> Float[Array, "node 2"]:
         """−Jᵀ μ."""
         colony, parameters, pairs = context.colony, context.parameters, self.meeting(context)
-        widths = jnp.asarray([self.union, self.boundary], colony.positions.dtype)
         cells = weights_of_ends(context)
-        args = (colony.positions, cells, parameters.aspect_ratio, widths, pairs)
+        args = (colony.positions, cells, parameters.aspect_ratio, pairs)
         zero = jnp.zeros((*pairs.ends.shape, 3), colony.positions.dtype)
-        areas, slopes = jnp.split(sum_of_terms(_slopes_of_chunk, pairs.trips, zero, args), [1], axis=-1)
+        areas, slopes = jnp.split(sum_of_terms(self._slopes_of_chunk, pairs.trips, zero, args), [1], axis=-1)
         given = areas[:, 0, 0], slopes, pairs, jnp.prod(cells[pairs.cells], axis=-1)
 
         def push(most: int) -> Float[Array, "node 2"]:
@@ -89,6 +88,17 @@ class ConstrainedContact(_BetweenCells):
         multipliers = nonnegative(lambda m: along(back(weight * m)), wanted, size)
         return -back(weight * multipliers)
 
+    def _slopes_of_chunk(self, total: Array, i: Int[Array, ""], args: tuple[Any, ...]) -> Array:
+        """Sets C and ∂C/∂x of the next CHUNK pairs: of each node [pair, 4] its C and its two slopes."""
+        positions, _, ratio, pairs = args
+        ends, _, real = chunk_of(pairs, i)
+        areas, slopes = overlap_and_slope(positions[ends], ratio, self.union, self.boundary)
+        both = jnp.concatenate([jnp.broadcast_to(areas[:, None, None], (*ends.shape, 1)), slopes], axis=-1)
+        there = jax.lax.dynamic_slice_in_dim(total, i * both.shape[0], both.shape[0])
+        return jax.lax.dynamic_update_slice_in_dim(
+            total, there + jnp.where(real[:, None, None], both, 0.0), i * both.shape[0], 0
+        )
+
 
 def nonnegative(
     matrix: Any, wanted: Float[Array, " pair"], size: Float[Array, " pair"], sweeps: int = SWEEPS
@@ -116,15 +126,3 @@ def _row_sums(slopes: Array, ends: Array, positions: Array) -> Array:
     """Σ_j |J|_i |J|_jᵀ of each pair i: at least the absolute row sum of J Jᵀ."""
     columns = jnp.zeros_like(positions).at[ends].add(jnp.abs(slopes))
     return jnp.sum(jnp.abs(slopes) * columns[ends], axis=(1, 2))
-
-
-def _slopes_of_chunk(total: Array, i: Int[Array, ""], args: tuple[Any, ...]) -> Array:
-    """Sets C and ∂C/∂x of the next CHUNK pairs: of each node [pair, 4] its C and its two slopes."""
-    positions, _, ratio, widths, pairs = args
-    ends, _, real = chunk_of(pairs, i)
-    areas, slopes = overlap_and_slope(positions[ends], ratio, widths)
-    both = jnp.concatenate([jnp.broadcast_to(areas[:, None, None], (*ends.shape, 1)), slopes], axis=-1)
-    there = jax.lax.dynamic_slice_in_dim(total, i * both.shape[0], both.shape[0])
-    return jax.lax.dynamic_update_slice_in_dim(
-        total, there + jnp.where(real[:, None, None], both, 0.0), i * both.shape[0], 0
-    )

@@ -23,28 +23,30 @@ from yeastfit.model.cells import Cells
 
 POINTS = 14  # along each side of the box of a pair
 REACHED = 2.5  # f/K up to which a cell counts; forces are within 1.2 % (rms) of finer ones
+MOST = 40.0  # of 2f/K: where it is larger, nothing is inside
 SHORTEST = 2e-3  # L0: a cell shorter than this pushes nobody
 
 Quadratics = tuple[Array, Array, Array, Array, Array, Array, Array]
 
 
 def overlap_and_slope(
-    ends: Float[Array, "pair 4 2"], ratio: Float[Array, ""], widths: Float[Array, "2"]
+    ends: Float[Array, "pair 4 2"], ratio: Float[Array, ""], union: float, boundary: float
 ) -> tuple[Float[Array, " pair"], Float[Array, "pair 4 2"]]:
     """C of pairs of cells, and its derivatives by their nodes. Differentiable once more, both ways.
 
     Arguments:
         ends: Of each pair: the two nodes of the first cell, then those of the second.
         ratio: λ7, width over length.
-        widths: k and K.
+        union: k.
+        boundary: K.
 
     Returns:
         C in L0², and ∂C/∂x in L0.
     """
     quadratics, chain, pair = jax.vjp(lambda ends: _quadratics(ends, ratio), ends, has_aux=True)
     fixed = jax.lax.stop_gradient(pair)
-    low, high = box_of_pair(*fixed, 1.0 + REACHED * widths[1])
-    area, slopes = _sums(quadratics, low, jnp.maximum(high, low), widths)
+    low, high = box_of_pair(*fixed, jnp.asarray(1.0 + REACHED * boundary, ends.dtype))
+    area, slopes = _sums(quadratics, low, jnp.maximum(high, low), union, boundary)
     return area, chain(slopes)[0]
 
 
@@ -72,11 +74,10 @@ def _quadratics(ends: Float[Array, "pair 4 2"], ratio: Float[Array, ""]) -> tupl
 
 
 def _sums(
-    quadratics: Quadratics, low: Float[Array, "pair 2"], high: Float[Array, "pair 2"], widths: Float[Array, "2"]
+    quadratics: Quadratics, low: Float[Array, "pair 2"], high: Float[Array, "pair 2"], union: float, boundary: float
 ) -> tuple[Float[Array, " pair"], Quadratics]:
     """C, and its derivatives by the quadratics, by the midpoint rule."""
     own_u, own_v, centre_x, centre_y, xx, xy, yy = quadratics
-    union, boundary = widths
     u, v = jnp.moveaxis(low[..., None] + (high - low)[..., None] * (jnp.arange(POINTS) + 0.5) / POINTS, 1, 0)
     x, y = u - centre_x[:, None], v - centre_y[:, None]
     element = jnp.prod(high - low, axis=-1) / POINTS**2
@@ -84,10 +85,12 @@ def _sums(
     first = (own_u[:, None] * u**2 - 1.0)[:, :, None] + (own_v[:, None] * v**2)[:, None, :]
     second = (xx[:, None] * x**2 - 1.0)[:, :, None] + (yy[:, None] * y**2)[:, None, :]
     second += (2.0 * xy[:, None] * x)[:, :, None] * y[:, None, :]
-    behind = jnp.exp(-jnp.abs(first - second) / union)  # of the lower level over the higher one
-    inside = jax.nn.sigmoid(-2.0 / boundary * (jnp.maximum(first, second) + union * jnp.log(1.0 + behind)))
-    change = inside * (1.0 - inside)
-    higher = change / (1.0 + behind)
+    lower = jnp.exp(-jnp.abs(first - second) / union)  # over the higher level: f = max + k log(1 + lower)
+    outside = jnp.exp(jnp.minimum(2.0 / boundary * jnp.maximum(first, second), MOST))
+    outside *= (1.0 + lower) ** (2.0 * union / boundary)  # exp(2f / K)
+    inside = 1.0 / (1.0 + outside)
+    change = outside * inside**2
+    higher = change / (1.0 + lower)
     by_first = jnp.where(first > second, higher, change - higher)
     by_second = change - by_first
 
