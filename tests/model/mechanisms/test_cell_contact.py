@@ -143,6 +143,12 @@ def test_multipliers_are_those_of_the_problem_of_complementarity() -> None:
     np.testing.assert_allclose(np.minimum(found, rest), 0, atol=1e-4)
 
 
+def test_a_union_far_wider_than_outlines_is_refused() -> None:
+    for rule in ("cells", "constraint"):
+        with pytest.raises(InputError, match="contact: union is 10.0, it must be at most 20 times boundary, 0.2"):
+            Model.of({"contact": {"rule": rule, "union": 10.0}})
+
+
 def test_rules_that_exclude_each_other_are_named() -> None:
     with pytest.raises(InputError, match="contact: rule 'cells' pushes ellipses apart, not shape 'superellipse'"):
         Model.of({"contact": {"rule": "cells"}, "shape": {"rule": "superellipse"}})

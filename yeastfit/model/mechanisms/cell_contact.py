@@ -35,6 +35,7 @@ from yeastfit.model.rules import ContactRule, Context, Rule
 from yeastfit.parameter_set import Parameter
 from yeastfit.text import quoted
 
+WIDEST = 20  # k / K
 SWEEPS = 40  # of the projected iteration for multipliers
 
 OVERLAP_STIFFNESS = Parameter(
@@ -59,6 +60,10 @@ class _BetweenCells(ContactRule):
         for name in ("union", "boundary"):
             if not getattr(self, name) > 0:
                 raise InputError(f"contact: {name} is {quoted(getattr(self, name))}, it must be above 0")
+        if self.union > WIDEST * self.boundary:  # beyond, exp(2f / K) has no place in single precision
+            raise InputError(
+                f"contact: union is {quoted(self.union)}, it must be at most {WIDEST} times boundary, {self.boundary:g}"
+            )
 
     def objection(self, rules: Mapping[str, Rule]) -> str | None:
         """Cells are ellipses."""

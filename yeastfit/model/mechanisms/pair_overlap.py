@@ -26,7 +26,7 @@ REACHED = 2.5  # f/K up to which a cell counts; forces are within 1.2 % (rms) of
 MOST = 40.0  # of 2f/K: where it is larger, nothing is inside
 SHORTEST = 2e-3  # L0: a cell shorter than this pushes nobody
 
-Quadratics = tuple[Array, Array, Array, Array, Array, Array, Array]
+Quadratics = tuple[Float[Array, " pair"], ...]  # A_1, B_1, X, Y, A_2, D_2, B_2
 
 
 def overlap_and_slope(
@@ -51,7 +51,7 @@ def overlap_and_slope(
 
 
 def _quadratics(ends: Float[Array, "pair 4 2"], ratio: Float[Array, ""]) -> tuple[Quadratics, tuple[Cells, Cells]]:
-    """A_1, B_1, X, Y, A_2, D_2, B_2 of each pair, and its cells in the frame of the first."""
+    """The numbers of each pair's level functions, and its cells in the frame of the first."""
     edges, middles = ends[:, ::2] - ends[:, 1::2], 0.5 * (ends[:, ::2] + ends[:, 1::2])
     lengths = jnp.sqrt(jnp.maximum(jnp.sum(edges**2, axis=-1), SHORTEST**2))
     (cosine, sine), (apart, axis) = (edges[:, 0] / lengths[:, :1]).T, (middles[:, 1] - middles[:, 0], edges[:, 1])
@@ -107,6 +107,4 @@ def _sums(
         2.0 * jnp.sum(of_xy * x, axis=1),
         jnp.sum(of_y * y**2, axis=1),
     )
-    scale = -2.0 / boundary * element
-    a, b, c, d, e, f, g = (scale * moment for moment in moments)
-    return element * jnp.sum(inside, axis=(1, 2)), (a, b, c, d, e, f, g)
+    return element * jnp.sum(inside, axis=(1, 2)), tuple(-2.0 / boundary * element * moment for moment in moments)
