@@ -119,6 +119,7 @@ def test_one_time_and_one_size(tmp_path: Path) -> None:
         (["--pattern", "{condition} s{replicate} {}"], "give those of all images"),
         (["--pattern", PATTERN, "--hours", "25"], "leave out those of all"),
         (["--pattern", "{condition} {hours}h"], "no {replicate}"),
+        (["--pattern", "{}{}", "--hours", "3"], "--pattern '{}{}': has no {replicate}"),
         (["--pattern", "{strain} s{replicate} {hours}h"], "{strain} is unknown"),
         (["--pattern", "{hours} s{replicate} {hours}h"], "{hours} appears twice"),
         (["--pattern", "{condition s{replicate} {hours}h"], "a brace is open"),

@@ -166,3 +166,21 @@ def test_small_files_take_little_memory(tmp_path: Path) -> None:
     np.testing.assert_array_equal(found, labels == 1)
     assert peak < 200e6
     assert read_outline(tmp_path / "labels.tif", labels.shape, (24.0, 8.0)).sum() == 64
+
+
+def test_a_region_that_is_cut_off_anywhere_is_refused(tmp_path: Path) -> None:
+    roifile = pytest.importorskip("roifile")
+    region = roifile.ImagejRoi.frompoints(np.array([[2, 2], [12, 3], [17, 11], [4, 16]]))
+    region.tofile(tmp_path / "whole.roi")
+    whole = (tmp_path / "whole.roi").read_bytes()
+    assert read_outline(tmp_path / "whole.roi", SHAPE).any()
+    for size in range(0, int.from_bytes(whole[60:64], "big") + 64, 3):  # up to the end of the second header
+        (tmp_path / "cut.roi").write_bytes(whole[:size])
+        with pytest.raises(InputError, match=r"cut\.roi: cannot be read as ImageJ's regions"):
+            read_outline(tmp_path / "cut.roi", SHAPE)
+
+
+def test_a_mask_of_several_pages_is_refused_without_an_option_that_is_not_for_it(tmp_path: Path) -> None:
+    tifffile.imwrite(tmp_path / "stack.tif", np.zeros((3, *SHAPE), np.uint8), photometric="minisblack")
+    with pytest.raises(InputError, match=r"stack\.tif: holds several pages or planes, need an outline of one image$"):
+        read_outline(tmp_path / "stack.tif", SHAPE)

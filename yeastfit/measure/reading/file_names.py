@@ -69,10 +69,10 @@ class NamePattern:
         Raises:
             InputError: A field is unknown or appears twice, a brace is open, or {replicate} is missing.
         """
-        text = re.sub(r"(\{\}){2,}", "{}", text)  # any text behind any text is any text
-        if text.count("{}") > MOST_UNREAD:
+        plain = re.sub(r"(\{\}){2,}", "{}", text)  # any text behind any text is any text
+        if plain.count("{}") > MOST_UNREAD:
             raise InputError(
-                f"pattern {quoted(text)}: has {{}} {text.count('{}')} times, need it at most {MOST_UNREAD} times: one "
+                f"pattern {quoted(text)}: has {{}} {plain.count('{}')} times, need it at most {MOST_UNREAD} times: one "
                 "may stand for several words"
             )
         literal = re.sub(r"\{[^{}]*\}", "", text)
@@ -87,7 +87,7 @@ class NamePattern:
                 raise InputError(f"pattern {quoted(text)}: {{{name}}} appears twice")
         if "replicate" not in fields:
             raise InputError(f"pattern {quoted(text)}: has no {{replicate}}, which tells colonies of a condition apart")
-        return NamePattern(text, fields)
+        return NamePattern(plain, fields)
 
     def readings(self, name: str) -> list[dict[str, str]]:
         """What a name can mean: nothing, one thing, or two things that differ, fields being as short or as long."""

@@ -65,6 +65,10 @@ class ImageContents(NamedTuple):
     remark: str
 
 
+class SeveralImages(InputError):
+    """A file holds more than one image."""
+
+
 def read_image(path: str | Path, frame: int | None = None) -> Grey:
     """Read the grey values of a TIFF, PNG or JPEG file.
 
@@ -159,7 +163,9 @@ def _reader(path: Path, start: bytes) -> Callable[[Path, BinaryIO, int | None], 
 
 def _check_size(path: Path, width: int, height: int, pages: int) -> None:
     if pages != 1:
-        raise InputError(f"{path}: holds {pages} pages or planes, need a file with one image, or its number: --frame")
+        raise SeveralImages(
+            f"{path}: holds {pages} pages or planes, need a file with one image, or its number: --frame"
+        )
     if not width * height:
         raise InputError(f"{path}: {width} x {height} pixels, need an image")
     if width * height > MAX_PIXELS:

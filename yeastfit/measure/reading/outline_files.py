@@ -17,7 +17,7 @@ from jaxtyping import Bool
 
 from yeastfit.errors import InputError
 from yeastfit.measure.reading.binary_images import recognise_binary, recognise_labels
-from yeastfit.measure.reading.images import MAX_PIXELS, read_image
+from yeastfit.measure.reading.images import MAX_PIXELS, SeveralImages, read_image
 
 MAX_BYTES = 8 * MAX_PIXELS
 AREAS = {"polygon", "freehand", "traced", "rect", "oval"}  # ImageJ's selections that enclose something
@@ -50,7 +50,10 @@ def read_outline(
     suffix = path.suffix.lower()
     if suffix in (".roi", ".zip"):
         return _region(path, shape, seed_point)
-    labels = _array(path) if suffix == ".npy" else read_image(path)
+    try:
+        labels = _array(path) if suffix == ".npy" else read_image(path)
+    except SeveralImages:
+        raise InputError(f"{path}: holds several pages or planes, need an outline of one image") from None
     if labels.shape != shape:
         raise InputError(
             f"{path}: an outline of {labels.shape[1]} x {labels.shape[0]} pixels, need {shape[1]} x {shape[0]} as its "
@@ -135,6 +138,8 @@ def _region(path: Path, shape: tuple[int, int], seed_point: Sequence[float] | No
     from skimage.draw import polygon2mask
 
     try:
+        if path.suffix.lower() == ".roi" and _is_cut_off(path.read_bytes()):
+            raise ValueError("it is cut off")
         read = roifile.roiread(path)
         regions = read if isinstance(read, list) else [read]
         each = [one.coordinates() for one in regions]
@@ -161,6 +166,12 @@ def _region(path: Path, shape: tuple[int, int], seed_point: Sequence[float] | No
     if seed_point is not None:
         raise _none_there(path, seed_point, count)
     return best
+
+
+def _is_cut_off(roi: bytes) -> bool:
+    """Whether the second header of an ImageJ region, of 64 bytes behind its corners, is not all there."""
+    second = int.from_bytes(roi[60:64], "big")
+    return len(roi) < 64 or (second > 0 and second + 64 > len(roi))
 
 
 def _array(path: Path) -> Labels:
