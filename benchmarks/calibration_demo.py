@@ -4,8 +4,8 @@ Calibration over a prior says that posteriors are right on average over all data
 the demo it is judged where it is used: true λ are draws of the demo's posterior, data like the demo's are simulated at
 them, and each truth is ranked among the draws of the posterior of both data sets together, which is uniform where
 posteriors are right (Säilynoja, Schmitt, Bürkner & Vehtari 2025, arXiv:2502.03279). All three parameters together are
-ranked by TARP (Lemos et al. 2023, arXiv:2302.03026). A bar of the table is the share of truths inside intervals, with
-Wilson's 95 % interval.
+ranked by TARP (Lemos et al. 2023, arXiv:2302.03026). The table has the share of truths inside intervals of 50 and 90 %,
+each with Wilson's 95 % interval.
 
 Targets: Wilson's intervals of 50 % and 90 % intervals, and of the joint regions, contain 50 % and 90 %. No posterior
 fails.
