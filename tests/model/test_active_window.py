@@ -37,7 +37,7 @@ def test_squares_rise_to_the_whole_grid_and_share_its_centre(points: int) -> Non
     assert list(sizes) == sorted(set(sizes))
     assert all((points - size) % 2 == 0 for size in sizes)
     assert len(sizes) <= window.MOST
-    assert all(large < 1.5 * small for small, large in pairwise(sizes))
+    assert all(large < window.GROWTH * (small + 2) for small, large in pairwise(sizes))
 
 
 @pytest.mark.parametrize("extent", [0.0, 2.4, 5.01, 9.0, 14.0, 20.0, 21.0, np.inf])

@@ -15,8 +15,8 @@ from yeastfit.model.cells import Cells
 from yeastfit.model.numerics import largest_in_ensemble
 
 SMALLEST = 49  # grid points along the smallest square: below, a smaller one saves nothing
-GROWTH = 1.4
-MOST = 7  # squares; each is compiled
+GROWTH = 1.6
+MOST = 5  # squares; each is traced and compiled, which takes a short run longer than what more of them would save
 MARGIN = 3  # grid points of nutrient 1 along the inside of a square: its edge does not change while there are any
 
 
