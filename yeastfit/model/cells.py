@@ -185,9 +185,13 @@ def _squared_radius(
 def squared_norm(
     u: Float[Array, "*shape"], v: Float[Array, "*shape"], n: Float[Array, "*#shape"]
 ) -> Float[Array, "*shape"]:
-    """(|u|ⁿ + |v|ⁿ)^(2/n), 0 at the origin; for n ≥ 2 differentiable in all three. Powers are of numbers up to 1."""
-    largest = jax.lax.stop_gradient(jnp.maximum(u**2, v**2))
-    some = largest > 0
-    scale = jnp.where(some, largest, 1.0)
-    total = jnp.where(some, (u**2 / scale) ** (0.5 * n) + (v**2 / scale) ** (0.5 * n), 1.0)
-    return jnp.where(some, scale * total ** (2.0 / n), 0.0)
+    """(|u|ⁿ + |v|ⁿ)^(2/n) = m (1 + (l / m)^(n/2))^(2/n), m and l the larger and the smaller one of u² and v².
+
+    0 at the origin; for n ≥ 2 differentiable in all three. Powers are written as exponentials of logarithms, which XLA
+    computes many at a time on a CPU.
+    """
+    larger, smaller = jnp.maximum(u**2, v**2), jnp.minimum(u**2, v**2)
+    counts = smaller > jnp.finfo(larger.dtype).eps ** 2 * larger  # otherwise the result is m to rounding
+    ratio = jnp.where(counts, smaller, 1.0) / jnp.where(counts, larger, 1.0)
+    grown = larger * jnp.exp(2.0 / n * jnp.log1p(jnp.exp(0.5 * n * jnp.log(ratio))))
+    return jnp.where(counts, grown, larger)
