@@ -39,13 +39,16 @@ def extent_of_cells(cells: Cells, reach: Float[Array, ""] | float) -> Float[Arra
     return jnp.max(jnp.where(cells.weights > 0, ends, 0.0))
 
 
-def extent_of_change(
-    nutrient: Float[Array, "x y"], spacing: float, rest: Float[Array, ""] | float = 1.0
-) -> Float[Array, ""]:
-    """Largest |coordinate| of any grid point whose nutrient is not at rest, and `MARGIN` spacings more."""
-    change = jnp.abs(rest - nutrient)
-    changed = jnp.maximum(jnp.max(change, axis=0), jnp.max(change, axis=1)) > jnp.finfo(nutrient.dtype).eps
-    steps = jnp.abs(jnp.arange(nutrient.shape[0]) - 0.5 * (nutrient.shape[0] - 1))
+def extent_of_change(change: Float[Array, "x y"], spacing: float) -> Float[Array, ""]:
+    """Largest |coordinate| of any grid point where fields are not at rest, and `MARGIN` spacings more.
+
+    Arguments:
+        change: How far they are from rest, of either sign.
+        spacing: Of the grid.
+    """
+    change = jnp.abs(change)
+    changed = jnp.maximum(jnp.max(change, axis=0), jnp.max(change, axis=1)) > jnp.finfo(change.dtype).eps
+    steps = jnp.abs(jnp.arange(change.shape[0]) - 0.5 * (change.shape[0] - 1))
     return spacing * (jnp.max(jnp.where(changed, steps, 0.0)) + MARGIN)
 
 

@@ -34,7 +34,7 @@ def eaten(context: Context, cells: Cells, uptake: UptakeRule) -> Float[Array, "x
         return with_window(nutrient, window, nutrient_of_step(context, uptake, g, nutrient[window, window]))
 
     nutrient = context.colony.nutrient
-    return where_cells_are(context, cells, extent_of_change(nutrient, context.numerics.spacing), law, nutrient)
+    return where_cells_are(context, cells, extent_of_change(1.0 - nutrient, context.numerics.spacing), law, nutrient)
 
 
 def nutrient_of_step(

@@ -51,10 +51,8 @@ class MorphogenMedium(MediumRule):
             return with_window(nutrient, window, fed), with_window(morphogen, window, left)
 
         fields = colony.nutrient, colony.medium["morphogen"]
-        rest = (1.0, 0.0)
-        extent = jnp.maximum(
-            *(extent_of_change(field, numerics.spacing, still) for field, still in zip(fields, rest, strict=True))
-        )
+        change = jnp.maximum(jnp.abs(1.0 - fields[0]), jnp.abs(fields[1]))
+        extent = extent_of_change(change, numerics.spacing)
         nutrient, morphogen = where_cells_are(context, cells, extent, law, *fields)
         return dataclasses.replace(colony, nutrient=nutrient, medium={**colony.medium, "morphogen": morphogen})
 

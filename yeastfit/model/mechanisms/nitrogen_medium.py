@@ -95,8 +95,8 @@ class NitrogenMedium(MediumRule):
         fields = colony.nutrient, colony.medium["nitrogen"]
         # births lower nitrogen where no cells are, too, and everywhere alike
         far = jnp.where(parameters["nitrogen_per_birth"] > 0, fields[1][0, 0], 1.0)
-        extent = extent_of_change(fields[0], numerics.spacing)
-        extent = jnp.maximum(extent, extent_of_change(fields[1], numerics.spacing, far))
+        change = jnp.maximum(jnp.abs(1.0 - fields[0]), jnp.abs(far - fields[1]))
+        extent = extent_of_change(change, numerics.spacing)
         carbon, nitrogen = where_cells_are(context, cells, extent, law, *fields)
         return dataclasses.replace(colony, nutrient=carbon, medium={**colony.medium, "nitrogen": nitrogen})
 
