@@ -8,8 +8,8 @@ four groups and predicted by the others, and the densities are compared as `yeas
 (`yeastfit.ModelComparison`). The model with the larger density is the verdict; it is sure where the difference is
 beyond chance. A model that makes no colonies like the set's has no posterior, and the other one is the verdict, surely.
 
-The algebraic model's first 1024 simulations are the same for all sets. Posteriors are allowed one or two further rounds
-and need not settle.
+The algebraic model's first 1024 simulations are the same for all sets. Posteriors are allowed one further round of 128,
+those of the off-lattice model two of 512, and need not settle.
 
 Target: 20 of 20 sets are told right.
 
@@ -195,7 +195,7 @@ def study_of(work: Path, quick: bool) -> Study:
     """In full, or for a quick look."""
     if not quick:
         samplers = {
-            "algebraic": SequentialEmulator(simulations=1536, first=1024, each=256),
+            "algebraic": SequentialEmulator(simulations=1152, first=1024, each=128),
             "offlattice": SequentialEmulator(simulations=1536, first=512, each=512),
         }
         return Study(10, 14, 10.0, 4, samplers, work / "full")
