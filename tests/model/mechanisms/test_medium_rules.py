@@ -20,7 +20,7 @@ from yeastfit.model.laws.forces import velocity
 from yeastfit.model.mechanisms.clock_births import ClockBirths
 from yeastfit.model.mechanisms.morphogen_medium import MorphogenMedium
 from yeastfit.model.mechanisms.nitrogen_medium import NitrogenMedium
-from yeastfit.model.mechanisms.walker_medium import WalkerBirths, WalkerMedium, density, nearest_node
+from yeastfit.model.mechanisms.walker_medium import WalkerBirths, WalkerMedium, banded_products, density, nearest_node
 from yeastfit.model.model import Model
 from yeastfit.model.numerics import Numerics
 from yeastfit.model.nutrient import closed_step
@@ -287,6 +287,15 @@ def test_walkers_are_conserved_at_every_step_and_walk() -> None:
     assert float(weight @ np.asarray(colony.nutrient) @ weight) / 36 == pytest.approx(float(free[-1]) / 600, rel=1e-4)
     few = dataclasses.replace(began, medium={**began.medium, "free": jnp.zeros(600, bool)})
     assert bool(walked(few)[0].problems.store_empty)
+
+
+@pytest.mark.parametrize("points", [40, 64, 65, 200])
+def test_products_with_a_banded_kernel_are_those_with_the_whole_of_it(double: None, points: int) -> None:
+    places = np.arange(points)
+    kernel = np.exp(-0.5 * ((places[:, None] - places) / 3.0) ** 2)
+    grid = np.random.default_rng(0).uniform(size=(points, points))
+    found = jax.jit(banded_products, static_argnums=2)(kernel, grid, 26)
+    np.testing.assert_allclose(found, kernel @ grid @ kernel.T, rtol=1e-13)
 
 
 def test_walkers_are_taken_up_by_the_nearest_node_and_seen_as_a_density() -> None:

@@ -36,6 +36,7 @@ UPTAKE_RADIUS = Parameter(
     "uptake_radius", "R_u", "distance within which a node takes up a walker", (0.05, 1.0), 0.25, "L0", positive=True
 )
 
+BLOCK = 64  # grid points that are smoothed together
 MOST = 10_000_000  # walkers: their places alone take 80 MB
 
 
@@ -165,7 +166,19 @@ def density(
     gauss = np.exp(-0.5 * ((axis[:, None] - axis) / width) ** 2)
     cell = np.where((axis == axis[0]) | (axis == axis[-1]), 0.5, 1.0)  # of the wall's points half lies in the dish
     kernel = jnp.asarray(gauss / (cell @ gauss), places.dtype)
-    return kernel @ grid @ kernel.T
+    tails = np.sqrt(-2.0 * np.log(np.finfo(places.dtype).eps)) * width  # beyond, the kernel is 0 to rounding
+    return banded_products(kernel, grid, int(np.ceil(tails / numerics.spacing)))
+
+
+def banded_products(kernel: Float[Array, "x x"], grid: Float[Array, "x y"], band: int) -> Float[Array, "x y"]:
+    """K G Kᵀ for a kernel that is 0 farther than `band` from its diagonal, by blocks of rows, then of columns."""
+    points = len(kernel)
+    blocks = [
+        (slice(start, start + BLOCK), slice(max(0, start - band), start + BLOCK + band))
+        for start in range(0, points, BLOCK)
+    ]
+    half = jnp.concatenate([kernel[own, near] @ grid[near] for own, near in blocks])
+    return jnp.concatenate([half[:, near] @ kernel[own, near].T for own, near in blocks], axis=1)
 
 
 def nearest_node(
