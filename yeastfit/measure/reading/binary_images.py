@@ -73,8 +73,9 @@ def _border_near_corners(bright: Mask) -> Bool[np.ndarray, " pixel"]:
 def recognise_labels(image: npt.NDArray[Any]) -> npt.NDArray[np.int64] | None:
     """Recognise a label image of three values or more, as cellpose, napari and ilastik write them; None for others.
 
-    Values are whole numbers from 0 or 1 on, and nearly every one of them fills areas: `FLAT` of its pixels have four
-    neighbours of the same value, which neither noise nor the blurred edge of a photograph has.
+    Values are whole numbers from 0 or 1 on. Nearly every one of them fills areas: `FLAT` of its pixels have four
+    neighbours of the same value; or it is a speck by itself, beside no value but the most frequent one. Neither noise
+    nor the blurred edge of a photograph is like that.
     """
     if not 0 <= image.min() <= 1 or not (image == np.rint(image)).all():
         return None
@@ -86,5 +87,10 @@ def recognise_labels(image: npt.NDArray[Any]) -> npt.NDArray[np.int64] | None:
     middle = labels[1:-1, 1:-1]
     around = (labels[:-2, 1:-1], labels[2:, 1:-1], labels[1:-1, :-2], labels[1:-1, 2:])
     inner[1:-1, 1:-1] = np.logical_and.reduce([middle == one for one in around])
-    flat = np.bincount(inverse.ravel(), weights=inner.ravel(), minlength=len(values)) / counts
-    return labels if np.mean(flat >= FLAT) >= NEARLY else None
+    numbers = inverse.reshape(labels.shape)
+    flat = np.bincount(numbers.ravel(), weights=inner.ravel(), minlength=len(values)) / counts
+    beside_others, ground = np.zeros(len(values), dtype=bool), counts.argmax()
+    for one, other in ((numbers[:-1], numbers[1:]), (numbers[:, :-1], numbers[:, 1:])):
+        meet = (one != other) & (one != ground) & (other != ground)
+        beside_others[one[meet]] = beside_others[other[meet]] = True
+    return labels if np.mean((flat >= FLAT) | ~beside_others) >= NEARLY else None
