@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import tifffile
 from PIL import Image
+from scipy import ndimage
 
 from yeastfit import InputError, measure_dataset, measure_file, read_dataset
 from yeastfit.measure.reading.binary_images import recognise_labels
@@ -119,6 +120,39 @@ def test_a_label_image_is_no_photograph(tmp_path: Path) -> None:
     row, column = np.indices(SHAPE)
     blurred = np.rint(200 / (1 + np.exp(25 - np.hypot(row - 30, column - 40)))).astype(np.uint8)
     assert recognise_labels(blurred) is None, "levels of a blurred edge are no labels"
+
+
+def test_a_selection_of_many_corners_and_holes_is_filled_at_once(tmp_path: Path) -> None:
+    """ImageJ's composite selections are paths, those inside others holes."""
+    roifile = pytest.importorskip("roifile")
+    turn = np.linspace(0, 2 * np.pi, 100_000, endpoint=False)
+    circle = np.stack([np.cos(turn), np.sin(turn)], axis=1)
+    paths = [150 + 120 * circle, 150 + 60 * circle, 150 + 20 * circle]
+    one = roifile.ImagejRoi.frompoints(paths[0])
+    one.roitype, one.subpixel_coordinates, one.integer_coordinates, one.n_coordinates = (
+        roifile.ROI_TYPE.RECT,
+        None,
+        None,
+        0,
+    )
+    steps = [np.column_stack([np.r_[0, np.ones(len(path) - 1)], path]).ravel() for path in paths]
+    one.multi_coordinates = np.concatenate([np.r_[step, 4.0] for step in steps]).astype(np.float32)
+    one.shape_roi_size = len(one.multi_coordinates)
+    one.tofile(tmp_path / "holes.roi")
+    row, column = np.indices((300, 300))
+    away = np.hypot(row + 0.5 - 150, column + 0.5 - 150)
+    found = read_outline(tmp_path / "holes.roi", (300, 300))
+    np.testing.assert_array_equal(found, (away < 120) & ~((away < 60) & (away >= 20)))
+
+
+def test_specks_beside_a_colony_are_objects_of_a_label_image(tmp_path: Path) -> None:
+    """As `scipy.ndimage.label` numbers them: many are too small to fill an area."""
+    specks = LARGE.copy()
+    specks[2:60:6, 1] = specks[2:60:12, 2] = True
+    labels, count = ndimage.label(specks)
+    assert count > 8
+    tifffile.imwrite(tmp_path / "labels.tif", labels.astype(np.uint16))
+    np.testing.assert_array_equal(read_outline(tmp_path / "labels.tif", SHAPE), LARGE)
 
 
 @pytest.mark.parametrize("kind", ["ANGLE", "POINT", "POLYLINE", "LINE"])
