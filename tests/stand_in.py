@@ -37,6 +37,7 @@ def logs(parameters: Parameters) -> np.ndarray:
 
 HELD = Parameters(aspect_ratio=0.5)
 CENTRE = logs(HELD)
+PART = 64  # seeds that are drawn for together
 SLOPES = 0.3 * np.random.default_rng(11).normal(size=(CURVES, len(PARAMETERS.names)))
 
 
@@ -94,14 +95,15 @@ class StandIn:
         size, away = len(seeds), self.logarithms(values)
         self.batches.append(size)
         phase = self.turn * away.sum(axis=1)[:, None]
-        normals = _normals(keys_of(_padded(seeds)), self.root.shape[1])
-        one, other = np.asarray(normals, dtype=float)[:size].swapaxes(0, 1)
+        parts = [_normals(keys_of(part), self.root.shape[1]) for part in _parts(seeds)]
+        one, other = np.concatenate(parts, dtype=float)[:size].swapaxes(0, 1)
         return self.mean(away) + (np.cos(phase) * one + np.sin(phase) * other) @ self.root.T
 
 
-def _padded(seeds: np.ndarray) -> np.ndarray:
-    """To a power of two, so that little is compiled."""
-    return seeds[np.minimum(np.arange(1 << (len(seeds) - 1).bit_length()), len(seeds) - 1)]
+def _parts(seeds: np.ndarray) -> list[np.ndarray]:
+    """Of one size, the last one filled up: one program draws for each seed, whatever others are with it."""
+    count = -(-len(seeds) // PART)
+    return np.split(seeds[np.minimum(np.arange(count * PART), len(seeds) - 1)], count)
 
 
 @jax.jit(static_argnums=1)
