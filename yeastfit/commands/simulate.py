@@ -101,11 +101,15 @@ def simulate(
         for member in range(members):
             progress(f"drawing colony {member + 1} of {members}", member / members)
             plot.save(plot.colony(result, member), results.partial / f"colony_{member}.png")
+        late: list[str] = []
         if movie:
             progress("drawing the movie", 0.0)
             frames = list(chosen.forward.ended_as(result).movie(chosen.values, seed, FRAMES))
             if photographs:
                 frames = _beside(photographs, frames, result)
+                first, last = min(one.hours for one in photographs), _end_hours(result)
+                if first > last * (1 + 1e-6):
+                    late = [f"--beside: the first photograph is of {first:g} hours, the movie ends at {last:.3g} hours"]
             plot.movie(frames, results.partial / "movie")
         if (drawn := result.masks()) is not None:
             (results.partial / "masks").mkdir()
@@ -113,7 +117,7 @@ def simulate(
                 write_mask(results.partial / "masks" / f"colony_{member}.png", mask, drawn[1])
         write_simulation_page(results.partial, result, chosen.forward, parameters, members, configuration)
         changed = results.finish(seed=seed, inputs=reads, configuration=configuration, seconds=result.seconds)
-    warn([*changed, *result.warnings()])
+    warn([*changed, *late, *result.warnings()])
     out.print(f"{result.sentence()}. Results in {folder}, on one page: index.html")
 
 
@@ -125,9 +129,14 @@ def _beside(photographs: Sequence[TimedPhotograph], frames: Sequence[list[Panel]
     """
     if result.clock_label != "hours":
         raise InputError(f"--beside: photographs have hours, and these colonies {result.clock_label}: leave it out")
-    ends = [row["hours"] for row in result.rows() if row.get("member") == 0 and "hours" in row]
-    last, count = float(ends[-1] if ends else result.clock[-1]), len(frames)
+    last, count = _end_hours(result), len(frames)
     return [
         [*panels, panel_at(photographs, last * (k + 1) / count, panels[0].half_width)]
         for k, panels in enumerate(frames)
     ]
+
+
+def _end_hours(result: Grown) -> float:
+    """At which the first colony ended."""
+    ends = [row["hours"] for row in result.rows() if row.get("member") == 0 and "hours" in row]
+    return float(ends[-1] if ends else result.clock[-1])
