@@ -160,7 +160,8 @@ def fit(
             write_fit(results.partial, result, known)
             lines = _explored(results.partial, result, bootstrap, profile, coarse, fine)
         configuration = {**chosen.configuration("fit"), "parameters": held, "free": fitted, **options}
-        _write_page(results.partial, result, next(iter(seen.values())).model, data, configuration, known, lines)
+        said = {"condition": ", ".join(filter(None, seen)) or None, **configuration}
+        _write_page(results.partial, result, next(iter(seen.values())).model, data, said, known, lines)
         more: dict[str, Any] = {"configuration": configuration, "status": result.message}
         if workers is not None:
             more["workers"] = workers.asdict()
