@@ -17,7 +17,7 @@ from jaxtyping import Bool
 
 from yeastfit.errors import InputError
 from yeastfit.inference.colony_curves import ColonyCurves
-from yeastfit.inference.resolution import Resolution, seen_width, usual_resolution
+from yeastfit.inference.resolution import FARTHER, Resolution, seen_width, usual_resolution
 from yeastfit.inference.simulator import Rows, Seeds, Values, once
 from yeastfit.inference.targets import Targets
 from yeastfit.measure.statistics.model_as_mask import HardStatistics, mask_of
@@ -43,6 +43,12 @@ OUTLINE_PIXEL, AROUND = (
     0.05,
     1.5,
 )  # L0, of `outlines`: a pixel, and what is shown around the farthest node
+SEEN = PROBLEMS | {
+    "left_domain": f"a node came to the edge of the dish, which is over {FARTHER:g} times as wide as any colony of the "
+    "data: these parameters make larger ones, which are measured as far as the dish goes",
+    "not_finite": "positions or nutrient are not finite, after a node came to the edge of the dish, or dt is too large",
+}
+"""`PROBLEMS` of colonies in a dish that the data make."""
 
 
 @dataclass(frozen=True)
@@ -198,7 +204,7 @@ class ColonySimulator:
 
     def _count(self, values: np.ndarray) -> None:
         met = values[:, -len(PROBLEMS) :].sum(axis=0).astype(int).tolist()
-        self.problems.update({PROBLEMS[name]: count for name, count in zip(PROBLEMS, met, strict=True) if count})
+        self.problems.update({SEEN[name]: count for name, count in zip(PROBLEMS, met, strict=True) if count})
 
 
 def check_spacing(spacing: float) -> None:

@@ -5,10 +5,12 @@ import numpy as np
 from yeastfit.inference.fit.result import Fit
 from yeastfit.inference.information.identifiability import percent
 from yeastfit.inference.models.forward_model import ForwardModel
+from yeastfit.inference.posterior.draws import weighted_quantile
 from yeastfit.inference.posterior.result import Posterior
 from yeastfit.report.html import number
 
 ALIKE = 0.8  # of the prior's standard deviation, from where a parameter is as uncertain as before
+MOVED = 0.2  # of the prior beyond the posterior's median, below which a parameter has moved
 TOGETHER = 0.8  # correlation from where two parameters are told together
 
 
@@ -19,7 +21,8 @@ def learnt_by_fit(result: Fit) -> str:
     unknown = [name for name in result.free if name not in known]
     parts = [f"{_words(name)} to {percent(errors[name])}" for name in known]
     said = [f"the data determine {_listed(parts)}"] if parts else []
-    said += [f"they do not determine {_listed([_words(name) for name in unknown])}"] if unknown else []
+    who = "they" if parts else "the data"
+    said += [f"{who} do not determine {_listed([_words(name) for name in unknown])}"] if unknown else []
     return _sentence(said)
 
 
@@ -35,12 +38,18 @@ def learnt_by_posterior(posterior: Posterior, model: ForwardModel) -> str:
     told, same = [], []
     for k in np.argsort(ratio).tolist():
         name, (low, high) = posterior.free[k], ends[k].tolist()
-        if ratio[k] > ALIKE:
-            same.append(_words(name))
+        density = prior.distributions[name].density
+        below = float(density.cdf(weighted_quantile(x[:, k], weights, 0.5)))
+        if ratio[k] <= ALIKE:
+            how = _narrower(1 / ratio[k])
+        elif min(below, 1 - below) < MOVED:
+            how = f"{'larger' if below > 0.5 else 'smaller'} than before"
         else:
-            factor, unit = model.unit_of(name) if name in model.parameters else (1.0, "")
-            beside = f", {number(factor * low)} to {number(factor * high)} {unit}" if unit else ""
-            told.append(f"{_words(name)} is {number(low)} to {number(high)}{beside}, {_narrower(1 / ratio[k])}")
+            same.append(_words(name))
+            continue
+        factor, unit = model.unit_of(name) if name in model.parameters else (1.0, "")
+        beside = f", {number(factor * low)} to {number(factor * high)} {unit}" if unit else ""
+        told.append(f"{_words(name)} is {number(low)} to {number(high)}{beside}, {how}")
     said = [f"with 90 % probability {_listed(told)}"] if told else []
     said += [f"{_listed(same)} {'are' if len(same) > 1 else 'is'} as uncertain as before"] if same else []
     said += _together(posterior.free, covariance)

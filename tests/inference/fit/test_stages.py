@@ -243,7 +243,7 @@ def test_data_out_of_reach_are_said_with_the_worst_curve() -> None:
     residuals = result.conditions[0].residuals
     worst = int(np.abs(residuals).argmax())
     side = "above" if residuals[worst] > 0 else "below"
-    named = f"{result.targets.observables[worst]} is {abs(residuals[worst]):.1f} errors {side} it"
+    named = f"{result.targets.observables[worst]} of the data is {abs(residuals[worst]):.1f} errors {side} the model's"
     assert f"chi-square {result.chi_square:.0f} on 9 degrees of freedom; {named}" in said
 
 

@@ -177,7 +177,8 @@ class Fit:
             for observable, value in zip(each.targets.observables, each.residuals, strict=True)
         ]
         worst = sorted(off, key=lambda one: -abs(one[0]))[:WORST]
-        named = ", ".join(f"{where} is {abs(x):.1f} errors {'above' if x > 0 else 'below'} it" for x, where in worst)
+        sides = [(abs(x), "above" if x > 0 else "below", where) for x, where in worst]
+        named = ", ".join(f"{where} of the data is {x:.1f} errors {side} the model's" for x, side, where in sides)
         return [
             f"the model does not reach the data: chi-square {self.chi_square:.0f} on {freedom} degrees of freedom; "
             + named

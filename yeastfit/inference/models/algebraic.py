@@ -52,7 +52,7 @@ class Algebraic(ForwardModel):
     columns: ClassVar = NEEDED
     units: ClassVar = (
         "Parameters are dimensionless. Lengths are in L0, the mean length of a cell, areas in L0²; statistics are "
-        "named by their times in units of 1/μ*, μ* the largest growth rate of cells. Pictures and tables count hours, "
+        "named by their times in units of 1/μ*, μ* the largest growth rate of cells. Pictures of curves count hours, "
         "too."
     )
 

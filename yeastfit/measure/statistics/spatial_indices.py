@@ -120,7 +120,7 @@ ENTRIES = (
     Statistic(
         "radial_index",
         0,
-        "I_r: 1 − (radius of the core) / max_radius",
+        "I_r: 1 − (radius up to which pixels are dense) / max_radius",
         mask=lambda p: radial_index(p.distance),
         may_vanish=True,
         possible=Range(0.0, 1.0),

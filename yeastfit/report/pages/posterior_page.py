@@ -74,21 +74,24 @@ _VARIATION = (
     "Each colony has parameters of its own, which scatter about those of the condition: colony variation is the "
     "standard deviation of their logarithms, of the logits of shares and probabilities. {}."
 )
-_PHOTOGRAPHS = "<p>Above, photographs at the last time, with what was taken for the colony.</p>"
+_PHOTOGRAPHS = (
+    "<p>Above, photographs at the last time, with what was taken for the colony; that alone where they are not at "
+    "hand.</p>"
+)
 
 
 def _drawn(summary: Summary) -> str:
-    one = summary.model.nouns[0]
+    one, names = summary.model.nouns[0], ", ".join(name.replace("_", " ") for name in summary.posterior.free)
     return (
         f"<p>One {page.text(one)} each, simulated at draws of the posterior to the last time of the data, all on one "
-        "scale; titles are parameters in the table's order.</p>"
+        f"scale; numbers above them are {page.text(names)}.</p>"
     )
 
 
 def _doubts(summary: Summary) -> str:
-    status = f"<p>{page.text(str(summary.posterior.status))}.</p>"
+    status = "" if summary.posterior.settled else f"<p>{page.text(str(summary.posterior.status))}.</p>"
     if not summary.warnings:
-        return f"{status}<p>None.</p>"
+        return status or "<p>None.</p>"
     items = "".join(f"<li>{page.text(one)}</li>" for one in summary.warnings)
     return f'{status}<div class="note doubt"><ul>{items}</ul></div>'
 
