@@ -63,7 +63,7 @@ def entries(report: Report, quick: bool) -> list[dict[str, Any]]:
     colonies = colonies_at(parameters, None, STATISTICS, times, numerics, relaxation, observe, RULES)
     names, seeds = colonies.parameters.names, member_seeds(7, members)
     centre = np.log([float(parameters[name]) for name in names])
-    rows = []
+    rows: list[dict[str, Any]] = []
     for k, name in enumerate(names):
         away = SPREAD * np.eye(len(names))[k]
         up, down = (colonies(np.tile(np.exp(centre + sign * away), (members, 1)), seeds) for sign in (1, -1))
@@ -78,7 +78,7 @@ def entries(report: Report, quick: bool) -> list[dict[str, Any]]:
                     **{"statistic": one.statistic, "time": one.time, "parameter": name, "mean": float(found.mean[at])},
                     **{"derivative": derivative, "error": own, "differences": float(mean[row])},
                     "z": off / both if off else 0.0,
-                    "relative": abs(off / mean[row]) if off else 0.0,
+                    "relative": abs(off / float(mean[row])) if mean[row] else np.inf if off else 0.0,
                 }
             )
     return rows
