@@ -75,7 +75,14 @@ def test_the_command_line_completes_in_shells(
 
 
 @pytest.mark.parametrize(
-    ("typed", "offered"), [("yeastfit sim", "simulate"), ("yeastfit simulate --mob", "--mobility")]
+    ("typed", "offered"),
+    [
+        ("yeastfit sim", "simulate"),
+        ("yeastfit simulate --mob", "--mobility"),
+        ("yeastfit fit --model off", "offlattice"),
+        ("yeastfit infer --method abc-s", "abc-smc"),
+        ("yeastfit simulate --budding p", "polar"),
+    ],
 )
 def test_words_are_completed(
     typed: str, offered: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]

@@ -12,7 +12,7 @@ from yeastfit.commands.console.failures import reason
 from yeastfit.commands.console.signals import remaining
 from yeastfit.commands.console.terminal import Pace, out, shown_progress, warn
 from yeastfit.commands.generated.model import ChosenModel, Inferred, ModelOptions, Statistics
-from yeastfit.commands.generated.options import flag_of, generated
+from yeastfit.commands.generated.options import completion, flag_of, generated
 from yeastfit.commands.generated.samplers import SamplerOptions
 from yeastfit.commands.generated.workers import WorkerOptions
 from yeastfit.commands.measured_source import check_source, colonies_at, hours_of, truth_of
@@ -46,6 +46,7 @@ def infer(
         str | None,
         typer.Option(
             help=f"How the posterior is sampled: {', '.join(SAMPLERS)}; by default the first.",
+            autocompletion=completion(SAMPLERS),
             show_default=False,
             rich_help_panel=MODEL,
         ),

@@ -104,7 +104,7 @@ class ModelOptions:
         own = each[name]
         others = {key: replace(option, hidden=True) for model in each.values() for key, option in model.items()}
         choices = f"Which model grows the colonies; with --help after it, its options. {', '.join(FORWARD_MODELS)}."
-        which = Option("model", str, choices, PANEL, shown=DEFAULT, choices=("NAME",))
+        which = Option("model", str, choices, PANEL, (), DEFAULT, ("NAME",), tuple(FORWARD_MODELS))
         return [which, *({**others, **own}[key] for key in {**own, **others})]
 
     def read(self, given: Mapping[str, Any]) -> ChosenModel:

@@ -9,7 +9,7 @@ A command names groups of them, and receives what each makes of those that were 
 import functools
 import inspect
 import typing
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from types import NoneType
 from typing import Annotated, Any, Literal, Protocol, get_args, get_origin, runtime_checkable
@@ -32,7 +32,8 @@ class Option:
         panel: Under which heading `--help` has it.
         flags: All its names on the command line, with dashes.
         shown: Its default for `--help`; empty for none.
-        choices: What it may be, where that is known.
+        choices: What it may be, or a word for it, as `--help` shows it.
+        completed: What the Tab key offers, where that is more than `choices`.
         hidden: Whether `--help` leaves it out.
     """
 
@@ -43,6 +44,7 @@ class Option:
     flags: tuple[str, ...] = ()
     shown: str = ""
     choices: tuple[str, ...] = ()
+    completed: tuple[str, ...] = ()
     hidden: bool = False
 
     @property
@@ -55,8 +57,15 @@ class Option:
             rich_help_panel=self.panel,
             metavar="|".join(self.choices) or None,
             hidden=self.hidden,
+            autocompletion=completion(self.completed or self.choices),
         )
         return Annotated[self.kind | None, option]
+
+
+def completion(values: Iterable[str]) -> Callable[[str], list[str]] | None:
+    """What the Tab key offers for the beginning of a value; None where nothing is known."""
+    known = tuple(values)
+    return (lambda incomplete: [one for one in known if one.startswith(incomplete)]) if known else None
 
 
 @runtime_checkable

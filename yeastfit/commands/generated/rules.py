@@ -49,7 +49,7 @@ def rule_options() -> list[Option]:
         names, default = _choosable(question), defaults[question].name
         each = "; ".join(f"{name} – {_first_clause(rule)}" for name, rule in names.items())
         text = f"{_first_clause(base)}. {each}."
-        found[question] = Option(question, str, text, PANEL, shown=default, choices=("RULE",))
+        found[question] = Option(question, str, text, PANEL, (), default, ("RULE",), tuple(names))
         for name, rule in names.items():
             for setting, kind in _settings(rule).items():
                 text = f"{_described(rule, setting)} Of {flag_of(question)} {name}."
