@@ -145,6 +145,16 @@ def test_a_selection_of_many_corners_and_holes_is_filled_at_once(tmp_path: Path)
     np.testing.assert_array_equal(found, (away < 120) & ~((away < 60) & (away >= 20)))
 
 
+@pytest.mark.parametrize("corner", [np.nan, np.inf])
+def test_a_selection_with_a_corner_that_is_no_number_is_refused(corner: float, tmp_path: Path) -> None:
+    roifile = pytest.importorskip("roifile")
+    one = roifile.ImagejRoi.frompoints(np.array([[10, 10], [50.5, 10], [50, 40], [10, 40]], np.float32))
+    one.subpixel_coordinates[2, 0] = corner
+    one.tofile(tmp_path / "a.roi")
+    with pytest.raises(InputError, match=r"a\.roi: a corner of a selection is no finite number"):
+        read_outline(tmp_path / "a.roi", SHAPE)
+
+
 def test_specks_beside_a_colony_are_objects_of_a_label_image(tmp_path: Path) -> None:
     """As `scipy.ndimage.label` numbers them: many are too small to fill an area."""
     specks = LARGE.copy()

@@ -150,6 +150,8 @@ def _region(path: Path, shape: tuple[int, int], seed_point: Sequence[float] | No
         raise InputError(
             f"{path}: holds a selection that is no area ({', '.join(lines)}), need {', '.join(sorted(AREAS))}"
         )
+    if not all(np.isfinite(one).all() for paths in each for one in paths):
+        raise InputError(f"{path}: a corner of a selection is no finite number, need pixels")
     count, largest, best = 0, 0, np.zeros(shape, dtype=bool)
     for paths in each:
         filled = _filled(paths, shape)
