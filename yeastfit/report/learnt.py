@@ -39,7 +39,7 @@ def learnt_by_posterior(posterior: Posterior, model: ForwardModel) -> str:
     for k in np.argsort(ratio).tolist():
         name, (low, high) = posterior.free[k], ends[k].tolist()
         density = prior.distributions[name].density
-        below = float(density.cdf(weighted_quantile(x[:, k], weights, 0.5)))
+        below = float(density.cdf(np.array(weighted_quantile(x[:, k], weights, 0.5))))
         if ratio[k] <= ALIKE:
             how = _narrower(1 / ratio[k])
         elif min(below, 1 - below) < MOVED:
