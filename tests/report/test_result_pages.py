@@ -84,6 +84,11 @@ def test_what_a_posterior_has_learnt_is_against_its_prior() -> None:
     assert "25." in said  # µm²/h: λ5 = 1 is μ* L0² = 25.9
     assert "over 100 times narrower than before" in said
     assert said.endswith("metabolic rate is as uncertain as before.")
+    moved = 10.0 ** rng.uniform(0.7, 1.0, (1, 4000))
+    moved[0, :400] = 0.1  # a tenth far away: the standard deviation is the prior's, the median is not
+    said = learnt_by_posterior(made_posterior(np.stack([narrow, moved], axis=2), prior=prior), Algebraic())
+    assert "metabolic rate is 0.1000 to" in said
+    assert said.endswith("larger than before.")
     pair = np.stack([narrow, 1 / narrow], axis=2)
     assert "compensate each other (correlation −1.00)" in learnt_by_posterior(
         made_posterior(pair, prior=prior), Algebraic()
