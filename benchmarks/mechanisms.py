@@ -71,7 +71,10 @@ def taken_over(rules: Rules, colony: Colony, numerics: Numerics) -> tuple[Model,
 
 
 def further(rules: Rules, values: dict[str, float], colony: Colony, numerics: Numerics, steps: int) -> float:
-    """Milliseconds a step of a colony, statistics at the end alone; the median of five runs."""
+    """Milliseconds a step of a colony, statistics at the end alone; the median of five runs.
+
+    nan where the colony does not stay finite: steps of one that is not take less.
+    """
     model, colony = taken_over(rules, colony, numerics)
     parameters = model.complete(Parameters(**LAMBDA, **values))
     observe = STATISTICS if numerics == SOURCE else SmoothStatistics(numerics.domain, numerics.spacing)
@@ -83,8 +86,8 @@ def further(rules: Rules, values: dict[str, float], colony: Colony, numerics: Nu
     since = colony.step
     program = Program.of(run, parameters, colony)
     program.timed(1)
-    program.timed(5)
-    return 1e3 * program.wall / steps
+    end, _ = program.timed(5)[0]
+    return 1e3 * program.wall / steps if np.isfinite(end.positions).all() else np.nan
 
 
 def grown(steps: int) -> Colony:
