@@ -168,7 +168,7 @@ def run(report: Report, quick: bool) -> None:
         at = {row["rule"]: row["500 nodes"] for row in stars}
         plain = 0.5 * (at["plain"] + at["plain again"]) if at else 1.0
         ratio = at[name] / plain if at else next(r["times plain"] for r in rows if r["rule"] == name)
-        report.add(f"{name} at {500 if at else 250} cells", ratio, "× plain", 10, False)
+        report.add(f"{name} at {500 if at else 250} cells", ratio, "× plain", 10 if at else None, False)
     if report.docs is not None:
         page = "\n\n".join([report.head(__doc__), *report.sections()])
         (report.docs / "mechanisms-cost.md").write_text(page)
