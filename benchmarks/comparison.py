@@ -74,6 +74,7 @@ class Study:
         time: For which colonies of the algebraic model grow, in 1/μ*.
         groups: In which colonies are left out.
         samplers: By model.
+        work: Where simulations are kept.
     """
 
     NAMES: ClassVar = ("algebraic", "offlattice")
@@ -102,38 +103,32 @@ class Study:
 
     def made(self, by: str, number: int) -> Float[np.ndarray, "colony statistic"]:
         """A set of `MEASURED`, in µm; the first draw from the prior whose colonies have the wanted area."""
-        which = self.NAMES.index(by)
-        rng = np.random.default_rng(stream_of(SEED, Stream.TRUTH, which, number))
+        rng = np.random.default_rng(stream_of(SEED, Stream.TRUTH, self.NAMES.index(by), number))
+        model: ForwardModel = Algebraic()
+        simulator: Simulator = self.algebraic(MEASURED)
+        unit = np.array([Scales().length ** STATISTICS[name].unit_power for name in MEASURED])
+        least, most = AREAS
         if by == "offlattice":
-            simulator: Simulator = self.offlattice(self._mean_area(number))
-            prior = Offlattice().prior(simulator.parameters)
-        else:
-            simulator = self.algebraic(MEASURED)
-            prior = Algebraic().prior(simulator.parameters)
+            model, simulator = Offlattice(), self.offlattice(mean_area(self.made("algebraic", number)))
+            unit, least, most = np.ones(len(MEASURED)), 0.0, np.inf
+        prior = model.prior(simulator.parameters)
         while True:
             values = np.repeat(prior.sample(1, rng), self.colonies, axis=0)
-            rows = simulator(values, rng.integers(2**32, size=self.colonies, dtype=np.uint64))
-            if by == "algebraic":
-                rows = rows * [Scales().length ** STATISTICS[name].unit_power for name in MEASURED]
-            elif np.isfinite(rows).all():
+            rows = unit * simulator(values, rng.integers(2**32, size=self.colonies, dtype=np.uint64))
+            if np.isfinite(rows).all() and least <= mean_area(rows) <= most:
                 return rows
-            if np.isfinite(rows).all() and AREAS[0] <= rows[:, MEASURED.index("area")].mean() <= AREAS[1]:
-                return rows
-
-    def _mean_area(self, number: int) -> float:
-        return float(self.made("algebraic", number)[:, MEASURED.index("area")].mean())
 
     def verdict(self, by: str, number: int) -> Row:
         """What the comparison says of a set."""
         rows, found = self.made(by, number), dict[str, LeftOut]()
-        about: Row = {"made by": by, "set": number, "mean area, µm²": float(rows[:, MEASURED.index("area")].mean())}
+        about: Row = {"made by": by, "set": number, "mean area, µm²": mean_area(rows)}
         for name in self.NAMES:
             try:
                 found[name] = self._left_out(name, rows)
             except InputError as error:
                 about["note"] = f"{name}: {error}"
         if len(found) < 2:
-            name, *_ = found
+            name = next(iter(found), "neither")
             return about | {"verdict": name, "sure": "yes", "right": "yes" if name == by else "no"}
         best, other = ModelComparison.of(found).runs
         return {
@@ -149,9 +144,8 @@ class Study:
     def _left_out(self, name: str, rows: Float[np.ndarray, "colony statistic"]) -> LeftOut:
         """Colonies left out under one model, by the steps of `yeastfit infer --leave-out`."""
         table = [self._row(number, row) for number, row in enumerate(rows, 1)]
-        model: ForwardModel = Algebraic()
-        if name == "offlattice":
-            model = Offlattice(cells=cells_for(float(rows[:, MEASURED.index("area")].mean())), masks="ellipses")
+        small = Offlattice(cells=cells_for(mean_area(rows)), masks="ellipses")
+        model: ForwardModel = small if name == "offlattice" else Algebraic()
         seen = model.seen(table, self.work, None, COMPARED)
         simulator: Simulator = self.algebraic(COMPARED)
         if name == "offlattice":
@@ -184,6 +178,11 @@ class Study:
             batches = np.split(np.arange(first), max(1, first // 32))
             np.savez(file, rows=np.concatenate([simulator(values[one], seeds[one]) for one in batches]))
         return values, seeds, np.load(file)["rows"]
+
+
+def mean_area(rows: Float[np.ndarray, "colony statistic"]) -> float:
+    """Of a set of `MEASURED`, in µm²."""
+    return float(rows[:, MEASURED.index("area")].mean())
 
 
 def cells_for(area: float) -> int:
