@@ -129,12 +129,8 @@ def test_a_selection_of_many_corners_and_holes_is_filled_at_once(tmp_path: Path)
     circle = np.stack([np.cos(turn), np.sin(turn)], axis=1)
     paths = [150 + 120 * circle, 150 + 60 * circle, 150 + 20 * circle]
     one = roifile.ImagejRoi.frompoints(paths[0])
-    one.roitype, one.subpixel_coordinates, one.integer_coordinates, one.n_coordinates = (
-        roifile.ROI_TYPE.RECT,
-        None,
-        None,
-        0,
-    )
+    one.roitype, one.n_coordinates = roifile.ROI_TYPE.RECT, 0
+    one.subpixel_coordinates = one.integer_coordinates = None
     steps = [np.column_stack([np.r_[0, np.ones(len(path) - 1)], path]).ravel() for path in paths]
     one.multi_coordinates = np.concatenate([np.r_[step, 4.0] for step in steps]).astype(np.float32)
     one.shape_roi_size = len(one.multi_coordinates)
