@@ -3,7 +3,7 @@
 Buds biased along the nutrient's gradient, births by clocks, death by starvation: all parameters, those of the rules
 among them, by the regression of `yeastfit.sensitivity` and by central differences of the same hard colonies. The
 differences move one parameter at a time by ±10 %, with common keys. There are no pathwise derivatives: births jump.
-Part of `benchmarks.gradients`, and a command of its own as it takes minutes instead of an hour:
+`benchmarks.gradients` has it, too; alone it takes minutes instead of an hour.
 
     python -m benchmarks.gradients_of_rules [--quick] [--json FILE] [--docs DIR]
 
