@@ -10,8 +10,9 @@ import pytest
 from helpers import colony_of, context_of, random_tree
 from jaxtyping import Array
 
-from yeastfit.model.cells import cells_of
+from yeastfit.model.cells import LARGEST, cells_of
 from yeastfit.model.colony import Colony
+from yeastfit.model.compiled.covering import falling_exponential
 from yeastfit.model.compiled.eating import TILE
 from yeastfit.model.compiled.medium import CompiledOneNutrient
 from yeastfit.model.laws.medium import OneNutrient
@@ -79,6 +80,15 @@ def test_in_single_precision_the_last_bits_differ(relaxation: Relaxation) -> Non
     numerics = GRIDS["coarse"]
     for seed, places in enumerate(PLACES.values()):
         compare(crowd(places(np.random.default_rng(seed)), numerics, seed), relaxation, numerics, 2e-5)
+
+
+@pytest.mark.parametrize(("dtype", "tolerance"), [(np.float32, 1.5e-7), (np.float64, 1e-15)])
+def test_exponentials_are_exact_to_the_last_bits(dtype: type, tolerance: float) -> None:
+    given: np.ndarray = np.linspace(-LARGEST, LARGEST, 100_001).astype(dtype)
+    found = given.copy()
+    falling_exponential(found, len(given) - 1)
+    np.testing.assert_allclose(found[:-1], np.exp(-given[:-1].astype(float)), rtol=tolerance)
+    assert found[-1] == given[-1]
 
 
 def test_nothing_is_done_where_nutrient_is_gone_or_untouched() -> None:

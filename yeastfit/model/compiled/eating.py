@@ -9,12 +9,13 @@ Uptake is λ6 s log max(Σ_k w_k exp(−f_k / s), 1), or hard λ6 max(−f_k, 0)
 of `nutrient`, by as many sweeps.
 """
 
-from math import ceil, exp, floor, inf, log, sqrt
+from math import log
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from yeastfit.compiled import array_kernel
+from yeastfit.model.compiled.covering import boxes_of, cover
 
 TILE = 8  # grid points along a side: wider than a step carries what can be seen
 
@@ -45,7 +46,7 @@ def eat(
         metabolic: Δt λ6.
         diffusion: α, ρ and the number of sweeps.
     """
-    boxes = _boxes(nutrient.shape[0], centres, directions, halves, weights, grid, union)
+    boxes = boxes_of(nutrient.shape[0], centres, directions, halves, weights, grid, union)
     work = _at_work(nutrient, boxes)
     rows = _runs(work, nutrient.shape[0])
     if len(rows) == 0:
@@ -55,66 +56,28 @@ def eat(
     rows[:, :2] -= low_x
     rows[:, 2:] -= low_y
     eaten = np.zeros(shape, nutrient.dtype)
-    _cover(eaten, (low_x, low_y), work, boxes, centres, directions, halves, weights, grid, union)
+    cover(eaten, (low_x, low_y), (work, TILE), boxes, centres, directions, halves, weights, grid, union[0])
     _solve(nutrient, (low_x, low_y), eaten, rows, union[0], metabolic, diffusion)
-
-
-@array_kernel
-def _boxes(
-    points: int,
-    centres: Float[np.ndarray, "cell 2"],
-    directions: Float[np.ndarray, "cell 2"],
-    halves: tuple[Float[np.ndarray, " cell"], Float[np.ndarray, " cell"]],
-    weights: Float[np.ndarray, " cell"],
-    grid: tuple[float, float, int],
-    union: tuple[float, float],
-) -> Int[np.ndarray, "cell 4"]:
-    """First and last grid point of each cell along x and along y; none where last is below first.
-
-    These are the points of its patches in `level_set`, as far as they enter its sum.
-    """
-    origin, spacing, patch = grid
-    furthest = 1.0 + union[0] * _beyond(centres.dtype)
-    boxes = np.empty((len(weights), 4), np.int32)
-    for k in range(len(weights)):
-        boxes[k, 0], boxes[k, 1], boxes[k, 2], boxes[k, 3] = 0, -1, 0, -1
-        if not (weights[k] > 0 and abs(centres[k, 0]) < inf and abs(centres[k, 1]) < inf):
-            continue
-        for axis in range(2):
-            along, over = halves[0][k] * directions[k, axis], halves[1][k] * directions[k, 1 - axis]
-            extent = sqrt(along * along + over * over)
-            middle = (centres[k, axis] - origin) / spacing
-            counted, seen = sqrt(union[1]) * extent / spacing, sqrt(furthest) * extent / spacing
-            first = ceil(_clipped(middle - counted, 0, points))
-            last = floor(_clipped(middle + counted, -1, points - 1))
-            last = min(first + patch * ((max(last - first + 1, 0) + patch - 1) // patch), points) - 1
-            boxes[k, 2 * axis] = max(first, ceil(_clipped(middle - seen, 0, points)))
-            boxes[k, 2 * axis + 1] = min(last, floor(_clipped(middle + seen, -1, points - 1)))
-    return boxes
 
 
 @array_kernel
 def _at_work(nutrient: Float[np.ndarray, "x y"], boxes: Int[np.ndarray, "cell 4"]) -> Bool[np.ndarray, "i j"]:
     """Which tiles are at work."""
-    points, precision = nutrient.shape[0], np.finfo(nutrient.dtype).eps
-    count = (points + TILE - 1) // TILE
+    points, kind = nutrient.shape[0], nutrient.dtype.type
+    count, precision, full = (points + TILE - 1) // TILE, kind(np.finfo(nutrient.dtype).eps), kind(1)
     some, changed = np.zeros((count, count), np.bool_), np.zeros((count, count), np.bool_)
-    full = nutrient.dtype.type(1)
-    for i in range(points):
-        row = nutrient[i]
-        for tile in range(points // TILE):  # whole ones, with a length that the compiler knows
-            here, other = 0, 0
-            for j in range(TILE):
-                c = row[tile * TILE + j]
-                there = abs(c) > precision
-                here += there
-                other += there & (abs(full - c) > precision)
-            some[i // TILE, tile] |= here > 0
-            changed[i // TILE, tile] |= other > 0
-        for j in range(points // TILE * TILE, points):
-            there = abs(row[j]) > precision
-            some[i // TILE, count - 1] |= there
-            changed[i // TILE, count - 1] |= there & (abs(full - row[j]) > precision)
+    here, other = np.empty(count * TILE, np.bool_), np.empty(count * TILE, np.bool_)
+    for tile in range(count):
+        here[:], other[:] = False, False
+        for i in range(tile * TILE, min((tile + 1) * TILE, points)):
+            row = nutrient[i]
+            for j in range(points):
+                there = abs(row[j]) > precision
+                here[j] |= there
+                other[j] |= there & (abs(full - row[j]) > precision)
+        for j in range(count):
+            some[tile, j] = here[j * TILE : (j + 1) * TILE].any()
+            changed[tile, j] = other[j * TILE : (j + 1) * TILE].any()
     for first_x, last_x, first_y, last_y in boxes:
         for i in range(first_x // TILE, last_x // TILE + 1):
             for j in range(first_y // TILE, last_y // TILE + 1):
@@ -144,66 +107,6 @@ def _runs(work: Bool[np.ndarray, "i j"], points: int) -> Int[np.ndarray, "run 4"
                 found += runs[found, 0] < runs[found, 1] and runs[found, 2] < runs[found, 3]
             j += 1
     return runs[:found]
-
-
-@array_kernel
-def _cover(
-    covered: Float[np.ndarray, "i j"],
-    low: tuple[int, int],
-    work: Bool[np.ndarray, "tile tile"],
-    boxes: Int[np.ndarray, "cell 4"],
-    centres: Float[np.ndarray, "cell 2"],
-    directions: Float[np.ndarray, "cell 2"],
-    halves: tuple[Float[np.ndarray, " cell"], Float[np.ndarray, " cell"]],
-    weights: Float[np.ndarray, " cell"],
-    grid: tuple[float, float, int],
-    union: tuple[float, float],
-) -> None:
-    """Σ_k w_k exp(−f_k / s), or hard max_k max(−f_k, 0), at the points of tiles at work; `low` is the first of them."""
-    origin, spacing, _ = grid
-    s, one = covered.dtype.type(union[0]), covered.dtype.type(1)
-    hard = s == 0
-    furthest = covered.dtype.type(union[0] * _beyond(covered.dtype))
-    axis = np.empty(low[0] + low[1] + covered.shape[0] + covered.shape[1], covered.dtype)
-    for i in range(len(axis)):
-        axis[i] = origin + spacing * i
-    for k in range(len(weights)):
-        first_x, last_x, first_y, last_y = boxes[k]
-        if not _any_of(work, first_x // TILE, last_x // TILE, first_y // TILE, last_y // TILE):
-            continue
-        first_x, last_x = max(first_x, low[0]), min(last_x, low[0] + covered.shape[0] - 1)
-        first_y, last_y = max(first_y, low[1]), min(last_y, low[1] + covered.shape[1] - 1)
-        cos, sin, w = directions[k, 0], directions[k, 1], weights[k]
-        along, across = one / (halves[0][k] * halves[0][k]), one / (halves[1][k] * halves[1][k])
-        xx, yy = cos * cos * along + sin * sin * across, sin * sin * along + cos * cos * across
-        xy = cos * sin * (along - across)
-        xy, twice = xy + xy, yy + yy
-        for i in range(first_x, last_x + 1):
-            dx, row = axis[i] - centres[k, 0], covered[i - low[0]]
-            here, slope = xx * dx * dx - one, xy * dx
-            within = slope * slope - (twice + twice) * (here - furthest)  # f < furthest between two roots
-            if within <= 0:
-                continue
-            middle, half = centres[k, 1] - origin - slope / twice, sqrt(within) / twice
-            first = max(first_y, ceil(_clipped((middle - half) / spacing, 0, last_y + 1)))
-            last = min(last_y, floor(_clipped((middle + half) / spacing, -1, last_y)))
-            for j in range(first, last + 1):
-                dy = axis[j] - centres[k, 1]
-                f = here + dy * (slope + yy * dy)
-                if hard:
-                    row[j - low[1]] = max(row[j - low[1]], -f)
-                else:
-                    row[j - low[1]] += w * exp(-f / s)
-
-
-@array_kernel
-def _any_of(work: Bool[np.ndarray, "i j"], first_x: int, last_x: int, first_y: int, last_y: int) -> bool:
-    """Whether one of these tiles is at work."""
-    for i in range(first_x, last_x + 1):
-        for j in range(first_y, last_y + 1):
-            if work[i, j]:
-                return True
-    return False
 
 
 @array_kernel
@@ -282,15 +185,3 @@ def _sweep(
     for j in range(right - left):
         around = up[j] + down[j] + across[j] + across[j + 2]
         old[j] += weight * (fixed[j] + part[j] * around - old[j])
-
-
-@array_kernel
-def _beyond(dtype: np.dtype) -> float:
-    """f / s from which a term is below a hundredth of the precision of 1, the least sum that counts."""
-    return 5.0 - log(np.finfo(dtype).eps)
-
-
-@array_kernel
-def _clipped(value: float, low: int, high: int) -> float:
-    """Between two bounds; what is no number is at the lower one."""
-    return min(max(value, float(low)), float(high)) if value == value else float(low)
