@@ -1,15 +1,17 @@
 """The pushes of nodes that are closer than they should be, compiled by numba: the sum of `contact`.
 
 Nodes are counted into square bins as wide as the contact reaches. Each meets those behind it in its own bin and those
-of four of the eight bins around it, so that each pair is looked at once, and only close ones are worked out.
+of four of the eight bins around it, so that each pair is looked at once. Close pairs are collected, and worked out
+`COLLECTED` at a time.
 """
 
 import numpy as np
 from jaxtyping import Float, Int
 
-from yeastfit.compiled import array_kernel
+from yeastfit.compiled import array_kernel, kernel
 
 MOST_BINS = 2048  # along a side; nodes beyond share the outermost ones
+COLLECTED = 512  # pairs
 FAR = 1e6  # L0: a node farther away than this, or nowhere, does not widen the bins
 
 
@@ -45,49 +47,78 @@ def push_apart(
         node[k], bin_of[k] = i, bins[i]
         x[k], y[k], w[k] = positions[i, 0], positions[i, 1], weights[i]
     force_x, force_y = np.zeros(count, dtype), np.zeros(count, dtype)
-    full, nothing = dtype.type(1), dtype.type(0)
-    most = reach * reach
+    pairs, most, nothing = np.empty((COLLECTED, 2), np.uint32), reach * reach, dtype.type(0)
+    apart = np.empty(COLLECTED, dtype), np.empty(COLLECTED, dtype)
+    found = 0
     for k in range(count):
         first, last = k + 1, start[bin_of[k] + 2]  # the rest of its own bin, and the next one of its column
-        push_x, push_y = nothing, nothing
         for _ in range(2):
             for j in range(first, last):
                 dx, dy = x[k] - x[j], y[k] - y[j]
                 squared = dx * dx + dy * dy
-                if nothing < squared < most:
-                    distance = np.sqrt(squared)
-                    law = full if ramp == nothing else min((reach - distance) / ramp, full)
-                    along_x, along_y = law * dx / distance, law * dy / distance
-                    push_x += w[j] * along_x
-                    push_y += w[j] * along_y
-                    force_x[j] -= w[k] * along_x
-                    force_y[j] -= w[k] * along_y
+                pairs[found, 0], pairs[found, 1] = k, j
+                found += (nothing < squared) & (squared < most)  # otherwise the next one takes its place
+                if found == COLLECTED:
+                    _push(pairs, found, apart, x, y, w, (reach, ramp), force_x, force_y)
+                    found = 0
             first, last = start[bin_of[k] + rows - 1], start[bin_of[k] + rows + 2]  # three bins of the next column
-        forces[node[k], 0] = force_x[k] + push_x
-        forces[node[k], 1] = force_y[k] + push_y
+    _push(pairs, found, apart, x, y, w, (reach, ramp), force_x, force_y)
+    for k in range(count):
+        forces[node[k], 0], forces[node[k], 1] = force_x[k], force_y[k]
+
+
+@kernel
+def _push(
+    pairs: Int[np.ndarray, "pair 2"],
+    found: int,
+    apart: tuple[Float[np.ndarray, " pair"], Float[np.ndarray, " pair"]],
+    x: Float[np.ndarray, " node"],
+    y: Float[np.ndarray, " node"],
+    w: Float[np.ndarray, " node"],
+    law: tuple[float, float],
+    force_x: Float[np.ndarray, " node"],
+    force_y: Float[np.ndarray, " node"],
+) -> None:
+    """Add the pushes of the first so many pairs."""
+    (along_x, along_y), (reach, ramp), full = apart, law, x.dtype.type(1)
+    for m in range(found):
+        along_x[m], along_y[m] = x[pairs[m, 0]] - x[pairs[m, 1]], y[pairs[m, 0]] - y[pairs[m, 1]]
+    for m in range(found):
+        distance = np.sqrt(along_x[m] * along_x[m] + along_y[m] * along_y[m])
+        push = (full if ramp == 0 else min((reach - distance) / ramp, full)) / distance
+        along_x[m] *= push
+        along_y[m] *= push
+    for m in range(found):
+        k, j = pairs[m]
+        force_x[k] += w[j] * along_x[m]
+        force_y[k] += w[j] * along_y[m]
+        force_x[j] -= w[k] * along_x[m]
+        force_y[j] -= w[k] * along_y[m]
 
 
 @array_kernel
 def _bins(positions: Float[np.ndarray, "node 2"], count: int, side: float) -> tuple[Int[np.ndarray, " node"], int, int]:
     """The bin of each node, column by column with an empty one at each end, bins of a column, and bins in all."""
-    low, most = np.zeros(2, positions.dtype), np.zeros(2, np.int64)
+    kind = positions.dtype.type
+    low, most, per_side = np.zeros(2, positions.dtype), np.zeros(2, positions.dtype), kind(1 / side)
     for axis in range(2):
-        least, largest = np.inf, -np.inf
+        least, largest = kind(np.inf), kind(-np.inf)
         for i in range(count):
-            if abs(positions[i, axis]) < FAR:
-                least, largest = min(least, positions[i, axis]), max(largest, positions[i, axis])
+            place = positions[i, axis]
+            if abs(place) < FAR:
+                least, largest = min(least, place), max(largest, place)
         if least <= largest:
-            low[axis], most[axis] = least, min((largest - least) / side, MOST_BINS - 1)
-    rows = most[1] + 3
+            low[axis], most[axis] = least, min(np.floor((largest - least) * per_side), kind(MOST_BINS - 1))
+    rows = int(most[1]) + 3
     bins = np.empty(count, np.int32)
     for i in range(count):
-        column = _place((positions[i, 0] - low[0]) / side, most[0])
-        row = _place((positions[i, 1] - low[1]) / side, most[1])
+        column = _place((positions[i, 0] - low[0]) * per_side, kind(0), most[0])
+        row = _place((positions[i, 1] - low[1]) * per_side, kind(0), most[1])
         bins[i] = (column + 1) * rows + row + 1
-    return bins, rows, (most[0] + 3) * rows
+    return bins, rows, (int(most[0]) + 3) * rows
 
 
-@array_kernel
-def _place(place: float, most: int) -> int:
+@kernel
+def _place(place: float, first: float, most: float) -> int:
     """The bin along one side; nowhere is in the first."""
-    return int(min(max(place, 0.0), most)) if place == place else 0
+    return int(min(max(place, first), most)) if place == place else 0
