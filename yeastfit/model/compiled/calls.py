@@ -68,10 +68,10 @@ def nutrient(dtype: Any) -> Call:
     def call(frame: Any) -> int:
         if is_question(frame):
             return NULL
-        points, room = argument(frame, 2, 2, np.int32)
+        points, room, count = argument(frame, 2, 3, np.int32)
         half, spacing = argument(frame, 3, 2, dtype)
         nutrient, positions = argument(frame, 0, (points, points), dtype), argument(frame, 1, (room, 2), dtype)
-        read_nutrient(nutrient, positions, half, spacing, result(frame, 0, room, dtype))
+        read_nutrient(nutrient, positions, count, half, spacing, result(frame, 0, room, dtype))
         return NULL
 
     return call
@@ -83,10 +83,10 @@ def gradient(dtype: Any) -> Call:
     def call(frame: Any) -> int:
         if is_question(frame):
             return NULL
-        points, room = argument(frame, 2, 2, np.int32)
+        points, room, count = argument(frame, 2, 3, np.int32)
         half, spacing = argument(frame, 3, 2, dtype)
         nutrient, positions = argument(frame, 0, (points, points), dtype), argument(frame, 1, (room, 2), dtype)
-        read_gradient(nutrient, positions, half, spacing, result(frame, 0, (room, 2), dtype))
+        read_gradient(nutrient, positions, count, half, spacing, result(frame, 0, (room, 2), dtype))
         return NULL
 
     return call

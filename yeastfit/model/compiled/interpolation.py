@@ -1,6 +1,6 @@
 """The nutrient and its gradient at the nodes as operations that numba has compiled, for large colonies on a CPU.
 
-The same numbers as those of `interpolation`, to the last bits. They have no derivative.
+The same numbers as those of `interpolation`, to the last bits, and 0 in slots without a node. They have no derivative.
 """
 
 import jax
@@ -25,7 +25,7 @@ def compiled_gradient_at(colony: Colony, numerics: Numerics) -> Float[Array, "no
 
 def _read(kind: str, colony: Colony, numerics: Numerics, shape: tuple[int, ...]) -> Array:
     dtype = colony.positions.dtype
-    sizes = jnp.asarray([numerics.points, colony.parents.shape[0]], jnp.int32)
+    sizes = jnp.stack([jnp.asarray(n, jnp.int32) for n in (numerics.points, colony.parents.shape[0], colony.count)])
     lengths = jnp.asarray([0.5 * numerics.domain, numerics.spacing], dtype)
     name = operation(kind, np.dtype(dtype))
     return jax.ffi.ffi_call(name, jax.ShapeDtypeStruct(shape, dtype))(colony.nutrient, colony.positions, sizes, lengths)
