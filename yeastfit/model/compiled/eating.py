@@ -14,7 +14,7 @@ from math import log
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from yeastfit.compiled import array_kernel
+from yeastfit.compiled import array_kernel, kernel
 from yeastfit.model.compiled.covering import boxes_of, cover
 
 TILE = 8  # grid points along a side: wider than a step carries what can be seen
@@ -51,13 +51,10 @@ def eat(
     rows = _runs(work, nutrient.shape[0])
     if len(rows) == 0:
         return
-    low_x, low_y = rows[:, 0].min() - 1, rows[:, 2].min() - 1
-    shape = rows[:, 1].max() + 1 - low_x, rows[:, 3].max() + 1 - low_y
-    rows[:, :2] -= low_x
-    rows[:, 2:] -= low_y
+    low, shape = _surrounded(rows)
     eaten = np.zeros(shape, nutrient.dtype)
-    cover(eaten, (low_x, low_y), (work, TILE), boxes, centres, directions, halves, weights, grid, union[0])
-    _solve(nutrient, (low_x, low_y), eaten, rows, union[0], metabolic, diffusion)
+    cover(eaten, low, (work, TILE), boxes, centres, directions, halves, weights, grid, union[0])
+    _solve(nutrient, low, eaten, rows, union[0], metabolic, diffusion)
 
 
 @array_kernel
@@ -68,7 +65,8 @@ def _at_work(nutrient: Float[np.ndarray, "x y"], boxes: Int[np.ndarray, "cell 4"
     some, changed = np.zeros((count, count), np.bool_), np.zeros((count, count), np.bool_)
     here, other = np.empty(count * TILE, np.bool_), np.empty(count * TILE, np.bool_)
     for tile in range(count):
-        here[:], other[:] = False, False
+        for j in range(len(here)):
+            here[j], other[j] = False, False
         for i in range(tile * TILE, min((tile + 1) * TILE, points)):
             row = nutrient[i]
             for j in range(points):
@@ -76,8 +74,9 @@ def _at_work(nutrient: Float[np.ndarray, "x y"], boxes: Int[np.ndarray, "cell 4"
                 here[j] |= there
                 other[j] |= there & (abs(full - row[j]) > precision)
         for j in range(count):
-            some[tile, j] = here[j * TILE : (j + 1) * TILE].any()
-            changed[tile, j] = other[j * TILE : (j + 1) * TILE].any()
+            for m in range(j * TILE, (j + 1) * TILE):
+                some[tile, j] |= here[m]
+                changed[tile, j] |= other[m]
     for first_x, last_x, first_y, last_y in boxes:
         for i in range(first_x // TILE, last_x // TILE + 1):
             for j in range(first_y // TILE, last_y // TILE + 1):
@@ -86,7 +85,9 @@ def _at_work(nutrient: Float[np.ndarray, "x y"], boxes: Int[np.ndarray, "cell 4"
     for i in range(count):
         for j in range(count):
             if changed[i, j]:
-                work[max(i - 1, 0) : i + 2, max(j - 1, 0) : j + 2] = True
+                for m in range(max(i - 1, 0), min(i + 2, count)):
+                    for n in range(max(j - 1, 0), min(j + 2, count)):
+                        work[m, n] = True
     return work
 
 
@@ -109,6 +110,20 @@ def _runs(work: Bool[np.ndarray, "i j"], points: int) -> Int[np.ndarray, "run 4"
     return runs[:found]
 
 
+@kernel
+def _surrounded(runs: Int[np.ndarray, "run 4"]) -> tuple[tuple[int, int], tuple[int, int]]:
+    """First point and shape of what holds all rectangles and a point around them, from where they are counted then."""
+    first_x, last_x, first_y, last_y = runs[0]
+    for run in runs:
+        first_x, last_x = min(first_x, run[0]), max(last_x, run[1])
+        first_y, last_y = min(first_y, run[2]), max(last_y, run[3])
+    for run in runs:
+        for side in range(2):
+            run[side] -= first_x - 1
+            run[2 + side] -= first_y - 1
+    return (first_x - 1, first_y - 1), (last_x - first_x + 2, last_y - first_y + 2)
+
+
 @array_kernel
 def _solve(
     nutrient: Float[np.ndarray, "x y"],
@@ -127,7 +142,8 @@ def _solve(
             row = nutrient[i + low[0]]
             beside = nutrient[i + low[0] - 1], nutrient[i + low[0] + 1]
             _right_side(scaled[i], share[i], row, beside, union, metabolic, diffusion[0], left, right, low[1])
-            increment[i, left:right] = scaled[i, left:right]
+            for j in range(left, right):
+                increment[i, j] = scaled[i, j]
     weight = 2.0
     for _ in range(1, diffusion[2]):
         weight = 1.0 / (1.0 - 0.25 * diffusion[1] * diffusion[1] * weight)
@@ -137,7 +153,9 @@ def _solve(
         increment, before = before, increment
     for first, last, left, right in rows:
         for i in range(first, last):
-            nutrient[i + low[0], left + low[1] : right + low[1]] += increment[i, left:right]
+            row = nutrient[i + low[0]]
+            for j in range(left, right):
+                row[j + low[1]] += increment[i, j]
 
 
 @array_kernel

@@ -119,6 +119,6 @@ def _bins(positions: Float[np.ndarray, "node 2"], count: int, side: float) -> tu
 
 
 @kernel
-def _place(place: float, first: float, most: float) -> int:
+def _place(place: float, first: float, most: float) -> np.int32:
     """The bin along one side; nowhere is in the first."""
-    return int(min(max(place, first), most)) if place == place else 0
+    return np.int32(min(max(place, first), most)) if place == place else np.int32(0)
