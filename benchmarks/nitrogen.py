@@ -8,9 +8,9 @@ drift along carbon alone. c0 is 10 µM of ammonium, below which growth slows, so
 ammonium sulphate; q_N is the nitrogen of three cells above one another on agar 4 mm deep (where the numbers come from
 stands in `yeastfit/model/mechanisms/nitrogen_medium.py`). Dishes of three sizes, the part of a real one that a colony
 has for itself, hold ν = 10, 30 and 100, with eight colonies each: the smallest makes colonies of some hundred to some
-thousand cells, the largest colonies of the size of real ones (26 000 L0²). Compactness C, the filament area index I_F
-and the filament radius index I_R are taken on the mask at eight times, with pixels of 0.2 L0, which is the resolution
-of the photographs.
+thousand cells, the largest colonies of 5500 to 55 000 cells, as many as real ones have. Compactness C, the filament
+area index I_F and the filament radius index I_R are taken on the mask at eight times, with pixels of 0.2 L0, which is
+the resolution of the photographs.
 
 A statement holds where the 95 % confidence interval of the difference of two means (Welch's t) lies on its side of 0,
 it does not where it lies on the other, and is not resolved otherwise.

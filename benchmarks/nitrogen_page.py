@@ -15,6 +15,8 @@ REAL = {  # means of data/real/*/measurements.csv by ammonium sulphate, of AWRI 
     "500 µM": {"compactness": 21.0, "filament_area_index": 0.177, "filament_radius_index": 0.111, "area": 45_670.0},
 }
 
+ALIKE = 2.0
+
 
 def at_end(records: list[Record], name: str) -> np.ndarray:
     """A statistic of every colony at the end."""
@@ -50,7 +52,26 @@ def answer(study: Study) -> str:
         else:
             said = [f"{row['statement']}: {row['verdict']}" for row in statements(study, dish)[2:]]
             parts.append(f"{dish.name} dish: births have stopped; {'; '.join(said)}.")
+    parts += beside_photographs(study)
     return "\n".join(f"- {part[0].upper()}{part[1:]}" for part in parts)
+
+
+def beside_photographs(study: Study) -> list[str]:
+    """How often as large the indices of the largest colonies are as those of photographs, and what that means."""
+    least, most = (study.of(study.dishes[-1], amount) for amount in (study.amounts[0], study.amounts[-1]))
+    if not least or not most:
+        return []
+    ratios = {
+        symbol: [at_end(of, name).mean() / real[name] for of, real in zip((least, most), REAL.values(), strict=True)]
+        for name, symbol in INDICES.items()
+    }
+    alike = all(1 / ALIKE < ratio < ALIKE for pair in ratios.values() for ratio in pair)
+    said = ", ".join(f"{symbol} is {few:.2g} and {many:.2g} times theirs" for symbol, (few, many) in ratios.items())
+    return [
+        f"{study.dishes[-1].name} dish beside photographs at {' and '.join(REAL)}: {said}. With these cells, a dish "
+        f"that runs out of nitrogen {'makes' if alike else 'does not make'} the colonies that photographs show "
+        f"(within a factor of {ALIKE:g} in each index)."
+    ]
 
 
 def verdict(low: np.ndarray, high: np.ndarray) -> str:
