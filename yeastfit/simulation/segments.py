@@ -1,9 +1,9 @@
 """One colony of any size, grown in segments from one division event to the next.
 
 A segment is compiled for the number of nodes that its arrays have room for. Where births would be cut although more
-nodes are allowed, the segment is grown again with more room, so that the work follows the nodes that live: four times
-as much below `QUICK` nodes, whose steps take less time than another program would, and twice as much above. What is
-observed takes longest to compile, and is given `SPARE` times as much room at once.
+nodes are allowed, the segment is grown again with `WIDER` times the room, so that the work follows the nodes that live.
+Another program takes as long as the steps that it would make shorter: more than a second for what is observed, which is
+compiled for `SPARE` times as much room at once.
 
 On a CPU, colonies with room for more than `FIRST_ROOM` nodes grow by compiled loops (`with_compiled_rules`) unless
 `Numerics.compiled` is False; smaller ones have the bits that those of one program have.
@@ -29,8 +29,8 @@ from yeastfit.model.relaxation import Relaxation
 from yeastfit.model.simulate import Observe, problems_of, step
 from yeastfit.model.snapshot import Snapshot
 
-QUICK = 10_000  # nodes
-SPARE = 16
+WIDER = 4
+SPARE = 512
 
 Passed = Callable[[Colony, PyTree], bool]
 Keep = Callable[[Colony, Sequence[PyTree]], None]
@@ -122,8 +122,7 @@ class Segments:
             snapshot, cut = _advanced(colony, jnp.asarray(last), jnp.asarray(room < most), *rules, model)
             if not bool(cut):
                 return snapshot.colony, self._observed(snapshot) if seen else None
-            wider = room * (4 if room < QUICK else 2)
-            colony = widened(colony, min(wider, most), self.model.node_state())
+            colony = widened(colony, min(WIDER * room, most), self.model.node_state())
 
     def _observed(self, snapshot: Snapshot) -> PyTree:
         """What is observed, by a program that colonies of many sizes share."""
