@@ -51,11 +51,12 @@ def _compiled(function: Callable[Arguments, Result], **options: Any) -> Callable
     """Compile lazily, under a name with a digest of the sources of the function's folder.
 
     Numba compiles again when the file of a kernel changes, but not when a kernel that it calls does, in another file.
+    What is divided by 0 becomes infinite, as in NumPy: loops that look for it are not worked off many at a time.
     """
     plain = unwrap(function)  # of the tests' type checks, which numba cannot compile
     if njit is None:
         return _missing(plain)
-    return njit(**options, cache=True, nogil=True)(named_by_sources(plain))
+    return njit(**options, cache=True, nogil=True, error_model="numpy")(named_by_sources(plain))
 
 
 def named_by_sources(function: Callable[Arguments, Result]) -> Callable[Arguments, Result]:
@@ -74,6 +75,6 @@ def _missing(function: Callable[Arguments, Result]) -> Callable[Arguments, Resul
 
 @cache
 def _sources(folder: Path) -> str:
-    """Eight hexadecimal digits that change with any file of a folder."""
-    files = sorted(folder.glob("*.py"))
+    """Eight hexadecimal digits that change with any file of a folder, and with how kernels are compiled."""
+    files = [*sorted(folder.glob("*.py")), Path(__file__)]
     return sha256(b"".join(file.read_bytes() for file in files)).hexdigest()[:8]
