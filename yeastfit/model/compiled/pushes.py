@@ -39,32 +39,30 @@ def push_apart(
     for k in range(total):
         start[k + 1] += start[k]
     free = start[:-1].copy()
-    node, bin_of = np.empty(count, np.int32), np.empty(count, np.int32)
-    x, y, w = np.empty(count, dtype), np.empty(count, dtype), np.empty(count, dtype)
+    node, place, w = np.empty(count, np.int32), np.empty((count, 2), dtype), np.empty(count, dtype)
     for i in range(count):
         k = free[bins[i]]
         free[bins[i]] += 1
-        node[k], bin_of[k] = i, bins[i]
-        x[k], y[k], w[k] = positions[i, 0], positions[i, 1], weights[i]
-    force_x, force_y = np.zeros(count, dtype), np.zeros(count, dtype)
-    pairs, most, nothing = np.empty((COLLECTED, 2), np.uint32), reach * reach, dtype.type(0)
+        node[k], place[k, 0], place[k, 1], w[k] = i, positions[i, 0], positions[i, 1], weights[i]
+    force, pairs = np.zeros((count, 2), dtype), np.empty((COLLECTED, 2), np.uint32)
     apart = np.empty(COLLECTED, dtype), np.empty(COLLECTED, dtype)
-    found = 0
+    most, nothing, found = reach * reach, dtype.type(0), 0
+    for b in range(rows, total - rows):
+        for k in range(start[b], start[b + 1]):
+            first, last = k + 1, start[b + 2]  # the rest of its own bin, and the next one of its column
+            for _ in range(2):
+                for j in range(first, last):
+                    dx, dy = place[k, 0] - place[j, 0], place[k, 1] - place[j, 1]
+                    squared = dx * dx + dy * dy
+                    pairs[found, 0], pairs[found, 1] = k, j
+                    found += (nothing < squared) & (squared < most)  # otherwise the next one takes its place
+                    if found == COLLECTED:
+                        _push(pairs, found, apart, place, w, reach, ramp, force)
+                        found = 0
+                first, last = start[b + rows - 1], start[b + rows + 2]  # three bins of the next column
+    _push(pairs, found, apart, place, w, reach, ramp, force)
     for k in range(count):
-        first, last = k + 1, start[bin_of[k] + 2]  # the rest of its own bin, and the next one of its column
-        for _ in range(2):
-            for j in range(first, last):
-                dx, dy = x[k] - x[j], y[k] - y[j]
-                squared = dx * dx + dy * dy
-                pairs[found, 0], pairs[found, 1] = k, j
-                found += (nothing < squared) & (squared < most)  # otherwise the next one takes its place
-                if found == COLLECTED:
-                    _push(pairs, found, apart, x, y, w, (reach, ramp), force_x, force_y)
-                    found = 0
-            first, last = start[bin_of[k] + rows - 1], start[bin_of[k] + rows + 2]  # three bins of the next column
-    _push(pairs, found, apart, x, y, w, (reach, ramp), force_x, force_y)
-    for k in range(count):
-        forces[node[k], 0], forces[node[k], 1] = force_x[k], force_y[k]
+        forces[node[k], 0], forces[node[k], 1] = force[k, 0], force[k, 1]
 
 
 @kernel
@@ -72,28 +70,28 @@ def _push(
     pairs: Int[np.ndarray, "pair 2"],
     found: int,
     apart: tuple[Float[np.ndarray, " pair"], Float[np.ndarray, " pair"]],
-    x: Float[np.ndarray, " node"],
-    y: Float[np.ndarray, " node"],
+    place: Float[np.ndarray, "node 2"],
     w: Float[np.ndarray, " node"],
-    law: tuple[float, float],
-    force_x: Float[np.ndarray, " node"],
-    force_y: Float[np.ndarray, " node"],
+    reach: float,
+    ramp: float,
+    force: Float[np.ndarray, "node 2"],
 ) -> None:
-    """Add the pushes of the first so many pairs."""
-    (along_x, along_y), (reach, ramp), full = apart, law, x.dtype.type(1)
-    for m in range(found):
-        along_x[m], along_y[m] = x[pairs[m, 0]] - x[pairs[m, 1]], y[pairs[m, 0]] - y[pairs[m, 1]]
-    for m in range(found):
-        distance = np.sqrt(along_x[m] * along_x[m] + along_y[m] * along_y[m])
-        push = (full if ramp == 0 else min((reach - distance) / ramp, full)) / distance
-        along_x[m] *= push
-        along_y[m] *= push
+    """Add the pushes of the first `found` pairs; `apart` is room to work in."""
+    (x, y), full = apart, place.dtype.type(1)
     for m in range(found):
         k, j = pairs[m]
-        force_x[k] += w[j] * along_x[m]
-        force_y[k] += w[j] * along_y[m]
-        force_x[j] -= w[k] * along_x[m]
-        force_y[j] -= w[k] * along_y[m]
+        x[m], y[m] = place[k, 0] - place[j, 0], place[k, 1] - place[j, 1]
+    for m in range(found):
+        distance = np.sqrt(x[m] * x[m] + y[m] * y[m])
+        push = (full if ramp == 0 else min((reach - distance) / ramp, full)) / distance
+        x[m] *= push
+        y[m] *= push
+    for m in range(found):
+        k, j = pairs[m]
+        force[k, 0] += w[j] * x[m]
+        force[k, 1] += w[j] * y[m]
+        force[j, 0] -= w[k] * x[m]
+        force[j, 1] -= w[k] * y[m]
 
 
 @array_kernel
