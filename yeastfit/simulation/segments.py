@@ -3,7 +3,7 @@
 A segment is compiled for the number of nodes that its arrays have room for. Where births would be cut although more
 nodes are allowed, the segment is grown again with `WIDER` times the room, so that the work follows the nodes that live.
 Another program takes as long as the steps that it would make shorter: more than a second for what is observed, which is
-compiled for `SPARE` times as much room at once.
+compiled for `ROOMY` nodes at once.
 
 On a CPU, colonies with room for more than `FIRST_ROOM` nodes grow by compiled loops (`with_compiled_rules`) unless
 `Numerics.compiled` is False; smaller ones have the bits that those of one program have.
@@ -30,7 +30,7 @@ from yeastfit.model.simulate import Observe, problems_of, step
 from yeastfit.model.snapshot import Snapshot
 
 WIDER = 4
-SPARE = 512
+ROOMY = 256_000  # nodes
 
 Passed = Callable[[Colony, PyTree], bool]
 Keep = Callable[[Colony, Sequence[PyTree]], None]
@@ -126,10 +126,8 @@ class Segments:
 
     def _observed(self, snapshot: Snapshot) -> PyTree:
         """What is observed, by a program that colonies of many sizes share."""
-        room, wide = snapshot.colony.parents.shape[0], FIRST_ROOM
-        while wide < room:
-            wide *= SPARE
-        wide = max(min(wide, self.numerics.most_room), room)
+        room = snapshot.colony.parents.shape[0]
+        wide = room if room <= FIRST_ROOM else max(room, min(ROOMY, self.numerics.most_room))
         return _observed(self.observe, snapshot.widened(wide, self.model.node_state()))
 
 
