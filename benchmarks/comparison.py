@@ -37,7 +37,8 @@ from yeastfit.inference.comparison.cross_validation import cross_validate
 from yeastfit.inference.comparison.left_out import LeftOut
 from yeastfit.inference.comparison.models import ModelComparison
 from yeastfit.inference.imaging import Imaging
-from yeastfit.inference.models.algebraic import PHOTOGRAPHED, Algebraic
+from yeastfit.inference.models.algebraic import Algebraic
+from yeastfit.inference.models.algebraic_settings import PHOTOGRAPHED
 from yeastfit.inference.models.forward_model import ForwardModel
 from yeastfit.inference.models.offlattice import Offlattice
 from yeastfit.inference.neural_likelihood.network import TrainingSettings

@@ -346,6 +346,10 @@ CASES: list[tuple[str, str]] = [
     *((f"infer table --out OUT {option} ''", "''") for option in ("--free", "--statistics", "--method")),
     ("infer table --out OUT --mobility 2", "--mobility is 2, but mobility is free"),
     ("infer table --out OUT --statistics radius,radius", "--statistics: 'radius' appears twice"),
+    ("infer table --out OUT --match size", "match is 'size', it must be time or area"),
+    ("infer table --out OUT --area 500", "area is 500 and match time: it is for match area, leave it out"),
+    ("infer table --out OUT --match area --area 1", "--area is 1.0, it must be a number of at least 28.1 µm²"),
+    ("infer table --out OUT --match area --statistics radius,area", "'area' (--match area)"),
     *(
         (f"{command} --out OUT --statistics radius,centroid_x{model}", "--statistics: 'centroid_x' leave it out")
         for command in ("fit table", "infer table", "design")

@@ -1,6 +1,7 @@
 """Curves of single colonies as a function of log λ, in blocks of one size that compile once.
 
-Colonies that could outgrow such a program grow one by one, in arrays as long as they need (`simulate`).
+Colonies that could outgrow such a program grow one by one, in arrays as long as they need (`simulate`), and so do those
+that are compared at one area, whatever their age.
 """
 
 from collections.abc import Iterator
@@ -10,9 +11,10 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
-from yeastfit.measure.statistics.model_as_mask import HardStatistics
+from yeastfit.measure.statistics.measure_mask import measure_mask
+from yeastfit.measure.statistics.model_as_mask import HardStatistics, mask_of
 from yeastfit.measure.statistics.smooth_statistics import SmoothStatistics
 from yeastfit.model.colony import PROBLEMS, Colony
 from yeastfit.model.model import Model
@@ -20,6 +22,7 @@ from yeastfit.model.numerics import Numerics, map_members, most_nodes, on_one_de
 from yeastfit.model.parameters import Parameters
 from yeastfit.model.relaxation import Relaxation
 from yeastfit.model.simulate import Schedule, trajectory
+from yeastfit.simulation.large_ensemble import member_of
 from yeastfit.simulation.simulate import SHORT, simulate
 
 BLOCK = 32  # members that run together
@@ -31,6 +34,9 @@ class ColonyCurves(eqx.Module):
 
     A member's values are its curves, statistic by statistic, and then which of `PROBLEMS` it ran into, 0 or 1 each.
     `block` members run together; no value depends on it.
+
+    With an `area` in L0² there is one step in the schedule, the latest: a member is measured as a mask as soon as it
+    has that area. One that does not come to it, or only with births cut, has no values.
     """
 
     names: tuple[str, ...] = eqx.field(static=True)
@@ -40,6 +46,7 @@ class ColonyCurves(eqx.Module):
     schedule: Schedule
     model: Model = Model()
     block: int = eqx.field(static=True, default=BLOCK)
+    area: float | None = eqx.field(static=True, default=None)
 
     @property
     def unlimited(self) -> bool:
@@ -63,10 +70,21 @@ class ColonyCurves(eqx.Module):
 
     def members(self, z: Float[Array, "*member parameter"], keys: Array) -> Float[Array, "member value"]:
         """All members, with one z for all or one for each. Statistics of masks are taken on the host."""
+        if self.area is not None:
+            return _of_one_area(self, z, keys)
         if self.unlimited:
             return _of_any_size(self, z, keys)
         run = _masked if isinstance(self.observe, HardStatistics) else _members
         return jnp.concatenate([run(self, *block)[:size] for *block, size in _blocks(z, keys, self.block)])
+
+    def grown_to_area(self, parameters: Parameters, keys: Array) -> tuple[Colony, Bool[np.ndarray, " member"]]:
+        """All members as they come to `area` or to the last step, and which came so far with no birth cut."""
+        pixels = HardStatistics(self.numerics.domain, self.numerics.spacing, ("area",))
+        how = {"model": self.model, "numerics": self.numerics, "relaxation": self.relaxation, "throw": False}
+        latest = float(np.asarray(self.schedule.steps)[-1]) * self.numerics.dt
+        grown = simulate(parameters, keys, times=[latest], until={"area": self.area}, observe=pixels, **how)  # type: ignore[arg-type, dict-item]
+        reached = np.isfinite(np.asarray(grown.reached, dtype=float))
+        return grown.colony, reached & ~np.asarray(grown.colony.problems.capacity_reached)
 
     def members_with_tangents(
         self, z: Float[Array, " parameter"], keys: Array
@@ -114,6 +132,24 @@ def _of_any_size(
     )
     problems = np.stack([np.asarray(getattr(grown.colony.problems, name)) for name in PROBLEMS], axis=1)
     return jnp.asarray(np.concatenate([*(grown.statistics[name] for name in curves.names), problems], axis=1))
+
+
+def _of_one_area(
+    curves: ColonyCurves, z: Float[Array, "*member parameter"], keys: Array
+) -> Float[Array, "member value"]:
+    names, seen = curves.model.parameters.names, curves.observe
+    parameters = Parameters.from_array(names, jnp.exp(jnp.broadcast_to(z, (*keys.shape, len(names)))))
+    colonies, whole = curves.grown_to_area(parameters, keys)
+    points = round(seen.extent / seen.spacing) + 1
+    rows = np.full((len(keys), len(curves.names) + len(PROBLEMS)), np.nan)
+    for k, row in enumerate(rows):
+        colony, its = member_of((colonies, parameters), k)
+        row[len(curves.names) :] = [bool(getattr(colony.problems, name)) for name in PROBLEMS]
+        if whole[k]:
+            mask = mask_of(colony, its, curves.relaxation, seen.spacing * (points - 1), points, curves.model.shape)
+            found = measure_mask(mask, seen.spacing, curves.names)
+            row[: len(curves.names)] = [found[name] for name in curves.names]
+    return jnp.asarray(rows)
 
 
 @eqx.filter_jit

@@ -49,6 +49,10 @@ SEEN = PROBLEMS | {
     "not_finite": "positions or nutrient are not finite, after a node came to the edge of the dish, or dt is too large",
 }
 """`PROBLEMS` of colonies in a dish that the data make."""
+NOT_COME = (
+    "the colony did not come to {area:.4g} L0², the area at which it would be compared, by the data's time, or "
+    "only with births cut: it counts as none of the data's kind"
+)
 
 
 @dataclass(frozen=True)
@@ -80,6 +84,7 @@ class ColonySimulator:
         fixed: Mapping[str, float] | None = None,
         resolution: Resolution | None = None,
         model: Model | None = None,
+        area: float | None = None,
     ) -> "ColonySimulator":
         """Colonies that are seen as the data of one condition are.
 
@@ -89,6 +94,8 @@ class ColonySimulator:
             fixed: Values of others, by name; the default of those that are not named.
             resolution: By default Δt = 0.005 and a grid of 0.1 L0, or that of `usual_resolution` for large colonies.
             model: The rules of the colonies; by default the source's.
+            area: In L0²: colonies are measured when they come to it, at the data's time at the latest. The data are
+                statistics of masks at one time then.
 
         Raises:
             InputError: A name or value is not admissible, or two times lie closer than a time step.
@@ -119,7 +126,12 @@ class ColonySimulator:
         else:
             observe = HardStatistics(seen, imaging.spacing, targets.names)
         curves = ColonyCurves(targets.names, numerics, observe, HARD, schedule_of(times, numerics))
-        curves, values = replace(curves, model=model), parameter_values(fixed, model.parameters)
+        if area is not None and (len(times) > 1 or imaging.estimator == "smooth"):
+            raise InputError(
+                f"area is {area:g}, at which colonies are compared whatever their age: targets must have one time and "
+                f'the estimator "mask", they have {len(times)} and {imaging.estimator!r}'
+            )
+        curves, values = replace(curves, model=model, area=area), parameter_values(fixed, model.parameters)
         chosen = model.parameters.subset(free)
         held = {name: value for name, value in values.items() if name not in chosen}
         return ColonySimulator(chosen, held, targets.observables, curves, targets.measured.ravel(), resolution)
@@ -134,6 +146,9 @@ class ColonySimulator:
         z = jnp.asarray(self.logarithms(values), jnp.result_type(float))
         found = np.asarray(self.curves.members(z, keys_of(seeds)), dtype=float)
         self._count(found[once(values, seeds)])
+        if self.curves.area is not None:
+            missed = int(np.isnan(found[once(values, seeds), 0]).sum())
+            self.problems.update({NOT_COME.format(area=self.curves.area): missed} if missed else {})
         rows = found[:, : -len(PROBLEMS)][:, self.measured]
         return np.where(np.isfinite(rows).all(axis=1, keepdims=True), rows, np.nan)
 
@@ -163,6 +178,7 @@ class ColonySimulator:
             "relaxation": _plain_fields(curves.relaxation),
             "schedule": _plain_fields(curves.schedule),
             "model": curves.model.asdict(),
+            "area": curves.area,
             "rules": [path_of(rule) for rule in rules],
         }
         imports = dict.fromkeys(module for thing in (*rules, *forms) for module in module_outside(thing))
@@ -182,7 +198,7 @@ class ColonySimulator:
 
         Arguments:
             values: Free parameters.
-            time: At which, in 1/μ*.
+            time: At which, in 1/μ*, unless colonies are compared at one area.
             seed: Of the colonies.
 
         Returns:
@@ -193,8 +209,11 @@ class ColonySimulator:
         parameters = Parameters.from_array(model.parameters.names, jnp.exp(logs))
         observe = SmoothStatistics(extent=numerics.domain, spacing=numerics.spacing)
         keys = member_keys(seed, len(values))
-        how = {"model": model, "numerics": numerics, "relaxation": HARD, "observe": observe, "throw": False}
-        grown = simulate(parameters, keys, times=[time], **how).colony  # type: ignore[arg-type]
+        if self.curves.area is not None:
+            grown, _ = self.curves.grown_to_area(parameters, keys)
+        else:
+            how = {"model": model, "numerics": numerics, "relaxation": HARD, "observe": observe, "throw": False}
+            grown = simulate(parameters, keys, times=[time], **how).colony  # type: ignore[arg-type]
         places = np.abs(np.asarray(grown.positions)[np.asarray(grown.alive)])
         farthest = places.max(where=np.isfinite(places), initial=0.0)  # what is not finite is not in the picture
         points = 2 * int(np.ceil((float(farthest) + AROUND) / OUTLINE_PIXEL)) + 1
@@ -225,6 +244,7 @@ def colony_simulator_of(
     relaxation: Mapping[str, Any],
     schedule: Mapping[str, Any],
     model: Mapping[str, Any],
+    area: float | None,
     rules: Sequence[str],
 ) -> ColonySimulator:
     """The simulator of a `ColonySimulator.specification`, whose arguments are plain data."""
@@ -241,6 +261,7 @@ def colony_simulator_of(
         Relaxation(**relaxation),
         Schedule(jnp.asarray(schedule["steps"]), schedule["longest"]),
         Model.of(model),
+        area=area,
     )
     columns = tuple(Observable(*one) for one in observables)
     chosen = curves.model.parameters.subset(free)

@@ -173,7 +173,7 @@ def simulate(
     if throw and not traced:
         _check_steps(colony, batched, numerics, model)
     if not batch:
-        colony, observed, reached = jax.tree.map(lambda leaf: leaf[0], (colony, observed, reached))
+        colony, observed, reached = jax.tree.map(lambda leaf: leaf[0, ...], (colony, observed, reached))
     return Simulation(
         times=_steps_of(times, numerics) * numerics.dt,
         statistics=observe.finish(observed if traced else jax.tree.map(np.asarray, observed)),

@@ -63,7 +63,6 @@ class ForwardModel(ABC):
         of_li: What `infer --li` compares by default; what `design` chooses from where it is empty.
         nouns: What one replicate is called, and several.
         columns: What a table of its data must have besides the statistics.
-        timed: Whether its colonies have an age; of colonies without one the last image alone is compared.
         units: A sentence for pages on the units of parameters and statistics.
     """
 
@@ -74,8 +73,12 @@ class ForwardModel(ABC):
     of_li: ClassVar[tuple[str, ...]] = ()
     nouns: ClassVar[tuple[str, str]] = ("simulation", "simulations")
     columns: ClassVar[tuple[str, ...]] = OF_ANYTHING
-    timed: ClassVar[bool] = True
     units: ClassVar[str] = ""
+
+    @property
+    def timed(self) -> bool:
+        """Whether colonies are compared at their age; of those that are not the last image alone is compared."""
+        return True
 
     @property
     @abstractmethod

@@ -1,4 +1,4 @@
-"""The last image of each colony of a data set, for models that have no time, and its statistics in µm."""
+"""The last image of each colony of a data set, for colonies that are compared whatever their age."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -17,14 +17,15 @@ def last_images(rows: Sequence[Row]) -> tuple[list[Row], list[str]]:
     hours = sorted({float(row["hours"]) for row in chosen})
     if len(chosen) < len(rows):
         notes.append(
-            f"{len(rows) - len(chosen)} images before the last one of their colony are left out: the model has no time"
+            f"{len(rows) - len(chosen)} images before the last one of their colony are left out: colonies are compared "
+            "whatever their age"
         )
     if len(hours) > 1:
         early = [f"{row['file']} ({float(row['hours']):g} h)" for row in chosen if float(row["hours"]) < hours[-1]]
         some = ", ".join(early[:3]) + (", …" if early[3:] else "")
         notes.append(
             f"{len(early)} of {len(chosen)} colonies were photographed before {hours[-1]:g} h: {some}; they count like "
-            "the others, as the model has no time"
+            "the others, whatever their age"
         )
     return chosen, notes
 

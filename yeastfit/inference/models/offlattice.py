@@ -65,7 +65,6 @@ class Offlattice(ForwardModel):
     of_li: ClassVar = (THEIRS,)
     nouns: ClassVar = ("colony", "colonies")
     columns: ClassVar = NEEDED
-    timed: ClassVar = False
     units: ClassVar = (
         "Parameters are shares and probabilities. Lengths are in µm, areas in µm²; indices of Li et al. 2024 have no "
         "unit."
@@ -124,6 +123,11 @@ class Offlattice(ForwardModel):
             if value is not None and value not in get_args(known):
                 raise InputError(f"{name} is {value!r}, it must be {' or '.join(get_args(known))}")
         Range(0.0, 1.0).read(self.delay, "delay")
+
+    @property
+    def timed(self) -> bool:
+        """There is no time."""
+        return False
 
     @property
     def parameters(self) -> ParameterSet:
