@@ -19,11 +19,13 @@ from yeastfit.model.colony import Colony
 from yeastfit.model.compiled import operations
 from yeastfit.model.compiled.contact import CompiledNodeContact, compiled_contact
 from yeastfit.model.compiled.medium import CompiledOneNutrient
+from yeastfit.model.compiled.ranking import CompiledGlobalBirths
 from yeastfit.model.compiled.rules import with_compiled_rules
 from yeastfit.model.compiled.springs import CompiledTreeSprings
 from yeastfit.model.laws.contact import contact
 from yeastfit.model.mechanisms.cell_contact import CellContact
 from yeastfit.model.mechanisms.nitrogen_medium import NitrogenMedium
+from yeastfit.model.mechanisms.patch_births import PatchBirths
 from yeastfit.model.model import Model
 from yeastfit.model.numerics import Numerics
 from yeastfit.model.parameters import Parameters
@@ -119,9 +121,14 @@ def test_colonies_on_two_devices_at_once_are_the_same_as_one_after_the_other() -
 
 
 def test_only_rules_that_have_been_compiled_are_replaced(monkeypatch: pytest.MonkeyPatch) -> None:
-    every = Model(contact=CompiledNodeContact(), medium=CompiledOneNutrient(), springs=CompiledTreeSprings())
+    every = Model(
+        births=CompiledGlobalBirths(),
+        contact=CompiledNodeContact(),
+        medium=CompiledOneNutrient(),
+        springs=CompiledTreeSprings(),
+    )
     assert with_compiled_rules(Model()) == every
-    others = Model(contact=CellContact(), medium=NitrogenMedium())
+    others = Model(births=PatchBirths(), contact=CellContact(), medium=NitrogenMedium())
     assert with_compiled_rules(others) == replace(others, springs=CompiledTreeSprings())
     monkeypatch.setattr(operations, "find_spec", lambda _: None)  # no numba
     assert with_compiled_rules(Model()) == Model()

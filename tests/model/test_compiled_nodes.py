@@ -11,9 +11,11 @@ from jaxtyping import Array
 
 from yeastfit.model.colony import Colony
 from yeastfit.model.compiled.interpolation import compiled_gradient_at, compiled_nutrient_at
+from yeastfit.model.compiled.ranking import CompiledGlobalBirths
 from yeastfit.model.compiled.springs import compiled_springs
 from yeastfit.model.interpolation import gradient_at, nutrient_at
 from yeastfit.model.laws.forces import springs
+from yeastfit.model.laws.growth import GlobalBirths
 from yeastfit.model.numerics import Numerics
 
 pytest.importorskip("numba")
@@ -78,3 +80,17 @@ def test_nodes_that_are_nowhere_read_nothing(colony: Colony) -> None:
         found, before = (np.asarray(reading(one, NUMERICS)) for one in (lost, colony))
         np.testing.assert_array_equal(found[kept], before[kept])
         assert not np.isfinite(found[7:9]).all()
+
+
+@pytest.mark.parametrize("precision", ["single", "double"])
+def test_ranking(precision: str, request: pytest.FixtureRequest) -> None:
+    """The same order, of equal ones and of what is infinite or no number, too."""
+    if precision == "double":
+        request.getfixturevalue("double")
+    rng = np.random.default_rng(1)
+    hunger = np.concatenate([-rng.uniform(size=300), rng.choice([-0.5, -0.0, 0.0], 300), np.full(80, np.inf)])
+    hunger[[5, 70]] = np.nan
+    given = jnp.asarray(rng.permutation(hunger))
+    ours, plain = (eqx.filter_jit(rule.ranking)(given) for rule in (CompiledGlobalBirths(), GlobalBirths()))
+    assert ours.dtype == plain.dtype
+    np.testing.assert_array_equal(ours, plain)

@@ -90,3 +90,16 @@ def gradient(dtype: Any) -> Call:
         return NULL
 
     return call
+
+
+def ranking(dtype: Any) -> Call:
+    """Of `CompiledGlobalBirths`."""
+
+    def call(frame: Any) -> int:
+        if is_question(frame):
+            return NULL
+        (room,) = argument(frame, 1, 1, np.int32)
+        result(frame, 0, room, np.int32)[:] = np.argsort(argument(frame, 0, room, dtype), kind="mergesort")
+        return NULL
+
+    return call

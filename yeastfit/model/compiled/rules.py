@@ -6,14 +6,17 @@ from typing import Any
 from yeastfit.model.compiled import operations
 from yeastfit.model.compiled.contact import CompiledNodeContact
 from yeastfit.model.compiled.medium import CompiledOneNutrient
+from yeastfit.model.compiled.ranking import CompiledGlobalBirths
 from yeastfit.model.compiled.springs import CompiledTreeSprings
 from yeastfit.model.laws.contact import NodeContact
 from yeastfit.model.laws.forces import TreeSprings
+from yeastfit.model.laws.growth import GlobalBirths
 from yeastfit.model.laws.medium import OneNutrient
 from yeastfit.model.model import Model
 from yeastfit.model.rules import Rule
 
 COMPILED: dict[type[Rule], type[Rule]] = {
+    GlobalBirths: CompiledGlobalBirths,
     NodeContact: CompiledNodeContact,
     OneNutrient: CompiledOneNutrient,
     TreeSprings: CompiledTreeSprings,

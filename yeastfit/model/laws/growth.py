@@ -12,7 +12,7 @@ from typing import ClassVar
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool, Float, Int
 
 from yeastfit.model.numerics import largest_in_ensemble
 from yeastfit.model.relaxation import Relaxation
@@ -35,11 +35,15 @@ class GlobalBirths(BirthRule):
         """The best fed nodes."""
         colony = context.colony
         fed = jax.lax.stop_gradient(context.local_nutrient)
-        rank = jnp.argsort(jnp.where(colony.alive, -fed, jnp.inf))
+        rank = self.ranking(jnp.where(colony.alive, -fed, jnp.inf))
         ranked = context.living[rank]
         wanted = number_of_births(context.growth_rate, jnp.sum(context.living), context.relaxation)
         weights = jnp.clip(wanted - (jnp.cumsum(ranked) - ranked), 0.0, ranked)
         return Births(rank, weights, colony.step // context.numerics.steps_per_event)
+
+    def ranking(self, hunger: Float[Array, " node"]) -> Int[Array, " node"]:
+        """Slots by how little their nodes have: the least first, equal ones in their order."""
+        return jnp.argsort(hunger)
 
 
 def number_of_births(mu: Float[Array, ""], total: Float[Array, ""], relaxation: Relaxation) -> Float[Array, ""]:
