@@ -111,7 +111,7 @@ def test_the_model_takes_the_mean_area_of_the_last_images() -> None:
 def test_what_does_not_suit_is_refused() -> None:
     with pytest.raises(InputError, match="area is 100000 and match time: it is for match area, leave it out"):
         Algebraic(area=1e5)
-    with pytest.raises(InputError, match="area is 3.0, it must be a number of at least"):
+    with pytest.raises(InputError, match=r"area is 3\.0, it must be a number of at least"):
         Algebraic(match="area", area=3.0)
     with pytest.raises(InputError, match="'area' is what simulated colonies are matched to"):
         Algebraic(match="area").check_images([], ("area", "compactness"))

@@ -35,9 +35,9 @@ def segments(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     grown: list[int] = []
     before = Segments._segment
 
-    def counted(self, colony, last, seen):
+    def counted(self, colony, last, *how):
         grown.append(last)
-        return before(self, colony, last, seen)
+        return before(self, colony, last, *how)
 
     monkeypatch.setattr(Segments, "_segment", counted)
     return grown

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from yeastfit.errors import InputError
 from yeastfit.inference.targets import Targets
 from yeastfit.memory import check_memory
-from yeastfit.model.numerics import POINT, STEPS, check_capacity, check_substeps
+from yeastfit.model.numerics import POINT, STEPS, WIDE, check_capacity, check_substeps
 from yeastfit.numbers import POSITIVE
 
 FARTHER = 1.3  # times as far as any colony of the data: simulated ones that reach farther are not measured whole
@@ -41,7 +41,6 @@ class Resolution:
 
 
 COARSE = Resolution(dt=0.01, spacing=0.2)
-WIDE = 100.0  # L0
 OF_WIDE_DISHES = Resolution(dt=0.025, spacing=0.4, substeps=4)
 
 

@@ -7,7 +7,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int, UInt32
+from jaxtyping import Array, ArrayLike, Bool, Float, Int, UInt32
 
 from yeastfit.model.numerics import Numerics
 
@@ -112,8 +112,8 @@ def widened(colony: Colony, room: int, newborn: Mapping[str, float]) -> Colony:
     if more <= 0:
         return colony
 
-    def longer(values: Array, empty: float) -> Array:  # by NumPy, which compiles nothing for each size
-        return jnp.asarray(np.pad(values, [(0, more)] + [(0, 0)] * (values.ndim - 1), constant_values=empty))
+    def longer(values: Array, empty: float) -> Array:
+        return lengthened(values, more, empty)
 
     return dataclasses.replace(
         colony,
@@ -123,6 +123,13 @@ def widened(colony: Colony, room: int, newborn: Mapping[str, float]) -> Colony:
         lineages=longer(colony.lineages, 0),
         node_state={name: longer(values, newborn.get(name, 0.0)) for name, values in colony.node_state.items()},
     )
+
+
+def lengthened(values: Array, more: int, empty: ArrayLike) -> Array:
+    """So many entries more, all of them `empty`; by NumPy, which compiles nothing for each size."""
+    found = np.empty((len(values) + more, *values.shape[1:]), values.dtype)
+    found[: len(values)], found[len(values) :] = values, empty
+    return jnp.asarray(found)
 
 
 PROBLEMS = {

@@ -19,6 +19,7 @@ STEPS = Range(1.0 / MOST_STEPS, 1000.0)
 """Admissible Δt."""
 POINT, NODE = 48, 600  # bytes that a step works on in single precision: a dozen grids, and lanes of contacts
 FIRST_ROOM = 500  # nodes that a colony without a capacity begins with room for, the source's number
+WIDE = 100.0  # L0: in wider dishes colonies are expected to become large
 MOST_SUBSTEPS = 1000
 MEMBER = "member"  # the name of the ensemble axis inside `trajectory`
 

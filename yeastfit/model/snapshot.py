@@ -14,12 +14,11 @@ from dataclasses import replace
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Float
 
 from yeastfit.model.cell_overlap import overlap_area
 from yeastfit.model.cells import Cells, weights_of_cells
-from yeastfit.model.colony import Colony, widened
+from yeastfit.model.colony import Colony, lengthened, widened
 from yeastfit.model.norm import norm
 from yeastfit.model.parameters import Parameters
 from yeastfit.model.relaxation import Relaxation
@@ -53,11 +52,8 @@ class Snapshot(eqx.Module):
         if more <= 0:
             return self
 
-        def longer(values: Array) -> Array:
-            return jnp.asarray(np.pad(values, [(0, more)] + [(0, 0)] * (values.ndim - 1), mode="edge"))
-
-        cells = jax.tree.map(longer, self.cells)
-        cells = replace(cells, weights=jnp.asarray(np.pad(self.cells.weights, (0, more))))
+        cells = jax.tree.map(lambda values: lengthened(values, more, values[-1]), self.cells)
+        cells = replace(cells, weights=lengthened(self.cells.weights, more, 0.0))
         return replace(self, cells=cells, colony=widened(self.colony, room, newborn))
 
     @property

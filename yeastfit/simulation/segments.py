@@ -3,7 +3,10 @@
 A segment is compiled for the number of nodes that its arrays have room for. Where births would be cut although more
 nodes are allowed, the segment is grown again with `WIDER` times the room, so that the work follows the nodes that live.
 Another program takes as long as the steps that it would make shorter: more than a second for what is observed, which is
-compiled for `ROOMY` nodes at once.
+compiled for `SPARE` times as much room at once.
+
+In dishes wider than `WIDE`, where colonies are expected to become large, programs for more room are compiled beside the
+steps (`ProgramsAhead`).
 
 On a CPU, colonies with room for more than `FIRST_ROOM` nodes grow by compiled loops (`with_compiled_rules`) unless
 `Numerics.compiled` is False; smaller ones have the bits that those of one program have.
@@ -14,6 +17,7 @@ is divided in two again and again.
 
 import dataclasses
 from collections.abc import Callable, Sequence
+from functools import partial
 
 import equinox as eqx
 import jax
@@ -23,14 +27,15 @@ from jaxtyping import Array, Bool, Int, PyTree
 from yeastfit.model.colony import Colony, Problems, widened
 from yeastfit.model.compiled.rules import with_compiled_rules
 from yeastfit.model.model import Model
-from yeastfit.model.numerics import FIRST_ROOM, Numerics
+from yeastfit.model.numerics import FIRST_ROOM, WIDE, Numerics
 from yeastfit.model.parameters import Parameters
 from yeastfit.model.relaxation import Relaxation
 from yeastfit.model.simulate import Observe, problems_of, step
 from yeastfit.model.snapshot import Snapshot
+from yeastfit.simulation.programs_ahead import ProgramsAhead, programs_ahead
 
 WIDER = 4
-ROOMY = 256_000  # nodes
+SPARE = 16
 
 Passed = Callable[[Colony, PyTree], bool]
 Keep = Callable[[Colony, Sequence[PyTree]], None]
@@ -76,18 +81,19 @@ class Segments:
             The last state, and what was observed.
         """
         observed = list(observed)
-        for sample in samples:
-            while (done := int(colony.step)) < sample:
-                last = min(sample, self._before_event(done))
-                before = colony
-                colony, found = self._segment(before, last, seen=passed is not None or last == sample)
-                if passed is not None and passed(colony, found):
-                    colony, found = self._first(before, colony, found, passed)
-                    return colony, [*observed, found]
-                if last == sample:
-                    observed.append(found)
-                if keep is not None:
-                    keep(colony, observed)
+        with programs_ahead(partial(self._compile, colony)) as ahead:
+            for sample in samples:
+                while (done := int(colony.step)) < sample:
+                    last = min(sample, self._before_event(done))
+                    before = colony
+                    colony, found = self._segment(before, last, passed is not None or last == sample, ahead)
+                    if passed is not None and passed(colony, found):
+                        colony, found = self._first(before, colony, found, passed, ahead)
+                        return colony, [*observed, found]
+                    if last == sample:
+                        observed.append(found)
+                    if keep is not None:
+                        keep(colony, observed)
         return colony, observed
 
     def shapes(self, colony: Colony) -> PyTree:
@@ -100,34 +106,55 @@ class Segments:
         every = self.numerics.steps_per_event
         return (done + 1) // every * every + every - 1
 
-    def _first(self, before: Colony, colony: Colony, found: PyTree, passed: Passed) -> tuple[Colony, PyTree]:
+    def _first(
+        self, before: Colony, colony: Colony, found: PyTree, passed: Passed, ahead: ProgramsAhead
+    ) -> tuple[Colony, PyTree]:
         """The colony at the first step at which it has passed, which lies in the segment since `before`."""
         while int(colony.step) - int(before.step) > 1:
             middle = (int(colony.step) + int(before.step)) // 2
-            between, seen = self._segment(before, middle, seen=True)
+            between, seen = self._segment(before, middle, True, ahead)
             if passed(between, seen):
                 colony, found = between, seen
             else:
                 before = between
         return colony, found
 
-    def _segment(self, colony: Colony, last: int, seen: bool) -> tuple[Colony, PyTree]:
+    def _segment(self, colony: Colony, last: int, seen: bool, ahead: ProgramsAhead) -> tuple[Colony, PyTree]:
         """The colony at step `last`, and what is observed there, if it is seen, with as much room as that takes."""
-        rules = self.parameters, self.relaxation, self.numerics
-        most = self.numerics.most_room
         while True:
             room = colony.parents.shape[0]
-            compiled = self.numerics.compiled and room > FIRST_ROOM
-            model = with_compiled_rules(self.model) if compiled else self.model
-            snapshot, cut = _advanced(colony, jnp.asarray(last), jnp.asarray(room < most), *rules, model)
-            if not bool(cut):
+            if self.numerics.domain > WIDE:
+                ahead.ask([one for one in (self._wider(room), self._wider(self._wider(room))) if one > room])
+            snapshot, cut = self._advanced(colony, last)
+            if not cut:
                 return snapshot.colony, self._observed(snapshot) if seen else None
-            colony = widened(colony, min(WIDER * room, most), self.model.node_state())
+            ahead.await_for(self._wider(room))
+            colony = widened(colony, self._wider(room), self.model.node_state())
+
+    def _wider(self, room: int) -> int:
+        """What comes after so much room."""
+        return min(WIDER * room, self.numerics.most_room)
+
+    def _advanced(self, colony: Colony, last: int) -> tuple[Snapshot, bool]:
+        """What statistics of step `last` are taken from, and whether a birth was cut that need not be."""
+        room = colony.parents.shape[0]
+        compiled = self.numerics.compiled and room > FIRST_ROOM
+        model = with_compiled_rules(self.model) if compiled else self.model
+        rules = self.parameters, self.relaxation, self.numerics, model
+        snapshot, cut = _advanced(colony, jnp.asarray(last), jnp.asarray(room < self.numerics.most_room), *rules)
+        return snapshot, bool(cut)
+
+    def _compile(self, colony: Colony, room: int) -> None:
+        """Run the programs for so much room, for no step."""
+        snapshot, _ = self._advanced(widened(colony, room, self.model.node_state()), int(colony.step))
+        self._observed(snapshot)
 
     def _observed(self, snapshot: Snapshot) -> PyTree:
         """What is observed, by a program that colonies of many sizes share."""
-        room = snapshot.colony.parents.shape[0]
-        wide = room if room <= FIRST_ROOM else max(room, min(ROOMY, self.numerics.most_room))
+        room, wide = snapshot.colony.parents.shape[0], FIRST_ROOM
+        while wide < room:
+            wide *= SPARE
+        wide = max(min(wide, self.numerics.most_room), room)
         return _observed(self.observe, snapshot.widened(wide, self.model.node_state()))
 
 

@@ -19,7 +19,7 @@ from yeastfit.measure.statistics.smooth_statistics import SmoothStatistics
 from yeastfit.memory import ITEM, check_count, check_memory
 from yeastfit.model.colony import Colony
 from yeastfit.model.model import Model
-from yeastfit.model.numerics import FIRST_ROOM, Numerics, map_members, most_nodes, on_one_device
+from yeastfit.model.numerics import FIRST_ROOM, WIDE, Numerics, map_members, most_nodes, on_one_device
 from yeastfit.model.nutrient import check_alpha
 from yeastfit.model.parameters import Parameters, Scales
 from yeastfit.model.relaxation import Relaxation
@@ -96,7 +96,8 @@ def simulate(
 
     Births are cut only where `numerics.capacity` says so, or memory ends: colonies that could have more than `SHORT`
     nodes, or have outgrown `FIRST_ROOM`, grow in segments (`Segments`), one colony on each device. Their arrays get
-    more room whenever that is needed. Derivatives need arrays of fixed length: while tracing, a capacity of None
+    more room whenever that is needed; in dishes wider than `WIDE`, where colonies are expected to become large, they
+    begin with room for `SHORT`. Derivatives need arrays of fixed length: while tracing, a capacity of None
     is `FIRST_ROOM`.
 
     Arguments:
@@ -164,7 +165,7 @@ def simulate(
     else:
         done = False
     if not done:
-        few = replace(numerics, capacity=min(FIRST_ROOM, numerics.most_room))
+        few = replace(numerics, capacity=min(SHORT if numerics.domain > WIDE else FIRST_ROOM, numerics.most_room))
         samples = np.asarray(schedule.steps).tolist()
         colony, observed = grown_in_segments(
             batched, began, samples, relaxation, numerics, few, observe, model, end, keep

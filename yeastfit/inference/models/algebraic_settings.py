@@ -7,9 +7,9 @@ from typing import Annotated, Any, Literal, get_args
 from yeastfit.errors import InputError
 from yeastfit.inference.models.forward_model import ForwardModel
 from yeastfit.inference.posterior.settings import Setting
-from yeastfit.inference.resolution import COARSE, OF_WIDE_DISHES, WIDE, Resolution, usual_in
+from yeastfit.inference.resolution import COARSE, OF_WIDE_DISHES, Resolution, usual_in
 from yeastfit.model.model import Model
-from yeastfit.model.numerics import Numerics
+from yeastfit.model.numerics import WIDE, Numerics
 from yeastfit.model.parameters import Scales
 from yeastfit.numbers import CELL_LENGTHS, GROWTH_RATES, PIXEL_SIZES, Range
 from yeastfit.parameter_set import LARGEST
