@@ -17,7 +17,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from yeastfit.model.cell_overlap import overlap_area
-from yeastfit.model.cells import Cells, weights_of_cells
+from yeastfit.model.cells import Cells, Scalar, level_set, weights_of_cells
 from yeastfit.model.colony import Colony, lengthened, widened
 from yeastfit.model.norm import norm
 from yeastfit.model.parameters import Parameters
@@ -55,6 +55,10 @@ class Snapshot(eqx.Module):
         cells = jax.tree.map(lambda values: lengthened(values, more, values[-1]), self.cells)
         cells = replace(cells, weights=lengthened(self.cells.weights, more, 0.0))
         return replace(self, cells=cells, colony=widened(self.colony, room, newborn))
+
+    def level_set(self, reach: Scalar, origin: float, spacing: float, points: int) -> Float[Array, "x y"]:
+        """g of the cells on a square grid, as `cells.level_set` has it."""
+        return level_set(self.cells, self.relaxation.union, reach, origin, spacing, points)
 
     @property
     def mean_radius(self) -> Float[Array, ""]:

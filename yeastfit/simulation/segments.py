@@ -25,7 +25,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int, PyTree
 
 from yeastfit.model.colony import Colony, Problems, widened
-from yeastfit.model.compiled.rules import with_compiled_rules
+from yeastfit.model.compiled.rules import with_compiled_level_set, with_compiled_rules
 from yeastfit.model.model import Model
 from yeastfit.model.numerics import FIRST_ROOM, WIDE, Numerics
 from yeastfit.model.parameters import Parameters
@@ -135,11 +135,14 @@ class Segments:
         """What comes after so much room."""
         return min(WIDER * room, self.numerics.most_room)
 
+    def _compiles(self, room: int) -> bool:
+        """Whether a colony with so much room grows by compiled loops."""
+        return self.numerics.compiled and room > FIRST_ROOM
+
     def _advanced(self, colony: Colony, last: int) -> tuple[Snapshot, bool]:
         """What statistics of step `last` are taken from, and whether a birth was cut that need not be."""
         room = colony.parents.shape[0]
-        compiled = self.numerics.compiled and room > FIRST_ROOM
-        model = with_compiled_rules(self.model) if compiled else self.model
+        model = with_compiled_rules(self.model) if self._compiles(room) else self.model
         rules = self.parameters, self.relaxation, self.numerics, model
         snapshot, cut = _advanced(colony, jnp.asarray(last), jnp.asarray(room < self.numerics.most_room), *rules)
         return snapshot, bool(cut)
@@ -155,7 +158,8 @@ class Segments:
         while wide < room:
             wide *= SPARE
         wide = max(min(wide, self.numerics.most_room), room)
-        return _observed(self.observe, snapshot.widened(wide, self.model.node_state()))
+        seen = snapshot.widened(wide, self.model.node_state())
+        return _observed(self.observe, with_compiled_level_set(seen) if self._compiles(room) else seen)
 
 
 @eqx.filter_jit

@@ -81,7 +81,7 @@ class HardStatistics(eqx.Module):
         """The image, and what only nodes tell."""
         points, relaxation = round(self.extent / self.spacing) + 1, snapshot.relaxation
         origin = -0.5 * self.spacing * (points - 1)
-        g = level_set(snapshot.cells, relaxation.union, relaxation.union_reach, origin, self.spacing, points)
+        g = snapshot.level_set(relaxation.union_reach, origin, self.spacing, points)
         return {"mask": g <= 0, **node_statistics(snapshot, self.statistics)}
 
     def finish(self, observed: dict[str, np.ndarray]) -> dict[str, np.ndarray]:

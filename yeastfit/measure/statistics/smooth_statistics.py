@@ -22,7 +22,6 @@ from yeastfit.measure.statistics.polar import Polar, polar_statistics
 from yeastfit.measure.statistics.registry import STATISTICS, check_names, names_with, recorded
 from yeastfit.model.active_window import extent_of_cells, on_window
 from yeastfit.model.cell_overlap import smooth_step
-from yeastfit.model.cells import level_set
 from yeastfit.model.snapshot import Snapshot
 
 
@@ -86,7 +85,7 @@ def node_statistics(snapshot: Snapshot, names: Iterable[str] | None = None) -> d
 def indicator(snapshot: Snapshot, points: int, spacing: float) -> Float[Array, "x y"]:
     """φ of the colony's level set on a square of so many grid points a side around the origin."""
     relaxation, origin = snapshot.relaxation, -0.5 * spacing * (points - 1)
-    g = level_set(snapshot.cells, relaxation.union, relaxation.reach, origin, spacing, points)
+    g = snapshot.level_set(relaxation.reach, origin, spacing, points)
     return smooth_step(g, relaxation.boundary)
 
 

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from yeastfit.model.compiled.covering import cover_all
 from yeastfit.model.compiled.eating import eat
 from yeastfit.model.compiled.foreign_call import NULL, Call, argument, is_question, result
 from yeastfit.model.compiled.pulls import pull_together
@@ -100,6 +101,26 @@ def ranking(dtype: Any) -> Call:
             return NULL
         (room,) = argument(frame, 1, 1, np.int32)
         result(frame, 0, room, np.int32)[:] = np.argsort(argument(frame, 0, room, dtype), kind="mergesort")
+        return NULL
+
+    return call
+
+
+def covering(dtype: Any) -> Call:
+    """Of `CompiledSnapshot`."""
+
+    def call(frame: Any) -> int:
+        if is_question(frame):
+            return NULL
+        origin, spacing, union, reach = argument(frame, 5, 4, dtype)
+        points, cells, patch = argument(frame, 6, 3, np.int32)
+        centres, directions = argument(frame, 0, (cells, 2), dtype), argument(frame, 1, (cells, 2), dtype)
+        halves, weights = (
+            (argument(frame, 2, cells, dtype), argument(frame, 3, cells, dtype)),
+            argument(frame, 4, cells, dtype),
+        )
+        covered = result(frame, 0, (points, points), dtype)
+        cover_all(covered, centres, directions, halves, weights, (origin, spacing, patch), union, reach)
         return NULL
 
     return call

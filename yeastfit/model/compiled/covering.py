@@ -4,12 +4,13 @@ That is Σ_k w_k exp(−f_k / s), or hard max_k max(−f_k, 0). A cell covers so
 of them would take longer than the points: terms are collected, and worked out `COLLECTED` at a time.
 """
 
-from math import exp, inf, log
+from math import exp, inf
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from yeastfit.compiled import array_kernel, kernel
+from yeastfit.model.cells import LARGEST
 
 COLLECTED = 512
 PER_LOG2 = 1.4426950408889634  # 1 / log 2
@@ -25,15 +26,16 @@ def boxes_of(
     halves: tuple[Float[np.ndarray, " cell"], Float[np.ndarray, " cell"]],
     weights: Float[np.ndarray, " cell"],
     grid: tuple[float, float, int],
-    union: tuple[float, float],
+    reach: float,
+    furthest: float,
 ) -> Int[np.ndarray, "cell 4"]:
     """First and last grid point of each cell along x and along y; none where last is below first.
 
-    These are the points of its patches in `level_set`, as far as they enter its sum.
+    These are the points of its patches in `level_set`, which cover r² up to `reach`, as far as f is below `furthest`.
     """
     kind = centres.dtype.type
     origin, per_spacing, patch = kind(grid[0]), kind(1 / grid[1]), kind(grid[2])
-    counted, seen = kind(np.sqrt(union[1])), kind(np.sqrt(1.0 + union[0] * _beyond(centres.dtype)))
+    counted, seen = kind(np.sqrt(reach)), kind(np.sqrt(1.0 + furthest))
     zero, one, side = kind(0), kind(1), kind(points)
     boxes = np.empty((len(weights), 4), np.int32)
     for k in range(len(weights)):
@@ -75,6 +77,7 @@ def cover(
     weights: Float[np.ndarray, " cell"],
     grid: tuple[float, float, int],
     union: float,
+    furthest: float,
 ) -> None:
     """Add to `covered`, whose first point is `low`, at the points of tiles at work; elsewhere something or nothing.
 
@@ -89,10 +92,11 @@ def cover(
         weights: Likewise.
         grid: Coordinate of its first point along either axis, spacing, and points along a side of a patch.
         union: s, 0 for the hard union.
+        furthest: f from which a cell is not looked at; 0 for the hard union.
     """
     kind, (work, tile) = covered.dtype.type, tiles
     hard, one, across_row = union == 0, kind(1), covered.shape[1]
-    furthest, scale = kind(union * _beyond(covered.dtype)), one if hard else kind(1 / union)
+    beyond, scale = kind(furthest), one if hard else kind(1 / union)
     x, y = np.empty(covered.shape[0], covered.dtype), np.empty(covered.shape[1], covered.dtype)
     for i in range(len(x)):
         x[i] = grid[0] + grid[1] * (low[0] + i)
@@ -118,7 +122,7 @@ def cover(
                 dy = y[j] - centres[k, 1]
                 f = here + dy * (slope + yy * dy)
                 value[found], place[found], whose[found] = f * scale, i * across_row + j, k
-                found += f < furthest  # otherwise the next one takes its place
+                found += f < beyond  # otherwise the next one takes its place
                 if found == COLLECTED:
                     _add(covered.reshape(-1), place, value, whose, weights, found, hard)
                     found = 0
@@ -176,7 +180,20 @@ def _any_of(work: Bool[np.ndarray, "i j"], first_x: int, last_x: int, first_y: i
     return False
 
 
-@kernel
-def _beyond(dtype: np.dtype) -> float:
-    """f / s from which a term is below a hundredth of the precision of 1, the least sum that counts."""
-    return 5.0 - log(np.finfo(dtype).eps)
+@array_kernel
+def cover_all(
+    covered: Float[np.ndarray, "x y"],
+    centres: Float[np.ndarray, "cell 2"],
+    directions: Float[np.ndarray, "cell 2"],
+    halves: tuple[Float[np.ndarray, " cell"], Float[np.ndarray, " cell"]],
+    weights: Float[np.ndarray, " cell"],
+    grid: tuple[float, float, int],
+    union: float,
+    reach: float,
+) -> None:
+    """The sum at all points of a grid, of cells as far as r² is at most `reach`."""
+    covered[:] = 0
+    furthest = min(reach - 1.0, LARGEST * union) if union > 0 else 0.0
+    boxes = boxes_of(covered.shape[0], centres, directions, halves, weights, grid, reach, furthest)
+    one_tile = np.ones((1, 1), np.bool_), covered.shape[0]
+    cover(covered, (0, 0), one_tile, boxes, centres, directions, halves, weights, grid, union, furthest)

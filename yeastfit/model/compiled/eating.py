@@ -46,14 +46,15 @@ def eat(
         metabolic: Δt λ6.
         diffusion: α, ρ and the number of sweeps.
     """
-    boxes = boxes_of(nutrient.shape[0], centres, directions, halves, weights, grid, union)
+    furthest = union[0] * (5.0 - log(np.finfo(nutrient.dtype).eps))  # terms below a hundredth of the precision of 1
+    boxes = boxes_of(nutrient.shape[0], centres, directions, halves, weights, grid, union[1], furthest)
     work = _at_work(nutrient, boxes)
     rows = _runs(work, nutrient.shape[0])
     if len(rows) == 0:
         return
     low, shape = _surrounded(rows)
     eaten = np.zeros(shape, nutrient.dtype)
-    cover(eaten, low, (work, TILE), boxes, centres, directions, halves, weights, grid, union[0])
+    cover(eaten, low, (work, TILE), boxes, centres, directions, halves, weights, grid, union[0], furthest)
     _solve(nutrient, low, eaten, rows, union[0], metabolic, diffusion)
 
 

@@ -5,6 +5,7 @@ from typing import Any
 
 from yeastfit.model.compiled import operations
 from yeastfit.model.compiled.contact import CompiledNodeContact
+from yeastfit.model.compiled.level_set import CompiledSnapshot
 from yeastfit.model.compiled.medium import CompiledOneNutrient
 from yeastfit.model.compiled.ranking import CompiledGlobalBirths
 from yeastfit.model.compiled.springs import CompiledTreeSprings
@@ -14,6 +15,7 @@ from yeastfit.model.laws.growth import GlobalBirths
 from yeastfit.model.laws.medium import OneNutrient
 from yeastfit.model.model import Model
 from yeastfit.model.rules import Rule
+from yeastfit.model.snapshot import Snapshot
 
 COMPILED: dict[type[Rule], type[Rule]] = {
     GlobalBirths: CompiledGlobalBirths,
@@ -31,3 +33,8 @@ def with_compiled_rules(model: Model) -> Model:
     known = {question: COMPILED.get(type(rule)) for question, rule in model.rules.items()}
     found: dict[str, Any] = {question: compiled() for question, compiled in known.items() if compiled}
     return dataclasses.replace(model, **found)
+
+
+def with_compiled_level_set(snapshot: Snapshot) -> Snapshot:
+    """The same, whose cells are joined by a compiled function, under the same conditions."""
+    return CompiledSnapshot.of(snapshot) if operations.are_possible() else snapshot
