@@ -35,6 +35,7 @@ from yeastfit.model.snapshot import Snapshot
 from yeastfit.simulation.programs_ahead import ProgramsAhead, programs_ahead
 
 WIDER = 4
+AHEAD = 300_000  # nodes for which programs are run once beforehand: beyond, that takes memory
 SPARE = 16
 
 Passed = Callable[[Colony, PyTree], bool]
@@ -124,7 +125,8 @@ class Segments:
         while True:
             room = colony.parents.shape[0]
             if self.numerics.domain > WIDE:
-                ahead.ask([one for one in (self._wider(room), self._wider(self._wider(room))) if one > room])
+                following = self._wider(room), self._wider(self._wider(room))
+                ahead.ask([one for one in following if room < one <= AHEAD])
             snapshot, cut = self._advanced(colony, last)
             if not cut:
                 return snapshot.colony, self._observed(snapshot) if seen else None

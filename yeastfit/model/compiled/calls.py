@@ -115,12 +115,9 @@ def covering(dtype: Any) -> Call:
         origin, spacing, union, reach = argument(frame, 5, 4, dtype)
         points, cells, patch = argument(frame, 6, 3, np.int32)
         centres, directions = argument(frame, 0, (cells, 2), dtype), argument(frame, 1, (cells, 2), dtype)
-        halves, weights = (
-            (argument(frame, 2, cells, dtype), argument(frame, 3, cells, dtype)),
-            argument(frame, 4, cells, dtype),
-        )
-        covered = result(frame, 0, (points, points), dtype)
-        cover_all(covered, centres, directions, halves, weights, (origin, spacing, patch), union, reach)
+        halves = argument(frame, 2, cells, dtype), argument(frame, 3, cells, dtype)
+        weights, grid = argument(frame, 4, cells, dtype), (origin, spacing, patch)
+        cover_all(result(frame, 0, (points, points), dtype), centres, directions, halves, weights, grid, union, reach)
         return NULL
 
     return call

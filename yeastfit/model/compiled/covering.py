@@ -1,4 +1,4 @@
-"""What covers the points of the grid where nutrient is eaten, compiled by numba: the sum of `level_set`.
+"""What covers the points of a grid, compiled by numba: the sum of `level_set`, for the nutrient and for statistics.
 
 That is Σ_k w_k exp(−f_k / s), or hard max_k max(−f_k, 0). A cell covers so few points that what is done for each row
 of them would take longer than the points: terms are collected, and worked out `COLLECTED` at a time.
@@ -40,9 +40,9 @@ def boxes_of(
     boxes = np.empty((len(weights), 4), np.int32)
     for k in range(len(weights)):
         boxes[k, 0], boxes[k, 1], boxes[k, 2], boxes[k, 3] = 0, -1, 0, -1
-        somewhere = weights[k] > 0
-        if not somewhere:
+        if not weights[k] > 0:
             continue
+        somewhere = True
         for axis in range(2):
             along, over = halves[0][k] * directions[k, axis], halves[1][k] * directions[k, 1 - axis]
             extent = np.sqrt(along * along + over * over) * per_spacing
