@@ -59,7 +59,7 @@ def test_what_goes_wrong_is_left_to_who_runs_it() -> None:
 def test_colonies_in_wide_dishes_are_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
     """As that of one program, to rounding, and they ask for the next two sizes."""
     numerics = Numerics(domain=102.0, spacing=0.4, dt=0.025)
-    how = {"parameters": Parameters(), "keys": member_keys(0, 1)[0], "times": [5.5], "numerics": numerics}
+    how = {"parameters": Parameters(), "keys": member_keys(0, 1)[0], "times": [3.2], "numerics": numerics}
     asked, ask = list[int](), ProgramsAhead.ask
 
     def noticed(self: ProgramsAhead, rooms: Iterable[int]) -> None:
@@ -68,11 +68,11 @@ def test_colonies_in_wide_dishes_are_the_same(monkeypatch: pytest.MonkeyPatch) -
 
     plain = simulate(**how)  # type: ignore[arg-type]
     monkeypatch.setattr(ProgramsAhead, "ask", noticed)
-    monkeypatch.setattr("yeastfit.simulation.simulate.SHORT", 6)
+    monkeypatch.setattr("yeastfit.simulation.simulate.SHORT", 2)
     grown = simulate(**how)  # type: ignore[arg-type]
-    assert set(asked) >= {24, 96}
+    assert set(asked) >= {8, 32}
     count = int(plain.colony.count)
-    assert 6 < count <= 96
+    assert 2 < count <= 32
     assert grown.colony.positions.shape[0] < plain.colony.positions.shape[0]
     assert int(grown.colony.count) == count
     np.testing.assert_array_equal(grown.colony.parents[:count], plain.colony.parents[:count])
