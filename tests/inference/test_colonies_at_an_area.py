@@ -106,6 +106,24 @@ def test_the_model_takes_the_mean_area_of_the_last_images() -> None:
     smaller = Algebraic(match="area", area=1e5).seen(rows, REAL.parent, None, names)
     assert isinstance(smaller.model, Algebraic)
     assert smaller.model.area == 1e5
+    assert seen.targets.imaging is not None
+    assert smaller.targets.imaging is not None
+    assert seen.targets.imaging.extent is not None
+    assert smaller.targets.imaging.extent == pytest.approx(seen.targets.imaging.extent * (1e5 / area) ** 0.5)
+    assert "of about 51000 cells" in " ".join(seen.notes)
+    assert "cells of 7.5 µm" not in " ".join(smaller.notes)
+
+
+@pytest.mark.parametrize(
+    ("area", "message"),
+    [(None, "'area' is not in the table"), (np.nan, "s01.tif: area is nan, and colonies are compared at their mean")],
+)
+def test_an_area_that_is_not_known_is_named(area: float | None, message: str) -> None:
+    rows = [{name: value for name, value in row.items() if name != "area"} for row in read_measurements(REAL)]
+    if area is not None:
+        rows = [{**row, "area": area} for row in rows]
+    with pytest.raises(InputError, match=message):
+        Algebraic(match="area").seen(rows, REAL.parent, None, ("compactness",))
 
 
 def test_what_does_not_suit_is_refused() -> None:

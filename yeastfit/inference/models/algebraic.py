@@ -15,7 +15,7 @@ from yeastfit.inference.models.algebraic_settings import CELL, AlgebraicSettings
 from yeastfit.inference.models.forward_model import Row, Seen
 from yeastfit.inference.models.grown import Grown, Outlines
 from yeastfit.inference.models.image_checks import check_images, of_pixels
-from yeastfit.inference.models.last_images import last_images
+from yeastfit.inference.models.last_images import last_images, measured
 from yeastfit.inference.resolution import Resolution, usual_resolution
 from yeastfit.inference.sensitivity.estimate import sensitivity as estimate_sensitivity
 from yeastfit.inference.sensitivity.result import Sensitivity
@@ -77,22 +77,30 @@ class Algebraic(AlgebraicSettings):
         return of_coarse, of_fine
 
     def seen(self, rows: Sequence[Row], folder: Path, condition: str | None, statistics: Sequence[str]) -> Seen:
-        """Curves over time, or statistics of the last images; lengths in L0."""
+        """Curves over time, or statistics of the last images; lengths in L0.
+
+        Raises:
+            InputError: The data cannot be compared so, or, where colonies are compared at one area, that of an image is
+                not known.
+        """
         how: dict[str, Any] = {"condition": condition, "statistics": statistics, "scales": self.scales}
-        large = self._too_many_cells(rows_of(rows, condition))
         if self.timed:
-            return Seen(self, targets_of(rows, folder, **how), tuple(large))
+            areas = [float(row.get("area", np.nan)) for row in rows_of(rows, condition)]
+            return Seen(self, targets_of(rows, folder, **how), tuple(self._too_many_cells(areas)))
         chosen, notes = last_images(checked_rows(rows, condition))
         latest = max(float(row["hours"]) for row in chosen)
-        at_once = [{**row, "hours": latest} for row in chosen]
-        targets = targets_of(at_once, folder, estimator="mask", **how)
-        mean = float(np.mean([float(row["area"]) for row in chosen]))
-        area = mean if self.area is None else self.area
-        assert targets.imaging is not None
-        assert targets.imaging.extent is not None
-        imaging = replace(targets.imaging, extent=targets.imaging.extent * (area / mean) ** 0.5)
-        targets = replace(targets, imaging=imaging)
-        return Seen(replace(self, area=area), targets, (*large, *notes))
+        targets = targets_of([{**row, "hours": latest} for row in chosen], folder, estimator="mask", **how)
+        areas = [measured(row, folder, ("area",))["area"] for row in chosen]
+        for row, area in zip(chosen, areas, strict=True):
+            if not area > 0:
+                raise InputError(f"{row['file']}: area is {area:g}, and colonies are compared at their mean area")
+        wanted = float(np.mean(areas)) if self.area is None else self.area
+        imaging = targets.imaging
+        assert imaging is not None
+        assert imaging.extent is not None
+        smaller = replace(imaging, extent=imaging.extent * (wanted / float(np.mean(areas))) ** 0.5)
+        notes += self._too_many_cells([wanted])
+        return Seen(replace(self, area=wanted), replace(targets, imaging=smaller), tuple(notes))
 
     def measurement_errors(self, targets: Targets, given: float | None) -> dict[str, float]:
         """The usual ones, or by default, of colonies compared at their area, those of outlines of photographs."""
@@ -101,10 +109,9 @@ class Algebraic(AlgebraicSettings):
             return usual
         return {name: OUTLINE_ERRORS.get(name, error) for name, error in usual.items()}
 
-    def _too_many_cells(self, rows: Sequence[Row]) -> list[str]:
-        """Say that colonies are too large to grow hundreds of them, where the table has their areas."""
-        areas = [float(row["area"]) for row in rows if np.isfinite(float(row.get("area", np.nan)))]
-        cells = max(areas, default=0.0) / (CELL * self.length**2)
+    def _too_many_cells(self, areas: Sequence[float]) -> list[str]:
+        """Say that colonies are too large to grow hundreds of them, where their areas are known."""
+        cells = max(filter(np.isfinite, areas), default=0.0) / (CELL * self.length**2)
         if cells < MANY:
             return []
         return [
