@@ -12,6 +12,10 @@ thousand cells, the largest colonies of 5500 to 55 000 cells, as many as real on
 area index I_F and the filament radius index I_R are taken on the mask at eight times, with pixels of 0.2 L0, which is
 the resolution of the photographs.
 
+Colonies of open branches may be as dense in their middle as a disc filled at random, and r_CSR, the radius of the ring
+that is nearest to that, is there and not at the rim. I_F is above 1 then, beyond r_CSR lie more than 65 % of the
+pixels, and neither it nor I_R says anything of filaments. Such colonies are left out for these two indices and counted.
+
 A statement holds where the 95 % confidence interval of the difference of two means (Welch's t) lies on its side of 0,
 it does not where it lies on the other, and is not resolved otherwise.
 

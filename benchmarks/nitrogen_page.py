@@ -16,11 +16,22 @@ REAL = {  # means of data/real/*/measurements.csv by ammonium sulphate, of AWRI 
 }
 
 ALIKE = 2.0
+MOST_BEYOND = 1.0  # I_F: 65 % of the pixels beyond r_CSR
 
 
 def at_end(records: list[Record], name: str) -> np.ndarray:
-    """A statistic of every colony at the end."""
-    return np.array([record["statistics"][name][-1] for record in records])
+    """A statistic of the colonies at the end, as `seen_at` has it."""
+    return seen_at(records, name, [-1] * len(records))
+
+
+def seen_at(records: list[Record], name: str, samples: list[int]) -> np.ndarray:
+    """A statistic of the colonies at a sample each; filament indices of those alone whose r_CSR is the core's edge."""
+    statistics = [record["statistics"] for record in records]
+    found = np.array([each[name][k] for each, k in zip(statistics, samples, strict=True)])
+    if not name.startswith("filament"):
+        return found
+    beyond = np.array([each["filament_area_index"][k] for each, k in zip(statistics, samples, strict=True)])
+    return found[beyond <= MOST_BEYOND]
 
 
 def stopped(record: Record) -> int:
@@ -62,7 +73,10 @@ def beside_photographs(study: Study) -> list[str]:
     if not least or not most:
         return []
     ratios = {
-        symbol: [at_end(of, name).mean() / real[name] for of, real in zip((least, most), REAL.values(), strict=True)]
+        symbol: [
+            float(np.mean(at_end(of, name))) / real[name] if len(at_end(of, name)) else np.nan
+            for of, real in zip((least, most), REAL.values(), strict=True)
+        ]
         for name, symbol in INDICES.items()
     }
     alike = all(1 / ALIKE < ratio < ALIKE for pair in ratios.values() for ratio in pair)
@@ -77,7 +91,9 @@ def beside_photographs(study: Study) -> list[str]:
 def verdict(low: np.ndarray, high: np.ndarray) -> str:
     """Whether the mean of `low` lies below that of `high`."""
     if min(len(low), len(high)) < 2:
-        return "not resolved: one colony"
+        return "not resolved: fewer than two colonies"
+    if not low.std() and not high.std():  # numbers of cells that nitrogen decides, all alike
+        return "holds" if high[0] > low[0] else "does not hold"
     interval = ttest_ind(high, low, equal_var=False).confidence_interval(0.95)
     return "holds" if interval.low > 0 else "does not hold" if interval.high < 0 else "not resolved"
 
@@ -113,7 +129,7 @@ def statements(study: Study, dish: Dish) -> list[Record]:
         )
     ended = [record for record in least if record_stopped(record)]
     for name, symbol in INDICES.items():
-        then = np.array([record["statistics"][name][stopped(record)] for record in ended])
+        then = seen_at(ended, name, [stopped(record) for record in ended])
         rows.append(
             {
                 "statement": f"with the least nitrogen {symbol} rises after the last birth: drift draws out hairs",
@@ -129,6 +145,8 @@ def _real(name: str) -> str:
 
 
 def _spread(values: np.ndarray) -> str:
+    if not len(values):
+        return "none"
     deviation = f" ± {values.std(ddof=1):.2g}" if len(values) > 1 else ""
     return f"{values.mean():.3g}{deviation}"
 
@@ -147,6 +165,7 @@ def summary(study: Study) -> list[Record]:
                     "colonies": len(of),
                 }
                 row |= {symbol: _spread(at_end(of, name)) for name, symbol in INDICES.items()}
+                row["of these with I_F and I_R"] = len(at_end(of, "filament_area_index"))
                 row |= {"area (L0²)": _spread(at_end(of, "area")), "cells": _spread(at_end(of, "cell_count"))}
                 row["nitrogen left"] = f"{100 * np.mean([record['nitrogen left'] for record in of]):.2g} %"
                 row["colonies with warnings"] = sum(bool(record["warnings"]) for record in of)
@@ -174,7 +193,7 @@ def picture(study: Study, path: Path) -> None:
                 panel.set_title(f"{dish.name} dish ({side:g} L0), ν = {amount:g}: {cells:.0f} cells", fontsize=10)
     for panel, (name, symbol) in zip(lines[-1].subplots(1, 3), INDICES.items(), strict=True):
         for dish, colour in zip(dishes, CONDITIONS, strict=False):
-            given = [amount for amount in study.amounts if study.of(dish, amount)]
+            given = [amount for amount in study.amounts if len(at_end(study.of(dish, amount), name))]
             values = [at_end(study.of(dish, amount), name) for amount in given]
             errors = [one.std(ddof=1) if len(one) > 1 else 0.0 for one in values]
             panel.errorbar(
