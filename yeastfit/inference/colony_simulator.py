@@ -51,7 +51,7 @@ SEEN = PROBLEMS | {
 """`PROBLEMS` of colonies in a dish that the data make."""
 NOT_COME = (
     "the colony did not come to {area:.4g} L0², the area at which it would be compared, by the data's time, or "
-    "only with births cut: it counts as none of the data's kind"
+    "only with births cut, and counts as none of the data's kind; a larger growth rate leaves more time"
 )
 
 
