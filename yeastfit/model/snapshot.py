@@ -57,7 +57,17 @@ class Snapshot(eqx.Module):
         return replace(self, cells=cells, colony=widened(self.colony, room, newborn))
 
     def level_set(self, reach: Scalar, origin: float, spacing: float, points: int) -> Float[Array, "x y"]:
-        """g of the cells on a square grid, as `cells.level_set` has it."""
+        """g of the cells on a square grid around the origin, negative inside the colony.
+
+        Arguments:
+            reach: r² = f + 1 up to which a cell counts.
+            origin: Coordinate of the first grid point along either axis, in L0.
+            spacing: Of the grid, in L0.
+            points: Along its side.
+
+        Returns:
+            g, dimensionless; large where no cell reaches.
+        """
         return level_set(self.cells, self.relaxation.union, reach, origin, spacing, points)
 
     @property
