@@ -19,8 +19,9 @@ SMALL = DISHES[0]
 def colony(
     amount: float, member: int, cells: Sequence[float], compactness: Sequence[float], **others: Any
 ) -> dict[str, Any]:
-    """A record with four samples, all shape indices alike."""
-    curves = dict.fromkeys(NAMES, compactness) | {"cell_count": cells}
+    """A record with four samples; filament indices are a tenth of the compactness, all others alike."""
+    indices = {name: [0.1 * one for one in compactness] for name in NAMES if "filament" in name}
+    curves = dict.fromkeys(NAMES, compactness) | indices | {"cell_count": cells}
     return {
         **{"dish": plain(SMALL), "values": VALUES | NITROGEN, "amount": amount},
         **{"member": member, "times": [1.0, 2.0, 3.0, 4.0], "nitrogen left": 0.1, "statistics": curves, "warnings": []},
@@ -52,6 +53,17 @@ def test_statements_are_judged_from_the_colonies(study: Study) -> None:
     assert "births have stopped; 10 times the nitrogen makes the rounder colony, by C: holds" in answer(study)
 
 
+def test_colonies_without_a_core_are_left_out_for_filament_indices(study: Study) -> None:
+    """Their I_F is above 1; what else is said of them counts, and how many are left is told."""
+    hollow = colony(10.0, 4, [10, 70, 90, 90], [2.0, 2.1, 2.2, 2.3])
+    hollow["statistics"]["filament_area_index"] = [0.2, 0.21, 0.22, 1.5]
+    append_line(study.work / "colonies.jsonl", hollow)
+    many = summary(study)[1]
+    assert (many["colonies"], many["of these with I_F and I_R"]) == (5, 4)
+    assert {row["verdict"] for row in statements(study, SMALL)} == {"holds"}
+    assert "1.5" not in many["I_F"]
+
+
 def test_a_colony_that_is_still_budding_is_said(study: Study) -> None:
     append_line(study.work / "colonies.jsonl", colony(1.0, 4, [10, 50, 60, 70], [3.0, 4.0, 8.0, 9.0]))
     first = statements(study, SMALL)[0]
@@ -64,7 +76,9 @@ def test_verdicts_have_three_outcomes() -> None:
     assert verdict(low, high) == "holds"
     assert verdict(high, low) == "does not hold"
     assert verdict(low, wide) == "not resolved"
-    assert verdict(low[:1], high) == "not resolved: one colony"
+    assert verdict(np.full(3, 5.0), np.full(3, 9.0)) == "holds"
+    assert verdict(np.full(3, 9.0), np.full(3, 5.0)) == "does not hold"
+    assert verdict(low[:1], high) == "not resolved: fewer than two colonies"
 
 
 @pytest.mark.parametrize(("cells", "sample"), [([5, 5, 5, 5], 0), ([1, 2, 5, 5], 2), ([1, 2, 3, 4], 3)])
