@@ -112,16 +112,15 @@ def _members(curves: ColonyCurves, z: Float[Array, "member parameter"], keys: Ar
 def _masked(curves: ColonyCurves, z: Float[Array, "member parameter"], keys: Array) -> Float[Array, "member value"]:
     colony, observed = on_one_device(_grown(curves, z, keys))
     found = curves.observe.finish(jax.tree.map(np.asarray, observed))
-    problems = np.stack([np.asarray(getattr(colony.problems, name)) for name in PROBLEMS], axis=1)
+    problems = _problems_of(colony)
     return jnp.asarray(np.concatenate([*(found[name] for name in curves.names), problems], axis=1, dtype=float))
 
 
 def _of_any_size(
     curves: ColonyCurves, z: Float[Array, "*member parameter"], keys: Array
 ) -> Float[Array, "member value"]:
-    names = curves.model.parameters.names
     grown = simulate(
-        Parameters.from_array(names, jnp.exp(jnp.broadcast_to(z, (*keys.shape, len(names))))),
+        _parameters_of(curves, z, keys),
         keys,
         times=np.asarray(curves.schedule.steps) * curves.numerics.dt,
         model=curves.model,
@@ -130,26 +129,34 @@ def _of_any_size(
         observe=curves.observe,
         throw=False,
     )
-    problems = np.stack([np.asarray(getattr(grown.colony.problems, name)) for name in PROBLEMS], axis=1)
+    problems = _problems_of(grown.colony)
     return jnp.asarray(np.concatenate([*(grown.statistics[name] for name in curves.names), problems], axis=1))
 
 
 def _of_one_area(
     curves: ColonyCurves, z: Float[Array, "*member parameter"], keys: Array
 ) -> Float[Array, "member value"]:
-    names, seen = curves.model.parameters.names, curves.observe
-    parameters = Parameters.from_array(names, jnp.exp(jnp.broadcast_to(z, (*keys.shape, len(names)))))
+    seen, parameters = curves.observe, _parameters_of(curves, z, keys)
     colonies, whole = curves.grown_to_area(parameters, keys)
     points = round(seen.extent / seen.spacing) + 1
-    rows = np.full((len(keys), len(curves.names) + len(PROBLEMS)), np.nan)
-    for k, row in enumerate(rows):
-        colony, its = member_of((colonies, parameters), k)
-        row[len(curves.names) :] = [bool(getattr(colony.problems, name)) for name in PROBLEMS]
-        if whole[k]:
-            mask = mask_of(colony, its, curves.relaxation, seen.spacing * (points - 1), points, curves.model.shape)
-            found = measure_mask(mask, seen.spacing, curves.names)
-            row[: len(curves.names)] = [found[name] for name in curves.names]
-    return jnp.asarray(rows)
+    rows = np.full((len(keys), len(curves.names)), np.nan)
+    for k in np.flatnonzero(whole):
+        colony, its = member_of((colonies, parameters), int(k))
+        mask = mask_of(colony, its, curves.relaxation, seen.spacing * (points - 1), points, curves.model.shape)
+        found = measure_mask(mask, seen.spacing, curves.names)
+        rows[k] = [found[name] for name in curves.names]
+    return jnp.asarray(np.concatenate([rows, _problems_of(colonies)], axis=1))
+
+
+def _parameters_of(curves: ColonyCurves, z: Float[Array, "*member parameter"], keys: Array) -> Parameters:
+    """Of every member."""
+    names = curves.model.parameters.names
+    return Parameters.from_array(names, jnp.exp(jnp.broadcast_to(z, (*keys.shape, len(names)))))
+
+
+def _problems_of(colonies: Colony) -> Bool[np.ndarray, "member problem"]:
+    """Which of `PROBLEMS` each member ran into."""
+    return np.stack([np.asarray(getattr(colonies.problems, name)) for name in PROBLEMS], axis=1)
 
 
 @eqx.filter_jit

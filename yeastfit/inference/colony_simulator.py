@@ -145,9 +145,10 @@ class ColonySimulator:
         """Curves, one row a proposal; nan throughout where any value is not finite."""
         z = jnp.asarray(self.logarithms(values), jnp.result_type(float))
         found = np.asarray(self.curves.members(z, keys_of(seeds)), dtype=float)
-        self._count(found[once(values, seeds)])
+        each = found[once(values, seeds)]
+        self._count(each)
         if self.curves.area is not None:
-            missed = int(np.isnan(found[once(values, seeds), 0]).sum())
+            missed = int(np.isnan(each[:, 0]).sum())
             self.problems.update({NOT_COME.format(area=self.curves.area): missed} if missed else {})
         rows = found[:, : -len(PROBLEMS)][:, self.measured]
         return np.where(np.isfinite(rows).all(axis=1, keepdims=True), rows, np.nan)
@@ -207,11 +208,11 @@ class ColonySimulator:
         numerics = self.curves.numerics
         model, logs = self.curves.model, jnp.asarray(self.logarithms(values), jnp.result_type(float))
         parameters = Parameters.from_array(model.parameters.names, jnp.exp(logs))
-        observe = SmoothStatistics(extent=numerics.domain, spacing=numerics.spacing)
         keys = member_keys(seed, len(values))
         if self.curves.area is not None:
             grown, _ = self.curves.grown_to_area(parameters, keys)
         else:
+            observe = SmoothStatistics(extent=numerics.domain, spacing=numerics.spacing)
             how = {"model": model, "numerics": numerics, "relaxation": HARD, "observe": observe, "throw": False}
             grown = simulate(parameters, keys, times=[time], **how).colony  # type: ignore[arg-type]
         places = np.abs(np.asarray(grown.positions)[np.asarray(grown.alive)])
