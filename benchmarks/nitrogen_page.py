@@ -26,12 +26,12 @@ def at_end(records: list[Record], name: str) -> np.ndarray:
 
 def seen_at(records: list[Record], name: str, samples: list[int]) -> np.ndarray:
     """A statistic of the colonies at a sample each; filament indices of those alone whose r_CSR is the core's edge."""
-    statistics = [record["statistics"] for record in records]
-    found = np.array([each[name][k] for each, k in zip(statistics, samples, strict=True)])
-    if not name.startswith("filament"):
-        return found
-    beyond = np.array([each["filament_area_index"][k] for each, k in zip(statistics, samples, strict=True)])
-    return found[beyond <= MOST_BEYOND]
+
+    def taken(name: str) -> np.ndarray:
+        return np.array([record["statistics"][name][k] for record, k in zip(records, samples, strict=True)])
+
+    found = taken(name)
+    return found[taken("filament_area_index") <= MOST_BEYOND] if name.startswith("filament") else found
 
 
 def stopped(record: Record) -> int:
