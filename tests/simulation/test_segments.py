@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import jax
 import numpy as np
@@ -120,6 +121,21 @@ def test_growth_ends_at_the_first_step_that_is_large_enough(until: dict[str, flo
     assert [row["time"] for row in found.rows()] == pytest.approx(found.reached.tolist())
 
 
+def test_of_several_ends_the_first_counts() -> None:
+    """Whichever is reached; a warning names all of them."""
+    how: dict[str, Any] = {"times": [3.2], "numerics": OPEN}
+    keys = member_keys(3, 1)
+    nodes = simulate(Parameters(), keys, until={"nodes": 9}, **how)
+    for other in ({"area": 1e4}, {"cells": 1e4}):
+        both = simulate(Parameters(), keys, until={**other, "nodes": 9}, **how)
+        np.testing.assert_array_equal(both.ends, nodes.ends)
+        np.testing.assert_array_equal(both.reached, nodes.reached)
+    neither = simulate(Parameters(), keys, until={"area": 1e4, "nodes": 1000}, **how)
+    assert neither.warnings() == [
+        "1 of 1 colonies: area was below 10000 and nodes was below 1000 at t = 3.2: end later"
+    ]
+
+
 def test_a_colony_that_stays_too_small_is_said_and_saved(tmp_path: Path) -> None:
     small = simulate(Parameters(), member_keys(3, 1), times=[3.0], until={"area": 1e4}, numerics=OPEN)
     assert small.reached is not None
@@ -136,7 +152,7 @@ def test_a_colony_that_stays_too_small_is_said_and_saved(tmp_path: Path) -> None
     [
         ({"area": -1.0}, [2.0], "area is -1.0, it must be a number above 0"),
         ({"breadth": 3.0}, [2.0], "until is of 'breadth', expected one of nodes, cells, "),
-        ({}, [2.0], "it must be one name and its value"),
+        ({}, [2.0], "it must be a name and its value"),
         ({"area": 3.0}, [1.0, 2.0], "give one time"),
     ],
     ids=str,

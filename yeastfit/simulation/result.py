@@ -37,8 +37,8 @@ class Simulation:
         model: The rules.
         scales: Units of tables.
         seconds: What it took, compiling included.
-        until: What ended growth, if it was not a time: a name and its value.
-        reached: Then the model time at which each member came to it; nan where it had not by the last of `times`.
+        until: What ended growth, if it was not a time: names and their values, the first that is reached.
+        reached: Then the model time at which each member came so far; nan where it had not by the last of `times`.
     """
 
     times: Float[np.ndarray, " sample"]
@@ -129,10 +129,8 @@ class Simulation:
         members = int(np.size(self.capacity_reached))
         met = [f"{count} of {members} colonies: {PROBLEMS[name]}" for name, count in self.problems.items()]
         if self.until is not None and self.reached is not None and (short := int(np.isnan(self.reached).sum())):
-            ((name, value),) = self.until.items()
-            met.append(
-                f"{short} of {members} colonies: {name} was below {value:g} at t = {self.times[-1]:g}: end later"
-            )
+            below = " and ".join(f"{name} was below {value:g}" for name, value in self.until.items())
+            met.append(f"{short} of {members} colonies: {below} at t = {self.times[-1]:g}: end later")
         return met
 
     def rows(self) -> list[dict[str, Any]]:

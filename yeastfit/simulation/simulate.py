@@ -107,8 +107,9 @@ def simulate(
         times: Model times, rising, at least one step from the start and from each other; each is rounded to a whole
             number of steps.
         until: A statistic that is observed, or "nodes" or "cells", and its value, as in {"area": 24500.0}: each colony
-            grows to the first step at which that is reached (`Simulation.reached`). `times` is then one time, at which
-            colonies that have not come so far end. For derivatives simulate to the time reached.
+            grows to the first step at which that is reached (`Simulation.reached`), or of several the first. `times`
+            is then one time, at which colonies that have not come so far end. For derivatives simulate to the time
+            reached.
         model: The rules; by default the source's.
         start: Instead of keys, a colony to continue (`Simulation.colony`, or `Model.start` with other positions or
             nutrient), or one per member along a first axis. Times are then later than its own.

@@ -19,16 +19,14 @@ COUNTS = {"nodes": 0, "cells": -1}  # what is counted without being observed, an
 
 @dataclass(frozen=True)
 class Until:
-    """Growth ends at the first step at which a statistic is at least `value`.
+    """Growth ends at the first step at which one of some statistics is at least its value.
 
     Attributes:
-        name: Of a statistic that is observed, or "nodes" or "cells", the numbers of them.
-        value: In L0.
+        values: By the name of a statistic that is observed, or "nodes" or "cells", the numbers of them; in L0.
         observe: What is observed (`Observer`).
     """
 
-    name: str
-    value: float
+    values: Mapping[str, float]
     observe: Any
 
     @staticmethod
@@ -36,23 +34,26 @@ class Until:
         """From `{"area": 24500.0}`.
 
         Raises:
-            InputError: It is no name with a number above 0.
+            InputError: It is not names with numbers above 0.
         """
-        if not isinstance(until, Mapping) or len(until) != 1:
-            raise InputError(f'until is {until!r}, it must be one name and its value, as in {{"area": 24500.0}}')
-        ((name, value),) = until.items()
-        if isinstance(value, bool) or not isinstance(value, int | float) or not (isfinite(value) and value > 0):
-            raise InputError(f"until: {name} is {value!r}, it must be a number above 0")
-        return Until(name, float(value), observe)
+        if not isinstance(until, Mapping) or not until:
+            raise InputError(f'until is {until!r}, it must be a name and its value, as in {{"area": 24500.0}}')
+        for name, value in until.items():
+            if isinstance(value, bool) or not isinstance(value, int | float) or not (isfinite(value) and value > 0):
+                raise InputError(f"until: {name} is {value!r}, it must be a number above 0")
+        return Until({name: float(value) for name, value in until.items()}, observe)
 
     def passed(self, colony: Colony, found: PyTree) -> bool:
         """Whether a colony, with what was observed of it, has come so far."""
-        if self.name in COUNTS:
-            return int(colony.count) + COUNTS[self.name] >= self.value
+        numbers = {name: int(colony.count) + more for name, more in COUNTS.items()}
+        if any(numbers[name] >= value for name, value in self.values.items() if name in numbers):
+            return True
+        if all(name in numbers for name in self.values):
+            return False
         seen = self.observe.finish(jax.tree.map(lambda leaf: np.asarray(leaf)[None], found))
-        if self.name not in seen:
-            raise InputError(f"until is of {self.name!r}, expected one of {', '.join([*COUNTS, *seen])}")
-        return bool(seen[self.name][0] >= self.value)
+        if unknown := [name for name in self.values if name not in {*numbers, *seen}]:
+            raise InputError(f"until is of {unknown[0]!r}, expected one of {', '.join([*COUNTS, *seen])}")
+        return any(seen[name][0] >= value for name, value in self.values.items() if name in seen)
 
     def times_reached(self, colony: Colony, observed: PyTree, numerics: Numerics) -> Float[np.ndarray, " member"]:
         """When each member of an ensemble came so far; nan where it had not at the end."""
@@ -60,4 +61,4 @@ class Until:
         return np.where(found, np.asarray(colony.step) * numerics.dt, np.nan)
 
     def __str__(self) -> str:
-        return f"{self.name} = {self.value:g}"
+        return " or ".join(f"{name} = {value:g}" for name, value in self.values.items())
