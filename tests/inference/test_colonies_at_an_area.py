@@ -16,7 +16,6 @@ from yeastfit.measure.measurements_table import read_measurements
 from yeastfit.measure.outlining.outline_errors import OUTLINE_ERRORS
 from yeastfit.measure.statistics.measure_mask import measure_mask
 from yeastfit.measure.statistics.model_as_mask import HardStatistics, mask_of
-from yeastfit.model.colony import PROBLEMS
 from yeastfit.model.parameters import Parameters
 from yeastfit.seeds import keys_of
 
@@ -61,7 +60,17 @@ def test_those_that_do_not_come_to_it_have_no_values(time: float, resolution: Re
         rows = made(VALUES, member_seeds(0, 2))
     assert np.isnan(rows).all()
     assert made.problems[NOT_COME.format(area=AREA)] == 2
-    assert (PROBLEMS["capacity_reached"] in made.problems) == (resolution.capacity is not None)
+
+
+def test_what_has_all_its_nodes_grows_no_further() -> None:
+    """It can come to nothing: its births would be cut."""
+    made = simulator(resolution=Resolution(0.02, 0.25, 8))
+    with on_one_device():
+        parameters = Parameters.from_array(made.names, jnp.exp(jnp.asarray(made.logarithms(VALUES), jnp.float32)))
+        colonies, whole = made.curves.grown_to_area(parameters, keys_of(member_seeds(0, 2)))
+    assert not whole.any()
+    assert (np.asarray(colonies.count) == 8).all()
+    assert (np.asarray(colonies.step) * made.curves.numerics.dt < 6.0).all()
 
 
 def test_other_processes_make_the_same() -> None:

@@ -36,7 +36,7 @@ class ColonyCurves(eqx.Module):
     `block` members run together; no value depends on it.
 
     With an `area` in L0² there is one step in the schedule, the latest: a member is measured as a mask as soon as it
-    has that area. One that does not come to it, or only with births cut, has no values.
+    has that area. One that does not come to it, or not with fewer nodes than its capacity, has no values.
     """
 
     names: tuple[str, ...] = eqx.field(static=True)
@@ -78,13 +78,17 @@ class ColonyCurves(eqx.Module):
         return jnp.concatenate([run(self, *block)[:size] for *block, size in _blocks(z, keys, self.block)])
 
     def grown_to_area(self, parameters: Parameters, keys: Array) -> tuple[Colony, Bool[np.ndarray, " member"]]:
-        """All members as they come to `area` or to the last step, and which came so far with no birth cut."""
+        """All members as they come to `area`, to as many nodes as they may have, or to the last step.
+
+        Second, which came to the area with fewer nodes than that.
+        """
         pixels = HardStatistics(self.numerics.domain, self.numerics.spacing, ("area",))
         how = {"model": self.model, "numerics": self.numerics, "relaxation": self.relaxation, "throw": False}
         latest = float(np.asarray(self.schedule.steps)[-1]) * self.numerics.dt
-        grown = simulate(parameters, keys, times=[latest], until={"area": self.area}, observe=pixels, **how)  # type: ignore[arg-type, dict-item]
+        until = {"area": self.area, "nodes": (most := self.numerics.most_room)}
+        grown = simulate(parameters, keys, times=[latest], until=until, observe=pixels, **how)  # type: ignore[arg-type]
         reached = np.isfinite(np.asarray(grown.reached, dtype=float))
-        return grown.colony, reached & ~np.asarray(grown.colony.problems.capacity_reached)
+        return grown.colony, reached & ~grown.capacity_reached & (np.asarray(grown.colony.count) < most)
 
     def members_with_tangents(
         self, z: Float[Array, " parameter"], keys: Array

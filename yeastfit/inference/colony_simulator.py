@@ -50,8 +50,9 @@ SEEN = PROBLEMS | {
 }
 """`PROBLEMS` of colonies in a dish that the data make."""
 NOT_COME = (
-    "the colony did not come to {area:.4g} L0², the area at which it would be compared, by the data's time, or "
-    "only with births cut, and counts as none of the data's kind; a larger growth rate leaves more time"
+    "the colony did not come to {area:.4g} L0², the area at which it would be compared, by the data's time or before "
+    "it had all the nodes that its capacity allows, and counts as none of the data's kind; a larger growth rate leaves "
+    "more time"
 )
 
 
@@ -148,7 +149,7 @@ class ColonySimulator:
         each = found[once(values, seeds)]
         self._count(each)
         if self.curves.area is not None:
-            missed = int(np.isnan(each[:, 0]).sum())
+            missed = int(np.isnan(each[:, : -len(PROBLEMS)]).all(axis=1).sum())
             self.problems.update({NOT_COME.format(area=self.curves.area): missed} if missed else {})
         rows = found[:, : -len(PROBLEMS)][:, self.measured]
         return np.where(np.isfinite(rows).all(axis=1, keepdims=True), rows, np.nan)
