@@ -194,6 +194,7 @@ def test_infer_with_colonies_of_different_parameters(
     assert told == pytest.approx(np.mean(found.values[:, :, 2] == 0))
     page = (tmp_path / "index.html").read_text()
     assert "Each colony has parameters of its own" in page
+    assert "simulated at draws of the posterior to the size at which they are compared" in page
     assert (tmp_path / "colonies.png").is_file()
     assert cli.run([*asked, "--resume"]) in (0, 1)
     assert "this run is finished" in capsys.readouterr().out

@@ -82,9 +82,10 @@ _PHOTOGRAPHS = (
 
 def _drawn(summary: Summary) -> str:
     one, names = summary.model.nouns[0], ", ".join(name.replace("_", " ") for name in summary.posterior.free)
+    end = "to the last time of the data" if summary.model.timed else "to the size at which they are compared"
     return (
-        f"<p>One {page.text(one)} each, simulated at draws of the posterior to the last time of the data, all on one "
-        f"scale; numbers above them are {page.text(names)}.</p>"
+        f"<p>One {page.text(one)} each, simulated at draws of the posterior {end}, all on one scale; numbers above "
+        f"them are {page.text(names)}.</p>"
     )
 
 
