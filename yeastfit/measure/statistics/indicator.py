@@ -39,7 +39,7 @@ class Indicator:
             spacing: Of its grid.
             smoothing: Standard deviation of the blur, in the same unit.
         """
-        return cls(gaussian_blur(jnp.pad(phi, 1), smoothing / spacing), spacing)
+        return cls(gaussian_blur(_framed(phi), smoothing / spacing), spacing)
 
     @cached_property
     def area(self) -> Float[Array, ""]:
@@ -73,6 +73,14 @@ class Indicator:
     def radius(self) -> Float[Array, ""]:
         """Mean distance of the colony from its centroid; nan where φ is empty."""
         return jnp.sum(self.phi * self.distance) / jnp.sum(self.phi)
+
+
+def _framed(phi: Float[Array, "x y"]) -> Float[Array, "wide high"]:
+    """φ in a frame of zeros, one point wide; joined, as XLA would compute a padded one point by point on a CPU."""
+    row = jnp.zeros_like(phi[:1])
+    longer = jnp.concatenate([row, phi, row])
+    column = jnp.zeros_like(longer[:, :1])
+    return jnp.hstack([column, longer, column])
 
 
 def gaussian_blur(phi: Float[Array, "x y"], sigma: float) -> Float[Array, "wide high"]:
