@@ -216,6 +216,7 @@ def test_what_cannot_be_reused_is_refused(data: Path, tmp_path: Path, capsys: py
     assert not (tmp_path / "two").exists()  # nor reused.h5, which the next run would find in its way
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("unchecked")
 def test_a_damaged_simulation_is_made_again_and_changes_no_prediction(data: Path, tmp_path: Path) -> None:
     """Although the file has it in another place then."""

@@ -121,6 +121,7 @@ def test_rows_and_text(check: GradientCheck) -> None:
     assert len(text.splitlines()) == 18
 
 
+@pytest.mark.thorough
 def test_a_derivative_that_is_lost_on_the_way_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
     """A tenth of that in one λ, and a hundredth of that in the initial nutrient."""
     true = gradients.simulate

@@ -111,6 +111,7 @@ def test_of_a_plane(made: Made) -> None:
     np.testing.assert_array_equal(inside.sum(axis=0), found.inside(0.9))
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("unchecked", "known_exactly")
 def test_the_order_of_a_table_does_not_matter(made: Made) -> None:
     """Colonies are dealt into groups by their names, in which numbers count."""
@@ -170,6 +171,7 @@ def expected_of_scattered(
     return float(np.log(density / total)), shares / total
 
 
+@pytest.mark.thorough
 def test_of_colonies_whose_parameters_scatter(made: Made) -> None:
     """By an emulator that is trained: near the exact sums, from which those of one λ for all are far."""
     known, posterior, (values, statistics) = positive(made[0]), made[2], made[4]

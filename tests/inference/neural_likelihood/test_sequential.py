@@ -108,7 +108,10 @@ def test_a_posterior_is_found_where_proposals_surround_it() -> None:
 
 
 @pytest.mark.usefixtures("unchecked")
-@pytest.mark.parametrize("seed", [2, pytest.param(6, marks=pytest.mark.slow), pytest.param(7, marks=pytest.mark.slow)])
+@pytest.mark.parametrize(
+    "seed",
+    [pytest.param(2, marks=pytest.mark.thorough), *(pytest.param(one, marks=pytest.mark.slow) for one in (6, 7))],
+)
 def test_a_mode_that_the_first_simulations_know_nothing_of_is_found(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """Both sides of log a = 0 explain the data alike; the first simulations are of one.
 
@@ -157,7 +160,7 @@ def test_draws_far_off_are_told_of() -> None:
 
 
 @pytest.mark.usefixtures("unchecked")
-@pytest.mark.parametrize("measured", [False, True])
+@pytest.mark.parametrize("measured", [pytest.param(False, marks=pytest.mark.thorough), True])
 def test_a_linear_gaussian_simulator_has_its_closed_form(measured: bool) -> None:
     """With log λ ~ N(0, 1) before the data its posterior is N(V MᵀW o, V), V = (MᵀWM + 1)⁻¹, W with the noise."""
     normal = {"distribution": "log-normal", "median": 1.0, "sd": 1.0}
