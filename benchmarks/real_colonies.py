@@ -114,7 +114,7 @@ def _run(report: Report, folder: Path, title: str) -> list[str]:
     outside = [label for label, one in zip(predicted.labels, predicted.inside(0.9), strict=True) if not one]
     said = [f"{posterior.status}."]
     how = read_json(folder / RUN)["configuration"]
-    if how["match"] == "area" and how["area"] is not None:
+    if how.get("match") == "area" and how["area"] is not None:
         said.insert(0, f"colonies of {how['area'] / 1e6:.3g} mm² beside photographed ones of {_mean_area(folder):.3g};")
     said.append(f"Outside what its posterior predicts: {', '.join(outside)}." if outside else "It predicts its data.")
     if not posterior.settled:
