@@ -45,15 +45,15 @@ class Until:
 
     def passed(self, colony: Colony, found: PyTree) -> bool:
         """Whether a colony, with what was observed of it, has come so far."""
-        numbers = {name: int(colony.count) + more for name, more in COUNTS.items()}
-        if any(numbers[name] >= value for name, value in self.values.items() if name in numbers):
-            return True
-        if all(name in numbers for name in self.values):
-            return False
-        seen = self.observe.finish(jax.tree.map(lambda leaf: np.asarray(leaf)[None], found))
-        if unknown := [name for name in self.values if name not in {*numbers, *seen}]:
-            raise InputError(f"until is of {unknown[0]!r}, expected one of {', '.join([*COUNTS, *seen])}")
-        return any(seen[name][0] >= value for name, value in self.values.items() if name in seen)
+        seen = {}
+        if not self.values.keys() <= COUNTS.keys():
+            seen = self.observe.finish(jax.tree.map(lambda leaf: np.asarray(leaf)[None], found))
+        numbers = {name: values[0] for name, values in seen.items()}
+        numbers |= {name: int(colony.count) + more for name, more in COUNTS.items()}
+        for name in self.values:
+            if name not in numbers:
+                raise InputError(f"until is of {name!r}, expected one of {', '.join([*COUNTS, *seen])}")
+        return any(bool(numbers[name] >= value) for name, value in self.values.items())
 
     def times_reached(self, colony: Colony, observed: PyTree, numerics: Numerics) -> Float[np.ndarray, " member"]:
         """When each member of an ensemble came so far; nan where it had not at the end."""

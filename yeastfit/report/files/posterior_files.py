@@ -130,8 +130,8 @@ def _figures(
         figures["ranks"] = plot.ranks(posterior.chains)
     figures["predictive"] = plot.predictive(predicted, targets, summary.model.nouns)
     if drawn is not None:
-        time, (masks, pixel) = f", {targets.clock[-1]:.3g} {targets.clock_label}", drawn
-        when = time if summary.model.timed else ""
+        masks, pixel = drawn
+        when = f", {targets.clock[-1]:.3g} {targets.clock_label}" if summary.model.timed else ""
         simulated = [(f"{_described(predicted, k)}{when}", mask, pixel) for k, mask in enumerate(masks)]
         figures["colonies"] = plot.colonies(
             [(one.title, one.pixels, one.mask, one.pixel_size) for one in observed], simulated
