@@ -154,6 +154,7 @@ def large() -> tuple[Colony, Numerics]:
     return colony_of(at, tree, nutrient=nutrient, numerics=numerics, step=1), numerics
 
 
+@pytest.mark.thorough
 def test_a_large_colony_moves_as_the_plain_reading_has_it(large: tuple[Colony, Numerics], double: None) -> None:
     """Step for step against `tests/reference`, by the hard rules."""
     from reference import colony as reference

@@ -56,6 +56,7 @@ def test_what_goes_wrong_is_left_to_who_runs_it() -> None:
         ahead.await_for(8)
 
 
+@pytest.mark.thorough
 def test_colonies_in_wide_dishes_are_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
     """As that of one program, to rounding, and they ask for the next two sizes."""
     numerics = Numerics(domain=102.0, spacing=0.4, dt=0.025)

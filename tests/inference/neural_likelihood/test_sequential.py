@@ -134,6 +134,7 @@ def test_a_mode_that_the_first_simulations_know_nothing_of_is_found(seed: int, m
     assert 0.4 < (found.flat[:, 0] < 1.0).mean() < 0.6
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("unchecked")
 def test_that_nobody_looked_elsewhere_is_said() -> None:
     """Where a posterior settles with the last simulations that are allowed."""
