@@ -121,14 +121,37 @@ static inline void fetch_next(void)
     __builtin_prefetch(cells + members[CHILDLESS][(int32_t)(size[CHILDLESS] * moved_on(words))]);
 }
 
-static inline int is_free(double x, double y)
+typedef struct { int32_t mother; int form, angle; double x, y; } Attempt;
+
+static inline Attempt next_attempt(int late, int after, const double *rates)
+{
+    int form = SATED;
+    int32_t mother = eligible();
+    if (after) {
+        double u1 = uniform(), u2 = uniform(), u3 = uniform(), p_ps = rates[1], p_sp = rates[2];
+        if (late && u3 >= rates[4]) mother = one_of(PSEUDOHYPHAL);
+        else if (!late && u3 < rates[4]) mother = one_of(SATED);
+        if (u2 > rates[3] && cells[mother].bears && u1 > p_ps) mother = one_of(CHILDLESS);
+        if (cells[mother].form == SATED) form = u1 < p_sp ? PSEUDOHYPHAL : SATED;
+        else form = cells[mother].bears && u1 < p_ps ? SATED : PSEUDOHYPHAL;
+    }
+    int angle = below(4);
+    const double *step = displacement[cells[mother].form][form][angle][cells[mother].direction & 31];
+    return (Attempt){mother, form, angle, cells[mother].x + step[0], cells[mother].y + step[1]};
+}
+
+static inline void cells_around(double x, double y, int32_t *topmost)
 {
     static const int near[3] = {0, -1, 1};
-    int32_t row = (int32_t)floor(x * BINS_PER_PIXEL), column = (int32_t)floor(y * BINS_PER_PIXEL), topmost[9];
+    int32_t row = (int32_t)floor(x * BINS_PER_PIXEL), column = (int32_t)floor(y * BINS_PER_PIXEL);
     for (int k = 0; k < 9; k++) {
         topmost[k] = bins[(size_t)((row + near[k / 3]) & wrap) * (wrap + 1) + ((column + near[k % 3]) & wrap)];
         __builtin_prefetch(cells + topmost[k]);
     }
+}
+
+static inline int is_free(double x, double y, const int32_t *topmost)
+{
     for (int k = 0; k < 9; k++)
         for (int32_t index = topmost[k]; index >= 0; index = cells[index].below) {
             const Cell *cell = cells + index;
@@ -154,37 +177,30 @@ static void bear(int32_t index, int32_t mother, int form, double x, double y, in
 
 static int64_t grow(int32_t count, int32_t sated, double late, const double *rates)
 {
-    double p_ps = rates[1], p_sp = rates[2], fork = rates[3], p_a = rates[4];
     int64_t attempts = 0;
     memset(size, 0, sizeof size);
     memset(bins, 255, (size_t)(wrap + 1) * (wrap + 1) * sizeof *bins);
     bear(0, -1, SATED, 0.0, 0.0, 0);
     for (int32_t index = 1; index < count; index++) {
-        int32_t number = index + 1, mother;
-        int form, angle;
-        double x, y;
+        int32_t number = index + 1, mother, around[9];
+        int late_now = number >= late, after = number > sated;
+        uint64_t here[4];
+        Attempt one = next_attempt(late_now, after, rates);
         for (int tried = 1;; tried++) {
             attempts++;
-            form = SATED;
-            mother = eligible();
-            if (number > sated) {
-                double u1 = uniform(), u2 = uniform(), u3 = uniform();
-                if (number >= late && u3 >= p_a) mother = one_of(PSEUDOHYPHAL);
-                else if (number < late && u3 < p_a) mother = one_of(SATED);
-                if (u2 > fork && cells[mother].bears && u1 > p_ps) mother = one_of(CHILDLESS);
-                if (cells[mother].form == SATED) form = u1 < p_sp ? PSEUDOHYPHAL : SATED;
-                else form = cells[mother].bears && u1 < p_ps ? SATED : PSEUDOHYPHAL;
-            }
-            if (number < sated && tried > 1) count_on(mother);
-            angle = below(4);
-            const double *step = displacement[cells[mother].form][form][angle][cells[mother].direction & 31];
-            x = cells[mother].x + step[0], y = cells[mother].y + step[1];
-            if (number >= late) fetch_next();
-            if (is_free(x, y)) break;
+            if (number < sated && tried > 1) count_on(one.mother);
+            cells_around(one.x, one.y, around);
+            memcpy(here, state, sizeof here);
+            Attempt following = next_attempt(late_now, after, rates);
+            if (late_now) fetch_next();
+            if (is_free(one.x, one.y, around)) break;
+            one = following;
         }
-        bear(index, mother, form, x, y, cells[mother].direction + BUDDING[form][angle]);
+        memcpy(state, here, sizeof here);
+        mother = one.mother;
+        bear(index, mother, one.form, one.x, one.y, cells[mother].direction + BUDDING[one.form][one.angle]);
         if (number >= sated) count_on(mother);
-        if (form == PSEUDOHYPHAL) {
+        if (one.form == PSEUDOHYPHAL) {
             if (!cells[mother].bears && cells[mother].count < RETIRED) take(CHILDLESS, mother);
             cells[mother].bears = 1;
         }

@@ -38,6 +38,11 @@ def kernel(function: Callable[Arguments, Result]) -> Callable[Arguments, Result]
     return _compiled(function, _nrt=False)
 
 
+def inlined_kernel(function: Callable[Arguments, Result]) -> Callable[Arguments, Result]:
+    """Compile a function as `kernel` does, and write it into each kernel that calls it, in place of the call."""
+    return _compiled(function, _nrt=False, forceinline=True)
+
+
 def array_kernel(function: Callable[Arguments, Result]) -> Callable[Arguments, Result]:
     """Compile a function as `kernel` does; it may make arrays.
 

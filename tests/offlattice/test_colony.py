@@ -14,7 +14,7 @@ from yeastfit.offlattice.colony import OfflatticeColony, grow, grow_many
 from yeastfit.offlattice.mothers import NO_CHILDLESS, NO_MOTHER, NO_SATED, after_transition, any_eligible
 from yeastfit.offlattice.overlap import CELL, empty_cells
 from yeastfit.offlattice.parameters import PARAMETERS, Rates
-from yeastfit.offlattice.random_numbers import foreseen, seeded, uniform
+from yeastfit.offlattice.random_numbers import foreseen, place, return_to, seeded, uniform
 from yeastfit.offlattice.status import Status
 
 AWRI_50 = (0.6332, 0.6145, 0.2521, 0.1321, 0.1174)
@@ -191,6 +191,16 @@ def test_foreseen_numbers_are_those_that_come() -> None:
         two = foreseen(numbers, skipped)
         drawn = [uniform(numbers) for _ in range(skipped + 2)]
         assert two == tuple(drawn[skipped:])
+
+
+def test_drawing_returns_to_a_place() -> None:
+    numbers = seeded(4)
+    uniform(numbers)
+    here = place(numbers)
+    three = [uniform(numbers) for _ in range(3)]
+    return_to(here, numbers)
+    assert numbers.drawn[0] == 1
+    assert [uniform(numbers) for _ in range(3)] == three
 
 
 def test_no_cell_lies_across_two_lines_of_the_cache() -> None:

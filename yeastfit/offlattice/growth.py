@@ -10,18 +10,21 @@ chosen (`mothers`), the daughter's form follows from hers (`transition`), one of
 daughter put (`placing`), and it stays if its centre lies in no cell (`overlap`). There is no time, nutrient or force:
 the clock is the number of cells. Uniform numbers are used in the program's order: the mother; after the transition u₁,
 u₂, u₃, and another mother by each of steps 2 and 3 that asks for one; the angle.
+
+Before the place of an attempt is tested, the next one is drawn, while the cells around it come from memory. Where the
+place is free, every third to fifth time, those numbers are drawn again for the next birth.
 """
 
 import numpy as np
 from jaxtyping import Int, Shaped
 
-from yeastfit.compiled import kernel
+from yeastfit.compiled import inlined_kernel, kernel
 from yeastfit.offlattice.cell_sets import CHILDLESS, ELIGIBLE_PSEUDOHYPHAL, ELIGIBLE_SATED, Sets, add
 from yeastfit.offlattice.mothers import after_transition, any_eligible, bear_pseudohyphal, count_on, fetch_next
-from yeastfit.offlattice.overlap import NOBODY, PSEUDOHYPHAL, SATED, free, insert
+from yeastfit.offlattice.overlap import NOBODY, PSEUDOHYPHAL, SATED, cells_around, free, insert
 from yeastfit.offlattice.parameters import Rates
 from yeastfit.offlattice.placing import BUDDING, DISPLACEMENTS
-from yeastfit.offlattice.random_numbers import Numbers, below, uniform
+from yeastfit.offlattice.random_numbers import Numbers, below, place, return_to, uniform
 from yeastfit.offlattice.status import CODES, Status
 from yeastfit.offlattice.transition import daughters_form
 
@@ -46,32 +49,27 @@ def grow_cells(
     _bear(cells, sets, bins, 0, NOBODY, SATED, 0.0, 0.0, 0)
     attempts = sated_attempts = 0
     for index in range(1, cells.size):
-        number = index + 1
-        tried = 0
+        number, tried = index + 1, 1
+        mother, form, angle, x, y = _attempt(cells, sets, numbers, number, sated, late, rates)
         while True:
-            if tried == most_attempts:
-                return ENDLESS, index, attempts + tried, sated_attempts
-            tried += 1
-            form = SATED
-            mother = any_eligible(sets, numbers)
-            if number > sated and mother >= 0:
-                u = uniform(numbers), uniform(numbers), uniform(numbers)
-                mother = after_transition(cells, sets, numbers, mother, u, number < late, rates)
-                if mother >= 0:
-                    form = daughters_form(cells[mother].form, cells[mother].bears, u[0], rates)
             if mother < 0:
                 return -mother, index, attempts + tried, sated_attempts
             if number < sated and tried > 1:
                 count_on(cells, sets, mother)
-            angle = below(numbers, 4)
             if numbers.drawn[0] > numbers.stream.size > 0:
                 return STREAM_ENDED, index, attempts + tried, sated_attempts
-            step = DISPLACEMENTS[cells[mother].form, form, angle, cells[mother].direction & 31]
-            x, y = cells[mother].x + step[0], cells[mother].y + step[1]
+            around, here = cells_around(x, y, cells, bins), place(numbers)
+            following = _attempt(cells, sets, numbers, number, sated, late, rates)
             if number >= late:
                 fetch_next(cells, sets, numbers)
-            if free(x, y, cells, bins):
+            if free(x, y, cells, around):
+                return_to(here, numbers)
                 break
+            if tried == most_attempts:
+                return_to(here, numbers)
+                return ENDLESS, index, attempts + tried, sated_attempts
+            mother, form, angle, x, y = following
+            tried += 1
         attempts += tried
         if number <= sated:
             sated_attempts = attempts
@@ -81,6 +79,31 @@ def grow_cells(
         if form == PSEUDOHYPHAL:
             bear_pseudohyphal(cells, sets, mother)
     return GROWN, cells.size, attempts, sated_attempts
+
+
+@inlined_kernel
+def _attempt(
+    cells: Shaped[np.ndarray, " cell"],
+    sets: Sets,
+    numbers: Numbers,
+    number: int,
+    sated: int,
+    late: float,
+    rates: Rates,
+) -> tuple[int, int, int, float, float]:
+    """Draw a mother, and her daughter's form, angle and place; the mother is a negative code where there is none."""
+    form = SATED
+    mother = any_eligible(sets, numbers)
+    if number > sated and mother >= 0:
+        u = uniform(numbers), uniform(numbers), uniform(numbers)
+        mother = after_transition(cells, sets, numbers, mother, u, number < late, rates)
+        if mother >= 0:
+            form = daughters_form(cells[mother].form, cells[mother].bears, u[0], rates)
+    if mother < 0:
+        return mother, form, 0, 0.0, 0.0
+    angle = below(numbers, 4)
+    step = DISPLACEMENTS[cells[mother].form, form, angle, cells[mother].direction & 31]
+    return mother, form, angle, cells[mother].x + step[0], cells[mother].y + step[1]
 
 
 @kernel

@@ -16,7 +16,7 @@ of any reach fit, and cells that share a bin from tile to tile are told apart by
 import numpy as np
 from jaxtyping import Float, Int, Shaped
 
-from yeastfit.compiled import kernel
+from yeastfit.compiled import inlined_kernel, kernel
 from yeastfit.offlattice.fetching import fetch
 from yeastfit.offlattice.placing import DIRECTIONS, SEMI_AXES
 
@@ -39,6 +39,8 @@ SATED, PSEUDOHYPHAL = 0, 1
 NOBODY = -1
 BIN = 4.4
 BINS_PER_PIXEL = 1 / BIN
+
+Topmost = tuple[int, int, int, int, int, int, int, int, int]
 
 REACH2 = SEMI_AXES.max() ** 2
 COS15, SIN15, COS45 = np.cos(np.pi / 12), np.sin(np.pi / 12), np.cos(np.pi / 4)
@@ -70,9 +72,11 @@ def frames() -> Float[np.ndarray, "form direction 4"]:
 FRAMES = frames()
 
 
-@kernel
-def free(x: float, y: float, cells: Shaped[np.ndarray, " cell"], bins: Int[np.ndarray, "row column"]) -> bool:
-    """Whether no cell holds the point (x, y). Bins are read before cells, so that no cell is waited for alone."""
+@inlined_kernel
+def cells_around(
+    x: float, y: float, cells: Shaped[np.ndarray, " cell"], bins: Int[np.ndarray, "row column"]
+) -> Topmost:
+    """The topmost cells of the nine bins around the point (x, y), its own first; they are fetched, all at once."""
     wrap = bins.shape[0] - 1
     row, column = int(np.floor(x * BINS_PER_PIXEL)), int(np.floor(y * BINS_PER_PIXEL))
     own, before, after = bins[row & wrap], bins[(row - 1) & wrap], bins[(row + 1) & wrap]
@@ -80,7 +84,13 @@ def free(x: float, y: float, cells: Shaped[np.ndarray, " cell"], bins: Int[np.nd
     topmost = own[i], own[j], own[k], before[i], before[j], before[k], after[i], after[j], after[k]
     for index in topmost:
         fetch(cells, index)
-    for index in topmost:  # of the point's own bin first: most often it is taken there
+    return topmost
+
+
+@inlined_kernel
+def free(x: float, y: float, cells: Shaped[np.ndarray, " cell"], topmost: Topmost) -> bool:
+    """Whether no cell holds the point (x, y), by `cells_around` it."""
+    for index in topmost:  # most often one of its own bin does
         while index != NOBODY:
             cell = cells[index]
             if _inside(x - cell.x, y - cell.y, FRAMES[cell.form, cell.direction & 31]):

@@ -23,6 +23,7 @@ from yeastfit.errors import InputError
 
 MOST_SEED = 2**64
 Words = tuple[np.uint64, np.uint64, np.uint64, np.uint64]
+Place = tuple[Words, int]
 
 
 class Numbers(NamedTuple):
@@ -89,6 +90,21 @@ def foreseen(numbers: Numbers, skipped: int) -> tuple[float, float]:
     for _ in range(skipped):
         words = _moved_on(words)
     return _number(words), _number(_moved_on(words))
+
+
+@kernel
+def place(numbers: Numbers) -> Place:
+    """How far drawing has come."""
+    state = numbers.state
+    return (state[0], state[1], state[2], state[3]), numbers.drawn[0]
+
+
+@kernel
+def return_to(place: Place, numbers: Numbers) -> None:
+    """What was drawn since then will be drawn again."""
+    words, numbers.drawn[0] = place
+    state = numbers.state
+    state[0], state[1], state[2], state[3] = words
 
 
 @kernel
