@@ -260,6 +260,7 @@ def test_page_and_picture_are_of_what_was_kept(tmp_path: Path, echoed: None) -> 
     assert len(json.loads(json.dumps(report.asdict()))["data sets"][1]) == 4
 
 
+@pytest.mark.thorough
 def test_one_method_has_a_page_of_its_own(
     tmp_path: Path, echoed: None, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -53,6 +53,7 @@ def p_values(found: Calibration) -> dict[str, float]:
     return {name: kstest(share, "uniform").pvalue for name, share in found.shares().items()}
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("unchecked")
 def test_exact_posteriors_are_uniform_and_wrong_ones_are_not() -> None:
     exact = calibrate(Gaussian(), PRIOR, data_sets=200, method=Exact(), replicates=2, seed=2)

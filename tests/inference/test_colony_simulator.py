@@ -72,8 +72,8 @@ def test_a_colony_beyond_the_capacity_is_cut_and_told(monkeypatch: pytest.Monkey
     ("names", "estimator", "devices"),
     [
         (("radius",), "smooth", nullcontext),
-        (("radius",), "mask", on_one_device),
-        (("area", "compactness"), "smooth", on_one_device),
+        pytest.param(("radius",), "mask", on_one_device, marks=pytest.mark.thorough),
+        pytest.param(("area", "compactness"), "smooth", on_one_device, marks=pytest.mark.thorough),
         (("area", "compactness"), "mask", on_one_device),
     ],
     ids=lambda value: getattr(value, "__name__", str(value)),

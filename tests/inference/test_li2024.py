@@ -45,6 +45,7 @@ def test_what_they_ran() -> None:
     np.testing.assert_allclose(prior / np.sqrt(12), [0.160, 0.224, 0.224, 0.160, 0.160], atol=0.004)
 
 
+@pytest.mark.thorough
 def test_chains_follow_their_rules() -> None:
     """Every state is the one before or a simulated colony within ε; what was simulated is what they would measure."""
     found = run(SMALL)

@@ -140,12 +140,11 @@ def test_it_has_no_derivative() -> None:
         jax.jvp(lambda radius: compiled_contact(colony, radius, Relaxation()), (0.5,), (1.0,))
 
 
-@pytest.fixture
-def large() -> tuple[Colony, Numerics]:
-    """2000 nodes of a crowd as dense as colonies are, each joined to a near one, in nutrient that varies."""
-    rng, nodes = np.random.default_rng(6), 2000
-    numerics = Numerics(domain=40.0, spacing=0.4, dt=0.025, capacity=nodes)
-    at = rng.normal(0.0, 4.0, (nodes, 2))
+def in_a_dish(nodes: int, domain: float) -> tuple[Colony, Numerics]:
+    """A crowd as dense as colonies are, each node joined to a near one, in nutrient that varies."""
+    rng = np.random.default_rng(6)
+    numerics = Numerics(domain=domain, spacing=0.4, dt=0.025, capacity=nodes)
+    at = rng.normal(0.0, 0.1 * domain, (nodes, 2))
     apart = np.linalg.norm(at[:, None] - at[None], axis=-1)
     apart[np.triu_indices(nodes)] = np.inf
     tree = np.concatenate([[-1], np.argmin(apart[1:], axis=1)])
@@ -155,11 +154,11 @@ def large() -> tuple[Colony, Numerics]:
 
 
 @pytest.mark.thorough
-def test_a_large_colony_moves_as_the_plain_reading_has_it(large: tuple[Colony, Numerics], double: None) -> None:
-    """Step for step against `tests/reference`, by the hard rules."""
+def test_a_large_colony_moves_as_the_plain_reading_has_it(double: None) -> None:
+    """2000 nodes step for step against `tests/reference`, by the hard rules."""
     from reference import colony as reference
 
-    colony, numerics = large
+    colony, numerics = in_a_dish(2000, 40.0)
     values = {"mobility": 1.3, "metabolic_rate": 0.9, "aspect_ratio": 0.65}
     theirs = reference.Colony(
         np.asarray(colony.positions, float), np.asarray(colony.parents), np.asarray(colony.nutrient, float), 1
@@ -181,7 +180,7 @@ def _defaults() -> dict[str, float]:
     return {name: float(value) for name, value in Parameters().values.items()}
 
 
-def test_the_plain_rules_can_be_asked_for(large: tuple[Colony, Numerics], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_plain_rules_can_be_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
     from yeastfit.simulation import segments
 
     asked: list[bool] = []
@@ -191,7 +190,8 @@ def test_the_plain_rules_can_be_asked_for(large: tuple[Colony, Numerics], monkey
         return with_compiled_rules(model)
 
     monkeypatch.setattr(segments, "with_compiled_rules", noticed)
-    colony, numerics = large
+    monkeypatch.setattr(segments, "FIRST_ROOM", 50)
+    colony, numerics = in_a_dish(100, 8.0)
     rules = Model().complete(Parameters()), Relaxation()
     walked: list[Array] = []
     for choice in (True, False):

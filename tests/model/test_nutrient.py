@@ -77,6 +77,7 @@ def test_nothing_eaten_nothing_changes() -> None:
     assert np.array_equal(stepper(SMALL)(ones, np.zeros_like(ones), 5.0), ones)
 
 
+@pytest.mark.thorough
 def test_steady_state_solves_the_stationary_equation(tight: None) -> None:
     numerics = Numerics(domain=2.0, spacing=0.2, dt=0.5)
     step = stepper(numerics)

@@ -195,6 +195,7 @@ def test_of_colonies_whose_parameters_scatter(made: Made) -> None:
     assert otherwise > 3 * error, (error, otherwise)
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("known_exactly")
 def test_a_statistic_that_is_missing(made: Made) -> None:
     """The colony is named and not scored, its other statistics are ranked, and the others' means do without it."""
