@@ -10,15 +10,16 @@ the folders of runs of `yeastfit infer`, WORK/MODEL/SET, whatever of them is the
     yeastfit infer simi-white-50um $more --cells 65000 --out WORK/offlattice/simi-white-50um
     yeastfit compare WORK/offlattice/* --out WORK/comparison
 
-    more="--match area --variation --leave-out 4 --capacity 30000 --batch 8 --simulations 1024 --first 256 --each 128
+    more="--match area --area 142000 --variation --leave-out 4 --capacity 30000 --batch 8 --draws 20 --prior-draws 0
         --statistics filament_area_index,filament_radius_index,angular_index
         --free mobility,metabolic_rate,diffusivity,aspect_ratio"
-    yeastfit infer awri796-50um $more --area 142000 --out WORK/algebraic/awri796-50um
-    yeastfit infer awri796-500um $more --area 257000 --out WORK/algebraic/awri796-500um
-    yeastfit infer simi-white-50um $more --area 203000 --out WORK/algebraic/simi-white-50um
+    yeastfit infer awri796-50um $more --simulations 1024 --first 256 --each 128 --out WORK/algebraic/awri796-50um
+    more="$more --simulations 512 --first 64 --each 64 --reuse WORK/algebraic/awri796-50um"
+    yeastfit infer awri796-500um $more --out WORK/algebraic/awri796-500um
+    yeastfit infer simi-white-50um $more --out WORK/algebraic/simi-white-50um
 
-Colonies of the algebraic model are grown to a tenth of the photographed area, for which a thousand of them take an hour
-of two cores, and not ten.
+Colonies of the algebraic model are grown to a tenth of the area photographed at 50 µM: a thousand take an hour of a
+processor, and not ten. The other sets learn from the same ones.
 
 A posterior that has not settled says nothing of the yeast. For such a one the page asks why: it looks at the colonies
 that the run has simulated where its posterior is (in the central 80 % of every parameter). The likelihood takes the
