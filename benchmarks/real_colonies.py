@@ -10,16 +10,17 @@ the folders of runs of `yeastfit infer`, WORK/MODEL/SET, whatever of them is the
     yeastfit infer simi-white-50um $more --cells 65000 --out WORK/offlattice/simi-white-50um
     yeastfit compare WORK/offlattice/* --out WORK/comparison
 
-    more="--match area --area 142000 --variation --leave-out 4 --capacity 30000 --batch 8 --draws 20 --prior-draws 0
-        --statistics filament_area_index,filament_radius_index,angular_index
-        --free mobility,metabolic_rate,diffusivity,aspect_ratio"
-    yeastfit infer awri796-50um $more --simulations 1024 --first 256 --each 128 --out WORK/algebraic/awri796-50um
-    more="$more --simulations 512 --first 64 --each 64 --reuse WORK/algebraic/awri796-50um"
-    yeastfit infer awri796-500um $more --out WORK/algebraic/awri796-500um
-    yeastfit infer simi-white-50um $more --out WORK/algebraic/simi-white-50um
+    three="--statistics filament_area_index,filament_radius_index,angular_index --variation --leave-out 4"
+    more="$three --match area --capacity 30000 --batch 8 --simulations 1024 --first 256 --each 128 --draws 20
+        --prior-draws 0 --free mobility,metabolic_rate,diffusivity,aspect_ratio"
+    yeastfit infer awri796-50um $more --area 142000 --out WORK/algebraic/awri796-50um
+    yeastfit infer awri796-500um $more --area 257000 --out WORK/algebraic/awri796-500um
+    yeastfit infer simi-white-50um $more --area 203000 --out WORK/algebraic/simi-white-50um
+    yeastfit infer awri796-50um $three --model offlattice --cells 45000 --out WORK/offlattice-3/awri796-50um
+    yeastfit compare WORK/algebraic/awri796-50um WORK/offlattice-3/awri796-50um --out WORK/models
 
-Colonies of the algebraic model are grown to a tenth of the area photographed at 50 µM: a thousand take an hour of a
-processor, and not ten. The other sets learn from the same ones.
+Colonies of the algebraic model are grown to a tenth of the photographed area: a thousand take an hour of a processor,
+and not ten.
 
 A posterior that has not settled says nothing of the yeast. For such a one the page asks why: it looks at the colonies
 that the run has simulated where its posterior is (in the central 80 % of every parameter). The likelihood takes the
@@ -81,20 +82,29 @@ def judge(report: Report, work: Path) -> list[str]:
                 said.append(f"**{title}**: not there yet.")
                 continue
             said.append(f"**{title}**: {' '.join(_run(report, folder, title))}")
-    return said + _compared(report, work / "comparison")
+    return said + _compared(report, work / "comparison") + _models(report, work / "models")
 
 
 def _compared(report: Report, folder: Path) -> list[str]:
-    """What `yeastfit compare` found, and whether it is to be doubted."""
-    if not (folder / MANIFEST).is_file():
-        return ["**Compared**: not there yet."]
-    found = read_json(folder / "comparison.json")
+    """What `yeastfit compare` found of conditions, under the off-lattice model."""
     names = ("parameter", "first", "second", "median_first", "median_second", "first_larger", "error", "told_apart")
-    report.table("Conditions compared", [{name: row[name] for name in names} for row in found["conditions"]])
-    verdicts = "; ".join(found["verdicts"])
-    if not found["doubts"]:
-        return [f"**Compared**: {verdicts}."]
-    return [f"**Compared**, to be doubted ({'; '.join(found['doubts'])}): {verdicts}."]
+    return _verdicts(report, folder, "Conditions compared", "conditions", names)
+
+
+def _models(report: Report, folder: Path) -> list[str]:
+    """What it found of both models, on the same colonies by three statistics."""
+    names = ("run", "log_density", "standard_error", "behind_best", "error_of_that", "inside_50_%", "inside_90_%")
+    return _verdicts(report, folder, "Models compared", "models", names)
+
+
+def _verdicts(report: Report, folder: Path, title: str, table: str, names: tuple[str, ...]) -> list[str]:
+    """A table of a comparison, and in words what it means and whether it is to be doubted."""
+    if not (folder / MANIFEST).is_file():
+        return [f"**{title}**: not there yet."]
+    found = read_json(folder / "comparison.json")
+    report.table(title, [{name: row[name] for name in names} for row in found[table]])
+    doubt = f", to be doubted ({'; '.join(found['doubts'])})" if found["doubts"] else ""
+    return [f"**{title}**{doubt}: {'; '.join(found['verdicts'])}."]
 
 
 def _run(report: Report, folder: Path, title: str) -> list[str]:
