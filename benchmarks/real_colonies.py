@@ -69,6 +69,7 @@ EACH = 3  # real colonies, and simulated ones, in a row of the grid
 MODELS = ("offlattice", "algebraic")
 HEAVY = 10.0  # excess kurtosis from where a statistic is called heavy-tailed
 MIDDLE = (0.1, 0.9)
+NEAR = 1.5  # a factor by which a statistic may be off
 FEWEST = 50  # simulations that are worth looking at
 
 
@@ -148,12 +149,13 @@ def _tails(report: Report, folder: Path, posterior: Posterior, title: str) -> li
     with h5py.File(folder / "simulations.h5") as file:
         rows = file["simulations"][...]
     rows = rows[rows["check"] != 0]
+    reached = _nearest(rows["statistics"], posterior.observed)
     count = rows["values"].shape[1]  # without how much colonies vary
     low, high = (posterior.quantile(share)[:count] for share in MIDDLE)
     statistics = rows["statistics"][((rows["values"] > low) & (rows["values"] < high)).all(axis=1)]
     statistics = statistics[np.isfinite(statistics).all(axis=1)]
     if len(statistics) < FEWEST:
-        return [f"Only {len(statistics)} colonies were simulated where its posterior is."]
+        return [reached, f"Only {len(statistics)} colonies were simulated where its posterior is."]
     table: list[dict[str, Any]] = []
     for k, label in enumerate(posterior.labels):
         one = statistics[:, k]
@@ -165,11 +167,22 @@ def _tails(report: Report, folder: Path, posterior: Posterior, title: str) -> li
     report.table(f"{title}: {len(statistics)} single colonies simulated where its posterior is", table)
     heavy = [str(row["statistic"]) for row in table if row["kurtosis"] > HEAVY]
     return [
+        reached,
         f"Single colonies there are far from normally distributed in {', '.join(heavy)}: rare ones with a large value "
         "widen the likelihood there, and may be why it takes data for likely which most colonies miss."
         if heavy
-        else "Single colonies there are not far from normally distributed."
+        else "Single colonies there are not far from normally distributed.",
     ]
+
+
+def _nearest(statistics: np.ndarray, observed: np.ndarray) -> str:
+    """How near single colonies come to the means of the data: by what factor the worst statistic is off."""
+    statistics = statistics[(statistics > 0).all(axis=1)]
+    off = np.exp(np.abs(np.log(statistics / observed)).max(axis=1))
+    return (
+        f"Of {len(off)} colonies simulated in all, {int((off < NEAR).sum())} come within a factor of {NEAR} of the "
+        f"data's means in all statistics; the nearest is off by {off.min():.2f}."
+    )
 
 
 def main(arguments: list[str] | None = None) -> None:
