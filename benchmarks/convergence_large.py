@@ -68,29 +68,30 @@ CHANGES: dict[str, Mapping[str, float]] = {
 }
 DEAR = ("Δt 0.003125", "w 0.025, Δt 0.003125", "plain sums")  # to the earlier time only: many times as much work
 SEEDS, SEEDS_ALONE = 4, 64  # and at most, of colonies that were grown to the earlier time alone
-CHOOSE = """How to choose, by the runs of 26 November 2026:
+CHOOSE = """How to choose, by the runs of 27 November 2026:
 
 - **Δt decides for discs.** From 0.025 to 0.00625 the area falls by 9 % at t = 30 and by 15 % at t = 60, and compactness
   by a half: where Δt λ3 / w is 2.5, contacts chatter, push nodes apart and open gaps between cells, whose outlines
-  count. From 0.00625 to half of it the area falls by 2 % more, and compactness no more. At 0.05 a fifth of the cells is
-  not born. Colonies of hungry cells, which branch, chatter less: 1 ± 1 % of the area, 12 ± 5 % of C.
+  count. From 0.00625 to half of it they fall by 1.5 % and not at all. At 0.05 a quarter to a third of the cells is not
+  born. Colonies of hungry cells, which branch, chatter less: 3 ± 1 and 4 ± 2 % of the area; what their C loses is
+  within its error, 7 to 10 %.
 - **Substeps do it at half the cost.** Motion alone needs the shorter step, and is a quarter of a step's cost: four
-  substeps of Δt = 0.025 come to the area and C of Δt = 0.00625 within 1 and 2 %, to its N within 2 %, and take half the
-  time. More, or Δt = 0.0125 in two, change no more than 2 %.
-- **A linearly implicit step does not.** Tried with conjugate residuals for (1 − Δt J) v = f, J the derivative of
-  springs and contact, of one disc to t = 24: with three iterations, which are as many sums over contacts as four
-  substeps, it has 2 % more area and half as much C again as with substeps, with eight iterations more of both. A
-  contact ends within the width w, of which a derivative knows nothing.
-- **w** is part of the model: the wider, the tighter, by 8 to 10 % of the area of discs from 0.05 to 0.1.
+  substeps of Δt = 0.025 come to the area of Δt = 0.00625 within 1 %, to its N within 2 % and to its C within 4 % of the
+  reference's, and take half the time. Eight, or Δt = 0.0125 in two, change no more than 3 %.
+- **A linearly implicit step does not** (benchmarks.implicit_step, one disc to t = 24). With three iterations, in nearly
+  twice the time of four substeps, its C is 35 % off that of Δt = 0.00625, and that of substeps 0.4 %; with eight, in
+  2.4 times, 26 %; at Δt = 0.05 a fifth of the cells is not born. A contact ends within the width w, of which a
+  derivative knows nothing.
+- **w** is part of the model: the wider, the tighter, by 9 % of the area of discs from 0.05 to 0.1.
 - **h**: of discs 0.8 is as good as 0.2. Colonies that branch see the nutrient between their branches: from 0.2 to 0.4
-  their area falls by 4 ± 2 %, from 0.4 to 0.8 by 6 ± 1 % and C by 23 ± 5 %.
+  their area falls by 3 ± 1 %, from 0.4 to 0.8 by 7 ± 1 % and C by 15 ± 7 % (t = 30).
 - So **defaults for dishes wider than 100 L0 are Δt = 0.025 in 4 substeps and h = 0.4**: N within 2 % of the finest
   steps, the area within 1 % for discs and 5 % for branching colonies, at a quarter of the cost of Δt = 0.00625 and
   h = 0.2.
 - **I_F and I_R** tell nothing of the discs, which have no filaments: the radius of the core jumps. Of branching
-  colonies, I_F is 0.05 to 0.1 lower in shorter steps.
-- Plain sums and compiled ones agree: N within 0.3 %, area within 0.1 %; C of discs differs by 2.5 standard errors
-  (benchmarks.compiled_sums)."""
+  colonies, too, they scatter by more than steps change.
+- Plain sums and compiled ones agree: N and area of discs within 0.2 ± 0.6 %, C within 0.4 ± 0.6 %; 1024 pairs are
+  compared by benchmarks.compiled_sums."""
 Record = dict[str, Any]
 
 
@@ -206,7 +207,7 @@ def main(arguments: list[str] | None = None) -> None:
             study(report, Study(name, times, 2 if quick else own.seeds, own.work / f"{before}{folder}"))
             alone = Study(name, (30.0,), SEEDS_ALONE, own.work / f"{before}until-30")
             if not quick and len(times) > 1 and alone.done:
-                report.table(f"{name} at t = 30, of more seeds and settings", alone.rows(0))
+                report.table(f"{name} grown to t = 30 alone, in further settings, too", alone.rows(0))
         if report.docs is not None:
             report.docs.mkdir(parents=True, exist_ok=True)
             page = "\n\n".join([report.head(__doc__), CHOOSE, *report.sections()])
