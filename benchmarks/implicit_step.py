@@ -70,14 +70,15 @@ def conjugate_residuals(operator: Any, right: Vectors, iterations: int) -> Vecto
     v = right
     r = right - operator(v)
     p, image = r, operator(r)
-    of_p = image
-    for last in reversed(range(iterations)):
-        length = jnp.sum(r * image) / jnp.maximum(jnp.sum(of_p**2), jnp.finfo(right.dtype).tiny)
-        v, before = v + length * p, jnp.sum(r * image)
-        if last:
+    of_p, gain = image, jnp.sum(r * image)
+    for left in reversed(range(iterations)):
+        length = gain / jnp.maximum(jnp.sum(of_p**2), jnp.finfo(right.dtype).tiny)
+        v = v + length * p
+        if left:
             r = r - length * of_p
-            image = operator(r)
-            share = jnp.sum(r * image) / jnp.where(before == 0, 1.0, before)
+            image, before = operator(r), gain
+            gain = jnp.sum(r * image)
+            share = gain / jnp.where(before == 0, 1.0, before)
             p, of_p = r + share * p, image + share * of_p
     return v
 
