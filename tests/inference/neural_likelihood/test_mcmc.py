@@ -84,6 +84,22 @@ def test_chains_go_on_where_diagnostics_find_them_short(most_steps: int, monkeyp
         assert found.steps == most_steps
 
 
+def test_they_are_long_by_what_is_diagnosed() -> None:
+    """λ may need longer chains than log λ: here means of ten draws in turn stand for it."""
+    places = np.random.default_rng(0).normal(size=(300, 2))
+
+    def started() -> Walk:
+        return Walk.start(lambda x: -0.5 * np.sum(x**2, axis=1), places, walkers=16, most_steps=20_000, seed=5)
+
+    def slower(x: np.ndarray) -> np.ndarray:
+        return np.apply_along_axis(np.convolve, 0, x, np.full(10, 0.1), "same")
+
+    plain, found = started().until_long(), started().until_long(slower)
+    times = autocorrelation_time(slower(found.flat).reshape(found.x.shape))
+    assert found.x.shape[1] >= LONG * times.max()
+    assert found.steps > plain.steps
+
+
 def test_chains_go_on_where_they_do_not_agree() -> None:
     """Walkers stay long on their side of a valley: R̂ is 1.017 where they are `LONG`, and they go on."""
     places = np.random.default_rng(0).normal(size=(300, 1)) * 3

@@ -170,14 +170,17 @@ class Walk:
             sampler.iteration,
         )
 
-    def until_long(self) -> Chains:
+    def until_long(self, diagnosed: Callable[[np.ndarray], np.ndarray] = np.asarray) -> Chains:
         """Run until the draws kept suffice as `diagnose` finds them, or for `most_steps`.
 
         They are `LONG` autocorrelation times long then, and chains agree to `ALIKE` or are `LONGEST` of them long.
+
+        Arguments:
+            diagnosed: What is diagnosed of draws, one column a parameter: λ, whose times are not those of log λ.
         """
         enough = ENOUGH
         chains = self.until(enough)
-        while chains.steps < self.most_steps and not _suffice(chains.x):
+        while chains.steps < self.most_steps and not _suffice(diagnosed(chains.flat).reshape(chains.x.shape)):
             enough *= FURTHER
             chains = self.until(enough)
         return chains

@@ -236,7 +236,9 @@ class _Rounds:
             if looks[-1] <= STRAY:
                 break
             rounds.append(anew)
-        rounds[-1] = replace(rounds[-1], chains=rounds[-1].walk.until_long())
+        density = LogPosterior(rounds[-1].emulator, self.problem)
+        chains = rounds[-1].walk.until_long(lambda x: self._values(*density.parts(x)))
+        rounds[-1] = replace(rounds[-1], chains=chains)
         progress("done", 1.0)
         return rounds, looks, warnings
 
@@ -281,6 +283,11 @@ class _Rounds:
         more = self._simulated(new, len(values))
         return np.concatenate([values, new]), np.concatenate([statistics, more])
 
+    def _values(self, x: Float[np.ndarray, "draw free"], z: Float[np.ndarray, "draw parameter"]) -> Values:
+        """λ, and how much colonies scatter where they may, of draws in the chains' coordinates."""
+        values, variation = self.problem.prior.values(x), self.problem.variation
+        return values if variation is None else np.column_stack([values, variation.tau(z)])
+
     def posterior(self, rounds: list[Round], looks: list[float]) -> Posterior:
         """The last round's chains."""
         last, problem = rounds[-1], self.problem
@@ -292,10 +299,9 @@ class _Rounds:
         before = rounds[-2].x if len(rounds) > 1 else None
         between = added_scatter(last.emulator, problem, values, z)
         statistics = last.emulator.draw(values, rng, problem.replicates, problem.noise, between)
-        all_values = values if problem.variation is None else np.column_stack([values, problem.variation.tau(z)])
         return Posterior.of(
             problem,
-            all_values.reshape(chains, draws, -1),
+            self._values(x, z).reshape(chains, draws, -1),
             simulations=self.simulator.asked,
             log_probability=last.chains.log_density,
             log_likelihood=last.chains.log_density - density.log_prior(x, z).reshape(chains, draws),
