@@ -67,6 +67,17 @@ def test_level_set_of_one_cell_is_f(relaxation: Relaxation, angle: float, double
     assert (g[~near] >= np.minimum(f[~near], float(relaxation.reach) - 1.0)).all()
 
 
+@pytest.mark.parametrize("relaxation", [HARD, Relaxation()], ids=["hard", "relaxed"])
+def test_level_set_is_the_same_in_the_chunks_of_a_gpu(
+    relaxation: Relaxation, double: None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    cells = crowd(0)
+    here = np.asarray(union(cells, relaxation))
+    monkeypatch.setattr(jax, "default_backend", lambda: "gpu")
+    there = np.asarray(eqx.filter_jit(lambda one: union.__wrapped__(one, relaxation))(cells))
+    np.testing.assert_allclose(there, here, rtol=1e-12, atol=1e-12)
+
+
 @pytest.mark.parametrize("relaxation", [HARD, Relaxation(), Relaxation(union=0.5, boundary=1.0)], ids=str)
 @pytest.mark.parametrize("seed", range(3))
 def test_no_cell_is_cut(seed: int, relaxation: Relaxation, double: None) -> None:

@@ -23,7 +23,8 @@ from yeastfit.model.numerics import largest_in_ensemble
 
 PATCH = 8  # grid points along a patch on fine grids: one cell is 2 to 3 patches wide at the source's spacing
 COARSE = 0.3  # spacing from which half as many do: 4 points of 0.4 L0 hold most cells of a crowded colony
-CHUNK = 512  # patches of PATCH² points that are worked off together
+CHUNK = 512  # patches of PATCH² points that are worked off together, at most: their numbers stay in a CPU's cache
+CHUNK_ON_GPU = 16_384  # a kernel takes about as long to start as it takes to run over so many
 FAR = 1e3  # g where no cell reaches: outside for every width
 LARGEST = 80.0  # |f|/s that enters: beyond, exp leaves single precision. s of at least 1/LARGEST keeps f = −1 exact
 
@@ -99,7 +100,7 @@ def level_set(
     s, patch = union, patch_of(spacing)
     first, counts = _patches(cells, reach, origin, spacing, points, patch)
     ends = jnp.cumsum(counts[:, 0] * counts[:, 1])
-    chunk = min(CHUNK * (PATCH // patch) ** 2, max(64, cells.weights.shape[0]))
+    chunk = _chunk(patch, cells.weights.shape[0])
     margin = patch  # a patch may stick out by less than this
 
     def add_chunk(grid: Float[Array, "x y"], i: Int[Array, ""], args: tuple) -> Float[Array, "x y"]:
@@ -133,6 +134,12 @@ def patch_of(spacing: Scalar) -> int:
     """Grid points along a patch."""
     coarse = isinstance(spacing, int | float) and spacing >= COARSE  # a traced one is taken for a fine one
     return PATCH // 2 if coarse else PATCH
+
+
+def _chunk(patch: int, cells: int) -> int:
+    """How many patches are worked off together: not many more than there are."""
+    most, of_one = (CHUNK_ON_GPU, 4) if jax.default_backend() == "gpu" else (CHUNK, 1)
+    return min(most * (PATCH // patch) ** 2, max(64, of_one * cells))
 
 
 _WINDOWS = jax.lax.ScatterDimensionNumbers(
