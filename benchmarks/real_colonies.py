@@ -7,7 +7,7 @@ the folders of runs of `yeastfit infer`, WORK/MODEL/SET, whatever of them is the
     more="--model offlattice --variation --leave-out 4"
     yeastfit infer awri796-50um $more --cells 45000 --out WORK/offlattice/awri796-50um
     yeastfit infer awri796-500um $more --cells 90000 --out WORK/offlattice/awri796-500um
-    yeastfit infer simi-white-50um $more --cells 65000 --out WORK/offlattice/simi-white-50um
+    yeastfit infer simi-white-50um $more --cells 65000 --most-steps 60000 --out WORK/offlattice/simi-white-50um
     yeastfit compare WORK/offlattice/* --out WORK/comparison
 
     three="--statistics filament_area_index,filament_radius_index,angular_index --variation --leave-out 4"
