@@ -7,8 +7,10 @@ A benchmark is a module with a function `run(report, quick)`, which measures and
     report.table("against nodes", [{"nodes": 100, "ms": 1.2}])  # rows of numbers behind the figures
     report.stage("ensembles")                                   # what is measured next, on standard error
 
-and the last lines `if __name__ == "__main__": command("NAME", run)`. The figures are printed with the machine they were
-measured on, and written to FILE if given. The exit status is 1 when a target is missed; NaN misses every target.
+and the last lines `if __name__ == "__main__": command("NAME", run)`. Tables are printed when they are made, figures on
+standard error at once, so that a run that is killed has said what it knew, and all together at the end with the machine
+they were measured on. They are written to FILE if given. The exit status is 1 when a target is missed; NaN misses every
+target.
 """
 
 import json as json_
@@ -83,13 +85,18 @@ class Report:
     def add(
         self, name: str, value: float, unit: str, target: float | None = None, at_least: bool = True, note: str = ""
     ) -> Figure:
-        """Add a `Figure`; `value` may be a NumPy or JAX scalar."""
+        """Add a `Figure`, and say so at once: a run may be killed later. `value` may be a NumPy or JAX scalar."""
         self.figures.append(Figure(name, float(value), unit, target, at_least, note))
+        self.stage(f"{name}: {_text(float(value))} {unit}".rstrip())
         return self.figures[-1]
 
     def table(self, title: str, rows: Sequence[dict[str, Any]]) -> None:
-        """Add a table: one dictionary per row, with the columns of the first."""
+        """Add a table, one dictionary per row with the columns of the first, and print it at once."""
         self.tables[title] = list(rows)
+        table = Table(*rows[0], title=title, title_justify="left")
+        for row in rows:
+            table.add_row(*(_text(value) for value in row.values()))
+        _console().print(table)
 
     def part(self, key: str, make: Callable[[], Any]) -> Any:
         """`make()`, which returns plain data; kept in `partial`, from which an interrupted run continues."""
@@ -151,20 +158,20 @@ class Report:
         return [f"## {title[0].upper()}{title[1:]}\n\n{_markdown(rows)}" for title, rows in tables.items()]
 
     def print(self) -> None:
-        """Tables and figures on the terminal, with the machine above."""
-        console = Console(width=None if sys.stdout.isatty() else 150)
+        """Figures on the terminal, with the machine above; tables are there already."""
+        console = _console()
         console.print(f"benchmarks.{self.name}{' --quick' if self.quick else ''}\n{_about()}", markup=False)
-        for heading, rows in self.tables.items():
-            table = Table(*rows[0], title=heading, title_justify="left")
-            for row in rows:
-                table.add_row(*(_text(value) for value in row.values()))
-            console.print(table)
         table = Table("figure", "value", "unit", "target", "", "note")
         for f in self.figures:
             target = "" if f.target is None else f"{'≥' if f.at_least else '≤'} {f.target:g}"
             verdict = {True: "[green]met[/]", False: "[bold red]MISSED[/]", None: ""}[f.met]
             table.add_row(f.name, _text(f.value), f.unit, target, verdict, f.note)
         console.print(table)
+
+
+def _console() -> Console:
+    """Standard output, with room for long notes where that is no terminal."""
+    return Console(width=None if sys.stdout.isatty() else 150)
 
 
 def _markdown(rows: Sequence[dict[str, Any]]) -> str:
