@@ -10,6 +10,8 @@ from inspect import unwrap
 from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
 
+import numpy as np
+
 from yeastfit.errors import InputError
 
 MISSING = "numba, which is not installed: pip install 'yeastfit[offlattice]'"
@@ -22,6 +24,7 @@ else:
         njit = None  # type: ignore[assignment]
         MISSING = "numba's compiler, which NUMBA_DISABLE_JIT switches off: unset that variable"
 
+Index = np.uint64  # of an array, in a loop that counts: numba does not ask whether one of this kind is negative
 Arguments = ParamSpec("Arguments")
 Result = TypeVar("Result")
 

@@ -1,7 +1,7 @@
 """What covers the points of a grid, compiled by numba: the sum of `level_set`, for the nutrient and for statistics.
 
 That is Σ_k w_k exp(−f_k / s), or hard max_k max(−f_k, 0). A cell covers so few points that what is done for each row
-of them would take longer than the points: terms are collected, and worked out `COLLECTED` at a time.
+of them would take longer than the points: boxes, terms and their exponentials are worked out `COLLECTED` at a time.
 """
 
 from math import exp, inf
@@ -9,7 +9,7 @@ from math import exp, inf
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from yeastfit.compiled import array_kernel, kernel
+from yeastfit.compiled import Index, array_kernel, kernel
 from yeastfit.model.cells import LARGEST
 
 COLLECTED = 512
@@ -33,30 +33,56 @@ def boxes_of(
 
     These are the points of its patches in `level_set`, which cover r² up to `reach`, as far as f is below `furthest`.
     """
-    kind = centres.dtype.type
-    origin, per_spacing, patch = kind(grid[0]), kind(1 / grid[1]), kind(grid[2])
+    kind, cells = centres.dtype.type, len(weights)
+    frame = kind(grid[0]), kind(1 / grid[1]), kind(grid[2]), kind(points)
     counted, seen = kind(np.sqrt(reach)), kind(np.sqrt(1.0 + furthest))
-    zero, one, side = kind(0), kind(1), kind(points)
-    boxes = np.empty((len(weights), 4), np.int32)
-    for k in range(len(weights)):
-        boxes[k, 0], boxes[k, 1], boxes[k, 2], boxes[k, 3] = 0, -1, 0, -1
-        if not weights[k] > 0:
-            continue
-        somewhere = True
+    boxes, ends = np.empty((cells, 4), np.int32), np.empty((4, COLLECTED), np.int32)
+    centre, direction = np.empty((2, COLLECTED), centres.dtype), np.empty((2, COLLECTED), centres.dtype)
+    for begin in range(0, cells, COLLECTED):
+        some = slice(begin, min(begin + COLLECTED, cells))
+        of, towards, into = centres[some], directions[some], boxes[some]
+        for m in range(len(of)):
+            centre[0, m], centre[1, m] = of[m, 0], of[m, 1]
+            direction[0, m], direction[1, m] = towards[m, 0], towards[m, 1]
+        sizes = halves[0][some], halves[1][some], weights[some]
         for axis in range(2):
-            along, over = halves[0][k] * directions[k, axis], halves[1][k] * directions[k, 1 - axis]
-            extent = np.sqrt(along * along + over * over) * per_spacing
-            middle = (centres[k, axis] - origin) * per_spacing
-            somewhere &= (abs(middle) < inf) & (extent < inf)
-            first = np.ceil(_clipped(middle - counted * extent, zero, side))
-            last = np.floor(_clipped(middle + counted * extent, -one, side - one))
-            last = min(first + patch * np.ceil((last - first + one) / patch), side) - one
-            first = max(first, np.ceil(_clipped(middle - seen * extent, zero, side)))
-            last = min(last, np.floor(_clipped(middle + seen * extent, -one, side - one)))
-            boxes[k, 2 * axis], boxes[k, 2 * axis + 1] = first, last
-        if not somewhere:
-            boxes[k, 0], boxes[k, 1], boxes[k, 2], boxes[k, 3] = 0, -1, 0, -1
+            _ends(ends[2 * axis :], centre[axis], direction[axis], direction[1 - axis], sizes, frame, counted, seen)
+        for m in range(len(of)):
+            into[m, 0], into[m, 1], into[m, 2], into[m, 3] = ends[0, m], ends[1, m], ends[2, m], ends[3, m]
     return boxes
+
+
+@kernel
+def _ends(
+    ends: Int[np.ndarray, "end cell"],
+    centre: Float[np.ndarray, " cell"],
+    along: Float[np.ndarray, " cell"],
+    across: Float[np.ndarray, " cell"],
+    sizes: tuple[Float[np.ndarray, " cell"], Float[np.ndarray, " cell"], Float[np.ndarray, " cell"]],
+    frame: tuple[float, float, float, float],
+    counted: float,
+    seen: float,
+) -> None:
+    """First and last grid point along one axis, into the first two of `ends`; 0 and −1 of a cell that is nowhere.
+
+    `along` and `across` are the direction's parts along the axis and the other one, `sizes` half lengths, half widths
+    and weights.
+    """
+    origin, per_spacing, patch, side = frame
+    half_lengths, half_widths, weights = sizes
+    one, nowhere = centre.dtype.type(1), centre.dtype.type(inf)
+    zero = one - one
+    for m in range(len(weights)):
+        long, wide = half_lengths[m] * along[m], half_widths[m] * across[m]
+        extent = np.sqrt(long * long + wide * wide) * per_spacing
+        middle = (centre[m] - origin) * per_spacing
+        first = np.ceil(_clipped(middle - counted * extent, zero, side))
+        last = np.floor(_clipped(middle + counted * extent, -one, side - one))
+        last = min(first + patch * np.ceil((last - first + one) / patch), side) - one
+        first = max(first, np.ceil(_clipped(middle - seen * extent, zero, side)))
+        last = min(last, np.floor(_clipped(middle + seen * extent, -one, side - one)))
+        somewhere = (weights[m] > zero) & (abs(middle) < nowhere) & (extent < nowhere)
+        ends[0, m], ends[1, m] = np.int32(first if somewhere else zero), np.int32(last if somewhere else -one)
 
 
 @kernel
@@ -84,7 +110,7 @@ def cover(
     Arguments:
         covered: 0.
         low: A point of the grid.
-        tiles: Which are at work, and points along the side of one.
+        tiles: Which are at work, and the logarithm to base 2 of the points along the side of one.
         boxes: `boxes_of` the cells.
         centres: As in `Cells`.
         directions: Likewise.
@@ -94,39 +120,59 @@ def cover(
         union: s, 0 for the hard union.
         furthest: f from which a cell is not looked at; 0 for the hard union.
     """
-    kind, (work, tile) = covered.dtype.type, tiles
+    kind, (work, shift) = covered.dtype.type, tiles
     hard, one, across_row = union == 0, kind(1), covered.shape[1]
     beyond, scale = kind(furthest), one if hard else kind(1 / union)
-    x, y = np.empty(covered.shape[0], covered.dtype), np.empty(covered.shape[1], covered.dtype)
-    for i in range(len(x)):
-        x[i] = grid[0] + grid[1] * (low[0] + i)
-    for j in range(len(y)):
-        y[j] = grid[0] + grid[1] * (low[1] + j)
+    x, y = np.empty(covered.shape[0], covered.dtype), np.empty(across_row, covered.dtype)
+    for m in range(len(x)):
+        x[m] = grid[0] + grid[1] * (low[0] + m)
+    for m in range(len(y)):
+        y[m] = grid[0] + grid[1] * (low[1] + m)
     place, whose = np.empty(COLLECTED, np.int32), np.empty(COLLECTED, np.int32)
-    value = np.empty(COLLECTED, covered.dtype)
-    found = 0
-    for k in range(len(weights)):
-        first_x, last_x, first_y, last_y = boxes[k]
-        if not _any_of(work, first_x // tile, last_x // tile, first_y // tile, last_y // tile):
-            continue
-        first_x, last_x = max(first_x - low[0], 0), min(last_x - low[0] + 1, covered.shape[0])
-        first_y, last_y = max(first_y - low[1], 0), min(last_y - low[1] + 1, covered.shape[1])
-        cos, sin = directions[k, 0], directions[k, 1]
-        along, across = one / (halves[0][k] * halves[0][k]), one / (halves[1][k] * halves[1][k])
-        xx, yy = cos * cos * along + sin * sin * across, sin * sin * along + cos * cos * across
-        xy = cos * sin * (along - across)
-        for i in range(first_x, last_x):
-            dx = x[i] - centres[k, 0]
-            here, slope = xx * dx * dx - one, (xy + xy) * dx
-            for j in range(first_y, last_y):
-                dy = y[j] - centres[k, 1]
-                f = here + dy * (slope + yy * dy)
-                value[found], place[found], whose[found] = f * scale, i * across_row + j, k
+    value, forms = np.empty(COLLECTED, covered.dtype), np.empty((3, COLLECTED), covered.dtype)
+    flat, row, found = covered.reshape(-1), Index(across_row), 0
+    for begin in range(0, len(weights), COLLECTED):
+        some = slice(begin, min(begin + COLLECTED, len(weights)))
+        _quadratic_forms(forms, directions[some], halves[0][some], halves[1][some])
+        for k in range(some.start, some.stop):
+            if not _any_of(work, tiles_of(boxes[k], shift)):
+                continue
+            first_x, last_x, first_y, last_y = boxes[k]
+            first_x, last_x = max(first_x - low[0], 0), min(last_x - low[0] + 1, covered.shape[0])
+            first_y, last_y = max(first_y - low[1], 0), min(last_y - low[1] + 1, across_row)
+            xx, xy, yy = forms[0, k - begin], forms[1, k - begin], forms[2, k - begin]
+            middle_x, middle_y = centres[k, 0], centres[k, 1]
+            i, j, left, right = Index(first_x), Index(first_y), Index(first_y), Index(last_y)
+            for _ in range(max(last_x - first_x, 0) * (last_y - first_y)):  # one loop: ends of short ones cost most
+                dx, dy = x[i] - middle_x, y[j] - middle_y
+                f = (xx * dx * dx - one) + dy * (xy * dx + yy * dy)
+                at = Index(found)
+                value[at], place[at], whose[at] = f * scale, np.int32(i * row + j), np.int32(k)
                 found += f < beyond  # otherwise the next one takes its place
                 if found == COLLECTED:
-                    _add(covered.reshape(-1), place, value, whose, weights, found, hard)
+                    _add(flat, place, value, whose, weights, found, hard)
                     found = 0
-    _add(covered.reshape(-1), place, value, whose, weights, found, hard)
+                j += Index(1)
+                if j == right:
+                    i, j = i + Index(1), left
+    _add(flat, place, value, whose, weights, found, hard)
+
+
+@kernel
+def _quadratic_forms(
+    forms: Float[np.ndarray, "xx_xy_yy cell"],
+    directions: Float[np.ndarray, "cell 2"],
+    half_lengths: Float[np.ndarray, " cell"],
+    half_widths: Float[np.ndarray, " cell"],
+) -> None:
+    """Coefficients of dx², dx dy and dy² in f + 1, into the first of `forms`."""
+    one = forms.dtype.type(1)
+    for m in range(len(half_lengths)):
+        cos, sin = directions[m, 0], directions[m, 1]
+        along, across = one / (half_lengths[m] * half_lengths[m]), one / (half_widths[m] * half_widths[m])
+        part = cos * sin * (along - across)
+        forms[0, m], forms[1, m] = cos * cos * along + sin * sin * across, part + part
+        forms[2, m] = sin * sin * along + cos * cos * across
 
 
 @kernel
@@ -171,10 +217,16 @@ def falling_exponential(x: Float[np.ndarray, " term"], count: int) -> None:
 
 
 @kernel
-def _any_of(work: Bool[np.ndarray, "i j"], first_x: int, last_x: int, first_y: int, last_y: int) -> bool:
+def tiles_of(box: Int[np.ndarray, "4"], shift: int) -> tuple[int, int, int, int]:
+    """First and last tile of a box along x and along y, tiles of 2 to the power of `shift` points along a side."""
+    return box[0] >> shift, box[1] >> shift, box[2] >> shift, box[3] >> shift
+
+
+@kernel
+def _any_of(work: Bool[np.ndarray, "i j"], tiles: tuple[int, int, int, int]) -> bool:
     """Whether one of these tiles is at work."""
-    for i in range(first_x, last_x + 1):
-        for j in range(first_y, last_y + 1):
+    for i in range(tiles[0], tiles[1] + 1):
+        for j in range(tiles[2], tiles[3] + 1):
             if work[i, j]:
                 return True
     return False
@@ -195,5 +247,5 @@ def cover_all(
     covered[:] = 0
     furthest = min(reach - 1.0, LARGEST * union) if union > 0 else 0.0
     boxes = boxes_of(covered.shape[0], centres, directions, halves, weights, grid, reach, furthest)
-    one_tile = np.ones((1, 1), np.bool_), covered.shape[0]
+    one_tile = np.ones((1, 1), np.bool_), 30
     cover(covered, (0, 0), one_tile, boxes, centres, directions, halves, weights, grid, union, furthest)

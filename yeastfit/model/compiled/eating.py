@@ -15,9 +15,10 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from yeastfit.compiled import array_kernel, kernel
-from yeastfit.model.compiled.covering import boxes_of, cover
+from yeastfit.model.compiled.covering import boxes_of, cover, tiles_of
 
-TILE = 8  # grid points along a side: wider than a step carries what can be seen
+SHIFT = 3
+TILE = 1 << SHIFT  # grid points along a side: wider than a step carries what can be seen
 
 
 @array_kernel
@@ -54,7 +55,7 @@ def eat(
         return
     low, shape = _surrounded(rows)
     eaten = np.zeros(shape, nutrient.dtype)
-    cover(eaten, low, (work, TILE), boxes, centres, directions, halves, weights, grid, union[0], furthest)
+    cover(eaten, low, (work, SHIFT), boxes, centres, directions, halves, weights, grid, union[0], furthest)
     _solve(nutrient, low, eaten, rows, union[0], metabolic, diffusion)
 
 
@@ -78,18 +79,27 @@ def _at_work(nutrient: Float[np.ndarray, "x y"], boxes: Int[np.ndarray, "cell 4"
             for m in range(j * TILE, (j + 1) * TILE):
                 some[tile, j] |= here[m]
                 changed[tile, j] |= other[m]
-    for first_x, last_x, first_y, last_y in boxes:
-        for i in range(first_x // TILE, last_x // TILE + 1):
-            for j in range(first_y // TILE, last_y // TILE + 1):
-                changed[i, j] |= some[i, j]
-    work = np.zeros((count, count), np.bool_)
+    covered, work = np.zeros((count, count), np.bool_), np.zeros((count, count), np.bool_)
+    _mark(covered, boxes)
     for i in range(count):
         for j in range(count):
-            if changed[i, j]:
+            if changed[i, j] | (covered[i, j] & some[i, j]):
                 for m in range(max(i - 1, 0), min(i + 2, count)):
                     for n in range(max(j - 1, 0), min(j + 2, count)):
                         work[m, n] = True
     return work
+
+
+@kernel
+def _mark(covered: Bool[np.ndarray, "i j"], boxes: Int[np.ndarray, "cell 4"]) -> None:
+    """Set the tiles that boxes lie in: of nearly all, those of their corners."""
+    for k in range(len(boxes)):
+        first_x, last_x, first_y, last_y = tiles_of(boxes[k], SHIFT)
+        if 0 <= last_x - first_x < 2 and 0 <= last_y - first_y < 2:
+            covered[first_x, first_y], covered[first_x, last_y] = True, True
+            covered[last_x, first_y], covered[last_x, last_y] = True, True
+        else:
+            covered[first_x : last_x + 1, first_y : last_y + 1] = True
 
 
 @array_kernel

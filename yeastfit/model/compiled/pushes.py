@@ -8,7 +8,7 @@ of four of the eight bins around it, so that each pair is looked at once. Close 
 import numpy as np
 from jaxtyping import Float, Int
 
-from yeastfit.compiled import array_kernel, kernel
+from yeastfit.compiled import Index, array_kernel, kernel
 
 MOST_BINS = 2048  # along a side; nodes beyond share the outermost ones
 COLLECTED = 512  # pairs
@@ -48,18 +48,18 @@ def push_apart(
     apart = np.empty(COLLECTED, dtype), np.empty(COLLECTED, dtype)
     most, nothing, found = reach * reach, dtype.type(0), 0
     for b in range(rows, total - rows):
-        for k in range(start[b], start[b + 1]):
-            first, last = k + 1, start[b + 2]  # the rest of its own bin, and the next one of its column
+        for k in range(Index(start[b]), Index(start[b + 1])):
+            first, last = k + Index(1), Index(start[b + 2])  # the rest of its own bin, and the next one of its column
             for _ in range(2):
                 for j in range(first, last):
                     dx, dy = place[k, 0] - place[j, 0], place[k, 1] - place[j, 1]
                     squared = dx * dx + dy * dy
-                    pairs[found, 0], pairs[found, 1] = k, j
+                    pairs[Index(found), 0], pairs[Index(found), 1] = k, j
                     found += (nothing < squared) & (squared < most)  # otherwise the next one takes its place
                     if found == COLLECTED:
                         _push(pairs, found, apart, place, w, reach, ramp, force)
                         found = 0
-                first, last = start[b + rows - 1], start[b + rows + 2]  # three bins of the next column
+                first, last = Index(start[b + rows - 1]), Index(start[b + rows + 2])  # three bins of the next column
     _push(pairs, found, apart, place, w, reach, ramp, force)
     for k in range(count):
         forces[node[k], 0], forces[node[k], 1] = force[k, 0], force[k, 1]
