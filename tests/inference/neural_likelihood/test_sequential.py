@@ -62,6 +62,16 @@ def compared(
     return (x.mean(axis=0) - mean) / sd, x.std(axis=0) / sd
 
 
+def test_chains_that_end_with_most_steps_say_so() -> None:
+    known = linear()
+    for most, status in ((500, Status.CHAINS_TOO_SHORT), (20_000, Status.SETTLED)):
+        settings = replace(SMALL, settle=10.0, walkers=4, most_steps=most)
+        found = emulated(known, known, known.observed(TRUTH, 1, seed=4), settings, seed=7)
+        assert found.status is status
+        ended = f"chains ended after {most} steps, which is all that most_steps allows: allow more"
+        assert (ended in found.warnings) == (status is Status.CHAINS_TOO_SHORT)
+
+
 def test_simulations_are_proposed_around_most_of_the_posterior() -> None:
     """w times as wide as a normal one; of one with 8 % of its draws on a trail half of them stay around the others."""
     prior = Prior.of(

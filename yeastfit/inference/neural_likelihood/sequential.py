@@ -299,7 +299,7 @@ class _Rounds:
         before = rounds[-2].x if len(rounds) > 1 else None
         between = added_scatter(last.emulator, problem, values, z)
         statistics = last.emulator.draw(values, rng, problem.replicates, problem.noise, between)
-        return Posterior.of(
+        posterior = Posterior.of(
             problem,
             self._values(x, z).reshape(chains, draws, -1),
             simulations=self.simulator.asked,
@@ -326,6 +326,10 @@ class _Rounds:
             ),
             backend=last.walk.backend,
         )
+        if posterior.status is Status.CHAINS_TOO_SHORT and last.chains.steps >= self.settings.most_steps:
+            ended = f"chains ended after {last.chains.steps} steps, which is all that most_steps allows: allow more"
+            return replace(posterior, warnings=(*posterior.warnings, ended))
+        return posterior
 
     def _reported(self, one: Round) -> RoundDiagnostics:
         emulator, settled = one.emulator, self._settled(one)
