@@ -143,6 +143,7 @@ def test_a_derivative_that_is_lost_on_the_way_is_found(monkeypatch: pytest.Monke
     assert errors == {"log": pytest.approx(0.1, rel=0.01), "nutrient": pytest.approx(0.01, rel=0.01)}
 
 
+@pytest.mark.thorough
 def test_a_tie_between_parents_is_reported_and_never_passed() -> None:
     """Hungry, not both of the first two nodes bud, and which does any displacement decides."""
     hungry = Parameters(metabolic_rate=20.0, diffusivity=0.02)

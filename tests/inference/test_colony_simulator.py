@@ -71,7 +71,7 @@ def test_a_colony_beyond_the_capacity_is_cut_and_told(monkeypatch: pytest.Monkey
 @pytest.mark.parametrize(
     ("names", "estimator", "devices"),
     [
-        (("radius",), "smooth", nullcontext),
+        pytest.param(("radius",), "smooth", nullcontext, marks=pytest.mark.thorough),
         pytest.param(("radius",), "mask", on_one_device, marks=pytest.mark.thorough),
         pytest.param(("area", "compactness"), "smooth", on_one_device, marks=pytest.mark.thorough),
         (("area", "compactness"), "mask", on_one_device),
