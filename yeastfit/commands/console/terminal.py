@@ -29,11 +29,12 @@ class TextConsole(Console):
 
 
 out, err = TextConsole(), TextConsole(stderr=True)
+APART = 600.0  # seconds between lines of progress in a file: a run of hours leaves some dozens
 
 
 @contextmanager
 def shown_progress(what: str) -> Iterator[Progress]:
-    """Show on a terminal what a computation is doing and how far it is; show nothing where output is redirected.
+    """Show on a terminal what a computation is doing and how far it is; in a file say so every `APART` seconds.
 
     Arguments:
         what: Shown until the computation says something itself.
@@ -41,10 +42,27 @@ def shown_progress(what: str) -> Iterator[Progress]:
     Yields:
         What to hand to the computation as its `progress`.
     """
+    if not err.is_terminal:
+        yield _said_at_times()
+        return
     columns = (TextColumn("{task.description}", markup=False), BarColumn(), TimeElapsedColumn())
-    with Bar(*columns, console=err, disable=not err.is_terminal, transient=True) as bar:
+    with Bar(*columns, console=err, transient=True) as bar:
         task = bar.add_task(shown(what), total=1.0)
         yield lambda doing, share: bar.update(task, description=shown(doing), completed=share)
+
+
+def _said_at_times() -> Progress:
+    """A `progress` of lines that are at least `APART` seconds apart."""
+    began = last = clock.perf_counter()
+
+    def say(doing: str, share: float) -> None:
+        nonlocal last
+        now = clock.perf_counter()
+        if now - last >= APART:
+            last, spent = now, timedelta(seconds=round(now - began))
+            err.print(f"after {spent}: {doing}, {100 * share:.0f} %", highlight=False, soft_wrap=True)
+
+    return say
 
 
 @dataclass
