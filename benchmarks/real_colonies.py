@@ -1,7 +1,8 @@
 """What the runs of real colonies say: parameters, predictions, colonies left out, and what is not there yet.
 
-Three sets of real colonies (`data/real`), seen by the off-lattice and by the algebraic model. This page is made from
-the folders of runs of `yeastfit infer`, WORK/MODEL/SET, whatever of them is there:
+Three sets of real colonies (`data/real`), seen by the off-lattice model, by the algebraic one, and by that in a dish
+that runs out of nitrogen. This page is made from the folders of runs of `yeastfit infer`, WORK/MODEL/SET, whatever of
+them is there:
 
     cd data/real
     more="--model offlattice --variation --leave-out 4"
@@ -16,11 +17,17 @@ the folders of runs of `yeastfit infer`, WORK/MODEL/SET, whatever of them is the
     yeastfit infer awri796-50um $more --area 142000 --out WORK/algebraic/awri796-50um
     yeastfit infer awri796-500um $more --area 257000 --out WORK/algebraic/awri796-500um
     yeastfit infer simi-white-50um $more --area 203000 --out WORK/algebraic/simi-white-50um
+    more="$three --medium nitrogen --nitrogen-per-birth 150 --nitrogen-uptake 0 --length 23.7 --rate 0.1 --spacing 0.4
+        --dt 0.025 --substeps 4 --capacity 30000 --batch 8 --simulations 1024 --first 128 --each 64 --draws 20
+        --prior-draws 0 --prior nitrogen.toml --free mobility,metabolic_rate,aspect_ratio,nitrogen"
+    yeastfit infer awri796-50um $more --out WORK/nitrogen/awri796-50um
     yeastfit infer awri796-50um $three --model offlattice --cells 45000 --out WORK/offlattice-3/awri796-50um
-    yeastfit compare WORK/algebraic/awri796-50um WORK/offlattice-3/awri796-50um --out WORK/models
+    yeastfit compare WORK/{algebraic,nitrogen,offlattice-3}/awri796-50um --out WORK/models
 
 Colonies of the algebraic model are grown to a tenth of the photographed area: a thousand take an hour of a processor,
-and not ten.
+and not ten. In a dish with nitrogen they are grown to the photographed time, from cells of 23.7 µm, a tenth of which
+make the photographed area. The priors of `nitrogen.toml` are log-uniform: mobility 0.1 to 10, metabolic_rate 0.05 to 5,
+aspect_ratio 0.15 to 1, nitrogen 3 to 100.
 
 A posterior that has not settled says nothing of the yeast. For such a one the page asks why: it looks at the colonies
 that the run has simulated where its posterior is (in the central 80 % of every parameter). The likelihood takes the
@@ -66,7 +73,7 @@ from yeastfit.storage import read_json
 SETS = ("awri796-50um", "awri796-500um", "simi-white-50um")
 DATA = Path(__file__).parents[1] / "data" / "real"
 EACH = 3  # real colonies, and simulated ones, in a row of the grid
-MODELS = ("offlattice", "algebraic")
+MODELS = ("offlattice", "algebraic", "nitrogen")
 HEAVY = 10.0  # excess kurtosis from where a statistic is called heavy-tailed
 MIDDLE = (0.1, 0.9)
 NEAR = 1.5  # a factor by which a statistic may be off
@@ -93,7 +100,7 @@ def _compared(report: Report, folder: Path) -> list[str]:
 
 
 def _models(report: Report, folder: Path) -> list[str]:
-    """What it found of both models, on the same colonies by three statistics."""
+    """What it found of the models, on the same colonies by three statistics."""
     names = ("run", "log_density", "standard_error", "behind_best", "error_of_that", "inside_50_%", "inside_90_%")
     return _verdicts(report, folder, "Models compared", "models", names)
 
