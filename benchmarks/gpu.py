@@ -73,9 +73,9 @@ def grow(report: Report, quick: bool, members: int) -> None:
             if on_gpu():
                 of: dict[str, Any] = {"nodes": row["nodes"], "colonies": count}
                 traced.append(of | kernels(program, STEPS))
-                report.stage(", ".join(f"{name}: {value:.3g}" for name, value in traced[-1].items()))
+                report.row(traced[-1])
         rows.append(row | {"arrays of all, GB": program.memory / 1e9})
-        report.stage(", ".join(f"{name}: {value:.3g}" for name, value in rows[-1].items() if name.startswith("ms")))
+        report.row(rows[-1])
     report.table(f"a step as the colony grows, of one and of {members} together", rows)
     if traced:
         report.table("kernels of a step", traced)

@@ -222,7 +222,7 @@ def ensembles(report: Report, quick: bool, timed: dict[int, Program], grown: Col
                 program.timed(3 if members < 64 else 1)
             row[later] = members / program.wall * part / STEPS
         rows.append(row | {"arrays MB": program.memory / 1e6, "compile s": program.compile_time})
-        report.stage(", ".join(f"{name}: {value:.3g}" for name, value in row.items() if value is not None))
+        report.row(rows[-1])
     report.table("ensembles, runs of 805 steps per second", rows)
     column = "whole runs per s" if whole else later
     best = max(row[column] for row in rows if row[column] is not None)

@@ -112,6 +112,10 @@ class Report:
         """Print what is measured next."""
         print(f"[{time.perf_counter() - self.began:4.0f} s] {text}", file=sys.stderr, flush=True)
 
+    def row(self, row: dict[str, Any]) -> None:
+        """Print one row of a table that is being made."""
+        self.stage(", ".join(f"{name}: {_text(value)}" for name, value in row.items() if value is not None))
+
     @property
     def met(self) -> bool:
         """Whether every target is met."""
