@@ -8,6 +8,9 @@ from helpers import wrong_types
 from known_likelihoods import Known, fragile, linear
 
 from yeastfit import InputError
+from yeastfit.inference.models.algebraic import Algebraic
+from yeastfit.inference.models.forward_model import ForwardModel
+from yeastfit.inference.models.offlattice import Offlattice
 from yeastfit.inference.neural_likelihood.network import TrainingSettings
 from yeastfit.inference.neural_likelihood.rounds import EmulatorDiagnostics
 from yeastfit.inference.neural_likelihood.search import nearest
@@ -17,6 +20,7 @@ from yeastfit.inference.posterior.limits import limits_around, within
 from yeastfit.inference.posterior.problem import Problem
 from yeastfit.inference.samplers import infer
 from yeastfit.inference.simulator import seed_of
+from yeastfit.inference.targets import Targets
 
 FEW = TrainingSettings(members=2, width=16, steps=200)
 SMALL = SequentialEmulator(first=64, simulations=64, walkers=32, most_steps=500, training=FEW)
@@ -55,6 +59,19 @@ def test_limits_lie_beyond_the_data() -> None:
     rows = np.array([[0.49, 12.0, 5.0], [0.5, 12.0, 5.0], [0.1, -1.5, 5.0], [0.1, np.nan, 5.0]])
     np.testing.assert_array_equal(within(rows, limits), np.array([rows[0], *np.full((3, 3), np.nan)]))
     assert within(rows, None) is rows
+
+
+@pytest.mark.parametrize("model", [Algebraic(), Offlattice()])
+def test_models_have_limits_around_colonies_of_one_time(model: ForwardModel) -> None:
+    """Curves over time have none, and neither do means alone."""
+    rows = np.array([[0.2, 0.1], [0.25, 0.3], [0.21, np.nan]])
+    curves = dict(zip(("solidity", "angular_index"), rows.T[..., None], strict=True))
+    limits = model.limits(Targets.from_replicates(curves, [5.0]))
+    assert limits is not None
+    np.testing.assert_allclose(limits, [[0.05, 0.4], [-0.5, 0.9]])
+    over_time = {name: np.repeat(column, 2, axis=1) for name, column in curves.items()}
+    assert model.limits(Targets.from_replicates(over_time, [5.0, 6.0])) is None
+    assert model.limits(Targets.from_means({"solidity": [0.2]}, [5.0], replicates=3)) is None
 
 
 @pytest.mark.usefixtures("unchecked")

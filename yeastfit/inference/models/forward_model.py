@@ -17,7 +17,7 @@ from jaxtyping import Float
 from yeastfit.errors import InputError
 from yeastfit.inference.models.grown import Grown, Outlines
 from yeastfit.inference.models.image_checks import check_comparable
-from yeastfit.inference.posterior.limits import Limits
+from yeastfit.inference.posterior.limits import Limits, limits_around
 from yeastfit.inference.posterior.settings import Setting
 from yeastfit.inference.prior.prior import Prior
 from yeastfit.inference.sensitivity.result import Sensitivity
@@ -99,8 +99,14 @@ class ForwardModel(ABC):
         """
 
     def limits(self, targets: Targets) -> Limits | None:
-        """Beyond which a colony is none of the data's kind, for posteriors; None where there are no such limits."""
-        return None
+        """Beyond which a colony is none of the data's kind, for posteriors: those around colonies of one time.
+
+        Models have some that are far from all others: of a disc with a hole in the middle an I_R of 1 to 20, where
+        photographs have 0.2. Curves over time have no limits.
+        """
+        if targets.curves is None or len(targets.times) > 1:
+            return None
+        return limits_around(targets.curves[:, targets.measured])
 
     def fit_simulators(
         self, targets: Targets, free: Sequence[str], fixed: Mapping[str, float]

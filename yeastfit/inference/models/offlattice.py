@@ -19,7 +19,6 @@ from yeastfit.inference.models.forward_model import ForwardModel, Row, Seen
 from yeastfit.inference.models.grown import Outlines
 from yeastfit.inference.models.image_checks import check_comparable, check_images, check_pixel
 from yeastfit.inference.models.last_images import last_images, measured
-from yeastfit.inference.posterior.limits import Limits, limits_around
 from yeastfit.inference.posterior.settings import Setting
 from yeastfit.inference.prior.distributions import Distribution
 from yeastfit.inference.prior.prior import Prior
@@ -159,10 +158,6 @@ class Offlattice(ForwardModel):
         simulator = self._simulator(targets.names, free, fixed)
         self._check_reach(simulator)
         return replace(simulator, observables=targets.observables, limits=held)
-
-    def limits(self, targets: Targets) -> Limits | None:
-        """Around single colonies, as the model has some that are far from all others."""
-        return None if targets.curves is None else limits_around(targets.curves[:, targets.measured])
 
     def seen(self, rows: Sequence[Row], folder: Path, condition: str | None, statistics: Sequence[str]) -> Seen:
         """Statistics of the last image of each colony, with their mean area and pixel size.
