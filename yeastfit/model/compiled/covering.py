@@ -13,6 +13,7 @@ from yeastfit.compiled import Index, array_kernel, kernel
 from yeastfit.model.cells import LARGEST
 
 COLLECTED = 512
+LARGEST_SHIFT = 30  # tiles of 2³⁰ points along a side: the whole grid is one
 PER_LOG2 = 1.4426950408889634  # 1 / log 2
 LOG2 = 0.693359375, -2.1219444005469058e-4  # their sum; multiples of the first are exact
 EXPONENT, FRACTION = 127, 23  # of a number in single precision: what is added to the one, and bits of the other
@@ -247,5 +248,5 @@ def cover_all(
     covered[:] = 0
     furthest = min(reach - 1.0, LARGEST * union) if union > 0 else 0.0
     boxes = boxes_of(covered.shape[0], centres, directions, halves, weights, grid, reach, furthest)
-    one_tile = np.ones((1, 1), np.bool_), 30
+    one_tile = np.ones((1, 1), np.bool_), LARGEST_SHIFT
     cover(covered, (0, 0), one_tile, boxes, centres, directions, halves, weights, grid, union, furthest)
