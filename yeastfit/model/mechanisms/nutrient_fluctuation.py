@@ -34,7 +34,10 @@ class NutrientFluctuation(FluctuationRule):
         """The nutrient after the fluctuations of one step."""
         colony, numerics = context.colony, context.numerics
         key = keys_of(colony.lineages[:1], "fluctuation", colony.step)[0]
-        c = colony.nutrient[1:-1, 1:-1]
+        drawn = jax.random.normal(key, colony.nutrient.shape, colony.nutrient.dtype)
+        at = jnp.arange(numerics.points)
+        inside = (at > 0) & (at < numerics.points - 1)
+        # all of the grid is multiplied: XLA for CPUs computes numbers that are written into a part of it one by one
         size = context.parameters["nutrient_noise"] * numerics.dt**0.5 / numerics.spacing
-        factor = jnp.exp(size * jax.random.normal(key, c.shape, c.dtype) - 0.5 * size**2)
-        return colony.nutrient.at[1:-1, 1:-1].multiply(factor)
+        sizes = jnp.where(inside[:, None] & inside, size, 0.0)
+        return colony.nutrient * jnp.exp(sizes * drawn - 0.5 * sizes**2)
