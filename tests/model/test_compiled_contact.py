@@ -24,7 +24,7 @@ from yeastfit.model.compiled.rules import with_compiled_rules
 from yeastfit.model.compiled.springs import CompiledTreeSprings
 from yeastfit.model.laws.contact import contact
 from yeastfit.model.mechanisms.cell_contact import CellContact
-from yeastfit.model.mechanisms.nitrogen_medium import NitrogenMedium
+from yeastfit.model.mechanisms.morphogen_medium import MorphogenMedium
 from yeastfit.model.mechanisms.patch_births import PatchBirths
 from yeastfit.model.model import Model
 from yeastfit.model.numerics import Numerics
@@ -128,7 +128,7 @@ def test_only_rules_that_have_been_compiled_are_replaced(monkeypatch: pytest.Mon
         springs=CompiledTreeSprings(),
     )
     assert with_compiled_rules(Model()) == every
-    others = Model(births=PatchBirths(), contact=CellContact(), medium=NitrogenMedium())
+    others = Model(births=PatchBirths(), contact=CellContact(), medium=MorphogenMedium())
     assert with_compiled_rules(others) == replace(others, springs=CompiledTreeSprings())
     monkeypatch.setattr(operations, "find_spec", lambda _: None)  # no numba
     assert with_compiled_rules(Model()) == Model()

@@ -1,6 +1,7 @@
 """The compiled step of the nutrient: the numbers of `eaten`, and work at the rim only."""
 
 from collections.abc import Callable
+from typing import Literal
 
 import equinox as eqx
 import jax
@@ -15,8 +16,12 @@ from yeastfit.model.colony import Colony
 from yeastfit.model.compiled.covering import falling_exponential
 from yeastfit.model.compiled.eating import TILE
 from yeastfit.model.compiled.medium import CompiledOneNutrient
+from yeastfit.model.compiled.nitrogen import CompiledNitrogenMedium
+from yeastfit.model.compiled.rules import with_compiled_rules
 from yeastfit.model.laws.medium import OneNutrient
 from yeastfit.model.laws.uptake import BiomassUptake
+from yeastfit.model.mechanisms.nitrogen_medium import NitrogenMedium
+from yeastfit.model.model import Model
 from yeastfit.model.numerics import Numerics
 from yeastfit.model.parameters import Parameters
 from yeastfit.model.relaxation import HARD, Relaxation
@@ -151,3 +156,38 @@ def test_it_has_no_derivative() -> None:
 
     with pytest.raises(ValueError, match="cannot be differentiated"):
         jax.grad(lambda nutrient: eaten(nutrient).sum())(colony.nutrient)
+
+
+@pytest.mark.parametrize("boundary", ["dish", "reservoir"])
+@pytest.mark.parametrize("uptake", [0.0, 2.0])
+def test_nitrogen_is_eaten_as_by_the_plain_rule(boundary: Literal["dish", "reservoir"], uptake: float) -> None:
+    """Both nutrients, drift and supply, with nitrogen lowered by births; nobody eats it where its uptake is 0."""
+    numerics = Numerics(40.0, 0.4, 0.025, ROOM)
+    rules = CompiledNitrogenMedium(boundary), NitrogenMedium(boundary)
+    given = {**VALUES, "nitrogen_uptake": uptake, "nitrogen_per_birth": 5.0, "nitrogen_mobility": 0.7}
+    parameters = Model(medium=rules[1]).complete(Parameters(**given))
+    bare = crowd(PLACES["filaments"](np.random.default_rng(6)), numerics)
+    nitrogen = jnp.full_like(bare.nutrient, 0.6)
+    colony = eqx.tree_at(lambda one: one.medium, bare, {"nitrogen": nitrogen}, is_leaf=lambda x: x is bare.medium)
+
+    @eqx.filter_jit
+    def asked(rule: NitrogenMedium) -> tuple[Array, ...]:
+        def one(_: Array, colony: Colony) -> Colony:
+            context = context_of(colony, numerics, Relaxation(), parameters)
+            return rule.stepped(context, cells_of(colony, parameters.aspect_ratio), BiomassUptake())
+
+        after = jax.lax.fori_loop(0, 3, one, colony)
+        context = context_of(after, numerics, Relaxation(), parameters)
+        fed = rule.supply(after, parameters, Relaxation(), numerics)[:NODES]
+        return after.nutrient, after.medium["nitrogen"], fed, rule.drift(context)[:NODES]
+
+    ours, plain = asked(rules[0]), asked(rules[1])
+    for one, other, tolerance in zip(ours, plain, (2e-5, 2e-6, 1e-5, 1e-4), strict=True):
+        np.testing.assert_allclose(one, other, atol=tolerance)
+    assert jnp.all(ours[1] == 0.6) if uptake == 0.0 else jnp.min(ours[1]) < 0.55
+
+
+def test_a_rule_keeps_its_settings_when_it_is_compiled() -> None:
+    found = with_compiled_rules(Model(medium=NitrogenMedium("reservoir"))).medium
+    assert type(found) is CompiledNitrogenMedium
+    assert found.boundary == "reservoir"

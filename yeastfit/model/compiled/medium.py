@@ -29,7 +29,7 @@ class CompiledOneNutrient(OneNutrient):
 
     def stepped(self, context: Context, cells: Cells, uptake: UptakeRule) -> Colony:
         """With the nutrient one step later. Not differentiable."""
-        if type(uptake) is not BiomassUptake or cells.exponents is not None:
+        if not ellipses_eat(cells, uptake):
             return super().stepped(context, cells, uptake)
         return dataclasses.replace(context.colony, nutrient=compiled_step(context, cells))
 
@@ -42,6 +42,11 @@ class CompiledOneNutrient(OneNutrient):
     def drift(self, context: Context) -> Float[Array, "node 2"]:
         """λ5 ∇c. Not differentiable."""
         return context.parameters.mobility * compiled_gradient_at(context.colony, context.numerics)
+
+
+def ellipses_eat(cells: Cells, uptake: UptakeRule) -> bool:
+    """Whether cells are ellipses that eat by the source's rule, which alone is compiled."""
+    return type(uptake) is BiomassUptake and cells.exponents is None
 
 
 def compiled_step(context: Context, cells: Cells) -> Float[Array, "x y"]:

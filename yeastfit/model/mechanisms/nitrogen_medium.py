@@ -83,33 +83,39 @@ class NitrogenMedium(MediumRule):
 
     def stepped(self, context: Context, cells: Cells, uptake: UptakeRule) -> Colony:
         """Both nutrients one step later."""
-        colony, parameters, numerics = context.colony, context.parameters, context.numerics
+        colony, spacing = context.colony, context.numerics.spacing
 
         def law(window: slice, g: Array, carbon: Array, nitrogen: Array) -> tuple[Array, Array]:
-            here, rate = nitrogen[window, window], biomass(g, parameters["nitrogen_uptake"])
-            step = closed_step if self.boundary == "dish" else nutrient_step
-            left = step(here, rate, parameters["nitrogen_diffusivity"], numerics)
             fed = nutrient_of_step(context, uptake, g, carbon[window, window])
+            left = self._left(context, g, nitrogen[window, window])
             return with_window(carbon, window, fed), with_window(nitrogen, window, left)
 
         fields = colony.nutrient, colony.medium["nitrogen"]
-        # births lower nitrogen where no cells are, too, and everywhere alike
-        far = jnp.where(parameters["nitrogen_per_birth"] > 0, fields[1][0, 0], 1.0)
-        change = jnp.maximum(jnp.abs(1.0 - fields[0]), jnp.abs(far - fields[1]))
-        extent = extent_of_change(change, numerics.spacing)
-        carbon, nitrogen = where_cells_are(context, cells, extent, law, *fields)
+        change = jnp.maximum(jnp.abs(1.0 - fields[0]), jnp.abs(eaten_nitrogen(context)))
+        carbon, nitrogen = where_cells_are(context, cells, extent_of_change(change, spacing), law, *fields)
         return dataclasses.replace(colony, nutrient=carbon, medium={**colony.medium, "nitrogen": nitrogen})
+
+    def nitrogen_left(self, context: Context, cells: Cells) -> Float[Array, "x y"]:
+        """Nitrogen alone one step later."""
+
+        def law(window: slice, g: Array, nitrogen: Array) -> Array:
+            return with_window(nitrogen, window, self._left(context, g, nitrogen[window, window]))
+
+        extent = extent_of_change(eaten_nitrogen(context), context.numerics.spacing)
+        return where_cells_are(context, cells, extent, law, context.colony.medium["nitrogen"])
+
+    def _left(self, context: Context, g: Float[Array, "w w"], nitrogen: Float[Array, "w w"]) -> Float[Array, "w w"]:
+        """n on a window one step later, given the level set there."""
+        step = closed_step if self.boundary == "dish" else nutrient_step
+        rate = biomass(g, context.parameters["nitrogen_uptake"])
+        return step(nitrogen, rate, context.parameters["nitrogen_diffusivity"], context.numerics)
 
     def supply(
         self, colony: Colony, parameters: Parameters, relaxation: Relaxation, numerics: Numerics
     ) -> Float[Array, " node"]:
         """The scarcer one."""
-        carbon = nutrient_at(colony, numerics)
-        nitrogen = parameters["nitrogen"] * nutrient_at(_of_nitrogen(colony), numerics)
-        if relaxation.births == "whole":
-            return jnp.minimum(carbon, nitrogen)
-        share = jax.nn.sigmoid((nitrogen - carbon) / WIDTH)
-        return share * carbon + (1.0 - share) * nitrogen
+        carbon, nitrogen = nutrient_at(colony, numerics), nutrient_at(with_nitrogen_alone(colony), numerics)
+        return scarcer(carbon, parameters["nitrogen"] * nitrogen, relaxation)
 
     def afforded(self, context: Context, births: Births) -> tuple[Colony, Births]:
         """Births for which the dish holds nitrogen, in order, and the dish without it."""
@@ -133,9 +139,30 @@ class NitrogenMedium(MediumRule):
     def drift(self, context: Context) -> Float[Array, "node 2"]:
         """λ5 ∇c + γ_N ∇n."""
         parameters = context.parameters
-        along = gradient_at(_of_nitrogen(context.colony), context.numerics)
+        along = gradient_at(with_nitrogen_alone(context.colony), context.numerics)
         strength = parameters["nitrogen_mobility"] * parameters["nitrogen"]
         return parameters.mobility * context.local_gradient() + strength * along
+
+
+def eaten_nitrogen(context: Context) -> Float[Array, "x y"]:
+    """By how much cells have lowered nitrogen: births lower it where no cells are, too, and everywhere alike."""
+    nitrogen = context.colony.medium["nitrogen"]
+    return jnp.where(context.parameters["nitrogen_per_birth"] > 0, nitrogen[0, 0], 1.0) - nitrogen
+
+
+def scarcer(
+    carbon: Float[Array, " node"], nitrogen: Float[Array, " node"], relaxation: Relaxation
+) -> Float[Array, " node"]:
+    """The smaller of both."""
+    if relaxation.births == "whole":
+        return jnp.minimum(carbon, nitrogen)
+    share = jax.nn.sigmoid((nitrogen - carbon) / WIDTH)
+    return share * carbon + (1.0 - share) * nitrogen
+
+
+def with_nitrogen_alone(colony: Colony) -> Colony:
+    """The colony as if nitrogen were its nutrient."""
+    return dataclasses.replace(colony, nutrient=colony.medium["nitrogen"])
 
 
 def _without(births: Births, colony: Colony, weights: Float[Array, " node"]) -> Births:
@@ -143,8 +170,3 @@ def _without(births: Births, colony: Colony, weights: Float[Array, " node"]) -> 
     waits = jnp.zeros_like(weights, bool).at[births.parents].set((births.weights > 0) & (weights <= 0))
     state = {name: jnp.where(waits, colony.node_state[name], after) for name, after in births.node_state.items()}
     return dataclasses.replace(births, weights=weights, node_state=state)
-
-
-def _of_nitrogen(colony: Colony) -> Colony:
-    """The colony as if nitrogen were its nutrient."""
-    return dataclasses.replace(colony, nutrient=colony.medium["nitrogen"])
