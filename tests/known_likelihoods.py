@@ -86,7 +86,7 @@ class Positive(Known):
 
 
 def positive(known: Known) -> Positive:
-    return Positive(known.prior, known.labels, known.moments)
+    return Positive(known.prior, known.labels, known.moments, known.fails)
 
 
 def simulations(known: Known, count: int, seed: int) -> Moments:

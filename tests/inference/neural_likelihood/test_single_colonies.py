@@ -3,10 +3,11 @@
 from dataclasses import replace
 from pathlib import Path
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from helpers import wrong_types
-from known_likelihoods import Known, Positive, curved, linear, positive, simulations
+from known_likelihoods import Known, Positive, curved, fragile, linear, positive, simulations
 from scipy.stats import multivariate_normal
 
 from benchmarks import variation as study
@@ -114,6 +115,30 @@ def test_covariance_between_colonies_is_that_of_means_at_scattered_parameters(
     exact = tau**2 * slopes @ slopes.T
     off = between_colonies(emulator, problem, values, np.array([tau]))[0] - exact
     assert np.abs(off).max() < 0.15 * np.diag(exact).max()
+
+
+def test_success_is_that_of_colonies_at_scattered_parameters() -> None:
+    """Cubature against sampling through the same emulator, of a probability that falls with a."""
+    known = positive(fragile())
+    emulator = emulator_of(known)
+    places, draws = np.array([[0.4, 1.0], [1.2, 0.9], [2.5, 1.1]]), np.random.default_rng(1).standard_normal((8000, 2))
+    coordinates = ColonyCoordinates.of(known.parameters)
+    x = emulator.coordinates.of_values(places)
+    moving = emulator.coordinates.slopes(places) * coordinates.slopes(places)
+    for tau in (0.0, 0.3, 0.8):
+        given = zip(jnp.asarray(x), jnp.asarray(tau * moving), strict=True)
+        found = np.exp([emulator.ensemble.log_success_around(*each) for each in given])
+        sampled = [
+            emulator.moments(coordinates.moved(np.tile(one, (8000, 1)), tau * draws))[3].mean() for one in places
+        ]
+        np.testing.assert_allclose(found, sampled, atol=0.02 if tau else 1e-6)
+        assert np.ptp(found) > 0.3
+    rows = known.moments(np.tile(places[1], (5, 1)))[0]
+    problem = Problem.of(known, known.prior, rows, variation=Variation())
+    found = likelihood_of_colonies(emulator, problem)(places[1:2], np.array([0.8]))
+    whole = dense(known, emulator, problem, places[1], 0.8)
+    expected = whole + 5 * emulator.ensemble.log_success_around(jnp.asarray(x[1]), jnp.asarray(0.8 * moving[1]))
+    np.testing.assert_allclose(found, expected, rtol=2e-4)
 
 
 def test_coordinates_are_logarithms_and_logits() -> None:

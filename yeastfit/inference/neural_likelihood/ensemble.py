@@ -61,6 +61,23 @@ class Ensemble(eqx.Module):
         learnt = (count - 1) ** 2 * jnp.var(quadratics, ddof=1) + jnp.var(corrections, ddof=1)
         return (1.0 - share) ** 2 * learnt / count + (1.0 - share) / share * self.success_misfit
 
+    def log_success_around(self, x: Float[Array, " free"], moved: Float[Array, " free"]) -> Float[Array, ""]:
+        """log of the mean probability of success at x + moved ∘ ξ, ξ ~ N(0, 1), exact to third order.
+
+        It is the mean at the points x ± √d moved_k e_k of d coordinates (spherical cubature: Arasaratnam & Haykin 2009,
+        doi:10.1109/TAC.2009.2019800).
+        """
+        if self.odds is None:
+            return jnp.zeros(())
+
+        def log_success(x: Array) -> Array:
+            off = eqx.filter_vmap(lambda network: network(x)[2])(self.networks)
+            return jnp.mean(jax.nn.log_sigmoid(self.odds @ monomials(x) + off))
+
+        steps = jnp.sqrt(len(x)) * jnp.diag(moved)
+        places = jnp.concatenate([x + steps, x - steps])
+        return jax.nn.logsumexp(jax.vmap(log_success)(places)) - jnp.log(len(places))
+
     def mean(self, x: Float[Array, " free"]) -> Float[Array, " statistic"]:
         """m̄ alone."""
         features = monomials(x)

@@ -12,8 +12,9 @@ have. With Q = Σ R_p V_p⁻¹ (0 where a statistic is missing) and μ = Q⁻¹ 
     log p = log N(μ; m, Q⁻¹ + E) + ½ log |2π Q⁻¹|
             − ½ Σ_p [R_p log |2π V_p| + tr V_p⁻¹ (S_p + R_p (ō_p − μ)(ō_p − μ)ᵀ)],
 
-plus R times the log probability of success. Of complete colonies that is the likelihood of their mean times that of
-their scatter about it, which tells τ; a handful of small matrices, however many colonies there are.
+plus R times the logarithm of the mean probability of success over λ_r. Of complete colonies that is the likelihood of
+their mean times that of their scatter about it, which tells τ; a handful of small matrices, however many colonies there
+are.
 """
 
 from collections.abc import Callable, Hashable
@@ -119,7 +120,8 @@ def _of_rows(arrays: list[Array], x: Array, moving: Array, tau: Array, *, rest: 
 
     def one(row: tuple[Array, Array, Array]) -> Array:
         x, moving, tau = row
-        mean, scatter, error, success = ensemble.moments(x)
+        mean, scatter, error, _ = ensemble.moments(x)
+        success = ensemble.log_success_around(x, tau * moving)
         moved = tau * ensemble.slopes(x) * moving
         spread = errors.root @ (scatter + moved @ moved.T) @ errors.root.T + errors.single
         error = errors.root @ error @ errors.root.T + errors.common
