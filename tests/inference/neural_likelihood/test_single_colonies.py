@@ -252,6 +252,17 @@ def inferred() -> tuple[Posterior, Posterior, np.ndarray]:
     return found[0], found[1], rows
 
 
+@pytest.mark.usefixtures("unchecked")
+def test_a_scatter_wider_than_its_prior_is_told_of() -> None:
+    """By rows of a plane that scatter by 1 in every log λ, where the prior has 0.3; of 0.2 nothing is said."""
+    known = positive(linear())
+    for tau, told in ((1.0, True), (0.2, False)):
+        each = np.exp(np.random.default_rng(2).normal(np.log([1.3, 0.8]), tau, (14, 2)))
+        rows = np.concatenate([known(one[None], np.array([k])) for k, one in enumerate(each)])
+        warnings = infer(known, known.prior, rows, method=SMALL, variation=Variation()).warnings
+        assert any("colony_variation is" in one for one in warnings) is told
+
+
 @pytest.mark.thorough
 @pytest.mark.usefixtures("unchecked")
 def test_switched_off_it_is_the_posterior_of_the_mean_to_the_bit(

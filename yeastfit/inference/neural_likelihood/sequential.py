@@ -49,7 +49,7 @@ from yeastfit.inference.neural_likelihood.learner import Learner, Statistics
 from yeastfit.inference.neural_likelihood.mcmc import LogPosterior
 from yeastfit.inference.neural_likelihood.network import TrainingSettings
 from yeastfit.inference.neural_likelihood.rounds import EmulatorDiagnostics, RoundDiagnostics
-from yeastfit.inference.neural_likelihood.single_colonies import added_scatter, excess_scatter
+from yeastfit.inference.neural_likelihood.single_colonies import added_scatter, excess_scatter, wide_scatter
 from yeastfit.inference.neural_likelihood.training import fewest
 from yeastfit.inference.neural_likelihood.training_rounds import (
     STRAY,
@@ -313,7 +313,7 @@ class _Rounds:
                 *unsettled(last, self.settings.settle, self.simulator.asked, self._settled(last)),
                 *far_draws(x, before, problem.prior),
                 *(
-                    []
+                    wide_scatter(problem.variation, float(problem.variation.tau(z[:, 0]).mean()))
                     if problem.variation
                     else excess_scatter(last.emulator, problem, problem.prior.values(last.mean[None]))
                 ),

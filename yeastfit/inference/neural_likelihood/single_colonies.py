@@ -32,8 +32,9 @@ from yeastfit.inference.neural_likelihood.emulator import Emulator
 from yeastfit.inference.neural_likelihood.ensemble import ROWS
 from yeastfit.inference.neural_likelihood.taken_apart import put_together, taken_apart
 from yeastfit.inference.posterior.problem import Problem
-from yeastfit.inference.prior.variation import ColonyCoordinates
+from yeastfit.inference.prior.variation import NAME, ColonyCoordinates, Variation
 
+WIDE = 2.0  # times the prior's width, from where τ is warned of
 MUCH, CHANCE = 1.5, 1e-3  # times the expected χ², and probability of it, from where a scatter is told of
 
 Square = Float[np.ndarray, "statistic statistic"]
@@ -190,6 +191,17 @@ def excess_scatter(emulator: Emulator, problem: Problem, values: Values) -> list
         f"the {len(rows)} replicates scatter {np.sqrt(square / freedom):.2g} times as much as simulations of one "
         "parameter set: their parameters may differ, which a posterior with variation allows for; without it "
         "intervals may be too narrow"
+    ]
+
+
+def wide_scatter(variation: Variation, tau: float) -> list[str]:
+    """Say so where τ is much wider than its prior has it, which is what first order was tested for."""
+    if tau < WIDE * variation.sd:
+        return []
+    return [
+        f"{NAME} is {tau:.2g}, its prior has a width of {variation.sd:g}: no one set of parameters may explain the "
+        "data, and how so wide a scatter shows in the statistics is known to first order only; compare the colonies "
+        "simulated from the posterior with the data"
     ]
 
 
