@@ -66,8 +66,11 @@ from benchmarks.report import Report, command
 from yeastfit import measure_file
 from yeastfit.errors import InputError
 from yeastfit.inference.comparison.left_out import LeftOut
+from yeastfit.inference.neural_likelihood.single_colonies import wide_scatter
 from yeastfit.inference.posterior.predictive_check import Predictive
 from yeastfit.inference.posterior.result import Posterior
+from yeastfit.inference.prior.variation import NAME as VARIATION
+from yeastfit.inference.prior.variation import Variation
 from yeastfit.measure.measurements_table import TABLE, read_measurements
 from yeastfit.offlattice.colony import grow
 from yeastfit.offlattice.masks.area_matching import search_from_below
@@ -146,6 +149,9 @@ def _run(report: Report, folder: Path, title: str) -> list[str]:
     if how.get("match") == "area" and how["area"] is not None:
         said.insert(0, f"colonies of {how['area'] / 1e6:.3g} mm² beside photographed ones of {_mean_area(folder):.3g};")
     said.append(f"Outside what its posterior predicts: {', '.join(outside)}." if outside else "It predicts its data.")
+    if VARIATION in posterior.free:
+        tau = float(posterior.mean[posterior.free.index(VARIATION)])
+        said += [f"{one[0].upper()}{one[1:]}." for one in wide_scatter(Variation(**how["variation"]), tau)]
     if not posterior.settled:
         said += [*_tails(report, folder, posterior, title), "Its parameters are no result."]
     if (folder / "left_out.npz").is_file():
