@@ -48,8 +48,11 @@ class Ensemble(eqx.Module):
         root = jnp.linalg.cholesky(scatter)
         learnt = (count - 1) ** 2 * _covariance(quadratics) + _covariance(corrections)
         error = learnt / count + (root * self.misfit) @ root.T
-        success = jnp.zeros(()) if self.odds is None else jnp.mean(jax.nn.log_sigmoid(self.odds @ features + off))
-        return (quadratics + corrections).mean(axis=0), scatter, error, success
+        return (quadratics + corrections).mean(axis=0), scatter, error, self._log_success(features, off)
+
+    def _log_success(self, features: Float[Array, " feature"], off: Float[Array, " member"]) -> Float[Array, ""]:
+        """log P where the networks correct the logit by `off`."""
+        return jnp.zeros(()) if self.odds is None else jnp.mean(jax.nn.log_sigmoid(self.odds @ features + off))
 
     def success_error(self, x: Float[Array, " free"]) -> Float[Array, ""]:
         """Variance of the error of the log probability of success."""
@@ -71,8 +74,7 @@ class Ensemble(eqx.Module):
             return jnp.zeros(())
 
         def log_success(x: Array) -> Array:
-            off = eqx.filter_vmap(lambda network: network(x)[2])(self.networks)
-            return jnp.mean(jax.nn.log_sigmoid(self.odds @ monomials(x) + off))
+            return self._log_success(monomials(x), eqx.filter_vmap(lambda network: network(x)[2])(self.networks))
 
         steps = jnp.sqrt(len(x)) * jnp.diag(moved)
         places = jnp.concatenate([x + steps, x - steps])
