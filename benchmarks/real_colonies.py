@@ -23,12 +23,13 @@ them is there:
     yeastfit infer awri796-50um $more --out WORK/nitrogen/awri796-50um
     yeastfit infer awri796-500um $more --out WORK/nitrogen/awri796-500um
     yeastfit infer simi-white-50um $more --out WORK/nitrogen/simi-white-50um
-    yeastfit infer awri796-50um $three --model offlattice --cells 45000 --out WORK/offlattice-3/awri796-50um
-    yeastfit infer awri796-500um $three --model offlattice --cells 90000 --out WORK/offlattice-3/awri796-500um
-    yeastfit infer simi-white-50um $three --model offlattice --cells 65000 --most-steps 60000
-        --out WORK/offlattice-3/simi-white-50um
-    for one in awri796-50um awri796-500um simi-white-50um
+    more="$three --model offlattice"
+    yeastfit infer awri796-50um $more --cells 45000 --out WORK/offlattice-3/awri796-50um
+    yeastfit infer awri796-500um $more --cells 90000 --out WORK/offlattice-3/awri796-500um
+    yeastfit infer simi-white-50um $more --cells 65000 --most-steps 60000 --out WORK/offlattice-3/simi-white-50um
+    for one in awri796-50um awri796-500um simi-white-50um; do
         yeastfit compare WORK/{algebraic,nitrogen,offlattice-3}/$one --out WORK/models/$one  # those that are there
+    done
     yeastfit compare WORK/nitrogen/* --out WORK/nitrogen-compared
 
 Colonies of the algebraic model are grown to a tenth of the photographed area: a thousand take an hour of a processor,
