@@ -57,7 +57,7 @@ class Exact(Emulator):
 def known_exactly(monkeypatch: pytest.MonkeyPatch) -> None:
     """Nothing is learnt."""
 
-    def emulator(posterior: Posterior, problem: Problem, simulations: Any, *_: Any) -> Emulator:
+    def emulator(problem: Problem, simulations: Any, *_: Any) -> Emulator:
         made = object.__new__(Exact)
         object.__setattr__(made, "coordinates", Coordinates.of(problem.prior, simulations[0]))
         return made

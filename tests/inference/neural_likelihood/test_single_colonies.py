@@ -3,7 +3,6 @@
 from dataclasses import replace
 from pathlib import Path
 
-import jax.numpy as jnp
 import numpy as np
 import pytest
 from helpers import wrong_types
@@ -18,7 +17,6 @@ from yeastfit.inference.neural_likelihood.mcmc import LogPosterior
 from yeastfit.inference.neural_likelihood.network import TrainingSettings
 from yeastfit.inference.neural_likelihood.sequential import SequentialEmulator
 from yeastfit.inference.neural_likelihood.single_colonies import (
-    between_colonies,
     excess_scatter,
     likelihood_of_colonies,
 )
@@ -46,15 +44,15 @@ def plane() -> tuple[Positive, Emulator]:
 def dense(known: Known, emulator: Emulator, problem: Problem, values: np.ndarray, tau: float) -> float:
     """log p of all colonies as one long normal vector, without those entries that are missing."""
     assert problem.colonies is not None
-    mean, scatter, error, _ = emulator.moments(values[None])
-    spread = scatter[0] + between_colonies(emulator, problem, values[None], np.array([tau]))[0]
-    spread = spread if problem.colony_noise is None else spread + problem.colony_noise
+    places = ColonyCoordinates.of(known.parameters).around(values[None], np.array([tau]))
+    mean, scatter, error, success = emulator.moments(places)
+    spread = scatter[0] if problem.colony_noise is None else scatter[0] + problem.colony_noise
     common = error[0] if problem.noise is None else error[0] + problem.noise
     count = len(problem.colonies)
     whole = np.kron(np.eye(count), spread) + np.kron(np.ones((count, count)), common)
     there = np.isfinite(problem.colonies.ravel())
     law = multivariate_normal(np.tile(mean[0], count)[there], whole[np.ix_(there, there)])
-    return float(law.logpdf(problem.colonies.ravel()[there]))
+    return float(law.logpdf(problem.colonies.ravel()[there])) + count * np.log(success[0])
 
 
 def test_a_scatter_without_end_has_no_density(plane: tuple[Positive, Emulator]) -> None:
@@ -97,48 +95,113 @@ def test_without_scatter_it_differs_from_that_of_the_mean_by_what_their_scatter_
     assert np.corrcoef(of_rows, of_mean)[0, 1] > 0.999
 
 
-def test_covariance_between_colonies_is_that_of_means_at_scattered_parameters(
-    plane: tuple[Positive, Emulator],
-) -> None:
-    """First order against sampling through the same emulator, of a curved mean; and J of a plane is exact."""
+def sampled(
+    emulator: Emulator, values: np.ndarray, tau: float, coordinates: ColonyCoordinates, count: int = 8000
+) -> tuple[np.ndarray, np.ndarray, float]:
+    """Mean and covariance of colonies that succeed, and how many do, by many λ_r through the same emulator."""
+    draws = np.random.default_rng(1).standard_normal((count, values.shape[1]))
+    mean, scatter, _, success = emulator.moments(coordinates.moved(np.tile(values, (count, 1)), tau * draws))
+    share = success / success.sum()
+    middle = share @ mean
+    between = np.einsum("r,ri,rj->ij", share, mean - middle, mean - middle)
+    return middle, np.einsum("r,rij->ij", share, scatter) + between, float(success.mean())
+
+
+@pytest.mark.parametrize("tau", [0.0, 0.2, 0.5])
+def test_moments_of_colonies_are_those_at_scattered_parameters(tau: float) -> None:
+    """Cubature against sampling through the same emulator, of a curved mean, beside first order, which is farther."""
     known = positive(curved())
-    emulator = emulator_of(known)
-    values, tau = np.array([[1.2, 0.9]]), 0.05
-    problem = Problem.of(known, known.prior, known(np.tile(values, (3, 1)), np.arange(3)), variation=Variation())
-    each = values * np.exp(tau * np.random.default_rng(1).standard_normal((4000, 2)))
-    sampled = np.cov(emulator.moments(each)[0], rowvar=False)
-    found = between_colonies(emulator, problem, values, np.array([tau]))[0]
-    np.testing.assert_allclose(found, sampled, atol=0.1 * np.sqrt(np.outer(*[np.diag(sampled)] * 2)).max())
+    emulator, coordinates = emulator_of(known), ColonyCoordinates.of(known.parameters)
+    for values in np.array([[[1.2, 0.9]], [[0.8, 1.3]]]):
+        mean, scatter, _, _ = emulator.moments(coordinates.around(values, np.array([tau])))
+        alone, one, _, _ = emulator.moments(values)
+        exact, spread, _ = sampled(emulator, values, tau, coordinates)
+        sd = np.sqrt(np.diag(spread))
+        np.testing.assert_allclose(mean[0], exact, atol=0.05 * sd.max())
+        np.testing.assert_allclose(np.sqrt(np.diag(scatter[0])), sd, rtol=0.12)
+        if tau == 0.5:
+            above, below = (emulator.moments(coordinates.moved(values, h * np.eye(2)))[0] for h in (1e-2, -1e-2))
+            slopes = (above - below) / 2e-2
+            first = one[0] + tau**2 * slopes.T @ slopes
+            assert np.abs(mean[0] - exact).max() < 0.2 * np.abs(alone[0] - exact).max()
+            assert np.abs(scatter[0] - spread).max() < np.abs(first - spread).max()
+
+
+def test_moments_of_colonies_of_a_plane_are_exact(plane: tuple[Positive, Emulator]) -> None:
+    """C + τ² J Jᵀ about the mean at λ, for a mean that is linear in log λ, up to what the emulator makes of it."""
     known, emulator = plane
+    values, tau = np.array([[1.2, 0.9]]), 0.3
+    coordinates = ColonyCoordinates.of(known.parameters)
     slopes = known.moments(np.exp(np.eye(2)))[0].T
-    problem = Problem.of(known, known.prior, known(np.tile(values, (3, 1)), np.arange(3)), variation=Variation())
-    exact = tau**2 * slopes @ slopes.T
-    off = between_colonies(emulator, problem, values, np.array([tau]))[0] - exact
-    assert np.abs(off).max() < 0.15 * np.diag(exact).max()
+    alone, one, _, _ = emulator.moments(values)
+    mean, scatter, _, _ = emulator.moments(coordinates.around(values, np.array([tau])))
+    exact = one[0] + tau**2 * slopes @ slopes.T
+    assert np.abs(scatter[0] - exact).max() < 0.15 * np.diag(exact).max()
+    np.testing.assert_allclose(mean[0], alone[0], atol=0.1 * np.sqrt(np.diag(exact)).max())
+    same = emulator.moments(coordinates.around(values, np.zeros(1)))
+    for found, expected in zip(same, emulator.moments(values), strict=True):
+        np.testing.assert_allclose(found, expected, rtol=1e-5, atol=1e-6 * np.abs(expected).max())
 
 
-def test_success_is_that_of_colonies_at_scattered_parameters() -> None:
+@pytest.mark.parametrize("tau", [0.0, 0.3, 0.8])
+def test_colonies_that_succeed_are_those_at_scattered_parameters(tau: float) -> None:
     """Cubature against sampling through the same emulator, of a probability that falls with a."""
     known = positive(fragile())
-    emulator = emulator_of(known)
-    places, draws = np.array([[0.4, 1.0], [1.2, 0.9], [2.5, 1.1]]), np.random.default_rng(1).standard_normal((8000, 2))
-    coordinates = ColonyCoordinates.of(known.parameters)
-    x = emulator.coordinates.of_values(places)
-    moving = emulator.coordinates.slopes(places) * coordinates.slopes(places)
-    for tau in (0.0, 0.3, 0.8):
-        given = zip(jnp.asarray(x), jnp.asarray(tau * moving), strict=True)
-        found = np.exp([emulator.ensemble.log_success_around(*each) for each in given])
-        sampled = [
-            emulator.moments(coordinates.moved(np.tile(one, (8000, 1)), tau * draws))[3].mean() for one in places
-        ]
-        np.testing.assert_allclose(found, sampled, atol=0.02 if tau else 1e-6)
-        assert np.ptp(found) > 0.3
-    rows = known.moments(np.tile(places[1], (5, 1)))[0]
+    emulator, coordinates = emulator_of(known), ColonyCoordinates.of(known.parameters)
+    values = np.array([[0.4, 1.0], [1.2, 0.9], [2.5, 1.1]])
+    mean, _, _, success = emulator.moments(coordinates.around(values, np.full(3, tau)))
+    for k, one in enumerate(values):
+        middle, spread, share = sampled(emulator, one[None], tau, coordinates)
+        np.testing.assert_allclose(success[k], share, atol=0.02 if tau else 1e-6)
+        np.testing.assert_allclose(mean[k], middle, atol=0.15 * np.sqrt(np.diag(spread)).max())
+    assert np.ptp(success) > 0.3
+    rows = known.moments(np.tile(values[1], (5, 1)))[0]
     problem = Problem.of(known, known.prior, rows, variation=Variation())
-    found = likelihood_of_colonies(emulator, problem)(places[1:2], np.array([0.8]))
-    whole = dense(known, emulator, problem, places[1], 0.8)
-    expected = whole + 5 * emulator.ensemble.log_success_around(jnp.asarray(x[1]), jnp.asarray(0.8 * moving[1]))
-    np.testing.assert_allclose(found, expected, rtol=2e-4)
+    found = likelihood_of_colonies(emulator, problem)(values[1:2], np.array([tau]))
+    np.testing.assert_allclose(found, dense(known, emulator, problem, values[1], tau), rtol=2e-4)
+
+
+def test_places_around_have_the_mean_of_any_cubic() -> None:
+    """E[y_a² y_b], E[y_a y_b y_c] and so on, in logarithms and logits; at τ = 0 all are the place itself."""
+    coordinates = ColonyCoordinates.of(ClosedForm().parameters)
+    values, tau = np.array([[2.0, 0.3, 0.5], [0.7, 0.6, 1.5]]), np.array([0.4, 0.9])
+
+    def y(one: np.ndarray) -> np.ndarray:
+        logit = np.log(one[..., 1] / (1 - one[..., 1]))
+        return np.stack([np.log(one[..., 0]), logit, np.log(one[..., 2])], axis=-1)
+
+    found, middle = y(coordinates.around(values, tau)), y(values)
+    np.testing.assert_allclose(found.mean(axis=1), middle, atol=1e-12)
+    squares = np.einsum("rpi,rpj->rij", found, found) / found.shape[1]
+    expected = middle[:, :, None] * middle[:, None] + tau[:, None, None] ** 2 * np.eye(3)
+    np.testing.assert_allclose(squares, expected, atol=1e-12)
+    cubes = np.einsum("rpi,rpj,rpk->rijk", found, found, found) / found.shape[1]
+    a, same = middle, tau[:, None, None, None] ** 2 * np.eye(3)[:, :, None]
+    exact = np.einsum("ri,rj,rk->rijk", a, a, a)
+    exact += same * a[:, None, None, :] + np.moveaxis(same * a[:, None, None, :], 3, 1)
+    exact += np.moveaxis(same * a[:, None, None, :], 3, 2)
+    np.testing.assert_allclose(cubes, exact, atol=1e-12)
+    still = coordinates.around(values, np.zeros(2))
+    np.testing.assert_allclose(still, np.repeat(values[:, None], 6, axis=1), rtol=1e-15)
+
+
+def test_one_colony_of_each_draw_scatters_within_the_prior() -> None:
+    """By τ of each draw; λ itself where τ is 0, where colonies are all of one λ, and of one that leaves the prior."""
+    simulator, prior = ClosedForm(), closed_form_prior()
+    rows = np.ones((3, 5))
+    problem = Problem.of(simulator, prior, rows, variation=Variation())
+    values = np.tile(prior.quantile(np.full((1, 3), 0.5)), (4000, 1))
+    x, tau = prior.coordinates(values), np.repeat([[0.0], [0.1], [0.2], [50.0]], 1000, axis=0)
+    found = problem.scattered(x, tau, np.random.default_rng(0))
+    moved = prior.values(found)
+    np.testing.assert_array_equal(found[:1000], x[:1000])
+    for k, scatter in ((1, 0.1), (2, 0.2)):
+        own = moved[1000 * k : 1000 * (k + 1)]
+        spread = np.std([np.log(own[:, 0]), np.log(own[:, 1] / (1 - own[:, 1])), np.log(own[:, 2])], axis=1)
+        np.testing.assert_allclose(spread, scatter, rtol=0.1)
+    assert np.isfinite(prior.log_density(moved)).all()
+    assert (found[3000:] == x[3000:]).all(axis=1).mean() > 0.9
+    assert replace(problem, variation=None).scattered(x, tau[:, :0], np.random.default_rng(0)) is x
 
 
 def test_coordinates_are_logarithms_and_logits() -> None:
@@ -149,10 +212,6 @@ def test_coordinates_are_logarithms_and_logits() -> None:
     np.testing.assert_allclose(moved[:, ::2], values[:, ::2] * np.exp(step[:, ::2]))
     np.testing.assert_allclose(moved[0, 1], 1 / (1 + np.exp(1.1 - np.log(0.3 / 0.7))))
     np.testing.assert_array_equal(moved[1:, 1], [1.0, 0.0])
-    slopes = (
-        coordinates.moved(values, 1e-6 * np.ones((3, 3))) - coordinates.moved(values, -1e-6 * np.ones((3, 3)))
-    ) / 2e-6
-    np.testing.assert_allclose(coordinates.slopes(values), slopes, rtol=1e-6, atol=1e-9)
     unbounded = Parameter("d", "d", "d", (0.1, 1.0), 0.5, smallest=-np.inf)
     with pytest.raises(InputError, match=r"variation: d may be finite: need parameters that are above 0"):
         ColonyCoordinates.of(ParameterSet((unbounded,)))

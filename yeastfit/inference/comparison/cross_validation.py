@@ -19,7 +19,6 @@ from yeastfit.inference.comparison.predictive_mixture import PredictiveMixture
 from yeastfit.inference.neural_likelihood.emulator import Emulator
 from yeastfit.inference.neural_likelihood.mcmc import ROUGHLY, Known, LogPosterior, Walk
 from yeastfit.inference.neural_likelihood.sequential import SequentialEmulator
-from yeastfit.inference.neural_likelihood.single_colonies import added_scatter
 from yeastfit.inference.neural_likelihood.training import Statistics, Values, train
 from yeastfit.inference.neural_likelihood.training_rounds import Neighbourhood
 from yeastfit.inference.posterior.problem import Problem
@@ -75,29 +74,28 @@ def cross_validate(
     if not 2 <= groups <= count:
         raise InputError(f"groups is {groups}, {count} colonies can be dealt into 2 to {count}")
     how = settings if isinstance(settings, SequentialEmulator) else SequentialEmulator()
-    emulator = _emulator(posterior, problem, simulations, how, seed)
-    known = _known(posterior, problem, simulations[0], how)
+    neighbourhood = _neighbourhood(posterior, problem, seed)
+    known = _known(posterior, problem, simulations[0], how, neighbourhood)
+    emulator = _emulator(problem, simulations, how, seed, known, neighbourhood)
     called = tuple(names) if len(names) == count else tuple(str(r + 1) for r in range(count))
     group, doubts = dealt(called, groups), list[str]()
-    places = problem.prior.coordinates(simulations[0][_usable(problem, simulations)])
+    starts = problem.prior.coordinates(simulations[0][_usable(problem, simulations)])
     if problem.variation is not None:
         rng = np.random.default_rng(stream_of(seed, Stream.COLONIES, 0))
-        places = np.column_stack([places, rng.standard_normal(len(places))])
+        starts = np.column_stack([starts, rng.standard_normal(len(starts))])
     density, below = np.full(count, np.nan), np.full(colonies.shape, np.nan)
     quantiles = np.full((count, len(SHARES), colonies.shape[1]), np.nan)
     for k in range(groups):
         progress("leaving colonies out", k / groups)
         kept = without(problem, colonies[group != k])
         posterior_of_kept = LogPosterior(emulator, kept, known)
-        walk = Walk.start(posterior_of_kept, places, walkers=how.walkers, most_steps=how.most_steps, seed=seed)
+        walk = Walk.start(posterior_of_kept, starts, walkers=how.walkers, most_steps=how.most_steps, seed=seed)
         chains = walk.until(ROUGHLY)
         if chains.steps < ROUGHLY * chains.times.max():
             doubts.append(f"colonies left out: chains without group {k + 1} are too short, allow more most_steps")
         x, z = posterior_of_kept.parts(chains.flat[:: -(-len(chains.flat) // MOST_DRAWS)])
-        draws = problem.prior.values(x)
-        mixture = PredictiveMixture.of(
-            emulator, draws, problem.noise, between=added_scatter(emulator, problem, draws, z)
-        )
+        places = problem.places(problem.prior.values(x), z)
+        mixture = PredictiveMixture.of(emulator, places, problem.noise, single=problem.single_noise)
         for r in np.flatnonzero(group == k):
             seen = np.isfinite(colonies[r])
             density[r] = mixture.log_density(colonies[r]) if seen.all() else np.nan
@@ -140,15 +138,15 @@ def _usable(problem: Problem, simulations: tuple[Values, Statistics]) -> np.ndar
 
 
 def _emulator(
-    posterior: Posterior,
     problem: Problem,
     simulations: tuple[Values, Statistics],
     settings: SequentialEmulator,
     seed: int,
+    known: Known | None,
+    neighbourhood: Neighbourhood,
 ) -> Emulator:
-    """Trained on the simulations of `_known`, and checked where the posterior is."""
+    """Trained on the simulations that are known, and checked in the neighbourhood."""
     values, statistics = simulations[0], problem.of_their_kind(simulations[1])
-    known = _known(posterior, problem, values, settings)
     chosen = np.isfinite(problem.prior.log_density(values))
     if known is not None:
         chosen &= known(problem.prior.coordinates(values))
@@ -159,23 +157,23 @@ def _emulator(
         labels=problem.labels,
         seed=seed,
         settings=settings.training,
-        near=_neighbourhood(posterior, problem).holds(problem.prior.coordinates(values[chosen]), settings.widen),
+        near=neighbourhood.holds(problem.prior.coordinates(values[chosen]), settings.widen),
     )
 
 
-def _known(posterior: Posterior, problem: Problem, values: Values, settings: SequentialEmulator) -> Known | None:
+def _known(
+    posterior: Posterior, problem: Problem, values: Values, settings: SequentialEmulator, neighbourhood: Neighbourhood
+) -> Known | None:
     """The neighbourhood that an emulator is restricted to, as in the last round of a posterior that has settled."""
     x = problem.prior.coordinates(values)
     least = max(settings.round_sizes(len(problem.prior.free))[0], settings.walkers)
-    draws = problem.prior.coordinates(_values(posterior, problem))
-    return _neighbourhood(posterior, problem).kept_to(draws, x, settings.widen, least) if posterior.settled else None
+    draws = problem.prior.coordinates(posterior.flat[:, : len(problem.prior.free)])
+    return neighbourhood.kept_to(draws, x, settings.widen, least) if posterior.settled else None
 
 
-def _values(posterior: Posterior, problem: Problem) -> Values:
-    """Draws of λ, without that of its scatter between colonies."""
-    return posterior.flat[:, : len(problem.prior.free)]
-
-
-def _neighbourhood(posterior: Posterior, problem: Problem) -> Neighbourhood:
-    x, weights = problem.prior.coordinates(_values(posterior, problem)), posterior.weights.ravel()
-    return Neighbourhood(weights @ x, np.atleast_2d(np.cov(x, rowvar=False, aweights=weights)))
+def _neighbourhood(posterior: Posterior, problem: Problem, seed: int) -> Neighbourhood:
+    """Of the colonies that the posterior is of."""
+    free = len(problem.prior.free)
+    x, tau = problem.prior.coordinates(posterior.flat[:, :free]), posterior.flat[:, free:]
+    rng = np.random.default_rng(stream_of(seed, Stream.COLONIES, 1))
+    return Neighbourhood.of(problem.scattered(x, tau, rng), posterior.weights.ravel())

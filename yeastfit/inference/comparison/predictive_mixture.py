@@ -1,10 +1,11 @@
 """What a posterior predicts of a single colony: a mixture of the emulator's normal distributions, one of each draw.
 
-    p(y | data) = Σ_i w_i p_i N(y; m(λ_i), C(λ_i) + S_i + E(λ_i) + N)
+    p(y | data) = Σ_i w_i p_i N(y; m(λ_i), C(λ_i) + M + E(λ_i) + N)
 
 m and C are the emulator's mean and scatter of one colony, E its own error, p the probability that the colony comes to
 something, and N the covariance of errors of measurement, as in the likelihood (`emulator`). Where λ scatters between
-colonies, S is what that adds, τ² J Jᵀ, with the errors of single colonies (`single_colonies`); otherwise it is 0.
+colonies, m and C are of colonies around λ, and M is the covariance of errors that each has for itself
+(`single_colonies`); otherwise it is 0.
 """
 
 from dataclasses import dataclass
@@ -25,7 +26,7 @@ class PredictiveMixture:
 
     Attributes:
         mean: m.
-        covariance: C + S + E + N.
+        covariance: C + M + E + N.
         log_weight: log w p.
     """
 
@@ -36,22 +37,22 @@ class PredictiveMixture:
     @staticmethod
     def of(
         emulator: Emulator,
-        values: Float[np.ndarray, "draw free"],
+        values: Float[np.ndarray, "draw *place free"],
         noise: Square | None = None,
         weights: Float[np.ndarray, " draw"] | None = None,
-        between: Float[np.ndarray, "draw statistic statistic"] | None = None,
+        single: Square | None = None,
     ) -> "PredictiveMixture":
         """At draws of a posterior.
 
         Arguments:
             emulator: Of one colony's statistics.
-            values: λ.
+            values: λ, or several of each draw, as `Emulator.moments` takes them.
             noise: N, in the statistics' units.
             weights: w; all equal by default.
-            between: S; 0 by default.
+            single: M; 0 by default.
         """
         mean, scatter, error, success = emulator.moments(values)
-        scatter = scatter if between is None else scatter + between
+        scatter = scatter + (0.0 if single is None else single)
         share = np.full(len(values), 1.0 / len(values)) if weights is None else weights / weights.sum()
         with np.errstate(divide="ignore"):
             log_weight = np.log(share) + np.log(success)

@@ -2,7 +2,7 @@
 
 A share λ = low + (high − low) u of what lies between two bounds, which has a beta distribution, is seen as
 
-    x = arcsin √u,    dx/dλ = 1 / (2 (high − low) √(u (1 − u)))
+    x = arcsin √u
 
 (Anscombe 1948, doi:10.1093/biomet/35.3-4.246), in which the chance variation of a share observed in so many trials is
 the same everywhere. What a simulator does near a share of 0 or 1 changes fast there, and less so in x: of 3496 colonies
@@ -19,8 +19,6 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from yeastfit.inference.prior.prior import Prior
-
-LEAST = 1e-12  # u and 1 − u at least, where the slope is computed, which is infinite at the bounds
 
 Values = Float[np.ndarray, "row free"]
 
@@ -45,13 +43,6 @@ class Coordinates:
         x = self.prior.coordinates(values)
         x[:, self._shares] = np.arcsin(np.sqrt(self._within(values)[:, self._shares]))
         return (x - self.shift) / self.scale
-
-    def slopes(self, values: Values) -> Values:
-        """dx/dλ of each λ."""
-        low, high = self.prior.support.T
-        share = np.clip(self._within(values), LEAST, 1.0 - LEAST)
-        angular = 0.5 / (np.where(self._shares, high - low, 1.0) * np.sqrt(share * (1.0 - share)))
-        return np.where(self._shares, angular, self.prior.coordinate_slopes(values)) / self.scale
 
     def _within(self, values: Values) -> Values:
         """u of shares, and 0 of other parameters."""

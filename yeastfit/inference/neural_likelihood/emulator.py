@@ -41,7 +41,6 @@ from yeastfit.inference.neural_likelihood.ensemble import (
     Ensemble,
     log_likelihood_of_rows,
     moments_of_rows,
-    slopes_of_rows,
     success_error_of_rows,
 )
 from yeastfit.inference.neural_likelihood.network import TrainingSettings
@@ -114,20 +113,31 @@ class Emulator:
         return of_rows
 
     def moments(
-        self, values: Float[np.ndarray, "row free"]
+        self, values: Float[np.ndarray, "row *place free"]
     ) -> tuple[
         Float[np.ndarray, "row statistic"],
         Float[np.ndarray, "row statistic statistic"],
         Float[np.ndarray, "row statistic statistic"],
         Float[np.ndarray, " row"],
     ]:
-        """Mean and covariance of one replicate, covariance of the emulator's error, probability of success."""
-        x = self.coordinates.of_values(values)
+        """Mean and covariance of one replicate, covariance of the emulator's error, probability of success.
+
+        Arguments:
+            values: λ, or several of each row, at which replicates are tried equally often.
+        """
+        x = self.coordinates_of_places(values)
         pieces = in_pieces(x, ROWS)
         every = zip(*(moments_of_rows(self.ensemble, jnp.asarray(one)) for one in pieces), strict=True)
         mean, scatter, error, success = (np.concatenate(one).astype(float)[: len(x)] for one in every)
         back = self.root.T
         return self.center + mean @ back, self.root @ scatter @ back, self.root @ error @ back, np.exp(success)
+
+    def coordinates_of_places(
+        self, values: Float[np.ndarray, "row *place free"]
+    ) -> Float[np.ndarray, "row places free"]:
+        """x of λ, of one or several for each row."""
+        free = values.shape[-1]
+        return self.coordinates.of_values(values.reshape(-1, free)).reshape(len(values), -1, free)
 
     def success_error(self, values: Float[np.ndarray, "row free"]) -> Float[np.ndarray, " row"]:
         """Variance of the error of the log probability of success."""
@@ -135,34 +145,28 @@ class Emulator:
         found = [success_error_of_rows(self.ensemble, jnp.asarray(one)) for one in in_pieces(x, ROWS)]
         return np.concatenate(found).astype(float)[: len(x)]
 
-    def slopes(self, values: Float[np.ndarray, "row free"]) -> Float[np.ndarray, "row statistic free"]:
-        """Derivatives of the mean of one replicate by the coordinates x."""
-        x = self.coordinates.of_values(values)
-        found = [slopes_of_rows(self.ensemble, jnp.asarray(one)) for one in in_pieces(x, ROWS)]
-        return np.einsum("ij,rjf->rif", self.root, np.concatenate(found).astype(float)[: len(x)])
-
     def draw(
         self,
-        values: Float[np.ndarray, "row free"],
+        values: Float[np.ndarray, "row *place free"],
         rng: np.random.Generator,
         replicates: int = 1,
         noise: Square | None = None,
-        between: Float[np.ndarray, "row statistic statistic"] | None = None,
+        single: Square | None = None,
     ) -> Float[np.ndarray, "row statistic"]:
         """Statistics drawn at each row of λ: means over R replicates, with all errors.
 
         Arguments:
-            values: λ.
+            values: λ, or several of each row, as for `moments`.
             rng: Where randomness comes from.
             replicates: R.
             noise: N.
-            between: What λ that differ between replicates add to the covariance of one.
+            single: Covariance of the errors that each replicate has for itself.
         """
         drawn = rng.standard_normal((len(values), len(self.labels)))
         for start in range(0, len(values), ROWS):
             rows = slice(start, start + ROWS)
             mean, scatter, error, _ = self.moments(values[rows])
-            scatter = scatter if between is None else scatter + between[rows]
+            scatter = scatter + (0.0 if single is None else single)
             roots = np.linalg.cholesky(scatter / replicates + error + (0.0 if noise is None else noise))
             drawn[rows] = mean + np.einsum("rij,rj->ri", roots, drawn[rows])
         return drawn
@@ -172,7 +176,7 @@ class Emulator:
         return np.linalg.solve(self.root, (statistics - self.center).T).T
 
 
-def in_pieces(rows: Float[np.ndarray, "row free"], length: int) -> Float[np.ndarray, "piece length free"]:
+def in_pieces(rows: Float[np.ndarray, "row *any"], length: int) -> Float[np.ndarray, "piece length *any"]:
     """Rows in pieces of one length; the last piece is filled up from the first row on."""
     count = max(1, -(-len(rows) // length))
-    return np.resize(rows, (count, length, rows.shape[1]))
+    return np.resize(rows, (count, length, *rows.shape[1:]))

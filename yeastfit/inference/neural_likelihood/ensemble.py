@@ -37,18 +37,39 @@ class Ensemble(eqx.Module):
 
     def moments(self, x: Float[Array, " free"]) -> tuple[Array, Array, Array, Array]:
         """m̄, C̄, the emulator's error W + GΔGᵀ, and the log probability of success."""
-        features = monomials(x)
+        return self.moments_around(x[None])
 
-        def one(network: Network, baseline: Array) -> tuple[Array, Array, Array, Array]:
-            return features @ baseline, *network.moments(x, self.shape)
+    def moments_around(self, places: Float[Array, "place free"]) -> tuple[Array, Array, Array, Array]:
+        """`moments` of replicates that are tried at each of these places equally often.
 
-        quadratics, corrections, roots, off = eqx.filter_vmap(one)(self.networks, self.baselines)
-        count = len(roots)
-        scatter = jnp.einsum("mij,mkj->ik", roots, roots) / count
-        root = jnp.linalg.cholesky(scatter)
+        With m_k, C_k and P_k those at place k, those that succeed have
+
+            m̄ = Σ w_k m_k,    C̄ = Σ w_k [C_k + (m_k − m̄)(m_k − m̄)ᵀ],    w_k = P_k / Σ P,
+
+        and the probability of success is the mean of P. Errors are common to all places; G is the root of Σ w_k C_k.
+        """
+
+        def at(x: Array) -> tuple[Array, Array, Array, Array]:
+            """Quadratics and corrections of every member, C̄ and log P."""
+            features = monomials(x)
+
+            def one(network: Network, baseline: Array) -> tuple[Array, Array, Array, Array]:
+                return features @ baseline, *network.moments(x, self.shape)
+
+            quadratics, corrections, roots, off = eqx.filter_vmap(one)(self.networks, self.baselines)
+            scatter = jnp.einsum("mij,mkj->ik", roots, roots) / len(roots)
+            return quadratics, corrections, scatter, self._log_success(features, off)
+
+        quadratics, corrections, scatters, successes = jax.vmap(at)(places)
+        share = jax.nn.softmax(successes)
+        means = (quadratics + corrections).mean(axis=1)
+        mean, scatter = share @ means, jnp.einsum("k,kij->ij", share, scatters)
+        quadratics, corrections = (jnp.einsum("k,kms->ms", share, one) for one in (quadratics, corrections))
+        count, root = len(quadratics), jnp.linalg.cholesky(scatter)
         learnt = (count - 1) ** 2 * _covariance(quadratics) + _covariance(corrections)
         error = learnt / count + (root * self.misfit) @ root.T
-        return (quadratics + corrections).mean(axis=0), scatter, error, self._log_success(features, off)
+        between = jnp.einsum("k,ki,kj->ij", share, means - mean, means - mean)
+        return mean, scatter + between, error, jax.nn.logsumexp(successes) - jnp.log(len(places))
 
     def _log_success(self, features: Float[Array, " feature"], off: Float[Array, " member"]) -> Float[Array, ""]:
         """log P where the networks correct the logit by `off`."""
@@ -63,35 +84,6 @@ class Ensemble(eqx.Module):
         count, share = len(quadratics), jax.nn.sigmoid(jnp.mean(quadratics + corrections))
         learnt = (count - 1) ** 2 * jnp.var(quadratics, ddof=1) + jnp.var(corrections, ddof=1)
         return (1.0 - share) ** 2 * learnt / count + (1.0 - share) / share * self.success_misfit
-
-    def log_success_around(self, x: Float[Array, " free"], moved: Float[Array, " free"]) -> Float[Array, ""]:
-        """log of the mean probability of success at x + moved ∘ ξ, ξ ~ N(0, 1), exact to third order.
-
-        It is the mean at the points x ± √d moved_k e_k of d coordinates (spherical cubature: Arasaratnam & Haykin 2009,
-        doi:10.1109/TAC.2009.2019800).
-        """
-        if self.odds is None:
-            return jnp.zeros(())
-
-        def log_success(x: Array) -> Array:
-            return self._log_success(monomials(x), eqx.filter_vmap(lambda network: network(x)[2])(self.networks))
-
-        steps = jnp.sqrt(len(x)) * jnp.diag(moved)
-        places = jnp.concatenate([x + steps, x - steps])
-        return jax.nn.logsumexp(jax.vmap(log_success)(places)) - jnp.log(len(places))
-
-    def mean(self, x: Float[Array, " free"]) -> Float[Array, " statistic"]:
-        """m̄ alone."""
-        features = monomials(x)
-
-        def one(network: Network, baseline: Array) -> Array:
-            return features @ baseline + network(x)[0]
-
-        return eqx.filter_vmap(one)(self.networks, self.baselines).mean(axis=0)
-
-    def slopes(self, x: Float[Array, " free"]) -> Float[Array, "statistic free"]:
-        """∂m̄/∂x, by the mode that needs fewer passes."""
-        return (jax.jacfwd if len(x) <= len(self.misfit) else jax.jacrev)(self.mean)(x)
 
     def log_likelihood(
         self,
@@ -114,21 +106,15 @@ def _covariance(rows: Float[Array, "member statistic"]) -> Float[Array, "statist
 
 
 @eqx.filter_jit
-def moments_of_rows(ensemble: Ensemble, x: Float[Array, "row free"]) -> tuple[Array, Array, Array, Array]:
-    """`Ensemble.moments` of every row; each number of rows is compiled for."""
-    return jax.vmap(ensemble.moments)(x)
+def moments_of_rows(ensemble: Ensemble, places: Float[Array, "row place free"]) -> tuple[Array, Array, Array, Array]:
+    """`Ensemble.moments_around` the places of every row; each number of rows and of places is compiled for."""
+    return jax.vmap(ensemble.moments_around)(places)
 
 
 @eqx.filter_jit
 def success_error_of_rows(ensemble: Ensemble, x: Float[Array, "row free"]) -> Float[Array, " row"]:
     """`Ensemble.success_error` of every row; each number of rows is compiled for."""
     return jax.vmap(ensemble.success_error)(x)
-
-
-@eqx.filter_jit
-def slopes_of_rows(ensemble: Ensemble, x: Float[Array, "row free"]) -> Float[Array, "row statistic free"]:
-    """`Ensemble.slopes` of every row; each number of rows is compiled for."""
-    return jax.vmap(ensemble.slopes)(x)
 
 
 @partial(jax.jit, static_argnames="rest")

@@ -29,7 +29,7 @@ def error_share(
     emulator: Emulator,
     problem: Problem,
     values: Float[np.ndarray, "1 free"],
-    between: Float[np.ndarray, "1 statistic statistic"] | None = None,
+    places: Float[np.ndarray, "1 *place free"],
 ) -> float:
     """The share at one λ.
 
@@ -37,10 +37,10 @@ def error_share(
         emulator: Of the likelihood.
         problem: Whose data it is compared with.
         values: λ.
-        between: What λ that scatter, and errors of single colonies, add to the covariance of one replicate.
+        places: Where colonies of this λ are, as `Emulator.moments` takes them.
     """
-    _, scatter, error, _ = emulator.moments(values)
-    one = scatter[0] if between is None else scatter[0] + between[0]
+    _, scatter, error, _ = emulator.moments(places)
+    one = scatter[0] + (0.0 if problem.single_noise is None else problem.single_noise)
     total = one / problem.replicates + error[0] + (0.0 if problem.noise is None else problem.noise)
     of_success = problem.replicates**2 * emulator.success_error(values)[0]
     return float((np.trace(np.linalg.solve(total, error[0])) + of_success) / len(total))

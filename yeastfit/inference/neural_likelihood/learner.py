@@ -9,7 +9,6 @@ from yeastfit.inference.neural_likelihood.coordinates import Values
 from yeastfit.inference.neural_likelihood.error_share import error_share
 from yeastfit.inference.neural_likelihood.mcmc import BRIEFLY, LONGER, ROUGHLY, LogPosterior, Walk
 from yeastfit.inference.neural_likelihood.network import TrainingSettings
-from yeastfit.inference.neural_likelihood.single_colonies import added_scatter
 from yeastfit.inference.neural_likelihood.training import train
 from yeastfit.inference.neural_likelihood.training_rounds import FOUND, Round, Simulated, together
 from yeastfit.inference.posterior.problem import Problem
@@ -59,14 +58,15 @@ class Learner:
         density, walk = self._learnt(values, statistics, before)
         chains = walk.until(ROUGHLY, LONGER if before is not None and before.found else BRIEFLY)
         drawn, z = density.parts(chains.flat)
-        mean, covariance = drawn.mean(axis=0), np.atleast_2d(np.cov(drawn, rowvar=False))
+        rng = np.random.default_rng(stream_of(self.seed, Stream.COLONIES, len(values)))
+        variation = self.problem.variation
+        colonies = drawn if variation is None else self.problem.scattered(drawn, variation.tau(z), rng)
         moved = np.inf if before is None else float(apart(chains.flat, before.chains.flat).max())
-        place, emulator = self.problem.prior.values(mean[None]), density.emulator
-        share = error_share(
-            emulator, self.problem, place, added_scatter(emulator, self.problem, place, z.mean(axis=0)[None])
-        )
+        middle = self.problem.prior.values(drawn.mean(axis=0)[None])
+        share = error_share(density.emulator, self.problem, middle, self.problem.places(middle, z.mean(axis=0)[None]))
         inside = before is not None and before.neighbourhood.surrounds(drawn, self.widen)
-        return Round(emulator, walk, chains, mean, covariance, moved, share, len(values), moved <= FOUND or inside)
+        found = moved <= FOUND or inside
+        return Round(density.emulator, walk, chains, colonies, moved, share, len(values), found)
 
     def further_away(self, values: Values, statistics: Statistics) -> Float[np.ndarray, "draw free"]:
         """Draws of the posterior of a flatter likelihood, wherever the emulator of all simulations thinks it may be."""

@@ -31,9 +31,9 @@ that leaves the proposals, and so may press against the edge of its neighbourhoo
 As the likelihood is what is emulated, where the simulations were made does not influence the posterior other than
 through the emulator's error (Papamakarios et al. 2019, arXiv:1805.07226): simulations of other runs, whatever their
 method, are trained on as well (`Simulations.reused`). Where colonies may scatter (`prior.variation`), chains have
-one coordinate more, and rounds are about λ as before. Every step depends on the seed alone: a run that is repeated with
-the store of one that was stopped repeats its training and its chains, simulates only what is missing, and ends with the
-same result.
+one coordinate more; as the emulator must know where single colonies are, proposals and neighbourhoods are those of one
+colony of each draw. Every step depends on the seed alone: a run that is repeated with the store of one that was stopped
+repeats its training and its chains, simulates only what is missing, and ends with the same result.
 """
 
 from dataclasses import dataclass, field, replace
@@ -49,7 +49,7 @@ from yeastfit.inference.neural_likelihood.learner import Learner, Statistics
 from yeastfit.inference.neural_likelihood.mcmc import LogPosterior
 from yeastfit.inference.neural_likelihood.network import TrainingSettings
 from yeastfit.inference.neural_likelihood.rounds import EmulatorDiagnostics, RoundDiagnostics
-from yeastfit.inference.neural_likelihood.single_colonies import added_scatter, excess_scatter, wide_scatter
+from yeastfit.inference.neural_likelihood.single_colonies import excess_scatter, wide_scatter
 from yeastfit.inference.neural_likelihood.training import fewest
 from yeastfit.inference.neural_likelihood.training_rounds import (
     STRAY,
@@ -222,7 +222,7 @@ class _Rounds:
             while not self._settled(rounds[-1]) and len(values) < most:
                 progress(f"round {len(rounds)}", len(values) / most)
                 rng = np.random.default_rng(stream_of(self.seed, Stream.PROPOSALS, len(rounds)))
-                values, statistics = self._with_more(values, statistics, rounds[-1].x, self.settings.widen, rng)
+                values, statistics = self._with_more(values, statistics, rounds[-1].colonies, self.settings.widen, rng)
                 rounds.append(self.learner.round(values, statistics, rounds[-1]))
             if not self._settled(rounds[-1]):
                 break
@@ -297,8 +297,8 @@ class _Rounds:
         values = problem.prior.values(x)
         rng = np.random.default_rng(stream_of(self.seed, Stream.DRAWS, 0))
         before = rounds[-2].x if len(rounds) > 1 else None
-        between = added_scatter(last.emulator, problem, values, z)
-        statistics = last.emulator.draw(values, rng, problem.replicates, problem.noise, between)
+        places, noise = problem.places(values, z), (problem.noise, problem.single_noise)
+        statistics = last.emulator.draw(places, rng, problem.replicates, *noise)
         posterior = Posterior.of(
             problem,
             self._values(x, z).reshape(chains, draws, -1),
@@ -315,7 +315,7 @@ class _Rounds:
                 *(
                     wide_scatter(problem.variation, float(problem.variation.tau(z[:, 0]).mean()))
                     if problem.variation
-                    else excess_scatter(last.emulator, problem, problem.prior.values(last.mean[None]))
+                    else excess_scatter(last.emulator, problem, problem.prior.values(last.x.mean(axis=0)[None]))
                 ),
             ],
             diagnostics=EmulatorDiagnostics(

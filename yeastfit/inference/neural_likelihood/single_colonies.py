@@ -1,12 +1,13 @@
 """Likelihood of single colonies, whose parameters may scatter, by an emulator.
 
-Colony r has λ_r with y(λ_r) = y(λ) + τ ξ_r (`prior.variation`). To first order in τ, with m and C the mean and the
-scatter of one replicate at λ and J = ∂m/∂y,
+Colony r has λ_r with y(λ_r) = y(λ) + τ ξ_r (`prior.variation`). With m and V the mean and the covariance of colonies at
+λ_r, by cubature from those at 2 d places around λ (`Ensemble.moments_around`, which is exact where m is linear and C
+constant: V = C + τ² J Jᵀ, J = ∂m/∂y),
 
-    o_r | λ, τ, e ~ N(m + e, V),    V = C + τ² J Jᵀ + M,    e ~ N(0, E),    E = emulator's error + N:
+    o_r | λ, τ, e ~ N(m + e, V + M),    e ~ N(0, E),    E = emulator's error + N:
 
 errors e are common to all colonies, M is what each has for itself. Colonies may lack statistics; those with the same
-ones form a pattern p of R_p colonies with mean ō_p and sums of squares S_p about it, V_p is the part of V that they
+ones form a pattern p of R_p colonies with mean ō_p and sums of squares S_p about it, V_p is the part of V + M that they
 have. With Q = Σ R_p V_p⁻¹ (0 where a statistic is missing) and μ = Q⁻¹ Σ R_p V_p⁻¹ ō_p, the integral over e is
 
     log p = log N(μ; m, Q⁻¹ + E) + ½ log |2π Q⁻¹|
@@ -115,20 +116,18 @@ def _log_normal(off: Float[Array, " statistic"], covariance: Float[Array, "stati
 
 
 @partial(jax.jit, static_argnames="rest")
-def _of_rows(arrays: list[Array], x: Array, moving: Array, tau: Array, *, rest: Hashable) -> Float[Array, " row"]:
-    """log p of every row of x, with dx/dy `moving` and τ, by what is `taken_apart`: ensemble, errors, data."""
+def _of_rows(arrays: list[Array], places: Array, *, rest: Hashable) -> Float[Array, " row"]:
+    """log p of every row of places, by what is `taken_apart`: ensemble, errors, data."""
     ensemble, errors, data = put_together(arrays, rest)
 
-    def one(row: tuple[Array, Array, Array]) -> Array:
-        x, moving, tau = row
-        mean, scatter, error, _ = ensemble.moments(x)
-        success = ensemble.log_success_around(x, tau * moving)
-        moved = tau * ensemble.slopes(x) * moving
-        spread = errors.root @ (scatter + moved @ moved.T) @ errors.root.T + errors.single
+    def one(x: Array) -> Array:
+        mean, scatter, error, success = ensemble.moments_around(x)
+        spread = errors.root @ scatter @ errors.root.T + errors.single
         error = errors.root @ error @ errors.root.T + errors.common
-        return log_likelihood_of_patterns(errors.root @ mean, spread, error, data) + data.count.sum() * success
+        found = log_likelihood_of_patterns(errors.root @ mean, spread, error, data) + data.count.sum() * success
+        return jnp.where(jnp.isfinite(found), found, -jnp.inf)  # so wide a scatter has no root in single precision
 
-    return jax.lax.map(one, (x, moving, tau), batch_size=ROWS)
+    return jax.lax.map(one, places, batch_size=ROWS)
 
 
 def likelihood_of_colonies(
@@ -143,33 +142,14 @@ def likelihood_of_colonies(
     errors = Errors(*(jnp.asarray(one) for one in (emulator.root / scale[:, None], common, single)))
     arrays, rest = taken_apart((emulator.ensemble, errors, data))
     volume = float(np.isfinite(problem.colonies).sum(axis=0) @ np.log(scale))
+    coordinates = ColonyCoordinates.of(problem.simulator.parameters)
 
     def of_rows(values: Values, tau: Float[np.ndarray, " row"]) -> Float[np.ndarray, " row"]:
-        x, moving = emulator.coordinates.of_values(values), _moving(emulator, problem, values)
-        rows = jnp.asarray(x), jnp.asarray(moving), jnp.asarray(tau)
-        found: np.ndarray = np.asarray(_of_rows(arrays, *rows, rest=rest), dtype=float)
+        places = emulator.coordinates_of_places(coordinates.around(values, tau))
+        found: np.ndarray = np.asarray(_of_rows(arrays, jnp.asarray(places), rest=rest), dtype=float)
         return found - volume
 
     return of_rows
-
-
-def between_colonies(
-    emulator: Emulator, problem: Problem, values: Values, tau: Float[np.ndarray, " row"]
-) -> Float[np.ndarray, "row statistic statistic"]:
-    """τ² J Jᵀ, in the statistics' units."""
-    moving = _moving(emulator, problem, values)
-    moved = tau[:, None, None] * emulator.slopes(values) * moving[:, None, :]
-    return np.einsum("rif,rjf->rij", moved, moved)
-
-
-def added_scatter(
-    emulator: Emulator, problem: Problem, values: Values, z: Float[np.ndarray, "row varied"]
-) -> Float[np.ndarray, "row statistic statistic"] | None:
-    """What λ that scatter by τ(z), and errors of single colonies, add to the scatter of one; None for a single λ."""
-    if problem.variation is None:
-        return None
-    own = 0.0 if problem.colony_noise is None else problem.colony_noise
-    return between_colonies(emulator, problem, values, problem.variation.tau(z[:, 0])) + own
 
 
 def excess_scatter(emulator: Emulator, problem: Problem, values: Values) -> list[str]:
@@ -195,17 +175,10 @@ def excess_scatter(emulator: Emulator, problem: Problem, values: Values) -> list
 
 
 def wide_scatter(variation: Variation, tau: float) -> list[str]:
-    """Say so where τ is much wider than its prior has it, which is what first order was tested for."""
+    """Say so where τ is much wider than its prior has it."""
     if tau < WIDE * variation.sd:
         return []
     return [
         f"{NAME} is {tau:.2g}, its prior has a width of {variation.sd:g}: no one set of parameters may explain the "
-        "data, and how so wide a scatter shows in the statistics is known to first order only; compare the colonies "
-        "simulated from the posterior with the data"
+        "data; compare the colonies simulated from the posterior with them"
     ]
-
-
-def _moving(emulator: Emulator, problem: Problem, values: Values) -> Values:
-    """dx/dy: of the emulator's coordinates by those in which colonies scatter."""
-    coordinates = ColonyCoordinates.of(problem.simulator.parameters)
-    return emulator.coordinates.slopes(values) * coordinates.slopes(values)

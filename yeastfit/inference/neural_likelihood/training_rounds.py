@@ -1,7 +1,7 @@
 """One round of the sequential emulator: its chains, proposals for the next one, and draws that lie far off."""
 
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -38,6 +38,12 @@ class Neighbourhood:
     mean: Float[np.ndarray, " free"]
     covariance: Float[np.ndarray, "free free"]
 
+    @staticmethod
+    def of(draws: Float[np.ndarray, "draw free"], weights: Float[np.ndarray, " draw"] | None = None) -> "Neighbourhood":
+        """Of draws, all of the same weight by default."""
+        covariance = np.atleast_2d(np.cov(draws, rowvar=False, aweights=weights))
+        return Neighbourhood(np.average(draws, axis=0, weights=weights), covariance)
+
     def holds(self, x: Float[np.ndarray, "row free"], widen: float) -> Bool[np.ndarray, " row"]:
         """Which rows lie where `NEAR` of normal draws do that are w times as wide."""
         off = x - self.mean
@@ -72,8 +78,7 @@ class Round:
         emulator: Trained on all simulations so far.
         walk: Can make the chains longer.
         chains: On its posterior.
-        mean: Of the prior's coordinates.
-        covariance: Of the prior's coordinates.
+        colonies: One colony of each draw of the chains (`Problem.scattered`), in the prior's coordinates.
         moved: How far `apart` the posterior is from that of the round before, in the parameter that moved most.
         error_share: The emulator's share of error at the mean (`error_share`).
         simulations: So far, those of other runs included.
@@ -83,8 +88,7 @@ class Round:
     emulator: Emulator
     walk: Walk
     chains: Chains
-    mean: Float[np.ndarray, " free"]
-    covariance: Float[np.ndarray, "free free"]
+    colonies: Float[np.ndarray, "draw free"]
     moved: float
     error_share: float
     simulations: int
@@ -93,12 +97,12 @@ class Round:
     @property
     def x(self) -> Float[np.ndarray, "draw free"]:
         """Draws of the chains in the prior's coordinates, without z."""
-        return self.chains.flat[:, : len(self.mean)]
+        return self.chains.flat[:, : self.colonies.shape[1]]
 
-    @property
+    @cached_property
     def neighbourhood(self) -> Neighbourhood:
-        """Of the posterior."""
-        return Neighbourhood(self.mean, self.covariance)
+        """Of the colonies, of which the emulator must know."""
+        return Neighbourhood.of(self.colonies)
 
 
 def together(own: Simulated, reused: Simulated) -> Simulated:
@@ -112,7 +116,7 @@ def together(own: Simulated, reused: Simulated) -> Simulated:
 def proposed(
     draws: Float[np.ndarray, "draw free"], count: int, widen: float, prior: Prior, rng: np.random.Generator
 ) -> Float[np.ndarray, "count free"]:
-    """Proposals around draws of the posterior, w times as wide as the bulk of it, in the prior's coordinates.
+    """Proposals around draws, w times as wide as the bulk of them, in the prior's coordinates.
 
     Raises:
         InputError: Hardly any proposal lies in the prior.

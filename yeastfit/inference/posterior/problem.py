@@ -193,6 +193,31 @@ class Problem:
         """
         return self.prior.quantile(sobol_points(count, len(self.prior.free), stream_of(seed, Stream.PRIOR, 0)))
 
+    @property
+    def single_noise(self) -> Square | None:
+        """M where single colonies are the data; None where their mean is."""
+        return None if self.variation is None else self.colony_noise
+
+    def places(
+        self, values: Float[np.ndarray, "row free"], z: Float[np.ndarray, "row varied"]
+    ) -> Float[np.ndarray, "row *place free"]:
+        """Where colonies of each λ are, for an emulator's moments: at λ, or around it where they scatter by τ(z)."""
+        if self.variation is None:
+            return values
+        return ColonyCoordinates.of(self.simulator.parameters).around(values, self.variation.tau(z[:, 0]))
+
+    def scattered(
+        self, x: Float[np.ndarray, "draw free"], tau: Float[np.ndarray, "draw varied"], rng: np.random.Generator
+    ) -> Float[np.ndarray, "draw free"]:
+        """One colony of each λ, in the prior's coordinates; at λ where colonies do not scatter, or leave the prior."""
+        if self.variation is None:
+            return x
+        step = tau * rng.standard_normal(x.shape)
+        moved = ColonyCoordinates.of(self.simulator.parameters).moved(self.prior.values(x), step)
+        moved = self.prior.coordinates(moved)
+        inside = np.isfinite(self.prior.log_density_of_coordinates(moved))
+        return np.where(inside[:, None], moved, x)
+
     def of_their_kind(self, statistics: Float[np.ndarray, "draw statistic"]) -> Float[np.ndarray, "draw statistic"]:
         """Statistics of simulated colonies, nan throughout for one beyond the limits."""
         return within(statistics, self.limits)

@@ -89,10 +89,6 @@ class Prior:
             values[:, self._logarithmic] = np.exp(x[:, self._logarithmic])
         return values
 
-    def coordinate_slopes(self, values: Values) -> Values:
-        """dx/dλ of each λ by itself: 1, or 1/λ."""
-        return np.where(self._logarithmic, 1.0 / np.where(self._logarithmic, values, 1.0), 1.0)
-
     def quantile(self, unit: Values) -> Values:
         """λ at points of the unit cube, one cumulative probability per parameter.
 

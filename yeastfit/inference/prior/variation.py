@@ -105,7 +105,9 @@ class ColonyCoordinates:
         low = np.array([one.smallest for one in parameters.values()])
         return ColonyCoordinates(low, np.array([one.largest for one in parameters.values()]) - low)
 
-    def moved(self, values: Values, step: Values) -> Values:
+    def moved(
+        self, values: Float[np.ndarray, "*row free"], step: Float[np.ndarray, "*rows free"]
+    ) -> Float[np.ndarray, "*rows free"]:
         """λ of y + step; what lies on a bound stays there."""
         above = values - self.low
         rest = np.where(np.isinf(self.width), 1.0, 1.0 - above / self.width)
@@ -113,10 +115,15 @@ class ColonyCoordinates:
         with np.errstate(over="ignore"):
             return self.low + above * np.exp(step) / (rest + part * np.exp(step))
 
-    def slopes(self, values: Values) -> Values:
-        """dλ/dy."""
-        above = values - self.low
-        return np.where(np.isinf(self.width), above, above * (1.0 - above / self.width))
+    def around(self, values: Values, tau: Float[np.ndarray, " row"]) -> Float[np.ndarray, "row place free"]:
+        """2 d places for each λ, whose mean of any cubic in y is that over colonies of this scatter.
+
+        They are y ± √d τ e_k of d parameters (spherical cubature: Arasaratnam & Haykin 2009,
+        doi:10.1109/TAC.2009.2019800).
+        """
+        free = values.shape[1]
+        steps = np.sqrt(free) * np.concatenate([np.eye(free), -np.eye(free)])
+        return self.moved(values[:, None], tau[:, None, None] * steps)
 
 
 @dataclass(frozen=True)
