@@ -5,6 +5,7 @@ from dataclasses import replace
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pytest
 from helpers import colony_of
 
 from benchmarks.implicit_step import ImplicitMotion, conjugate_residuals
@@ -27,6 +28,7 @@ def test_conjugate_residuals_solve_a_symmetric_system(double: None) -> None:
     np.testing.assert_allclose(found, np.linalg.solve(matrix, right.ravel()).reshape(4, 2), rtol=1e-9)
 
 
+@pytest.mark.thorough
 def test_nodes_move_as_a_dense_solution_has_it(double: None) -> None:
     """With the matrix of derivatives of springs and contact, written out."""
     numerics = Numerics(domain=10.0, spacing=0.5, dt=0.05, capacity=len(PLACES))

@@ -155,6 +155,7 @@ def test_a_tie_between_parents_is_reported_and_never_passed() -> None:
     assert "differs" not in check.counts
 
 
+@pytest.mark.thorough
 def test_chattering_contacts_are_reported_with_what_to_do() -> None:
     stiff = Parameters(repulsivity=30.0)
     check = check_gradients(stiff, times=TIMES, numerics=TINY, observe=FEW, steps=(1e-6,))

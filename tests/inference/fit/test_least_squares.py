@@ -45,6 +45,7 @@ def test_a_fit_recovers_what_colonies_were_grown_with(names: tuple[str, ...], es
     assert result.chi_square < result.degrees_of_freedom + 4 * np.sqrt(2 * result.degrees_of_freedom)
 
 
+@pytest.mark.thorough
 def test_a_single_image_of_one_colony_is_enough_for_a_fit() -> None:
     """Its scatter is not known, the model's is taken; errors are wide, and hold the truth."""
     image = grown(("outer_compactness", "area", "radius"), [3.0], 1, "mask", 5)
