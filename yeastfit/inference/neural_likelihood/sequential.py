@@ -48,20 +48,12 @@ from yeastfit.inference.neural_likelihood.coordinates import Values
 from yeastfit.inference.neural_likelihood.learner import Learner, Statistics
 from yeastfit.inference.neural_likelihood.mcmc import LogPosterior
 from yeastfit.inference.neural_likelihood.network import TrainingSettings
-from yeastfit.inference.neural_likelihood.rounds import EmulatorDiagnostics, RoundDiagnostics
-from yeastfit.inference.neural_likelihood.single_colonies import excess_scatter, wide_scatter
+from yeastfit.inference.neural_likelihood.posterior_of_rounds import posterior_of
 from yeastfit.inference.neural_likelihood.training import fewest
-from yeastfit.inference.neural_likelihood.training_rounds import (
-    STRAY,
-    Round,
-    far_draws,
-    proposed,
-    unsettled,
-)
+from yeastfit.inference.neural_likelihood.training_rounds import STRAY, Round, proposed
 from yeastfit.inference.posterior.problem import Problem
 from yeastfit.inference.posterior.result import Posterior
 from yeastfit.inference.posterior.settings import Setting, check_at_least
-from yeastfit.inference.posterior.status import Status
 from yeastfit.inference.simulator import seed_of
 from yeastfit.inference.store.cached_simulator import CachedSimulator
 from yeastfit.inference.store.simulations import Simulations
@@ -159,7 +151,8 @@ class SequentialEmulator:
         first, each = self.round_sizes(len(problem.prior.free))
         values, statistics = store.reused
         inside = np.isfinite(problem.prior.log_density(values))
-        self.check(len(problem.prior.free), len(problem.inferred_prior.free), len(problem.labels), int(inside.sum()))
+        reused = int(inside.sum())
+        self.check(len(problem.prior.free), len(problem.inferred_prior.free), len(problem.labels), reused)
         simulator = CachedSimulator(problem.simulator, self.batch, store)
         learner = Learner(
             problem,
@@ -172,9 +165,11 @@ class SequentialEmulator:
             most=self.simulations,
             reused=(values[inside], statistics[inside]),
         )
-        run = _Rounds(simulator, problem, self, seed, first, each, learner)
-        rounds, looks, warnings = run.all(progress)
-        return run.posterior(rounds, looks).warned(*warnings)
+        rounds, looks, warnings = _Rounds(simulator, problem, self, seed, first, each, learner).all(progress)
+        found = posterior_of(
+            rounds, looks, problem, simulator, seed, reused=reused, settle=self.settle, most_steps=self.most_steps
+        )
+        return found.warned(*warnings)
 
     def check(self, free: int, inferred: int, statistics: int, reused: int = 0) -> None:
         """See `Sampler`; with so many simulations of another run."""
@@ -219,12 +214,12 @@ class _Rounds:
             values, statistics = self._with_more(values, statistics, near, search.WIDEN, rng)
         rounds, looks = [self.learner.round(values, statistics, None)], list[float]()
         while True:
-            while not self._settled(rounds[-1]) and len(values) < most:
+            while not rounds[-1].settled(self.settings.settle) and len(values) < most:
                 progress(f"round {len(rounds)}", len(values) / most)
                 rng = np.random.default_rng(stream_of(self.seed, Stream.PROPOSALS, len(rounds)))
                 values, statistics = self._with_more(values, statistics, rounds[-1].colonies, self.settings.widen, rng)
                 rounds.append(self.learner.round(values, statistics, rounds[-1]))
-            if not self._settled(rounds[-1]):
+            if not rounds[-1].settled(self.settings.settle):
                 break
             if len(values) + self.look > most:
                 warnings.append(UNLOOKED)
@@ -237,7 +232,7 @@ class _Rounds:
                 break
             rounds.append(anew)
         density = LogPosterior(rounds[-1].emulator, self.problem)
-        chains = rounds[-1].walk.until_long(lambda x: self._values(*density.parts(x)))
+        chains = rounds[-1].walk.until_long(lambda x: self.problem.inferred_values(*density.parts(x)))
         rounds[-1] = replace(rounds[-1], chains=chains)
         progress("done", 1.0)
         return rounds, looks, warnings
@@ -249,9 +244,6 @@ class _Rounds:
 
     def _simulated(self, values: Values, start: int) -> Statistics:
         return self.simulator(values, seed_of(self.seed, range(start, start + len(values))))
-
-    def _settled(self, one: Round) -> bool:
-        return one.moved <= self.settings.settle and one.error_share <= self.settings.settle**2
 
     def _nearest(self, values: Values, statistics: Statistics) -> Float[np.ndarray, "near free"] | None:
         """Where to look for simulations like the data; None once there are enough of them (`search`)."""
@@ -282,57 +274,3 @@ class _Rounds:
         new = self.problem.prior.values(x[: self.settings.simulations - len(values)])
         more = self._simulated(new, len(values))
         return np.concatenate([values, new]), np.concatenate([statistics, more])
-
-    def _values(self, x: Float[np.ndarray, "draw free"], z: Float[np.ndarray, "draw parameter"]) -> Values:
-        """λ, and how much colonies scatter where they may, of draws in the chains' coordinates."""
-        values, variation = self.problem.prior.values(x), self.problem.variation
-        return values if variation is None else np.column_stack([values, variation.tau(z)])
-
-    def posterior(self, rounds: list[Round], looks: list[float]) -> Posterior:
-        """The last round's chains."""
-        last, problem = rounds[-1], self.problem
-        chains, draws, _ = last.chains.x.shape
-        density = LogPosterior(last.emulator, problem)
-        x, z = density.parts(last.chains.flat)
-        values = problem.prior.values(x)
-        rng = np.random.default_rng(stream_of(self.seed, Stream.DRAWS, 0))
-        before = rounds[-2].x if len(rounds) > 1 else None
-        places, noise = problem.places(values, z), (problem.noise, problem.single_noise)
-        statistics = last.emulator.draw(places, rng, problem.replicates, *noise)
-        posterior = Posterior.of(
-            problem,
-            self._values(x, z).reshape(chains, draws, -1),
-            simulations=self.simulator.asked,
-            log_probability=last.chains.log_density,
-            log_likelihood=last.chains.log_density - density.log_prior(x, z).reshape(chains, draws),
-            acceptance=last.chains.acceptance,
-            statistics=statistics.reshape(chains, draws, -1),
-            status=None if self._settled(last) else Status.STILL_MOVING,
-            warnings=[
-                *self.simulator.store.notes,
-                *unsettled(last, self.settings.settle, self.simulator.asked, self._settled(last)),
-                *far_draws(x, before, problem.prior),
-                *(
-                    wide_scatter(problem.variation, float(problem.variation.tau(z[:, 0]).mean()))
-                    if problem.variation
-                    else excess_scatter(last.emulator, problem, problem.prior.values(last.x.mean(axis=0)[None]))
-                ),
-            ],
-            diagnostics=EmulatorDiagnostics(
-                tuple(self._reported(one) for one in rounds),
-                last.chains.steps,
-                len(self.learner.reused[0]),
-                tuple(looks),
-            ),
-            backend=last.walk.backend,
-        )
-        if posterior.status is Status.CHAINS_TOO_SHORT and last.chains.steps >= self.settings.most_steps:
-            ended = f"chains ended after {last.chains.steps} steps, which is all that most_steps allows: allow more"
-            return replace(posterior, warnings=(*posterior.warnings, ended))
-        return posterior
-
-    def _reported(self, one: Round) -> RoundDiagnostics:
-        emulator, settled = one.emulator, self._settled(one)
-        return RoundDiagnostics(
-            one.simulations, emulator.failed, one.moved, one.error_share, settled, emulator.cross_validation
-        )

@@ -99,6 +99,10 @@ class Round:
         """Draws of the chains in the prior's coordinates, without z."""
         return self.chains.flat[:, : self.colonies.shape[1]]
 
+    def settled(self, settle: float) -> bool:
+        """Whether neither the posterior's move nor the emulator's error is too large (`sequential`)."""
+        return self.moved <= settle and self.error_share <= settle**2
+
     @cached_property
     def neighbourhood(self) -> Neighbourhood:
         """Of the colonies, of which the emulator must know."""

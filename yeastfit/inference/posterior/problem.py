@@ -206,6 +206,13 @@ class Problem:
             return values
         return ColonyCoordinates.of(self.simulator.parameters).around(values, self.variation.tau(z[:, 0]))
 
+    def inferred_values(
+        self, x: Float[np.ndarray, "draw free"], z: Float[np.ndarray, "draw varied"]
+    ) -> Float[np.ndarray, "draw inferred"]:
+        """λ of the prior's coordinates, and τ(z) where colonies scatter."""
+        values = self.prior.values(x)
+        return values if self.variation is None else np.column_stack([values, self.variation.tau(z)])
+
     def scattered(
         self, x: Float[np.ndarray, "draw free"], tau: Float[np.ndarray, "draw varied"], rng: np.random.Generator
     ) -> Float[np.ndarray, "draw free"]:
