@@ -244,6 +244,31 @@ def test_more_steps_make_a_run_longer(data: Path, tmp_path: Path) -> None:
     assert_same(tmp_path / "parts", tmp_path / "long")
 
 
+@pytest.mark.usefixtures("unchecked", "undrawn")
+def test_a_finished_run_predicts_anew(data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """With more draws and colonies left out: what a run of these has from its beginning, and no colony twice."""
+    more = ["--draws", "20", "--leave-out", "2"]
+    finished(arguments(data, tmp_path / "whole", "emulator", *more))
+    finished(arguments(data, tmp_path / "parts", "emulator"))
+    asked = list[bytes]()
+
+    def counting(simulator: Any, values: np.ndarray, seeds: np.ndarray) -> None:
+        asked.extend(row.tobytes() + seed.tobytes() for row, seed in zip(values, seeds, strict=True))
+
+    monkeypatch.setattr(known_colonies, "before", counting)
+    with h5py.File(tmp_path / "parts" / "simulations.h5") as file:
+        kept = {row["values"].tobytes() + row["seed"].tobytes() for row in file[DATASET][:] if row["check"]}
+    finished(arguments(data, tmp_path / "parts", "emulator", *more, "--resume"))
+    assert_same(tmp_path / "parts", tmp_path / "whole")
+    assert not kept & set(asked)
+    for name in ("left_out.csv", "posterior.csv"):
+        assert (tmp_path / "parts" / name).read_text() == (tmp_path / "whole" / name).read_text()
+    listed = json.loads((tmp_path / "parts" / "manifest.json").read_text())
+    assert (listed["configuration"]["draws"], listed["configuration"]["leave_out"]) == (20, 2)
+    finished(arguments(data, tmp_path / "parts", "emulator", "--resume"))
+    assert not (tmp_path / "parts" / "left_out.csv").exists()
+
+
 def test_a_run_goes_on_in_files_of_its_own(
     data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -159,11 +159,12 @@ def infer(
     """Infer which model parameters the data leave possible (posterior.csv, posterior.npz, index.html).
 
     Micrographs are measured first. Every simulation is kept: --resume reproduces the uninterrupted run exactly
-    after a stop or a kill, and makes it longer with more --steps or --simulations. --reuse reads another run's
-    simulations: the emulator trains on all of them, ABC on those it would have made itself. The emulator compares
-    the data with means of as many colonies as were observed; ABC with single ones, unless --colonies says
-    otherwise, which widens its posterior. --variation lets colonies differ in their parameters. Parameters that are
-    not free are held at the values given here. Exit code 1 where the posterior has not settled.
+    after a stop or a kill, makes it longer with more --steps or --simulations, and predicts anew with other
+    --draws, --prior-draws or --leave-out. --reuse reads another run's simulations: the emulator trains on all of
+    them, ABC on those it would have made itself. The emulator compares the data with means of as many colonies as
+    were observed; ABC with single ones, unless --colonies says otherwise, which widens its posterior. --variation
+    lets colonies differ in their parameters. Parameters that are not free are held at the values given here. Exit
+    code 1 where the posterior has not settled.
     """
     asked: dict[str, Any] = {
         **{"model": chosen.name, "forward_model": chosen.forward, "fixed": chosen.values},

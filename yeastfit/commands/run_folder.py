@@ -2,7 +2,7 @@
 
 It is written before anything else and says what the run is: its configuration, the SHA-256 of its inputs, seed,
 versions and device. Only the same configuration and the same inputs resume it; settings that merely say how long it
-goes on may rise.
+goes on may rise, and what is made of the posterior at the end may be something else.
 """
 
 import os
@@ -67,6 +67,7 @@ class RunFolder:
         stored: Sequence[str],
         extents: Sequence[str] = (),
         kept: Sequence[str] = (),
+        made_last: Sequence[str] = (),
     ) -> "RunFolder":
         """Write run.json, or compare with the one that is there.
 
@@ -79,6 +80,7 @@ class RunFolder:
             stored: Names of files that a longer run goes on with.
             extents: Settings that may rise.
             kept: Settings that nobody asked for: those of the run's first call stay.
+            made_last: What says what is made of the posterior: it may be something else each time.
 
         Raises:
             InputError: The run is another one, or a shorter one is asked for.
@@ -102,7 +104,7 @@ class RunFolder:
         earlier = read_run(file)
         before, now = earlier["configuration"]["settings"], plain["settings"]
         now |= {name: before[name] for name in kept if name in before}
-        different = differences(earlier["configuration"], plain, leave_out=extents)
+        different = differences(earlier["configuration"], plain, leave_out=[*extents, *made_last])
         different += [f"{name} of its settings is lost" for name in extents if not isinstance(before.get(name), int)]
         different += [f"seed was {earlier['seed']}, now it is {seed}"] if earlier["seed"] != seed else []
         changed = [f"{name} has changed" for name in hashes if earlier["inputs"].get(name) != hashes[name]]
@@ -116,7 +118,8 @@ class RunFolder:
                     f"--resume: {path} holds a run of {before[name]} {name}, now it is {now[name]}: give {option} "
                     f"{before[name]} or more"
                 )
-        if any(now[name] > before[name] for name in extents):
+        others = any(earlier["configuration"].get(name) != plain[name] for name in made_last)
+        if others or any(now[name] > before[name] for name in extents):
             if results.finished:
                 results.reopen(stored)
             write_json(file, {**earlier, "configuration": plain})

@@ -14,7 +14,7 @@ from typing import Any
 
 from yeastfit.commands.generated.samplers import extending
 from yeastfit.commands.measured_source import MEASURED, Measurements, measure_once
-from yeastfit.commands.posterior_run.config import Request
+from yeastfit.commands.posterior_run.config import MADE_LAST, Request
 from yeastfit.commands.posterior_run.doubts import doubts_of, doubts_of_reused
 from yeastfit.commands.posterior_run.leave_out import predicted_from_others, single_colonies
 from yeastfit.commands.posterior_run.watched_simulator import Met, Watched
@@ -112,6 +112,7 @@ class InferRun:
             stored=STORED,
             extents=extending(configuration["method"]),
             kept=request.open_settings,
+            made_last=MADE_LAST,
         )
         try:
             return InferRun._prepared(request, source, folder, prior, jobs, progress)
