@@ -83,7 +83,9 @@ def studied(quick: bool) -> tuple[Studied, ...]:
         "off-lattice",
         LI2024["awri796-50um"].prior,
         lambda: off_lattice(cells),
-        256 if quick else 2048,
-        f"colonies of {cells} cells of the off-lattice model, with Li et al.'s priors, seen by {names}.",
+        256 if quick else 8192,
+        f"colonies of {cells} cells of the off-lattice model, with Li et al.'s priors, seen by {names}. By an emulator "
+        "of 2048 simulations from the whole prior, in place of 8192, the scatter of a single colony was up to a fifth "
+        "too small, and 84 and 87 % of the truths were in 90 % intervals.",
     )
     return first, second
