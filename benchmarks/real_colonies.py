@@ -152,7 +152,7 @@ def _run(report: Report, folder: Path, title: str) -> list[str]:
     said.append(f"Outside what its posterior predicts: {', '.join(outside)}." if outside else "It predicts its data.")
     if VARIATION in posterior.free:
         tau = float(posterior.mean[posterior.free.index(VARIATION)])
-        said += [f"{one[0].upper()}{one[1:]}." for one in wide_scatter(Variation(**how["variation"]), tau)]
+        said += [f"To be doubted: {one}." for one in wide_scatter(Variation(**how["variation"]), tau)]
     if not posterior.settled:
         said += [*_tails(report, folder, posterior, title), "Its parameters are no result."]
     if (folder / "left_out.npz").is_file():
