@@ -15,18 +15,22 @@ import h5py
 import known_colonies
 import numpy as np
 import pytest
+from filelock import FileLock
 from infer_runs import arguments, assert_same, finished
 from known_colonies import KnownColonies
 
 from yeastfit.commands import app as cli
 from yeastfit.commands.posterior_run.config import Request
 from yeastfit.commands.posterior_run.run import InferRun
+from yeastfit.errors import InputError
 from yeastfit.inference.neural_likelihood.rounds import EmulatorDiagnostics
 from yeastfit.inference.neural_likelihood.sequential import SequentialEmulator
 from yeastfit.inference.posterior.result import Posterior
 from yeastfit.inference.store.simulation_store import DATASET
 from yeastfit.progress import silent
+from yeastfit.results.contents import LOCK
 from yeastfit.results.folder import results_folder
+from yeastfit.storage import WORK
 
 
 class Stopped(BaseException):
@@ -196,6 +200,35 @@ def test_a_run_that_abc_has_no_use_for_is_told_of(
     assert (counts[1] > counts[0]) == bool(more)
 
 
+@pytest.mark.usefixtures("unchecked", "undrawn")
+def test_a_run_that_was_killed_serves_again(
+    data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """By what it has simulated; not while it goes on."""
+
+    def counting(simulator: Any, values: np.ndarray, seeds: np.ndarray) -> None:
+        grown[0] += len(values)
+        if len(grown) == 1 and grown[0] > 100:
+            raise InputError("no more colonies today")
+
+    grown = [0]
+    monkeypatch.setattr(known_colonies, "before", counting)
+    assert cli.run(arguments(data, tmp_path / "first", "abc-smc")) == 2
+    with h5py.File(tmp_path / "first" / "simulations.h5") as file:
+        kept = int((file[DATASET]["check"] != 0).sum())
+    assert kept > 0
+    again = arguments(data, tmp_path / "then", "emulator", "--reuse", str(tmp_path / "first"))
+    (tmp_path / "first" / WORK).mkdir(exist_ok=True)
+    with FileLock(tmp_path / "first" / WORK / LOCK):
+        assert cli.run(again) == 2
+    assert "first is in use: " in " ".join(capsys.readouterr().err.split())
+    grown.append(0)
+    finished(again)
+    found = Posterior.load(tmp_path / "then" / "posterior.npz")
+    assert isinstance(found.diagnostics, EmulatorDiagnostics)
+    assert found.diagnostics.reused == kept
+
+
 def test_what_cannot_be_reused_is_refused(data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert cli.run(arguments(data, tmp_path / "one", "emulator", "--reuse", str(tmp_path))) == 2
     assert "holds no simulations.h5" in capsys.readouterr().err
@@ -210,9 +243,11 @@ def test_what_cannot_be_reused_is_refused(data: Path, tmp_path: Path, capsys: py
         cli.run(arguments(data, tmp_path / "two", "abc-smc", "--dt", "0.01", "--reuse", str(tmp_path / "other"))) == 2
     )
     assert "run.json: this is no run that was saved whole" in capsys.readouterr().err
+    (tmp_path / "other" / "run.json").unlink()
     (tmp_path / "other" / "manifest.json").unlink()
     assert cli.run(arguments(data, tmp_path / "two", "abc-smc", "--reuse", str(tmp_path / "other"))) == 2
-    assert "has no manifest.json, need the folder of a finished run" in " ".join(capsys.readouterr().err.split())
+    said = " ".join(capsys.readouterr().err.split())
+    assert "has neither manifest.json nor run.json, need the folder of a run of infer" in said
     assert not (tmp_path / "two").exists()  # nor reused.h5, which the next run would find in its way
 
 

@@ -274,6 +274,16 @@ def results_folder(
             raise
 
 
+def check_at_rest(path: Path) -> None:
+    """Check that no run is in a folder, finished or not.
+
+    Raises:
+        InputError: One is.
+    """
+    if _held(FileLock(path / WORK / LOCK)):
+        raise InputError(f"{path} is in use: {Contents.of(path).holder} writes there, wait for it")
+
+
 def _held(lock: FileLock) -> bool:
     """Whether another process holds the lock."""
     file = Path(lock.lock_file)

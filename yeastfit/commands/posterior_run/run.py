@@ -10,7 +10,6 @@ import shutil
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
-from typing import Any
 
 from yeastfit.commands.generated.samplers import extending
 from yeastfit.commands.measured_source import MEASURED, Measurements, measure_once
@@ -40,8 +39,8 @@ from yeastfit.progress import Progress, silent
 from yeastfit.report.files.fit_files import write_targets
 from yeastfit.report.files.posterior_files import photographs, with_arviz, write_results
 from yeastfit.report.posterior_summary import Summary
-from yeastfit.results.contents import MANIFEST, RUN, Contents, check_finished, check_own
-from yeastfit.results.folder import ResultsFolder
+from yeastfit.results.contents import MANIFEST, RUN, check_finished, check_own
+from yeastfit.results.folder import ResultsFolder, check_at_rest
 from yeastfit.storage import as_json, from_json, written_whole
 
 SIMULATIONS, REUSED, PROBLEMS_MET = "simulations.h5", "reused.h5", "problems.json"
@@ -96,13 +95,7 @@ class InferRun:
         path, configuration, prior = results.path, request.configuration(), request.the_prior()
         check_own(path, STORED)
         if request.reuse and not (path / REUSED).is_file():
-            if not (request.reuse / SIMULATIONS).is_file():
-                raise InputError(f"--reuse: {request.reuse} holds no {SIMULATIONS}, need the folder of a run of infer")
-            check_finished(request.reuse)
-            if not Contents.of(request.reuse).finished:
-                raise InputError(f"--reuse: {request.reuse} has no {MANIFEST}, need the folder of a finished run")
-            if (request.reuse / RUN).is_file():
-                _check_alike(request.reuse, read_run(request.reuse / RUN)["configuration"], request)
+            _check_reusable(request.reuse, request)
         folder = RunFolder.begin(
             results,
             configuration,
@@ -309,8 +302,21 @@ class InferRun:
         return made | {"versions": ", ".join(f"{name} {one}" for name, one in run_versions().items())}
 
 
-def _check_alike(reuse: Path, earlier: Mapping[str, Any], request: Request) -> None:
-    """Raise `InputError` where the simulations of an earlier run are of other parameters or of another model."""
+def _check_reusable(reuse: Path, request: Request) -> None:
+    """Raise `InputError` where there is no earlier run, or its simulations are of other parameters or another model.
+
+    It need not have finished: of a run that was killed those simulations count whose checksums are right.
+    """
+    if not (reuse / SIMULATIONS).is_file():
+        raise InputError(f"--reuse: {reuse} holds no {SIMULATIONS}, need the folder of a run of infer")
+    if (reuse / MANIFEST).is_file():
+        check_finished(reuse)
+    elif not (reuse / RUN).is_file():
+        raise InputError(f"--reuse: {reuse} has neither {MANIFEST} nor {RUN}, need the folder of a run of infer")
+    check_at_rest(reuse)
+    if not (reuse / RUN).is_file():
+        return
+    earlier = read_run(reuse / RUN)["configuration"]
     names = ("model", "free", "fixed", *request.forward_model.settings("infer"))
     now = from_json(as_json(request.configuration()))
     was, now = ({name: one.get(name) for name in names} for one in (earlier, now))
