@@ -20,6 +20,7 @@ from infer_runs import arguments, assert_same, finished
 from known_colonies import KnownColonies
 
 from yeastfit.commands import app as cli
+from yeastfit.commands.posterior_run import run
 from yeastfit.commands.posterior_run.config import Request
 from yeastfit.commands.posterior_run.run import InferRun
 from yeastfit.errors import InputError
@@ -280,9 +281,16 @@ def test_more_steps_make_a_run_longer(data: Path, tmp_path: Path) -> None:
 
 
 @pytest.mark.usefixtures("unchecked", "undrawn")
-def test_a_finished_run_predicts_anew(data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """With more draws and colonies left out: what a run of these has from its beginning, and no colony twice."""
-    more = ["--draws", "20", "--leave-out", "2"]
+def test_a_finished_run_predicts_anew(
+    data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """With more draws and colonies left out: what a run of these has from its beginning, and no colony twice.
+
+    What is not asked for stays as it is.
+    """
+    more, asked_for_nothing = ["--draws", "20", "--leave-out", "2"], arguments(data, tmp_path / "parts", "emulator")
+    at = asked_for_nothing.index("--draws")
+    del asked_for_nothing[at : at + 2]
     finished(arguments(data, tmp_path / "whole", "emulator", *more))
     finished(arguments(data, tmp_path / "parts", "emulator"))
     asked = list[bytes]()
@@ -300,8 +308,26 @@ def test_a_finished_run_predicts_anew(data: Path, tmp_path: Path, monkeypatch: p
         assert (tmp_path / "parts" / name).read_text() == (tmp_path / "whole" / name).read_text()
     listed = json.loads((tmp_path / "parts" / "manifest.json").read_text())
     assert (listed["configuration"]["draws"], listed["configuration"]["leave_out"]) == (20, 2)
-    finished(arguments(data, tmp_path / "parts", "emulator", "--resume"))
-    assert not (tmp_path / "parts" / "left_out.csv").exists()
+    finished([*asked_for_nothing, "--resume"])
+    assert "this run is finished" in capsys.readouterr().out
+    assert (tmp_path / "parts" / "left_out.csv").is_file()
+
+
+@pytest.mark.usefixtures("unchecked", "undrawn")
+def test_a_finished_run_that_cannot_predict_so_is_as_it_was(
+    data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Where one colony alone has a statistic, which is known once the images are measured."""
+    finished(arguments(data, tmp_path / "out", "emulator"))
+    before = {one.name: one.read_bytes() for one in (tmp_path / "out").iterdir() if one.is_file()}
+
+    def lacking(*_: Any) -> None:
+        raise InputError("--leave-out is 2: radius there is only disc 3")
+
+    monkeypatch.setattr(run, "single_colonies", lacking)
+    assert cli.run(arguments(data, tmp_path / "out", "emulator", "--leave-out", "2", "--resume")) == 2
+    assert "only disc 3" in capsys.readouterr().err
+    assert {one.name: one.read_bytes() for one in (tmp_path / "out").iterdir() if one.is_file()} == before
 
 
 def test_a_run_goes_on_in_files_of_its_own(

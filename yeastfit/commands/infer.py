@@ -2,7 +2,7 @@
 
 import sys
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager, nullcontext
+from contextlib import ExitStack, contextmanager, nullcontext, suppress
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -20,7 +20,7 @@ from yeastfit.commands.options import Jobs, MeasurementError, Overwrite, Seed, T
 from yeastfit.commands.posterior_run.config import Request
 from yeastfit.commands.posterior_run.leave_out import check_groups
 from yeastfit.commands.posterior_run.run import SIMULATIONS, STORED, InferRun
-from yeastfit.commands.run_folder import inputs_of
+from yeastfit.commands.run_folder import inputs_of, read_run
 from yeastfit.errors import InputError
 from yeastfit.inference.prior.prior import template
 from yeastfit.inference.prior.variation import Variation
@@ -28,6 +28,7 @@ from yeastfit.inference.samplers import SAMPLERS
 from yeastfit.inference.workers.spread import Workers
 from yeastfit.processors import available_processors
 from yeastfit.results.contents import GONE, Contents, not_as_written
+from yeastfit.results.contents import RUN as RUN_FILE
 from yeastfit.results.folder import ResultsFolder, results_folder
 
 DATA, MODEL, RUN = "Data", "Model and prior", "The run"
@@ -87,19 +88,24 @@ def infer(
         ),
     ] = False,
     draws: Annotated[
-        int,
+        int | None,
         typer.Option(
-            min=10, help="Data sets simulated at the end to check the posterior, at least 10.", rich_help_panel=RUN
-        ),
-    ] = Request.draws,
-    prior_draws: Annotated[
-        int,
-        typer.Option(
-            min=0,
-            help="Data sets simulated from the prior for posterior.nc, which ArviZ compares with the data; 0 for none.",
+            min=10,
+            help=f"Data sets simulated at the end to check the posterior, at least 10. Default: {Request.draws}.",
+            show_default=False,
             rich_help_panel=RUN,
         ),
-    ] = Request.prior_draws,
+    ] = None,
+    prior_draws: Annotated[
+        int | None,
+        typer.Option(
+            min=0,
+            help="Data sets simulated from the prior for posterior.nc, which ArviZ compares with the data; 0 for none. "
+            f"Default: {Request.prior_draws}.",
+            show_default=False,
+            rich_help_panel=RUN,
+        ),
+    ] = None,
     measurement_error: MeasurementError = None,
     variation: Annotated[
         bool,
@@ -128,14 +134,15 @@ def infer(
         ),
     ] = None,
     leave_out: Annotated[
-        int,
+        int | None,
         typer.Option(
             min=0,
             help="Groups into which the colonies are dealt: each group is left out once and predicted by the others; 0 "
-            "for none. No further simulations are needed.",
+            f"for none. No further simulations are needed. Default: {Request.leave_out}.",
+            show_default=False,
             rich_help_panel=RUN,
         ),
-    ] = Request.leave_out,
+    ] = None,
     reuse: Annotated[
         Path | None,
         typer.Option(
@@ -170,11 +177,9 @@ def infer(
         **{"model": chosen.name, "forward_model": chosen.forward, "fixed": chosen.values},
         **{"free": names_in(free), "statistics": names_in(statistics), "condition": condition, "prior": prior},
         **{
-            "draws": draws,
-            "prior_draws": prior_draws,
+            **_as_before(folder if resume else None, draws=draws, prior_draws=prior_draws, leave_out=leave_out),
             "measurement_error": measurement_error,
             "variation": _variation(zero=variation_zero, sd=variation_sd) if variation else None,
-            "leave_out": leave_out,
             "reuse": reuse,
             "seed": seed,
         },
@@ -188,7 +193,7 @@ def infer(
         of_runs: dict[str, Any] = {"--resume": resume, "--overwrite": overwrite, "--truth": truth, "--reuse": reuse}
         of_runs |= {"--out": folder, "SOURCE": source, "--workers or --scheduler": workers, "--jobs": jobs}
         of_runs |= {"--condition": condition, "--statistics": statistics, "--measurement-error": measurement_error}
-        of_runs |= {"--draws": draws != Request.draws, "--prior-draws": prior_draws != Request.prior_draws}
+        of_runs |= {"--draws": draws, "--prior-draws": prior_draws}
         of_runs |= {"--leave-out": leave_out, "--method": method, **{flag_of(name): True for name in settings}}
         for name, given in of_runs.items():
             if given is not None and given is not False and given != 0:
@@ -212,6 +217,16 @@ def infer(
         settled = _finished(run, truth) if results.finished else _run(run, true_values, workers)
     if not settled:
         raise typer.Exit(1)
+
+
+def _as_before(folder: Path | None, **given: int | None) -> dict[str, Any]:
+    """Entries of `Request` that leave the posterior as it is; what is not given is that of the run which goes on."""
+    before: Mapping[str, Any] = {}
+    if folder is not None and (folder / RUN_FILE).is_file():
+        with suppress(InputError):  # a run that cannot go on says why
+            before = read_run(folder / RUN_FILE)["configuration"]
+    known = {name: one for name, one in before.items() if type(one) is int}
+    return {name: known.get(name, getattr(Request, name)) if one is None else one for name, one in given.items()}
 
 
 def _check_images(request: Request, images: Sequence[Mapping[str, Any]]) -> None:

@@ -42,6 +42,8 @@ class RunFolder:
         seed: Of the run.
         notes: What a user should know about resuming it, in words.
         new: What it may have made in the folder since it began, if that is now.
+        record: What run.json shall be of a run that goes on as another than it was; None where it stays.
+        predicts: Whether it has a posterior, of which something else is to be made.
     """
 
     results: ResultsFolder
@@ -50,6 +52,8 @@ class RunFolder:
     seed: int
     notes: list[str]
     new: tuple[str, ...] = ()
+    record: dict[str, Any] | None = None
+    predicts: bool = False
 
     @property
     def path(self) -> Path:
@@ -69,7 +73,7 @@ class RunFolder:
         kept: Sequence[str] = (),
         made_last: Sequence[str] = (),
     ) -> "RunFolder":
-        """Write run.json, or compare with the one that is there.
+        """Write run.json, or compare with the one that is there; `go_on` changes that.
 
         Arguments:
             results: The folder.
@@ -77,10 +81,10 @@ class RunFolder:
             inputs: Files that it reads.
             seed: Of the run.
             resume: Whether a run that is there goes on.
-            stored: Names of files that a longer run goes on with.
+            stored: Names of files that a run goes on with.
             extents: Settings that may rise.
             kept: Settings that nobody asked for: those of the run's first call stay.
-            made_last: What says what is made of the posterior: it may be something else each time.
+            made_last: Entries that leave the posterior as it is, and may be others each time.
 
         Raises:
             InputError: The run is another one, or a shorter one is asked for.
@@ -118,12 +122,23 @@ class RunFolder:
                     f"--resume: {path} holds a run of {before[name]} {name}, now it is {now[name]}: give {option} "
                     f"{before[name]} or more"
                 )
+        longer = any(now[name] > before[name] for name in extents)
         others = any(earlier["configuration"].get(name) != plain[name] for name in made_last)
-        if others or any(now[name] > before[name] for name in extents):
-            if results.finished:
-                results.reopen(stored)
-            write_json(file, {**earlier, "configuration": plain})
-        return RunFolder(results, plain, hashes, seed, _other_versions(earlier))
+        record = {**earlier, "configuration": plain} if longer or others else None
+        predicts = results.finished and others and not longer
+        return RunFolder(results, plain, hashes, seed, _other_versions(earlier), record=record, predicts=predicts)
+
+    def go_on(self, stored: Sequence[str]) -> None:
+        """Let the folder be that of a run that goes on, once nothing speaks against it.
+
+        Arguments:
+            stored: Names of files that it goes on with.
+        """
+        if self.record is None:
+            return
+        if self.results.finished:
+            self.results.reopen(stored)
+        write_json(self.path / RUN, self.record)
 
     def take_back(self) -> None:
         """Leave no trace of a run that could not begin, so that the next one is not taken for it."""

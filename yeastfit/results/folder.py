@@ -153,7 +153,7 @@ class ResultsFolder:
             InputError: The manifest lists no files.
         """
         if self.endless:
-            raise InputError(f"--resume: {self.path} is of an earlier version, its run cannot be made longer")
+            raise InputError(f"--resume: {self.path} is of an earlier version, its run cannot go on")
         staying = {name for part in kept for name in _hashes(self.path, part)}
         self._own({name: known for name, known in self.earlier.items() if name not in staying})
         self._unfinish()

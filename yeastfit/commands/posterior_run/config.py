@@ -21,7 +21,7 @@ from yeastfit.memory import check_count
 from yeastfit.parameter_set import ParameterSet
 
 FAR = 0.999  # cumulative probability of a prior beyond which there are few draws
-MADE_LAST = ("draws", "prior_draws", "leave_out")  # what is made of the posterior, which these do not change
+MADE_LAST = ("draws", "prior_draws", "leave_out")  # say what is made of a posterior, and leave it as it is
 LI = {"distance": "li", "kernel": "indicator", "move": "gaussian", "replicates": 1}  # settings of Li et al. 2024
 
 

@@ -108,10 +108,12 @@ class InferRun:
             made_last=MADE_LAST,
         )
         try:
-            return InferRun._prepared(request, source, folder, prior, jobs, progress)
+            run = InferRun._prepared(request, source, folder, prior, jobs, progress)
         except InputError:
             folder.take_back()
             raise
+        folder.go_on(STORED)
+        return run
 
     @staticmethod
     def _prepared(
@@ -161,12 +163,17 @@ class InferRun:
         return self.request.prior_draws if with_arviz() else 0
 
     def sample(self, tell: Callable[[int], None], progress: Progress) -> Posterior:
-        """The sampler's run, its posterior saved.
+        """The sampler's run, its posterior saved; that which there is where only something else is made of it.
 
         Raises:
             InputError: The sampler refuses its settings, the data or what was simulated. Where it has not simulated
                 anything before, the folder is as if there had been no run.
         """
+        if self.folder.predicts:
+            for name in (POSTERIOR, CHAINS):
+                if (self.folder.path / name).is_file():
+                    shutil.copyfile(self.folder.path / name, self.folder.results.partial / name)
+            return self.saved()
         try:
             return self._sampled(tell, progress)
         except InputError as error:
