@@ -80,14 +80,30 @@ def test_simulations_are_proposed_around_most_of_the_posterior() -> None:
     )
     rng = np.random.default_rng(0)
     body = rng.standard_normal((9200, 2)) @ np.array([[0.1, -0.08], [0.0, 0.05]])
-    wide = proposed(body, 20_000, 2.5, prior, rng)
+    wide = proposed(body, body, 20_000, 2.5, prior, rng)
     np.testing.assert_allclose(np.cov(wide.T), 6.25 * np.cov(body.T), rtol=0.05)
     trail = body[:800] + rng.uniform(0.5, 3.0, (800, 1)) * [1.0, -0.8]
-    around = proposed(np.concatenate([body, trail]), 4000, 2.5, prior, rng)
+    both = np.concatenate([body, trail])
+    around = proposed(both, both, 4000, 2.5, prior, rng)
     off = np.einsum("rf,rf->r", around, np.linalg.solve(np.cov(body.T), around.T).T)
     assert np.mean(off < 2.5**2 * chi2.ppf(0.5, 2)) > 0.4
     assert np.mean(around[:, 0] > 0.5) > 0.05
     assert ((around[:, 0] > -1.5) & (around[:, 0] < 4.0)).all()
+
+
+def test_simulations_are_proposed_where_colonies_are() -> None:
+    """As wide as these, and √(w² − 1) times as wide as the draws; their neighbourhood is a w-th of that."""
+    prior = Prior.of(
+        {name: {"distribution": "log-uniform", "low": np.exp(-20), "high": np.exp(20)} for name in ("a", "b")}
+    )
+    rng = np.random.default_rng(1)
+    draws = rng.standard_normal((20_000, 2)) @ np.array([[0.1, -0.08], [0.0, 0.05]])
+    colonies = draws + 0.4 * rng.standard_normal(draws.shape)
+    expected = np.cov(colonies.T) + 5.25 * np.cov(draws.T)
+    found = proposed(draws, colonies, 40_000, 2.5, prior, rng)
+    np.testing.assert_allclose(np.cov(found.T), expected, atol=0.03 * expected.max())
+    np.testing.assert_allclose(Neighbourhood.of(draws, colonies, 2.5).covariance, expected / 6.25)
+    np.testing.assert_array_equal(Neighbourhood.of(draws, draws, 2.5).covariance, np.cov(draws.T))
 
 
 def test_an_emulator_keeps_to_where_its_posterior_is() -> None:

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,15 +13,18 @@ from scipy.stats import multivariate_normal
 from benchmarks import variation as study
 from benchmarks.variation_models import ClosedForm, Studied, closed_form_prior
 from yeastfit import InputError, Posterior, infer
+from yeastfit.inference.neural_likelihood import sequential
 from yeastfit.inference.neural_likelihood.emulator import Emulator
 from yeastfit.inference.neural_likelihood.mcmc import LogPosterior
 from yeastfit.inference.neural_likelihood.network import TrainingSettings
+from yeastfit.inference.neural_likelihood.rounds import EmulatorDiagnostics
 from yeastfit.inference.neural_likelihood.sequential import SequentialEmulator
 from yeastfit.inference.neural_likelihood.single_colonies import (
     excess_scatter,
     likelihood_of_colonies,
 )
 from yeastfit.inference.neural_likelihood.training import train
+from yeastfit.inference.neural_likelihood.training_rounds import proposed
 from yeastfit.inference.posterior.problem import Problem
 from yeastfit.inference.prior.variation import ColonyCoordinates, Variation, Varied, absent
 from yeastfit.inference.simulator import Simulator
@@ -149,11 +153,13 @@ def test_colonies_that_succeed_are_those_at_scattered_parameters(tau: float) -> 
     known = positive(fragile())
     emulator, coordinates = emulator_of(known), ColonyCoordinates.of(known.parameters)
     values = np.array([[0.4, 1.0], [1.2, 0.9], [2.5, 1.1]])
-    mean, _, _, success = emulator.moments(coordinates.around(values, np.full(3, tau)))
+    mean, scatter, _, success = emulator.moments(coordinates.around(values, np.full(3, tau)))
     for k, one in enumerate(values):
         middle, spread, share = sampled(emulator, one[None], tau, coordinates)
         np.testing.assert_allclose(success[k], share, atol=0.02 if tau else 1e-6)
-        np.testing.assert_allclose(mean[k], middle, atol=0.15 * np.sqrt(np.diag(spread)).max())
+        sd = np.sqrt(np.diag(spread))
+        assert np.abs((mean[k] - middle) / sd).max() < 0.03
+        np.testing.assert_allclose(scatter[k] / np.outer(sd, sd), spread / np.outer(sd, sd), atol=0.12)
     assert np.ptp(success) > 0.3
     rows = known.moments(np.tile(values[1], (5, 1)))[0]
     problem = Problem.of(known, known.prior, rows, variation=Variation())
@@ -309,6 +315,30 @@ def inferred() -> tuple[Posterior, Posterior, np.ndarray]:
             for one in (Variation(), None)
         ]
     return found[0], found[1], rows
+
+
+@pytest.mark.usefixtures("unchecked")
+def test_rounds_simulate_where_single_colonies_are(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of colonies of a plane that scatter by 0.7 in log λ: proposals are of draws that scatter by τ; else of draws."""
+    known, asked = positive(linear()), list[tuple[np.ndarray, np.ndarray]]()
+    each = np.exp(np.random.default_rng(2).normal(np.log([1.3, 0.8]), 0.7, (40, 2)))
+    rows = np.concatenate([known(one[None], np.array([k])) for k, one in enumerate(each)])
+
+    def seen(draws: np.ndarray, colonies: np.ndarray, *rest: Any) -> np.ndarray:
+        asked.append((draws, colonies))
+        return proposed(draws, colonies, *rest)
+
+    monkeypatch.setattr(sequential, "proposed", seen)
+    settings = replace(SMALL, simulations=512, settle=1e-3)
+    found = infer(known, known.prior, rows, method=settings, variation=Variation())
+    assert isinstance(found.diagnostics, EmulatorDiagnostics)
+    assert len(found.diagnostics.rounds) == len(asked) + 1 == 4
+    draws, colonies = asked[-1]
+    scatter = np.sqrt(colonies.var(axis=0) - draws.var(axis=0))
+    np.testing.assert_allclose(scatter, found.mean[2], rtol=0.2)
+    assert (colonies.std(axis=0) > 2 * draws.std(axis=0)).all()
+    infer(known, known.prior, rows, method=settings)
+    assert all(colonies is draws for draws, colonies in asked[3:])
 
 
 @pytest.mark.usefixtures("unchecked")

@@ -74,7 +74,7 @@ def cross_validate(
     if not 2 <= groups <= count:
         raise InputError(f"groups is {groups}, {count} colonies can be dealt into 2 to {count}")
     how = settings if isinstance(settings, SequentialEmulator) else SequentialEmulator()
-    neighbourhood = _neighbourhood(posterior, problem, seed)
+    neighbourhood = _neighbourhood(posterior, problem, how.widen, seed)
     known = _known(posterior, problem, simulations[0], how, neighbourhood)
     emulator = _emulator(problem, simulations, how, seed, known, neighbourhood)
     called = tuple(names) if len(names) == count else tuple(str(r + 1) for r in range(count))
@@ -145,7 +145,7 @@ def _emulator(
     known: Known | None,
     neighbourhood: Neighbourhood,
 ) -> Emulator:
-    """Trained on the simulations that are known, and checked in the neighbourhood."""
+    """Trained on the simulations at places that are known, and checked in the neighbourhood."""
     values, statistics = simulations[0], problem.of_their_kind(simulations[1])
     chosen = np.isfinite(problem.prior.log_density(values))
     if known is not None:
@@ -171,9 +171,9 @@ def _known(
     return neighbourhood.kept_to(draws, x, settings.widen, least) if posterior.settled else None
 
 
-def _neighbourhood(posterior: Posterior, problem: Problem, seed: int) -> Neighbourhood:
-    """Of the colonies that the posterior is of."""
+def _neighbourhood(posterior: Posterior, problem: Problem, widen: float, seed: int) -> Neighbourhood:
+    """Where colonies of the posterior's draws are."""
     free = len(problem.prior.free)
     x, tau = problem.prior.coordinates(posterior.flat[:, :free]), posterior.flat[:, free:]
     rng = np.random.default_rng(stream_of(seed, Stream.COLONIES, 1))
-    return Neighbourhood.of(problem.scattered(x, tau, rng), posterior.weights.ravel())
+    return Neighbourhood.of(x, problem.scattered(x, tau, rng), widen, posterior.weights.ravel())

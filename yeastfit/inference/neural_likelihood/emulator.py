@@ -139,9 +139,9 @@ class Emulator:
         free = values.shape[-1]
         return self.coordinates.of_values(values.reshape(-1, free)).reshape(len(values), -1, free)
 
-    def success_error(self, values: Float[np.ndarray, "row free"]) -> Float[np.ndarray, " row"]:
-        """Variance of the error of the log probability of success."""
-        x = self.coordinates.of_values(values)
+    def success_error(self, values: Float[np.ndarray, "row *place free"]) -> Float[np.ndarray, " row"]:
+        """Variance of the error of the log probability of success, of λ as for `moments`."""
+        x = self.coordinates_of_places(values)
         found = [success_error_of_rows(self.ensemble, jnp.asarray(one)) for one in in_pieces(x, ROWS)]
         return np.concatenate(found).astype(float)[: len(x)]
 

@@ -75,15 +75,26 @@ class Ensemble(eqx.Module):
         """log P where the networks correct the logit by `off`."""
         return jnp.zeros(()) if self.odds is None else jnp.mean(jax.nn.log_sigmoid(self.odds @ features + off))
 
-    def success_error(self, x: Float[Array, " free"]) -> Float[Array, ""]:
-        """Variance of the error of the log probability of success."""
-        if self.odds is None:
+    def success_error_around(self, places: Float[Array, "place free"]) -> Float[Array, ""]:
+        """Variance of the error of the log probability of success, of replicates as for `moments_around`.
+
+        Errors at these places are taken for one: (Σ w_k √v_k)².
+        """
+        odds = self.odds
+        if odds is None:
             return jnp.zeros(())
-        quadratics = self.odds @ monomials(x)
-        corrections = eqx.filter_vmap(lambda network: network(x)[2])(self.networks)
-        count, share = len(quadratics), jax.nn.sigmoid(jnp.mean(quadratics + corrections))
-        learnt = (count - 1) ** 2 * jnp.var(quadratics, ddof=1) + jnp.var(corrections, ddof=1)
-        return (1.0 - share) ** 2 * learnt / count + (1.0 - share) / share * self.success_misfit
+
+        def at(x: Array) -> tuple[Array, Array]:
+            """v, and log P."""
+            features = monomials(x)
+            quadratics, corrections = odds @ features, eqx.filter_vmap(lambda network: network(x)[2])(self.networks)
+            count, share = len(quadratics), jax.nn.sigmoid(jnp.mean(quadratics + corrections))
+            learnt = (count - 1) ** 2 * jnp.var(quadratics, ddof=1) + jnp.var(corrections, ddof=1)
+            error = (1.0 - share) ** 2 * learnt / count + (1.0 - share) / share * self.success_misfit
+            return error, self._log_success(features, corrections)
+
+        errors, successes = jax.vmap(at)(places)
+        return (jax.nn.softmax(successes) @ jnp.sqrt(errors)) ** 2
 
     def log_likelihood(
         self,
@@ -112,9 +123,9 @@ def moments_of_rows(ensemble: Ensemble, places: Float[Array, "row place free"]) 
 
 
 @eqx.filter_jit
-def success_error_of_rows(ensemble: Ensemble, x: Float[Array, "row free"]) -> Float[Array, " row"]:
-    """`Ensemble.success_error` of every row; each number of rows is compiled for."""
-    return jax.vmap(ensemble.success_error)(x)
+def success_error_of_rows(ensemble: Ensemble, places: Float[Array, "row place free"]) -> Float[Array, " row"]:
+    """`Ensemble.success_error_around` the places of every row; each number of rows and of places is compiled for."""
+    return jax.vmap(ensemble.success_error_around)(places)
 
 
 @partial(jax.jit, static_argnames="rest")

@@ -28,7 +28,6 @@ from yeastfit.inference.posterior.problem import Problem
 def error_share(
     emulator: Emulator,
     problem: Problem,
-    values: Float[np.ndarray, "1 free"],
     places: Float[np.ndarray, "1 *place free"],
 ) -> float:
     """The share at one λ.
@@ -36,11 +35,10 @@ def error_share(
     Arguments:
         emulator: Of the likelihood.
         problem: Whose data it is compared with.
-        values: λ.
-        places: Where colonies of this λ are, as `Emulator.moments` takes them.
+        places: λ, or where colonies of it are, as `Emulator.moments` takes them.
     """
     _, scatter, error, _ = emulator.moments(places)
     one = scatter[0] + (0.0 if problem.single_noise is None else problem.single_noise)
     total = one / problem.replicates + error[0] + (0.0 if problem.noise is None else problem.noise)
-    of_success = problem.replicates**2 * emulator.success_error(values)[0]
+    of_success = problem.replicates**2 * emulator.success_error(places)[0]
     return float((np.trace(np.linalg.solve(total, error[0])) + of_success) / len(total))

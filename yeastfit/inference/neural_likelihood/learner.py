@@ -10,7 +10,7 @@ from yeastfit.inference.neural_likelihood.error_share import error_share
 from yeastfit.inference.neural_likelihood.mcmc import BRIEFLY, LONGER, ROUGHLY, LogPosterior, Walk
 from yeastfit.inference.neural_likelihood.network import TrainingSettings
 from yeastfit.inference.neural_likelihood.training import train
-from yeastfit.inference.neural_likelihood.training_rounds import FOUND, Round, Simulated, together
+from yeastfit.inference.neural_likelihood.training_rounds import FOUND, Neighbourhood, Round, Simulated, together
 from yeastfit.inference.posterior.problem import Problem
 from yeastfit.inference.posterior.robust_summary import apart
 from yeastfit.seeds import Stream, stream_of
@@ -58,21 +58,27 @@ class Learner:
         density, walk = self._learnt(values, statistics, before)
         chains = walk.until(ROUGHLY, LONGER if before is not None and before.found else BRIEFLY)
         drawn, z = density.parts(chains.flat)
-        rng = np.random.default_rng(stream_of(self.seed, Stream.COLONIES, len(values)))
-        variation = self.problem.variation
-        colonies = drawn if variation is None else self.problem.scattered(drawn, variation.tau(z), rng)
+        colonies = self._colonies(drawn, z, len(values))
         moved = np.inf if before is None else float(apart(chains.flat, before.chains.flat).max())
         middle = self.problem.prior.values(drawn.mean(axis=0)[None])
-        share = error_share(density.emulator, self.problem, middle, self.problem.places(middle, z.mean(axis=0)[None]))
+        share = error_share(density.emulator, self.problem, self.problem.places(middle, z.mean(axis=0)[None]))
         inside = before is not None and before.neighbourhood.surrounds(drawn, self.widen)
+        where = Neighbourhood.of(drawn, colonies, self.widen)
         found = moved <= FOUND or inside
-        return Round(density.emulator, walk, chains, colonies, moved, share, len(values), found)
+        return Round(density.emulator, walk, chains, drawn, colonies, where, moved, share, len(values), found)
 
     def further_away(self, values: Values, statistics: Statistics) -> Float[np.ndarray, "draw free"]:
-        """Draws of the posterior of a flatter likelihood, wherever the emulator of all simulations thinks it may be."""
+        """Colonies of a flatter likelihood's posterior, wherever the emulator of all simulations thinks it may be."""
         power = 1.0 / max(self.problem.replicates, FLATTER)
         density, walk = self._learnt(*self.with_reused(values, statistics), None, power)
-        return density.parts(walk.until(ROUGHLY, BRIEFLY).flat)[0]
+        return self._colonies(*density.parts(walk.until(ROUGHLY, BRIEFLY).flat), len(values))
+
+    def _colonies(
+        self, x: Float[np.ndarray, "draw free"], z: Float[np.ndarray, "draw varied"], number: int
+    ) -> Float[np.ndarray, "draw free"]:
+        """One colony of each draw, in the prior's coordinates; number: of simulations so far."""
+        variation, rng = self.problem.variation, np.random.default_rng(stream_of(self.seed, Stream.COLONIES, number))
+        return x if variation is None else self.problem.scattered(x, variation.tau(z), rng)
 
     def _learnt(
         self, values: Values, statistics: Statistics, before: Round | None, power: float = 1.0
@@ -81,7 +87,7 @@ class Learner:
         statistics, x = self.problem.of_their_kind(statistics), self.problem.prior.coordinates(values)
         known = None
         if before is not None and before.found:
-            known = before.neighbourhood.kept_to(before.x, x, self.widen, self.least)
+            known = before.neighbourhood.kept_to(before.draws, x, self.widen, self.least)
         chosen = np.ones(len(x), dtype=bool) if known is None else known(x)
         emulator = train(
             values[chosen],

@@ -36,7 +36,7 @@ def posterior_of(
         settle: Largest change that counts as settled.
         most_steps: Of each chain.
     """
-    last, before = rounds[-1], rounds[-2].x if len(rounds) > 1 else None
+    last, before = rounds[-1], rounds[-2].draws if len(rounds) > 1 else None
     chains, settled = last.chains, last.settled(settle)
     shape = chains.x.shape[:2]
     density = LogPosterior(last.emulator, problem)
@@ -60,7 +60,7 @@ def posterior_of(
             *(
                 wide_scatter(problem.variation, float(values[:, -1].mean()))
                 if problem.variation
-                else excess_scatter(last.emulator, problem, problem.prior.values(x.mean(axis=0)[None]))
+                else excess_scatter(last.emulator, problem, problem.prior.values(last.draws.mean(axis=0)[None]))
             ),
         ],
         diagnostics=EmulatorDiagnostics(

@@ -14,7 +14,7 @@ at most settle² (`error_share`, which says why both agree). Otherwise rounds go
 criterion is insensitive to rare outlying draws; a warning reports their fraction in the last two rounds.
 
 **Elsewhere.** A posterior may have modes that the first rounds knew nothing of, and rounds that stay at one of them
-settle. What has settled is therefore looked at from further away: half a round of λ is simulated, draws of the
+settle. What has settled is therefore looked at from further away: half a round is simulated, colonies of the
 posterior whose likelihood is raised to the power 1/R, which is that of a single colony of R (1/4 at most). For this,
 and for what is seen then, the emulator is trained on all simulations. Where more than 5 % of the posterior lie far from
 where it had settled, rounds go on from there; otherwise nothing changes. AWRI 796 at 500 µM settled at n* = 0.91 after
@@ -31,9 +31,9 @@ that leaves the proposals, and so may press against the edge of its neighbourhoo
 As the likelihood is what is emulated, where the simulations were made does not influence the posterior other than
 through the emulator's error (Papamakarios et al. 2019, arXiv:1805.07226): simulations of other runs, whatever their
 method, are trained on as well (`Simulations.reused`). Where colonies may scatter (`prior.variation`), chains have
-one coordinate more; as the emulator must know where single colonies are, proposals and neighbourhoods are those of one
-colony of each draw. Every step depends on the seed alone: a run that is repeated with the store of one that was stopped
-repeats its training and its chains, simulates only what is missing, and ends with the same result.
+one coordinate more; as the emulator must know where single colonies are, x of a proposal is one colony of a draw, and
+neighbourhoods are as wide. Every step depends on the seed alone: a run that is repeated with the store of one that was
+stopped repeats its training and its chains, simulates only what is missing, and ends with the same result.
 """
 
 from dataclasses import dataclass, field, replace
@@ -211,13 +211,14 @@ class _Rounds:
         while len(values) < most and (near := self._nearest(values, statistics)) is not None:
             progress("search", len(values) / most)
             rng = np.random.default_rng(stream_of(self.seed, Stream.SEARCH, len(values)))
-            values, statistics = self._with_more(values, statistics, near, search.WIDEN, rng)
+            values, statistics = self._with_more(values, statistics, near, near, search.WIDEN, rng)
         rounds, looks = [self.learner.round(values, statistics, None)], list[float]()
         while True:
             while not rounds[-1].settled(self.settings.settle) and len(values) < most:
                 progress(f"round {len(rounds)}", len(values) / most)
                 rng = np.random.default_rng(stream_of(self.seed, Stream.PROPOSALS, len(rounds)))
-                values, statistics = self._with_more(values, statistics, rounds[-1].colonies, self.settings.widen, rng)
+                last, widen = rounds[-1], self.settings.widen
+                values, statistics = self._with_more(values, statistics, last.draws, last.colonies, widen, rng)
                 rounds.append(self.learner.round(values, statistics, rounds[-1]))
             if not rounds[-1].settled(self.settings.settle):
                 break
@@ -227,7 +228,7 @@ class _Rounds:
             progress("look elsewhere", len(values) / most)
             values, statistics = self._with_further_away(values, statistics)
             anew = self.learner.round(values, statistics, None)
-            looks.append(1.0 - float(rounds[-1].neighbourhood.holds(anew.x, self.settings.widen).mean()))
+            looks.append(1.0 - float(rounds[-1].neighbourhood.holds(anew.draws, self.settings.widen).mean()))
             if looks[-1] <= STRAY:
                 break
             rounds.append(anew)
@@ -261,12 +262,13 @@ class _Rounds:
         self,
         values: Values,
         statistics: Statistics,
-        around: Float[np.ndarray, "draw free"],
+        draws: Float[np.ndarray, "draw free"],
+        colonies: Float[np.ndarray, "draw free"],
         widen: float,
         rng: np.random.Generator,
     ) -> More:
         """With the first of a whole round's proposals, so that a longer run uses each of them."""
-        x = proposed(around, self.each, widen, self.problem.prior, rng)
+        x = proposed(draws, colonies, self.each, widen, self.problem.prior, rng)
         return self._with(values, statistics, x)
 
     def _with(self, values: Values, statistics: Statistics, x: Float[np.ndarray, "new free"]) -> More:

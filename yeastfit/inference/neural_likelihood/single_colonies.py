@@ -1,8 +1,7 @@
 """Likelihood of single colonies, whose parameters may scatter, by an emulator.
 
-Colony r has λ_r with y(λ_r) = y(λ) + τ ξ_r (`prior.variation`). With m and V the mean and the covariance of colonies at
-λ_r, by cubature from those at 2 d places around λ (`Ensemble.moments_around`, which is exact where m is linear and C
-constant: V = C + τ² J Jᵀ, J = ∂m/∂y),
+Colony r has λ_r with y(λ_r) = y(λ) + τ ξ_r (`prior.variation`). With m and V the mean and the covariance of colonies
+that scatter so, by cubature from those of colonies at 2 d places around λ (`Ensemble.moments_around`),
 
     o_r | λ, τ, e ~ N(m + e, V + M),    e ~ N(0, E),    E = emulator's error + N:
 
@@ -16,6 +15,9 @@ have. With Q = Σ R_p V_p⁻¹ (0 where a statistic is missing) and μ = Q⁻¹ 
 plus R times the logarithm of the mean probability of success over λ_r. Of complete colonies that is the likelihood of
 their mean times that of their scatter about it, which tells τ; a handful of small matrices, however many colonies there
 are.
+
+Where at λ_r the mean is linear in y and the covariance C constant, V = C + τ² J Jᵀ with J = ∂m/∂y, exactly. Where the
+mean has squares of y, m is right, too; what the variance of one y² adds to V is taken (d − 1) / 2 times.
 """
 
 from collections.abc import Callable, Hashable
@@ -88,7 +90,7 @@ def log_likelihood_of_patterns(
     error: Float[Array, "statistic statistic"],
     data: Patterns,
 ) -> Float[Array, ""]:
-    """log p of the colonies, all of which succeeded, given m, V and E."""
+    """log p of the colonies, all of which succeeded, given m, V + M and E."""
 
     def inverse(seen: Array) -> tuple[Array, Array]:
         """V_p⁻¹ and log |2π V_p|."""
@@ -180,5 +182,5 @@ def wide_scatter(variation: Variation, tau: float) -> list[str]:
         return []
     return [
         f"{NAME} is {tau:.2g}, its prior has a width of {variation.sd:g}: no one set of parameters may explain the "
-        "data; compare the colonies simulated from the posterior with them"
+        "data; compare the colonies simulated from the posterior with the data"
     ]

@@ -1,7 +1,7 @@
 """One round of the sequential emulator: its chains, proposals for the next one, and draws that lie far off."""
 
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import partial
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -39,10 +39,21 @@ class Neighbourhood:
     covariance: Float[np.ndarray, "free free"]
 
     @staticmethod
-    def of(draws: Float[np.ndarray, "draw free"], weights: Float[np.ndarray, " draw"] | None = None) -> "Neighbourhood":
-        """Of draws, all of the same weight by default."""
+    def of(
+        draws: Float[np.ndarray, "draw free"],
+        colonies: Float[np.ndarray, "draw free"],
+        widen: float,
+        weights: Float[np.ndarray, " draw"] | None = None,
+    ) -> "Neighbourhood":
+        """That of which w times the width is the width of proposals (`proposed`), all draws of a weight by default.
+
+        The covariance is (cov(colonies) + (w² − 1) cov(draws)) / w²: that of the draws where colonies are these.
+        """
         covariance = np.atleast_2d(np.cov(draws, rowvar=False, aweights=weights))
-        return Neighbourhood(np.average(draws, axis=0, weights=weights), covariance)
+        if colonies is not draws:
+            scattered = np.atleast_2d(np.cov(colonies, rowvar=False, aweights=weights))
+            covariance = covariance + (scattered - covariance) / widen**2
+        return Neighbourhood(np.average(colonies, axis=0, weights=weights), covariance)
 
     def holds(self, x: Float[np.ndarray, "row free"], widen: float) -> Bool[np.ndarray, " row"]:
         """Which rows lie where `NEAR` of normal draws do that are w times as wide."""
@@ -78,7 +89,9 @@ class Round:
         emulator: Trained on all simulations so far.
         walk: Can make the chains longer.
         chains: On its posterior.
-        colonies: One colony of each draw of the chains (`Problem.scattered`), in the prior's coordinates.
+        draws: Of the chains as long as they are between rounds, in the prior's coordinates, without z.
+        colonies: One of each of these draws (`Problem.scattered`).
+        neighbourhood: Where the emulator must be right.
         moved: How far `apart` the posterior is from that of the round before, in the parameter that moved most.
         error_share: The emulator's share of error at the mean (`error_share`).
         simulations: So far, those of other runs included.
@@ -88,25 +101,17 @@ class Round:
     emulator: Emulator
     walk: Walk
     chains: Chains
+    draws: Float[np.ndarray, "draw free"]
     colonies: Float[np.ndarray, "draw free"]
+    neighbourhood: Neighbourhood
     moved: float
     error_share: float
     simulations: int
     found: bool
 
-    @property
-    def x(self) -> Float[np.ndarray, "draw free"]:
-        """Draws of the chains in the prior's coordinates, without z."""
-        return self.chains.flat[:, : self.colonies.shape[1]]
-
     def settled(self, settle: float) -> bool:
         """Whether neither the posterior's move nor the emulator's error is too large (`sequential`)."""
         return self.moved <= settle and self.error_share <= settle**2
-
-    @cached_property
-    def neighbourhood(self) -> Neighbourhood:
-        """Of the colonies, of which the emulator must know."""
-        return Neighbourhood.of(self.colonies)
 
 
 def together(own: Simulated, reused: Simulated) -> Simulated:
@@ -118,9 +123,17 @@ def together(own: Simulated, reused: Simulated) -> Simulated:
 
 
 def proposed(
-    draws: Float[np.ndarray, "draw free"], count: int, widen: float, prior: Prior, rng: np.random.Generator
+    draws: Float[np.ndarray, "draw free"],
+    colonies: Float[np.ndarray, "draw free"],
+    count: int,
+    widen: float,
+    prior: Prior,
+    rng: np.random.Generator,
 ) -> Float[np.ndarray, "count free"]:
-    """Proposals around draws, w times as wide as the bulk of them, in the prior's coordinates.
+    """Proposals around colonies of the posterior's draws, in the prior's coordinates.
+
+    They are x + √(w² − 1) ξ, x a colony and ξ as wide as the bulk of the draws: w times as wide as the draws, where
+    colonies do not scatter.
 
     Raises:
         InputError: Hardly any proposal lies in the prior.
@@ -128,7 +141,7 @@ def proposed(
     root = np.sqrt(widen**2 - 1.0) * np.linalg.cholesky(covariance_of_most(draws))
     proposals = np.zeros((0, draws.shape[1]))
     for _ in range(TRIES):
-        x = draws[rng.integers(len(draws), size=count)]
+        x = colonies[rng.integers(len(colonies), size=count)]
         x = x + rng.standard_normal(x.shape) @ root.T
         proposals = np.concatenate([proposals, x[np.isfinite(prior.log_density_of_coordinates(x))]])
         if len(proposals) >= count:

@@ -112,14 +112,15 @@ class ColonyCoordinates:
         above = values - self.low
         rest = np.where(np.isinf(self.width), 1.0, 1.0 - above / self.width)
         part = np.where(np.isinf(self.width), 0.0, above / self.width)
-        with np.errstate(over="ignore"):
+        with np.errstate(over="ignore", invalid="ignore"):  # of steps beyond 709, which no density allows
             return self.low + above * np.exp(step) / (rest + part * np.exp(step))
 
     def around(self, values: Values, tau: Float[np.ndarray, " row"]) -> Float[np.ndarray, "row place free"]:
-        """2 d places for each λ, whose mean of any cubic in y is that over colonies of this scatter.
+        """2 d places for each λ, over which any cubic in y has the mean that it has over colonies of this scatter.
 
         They are y ± √d τ e_k of d parameters (spherical cubature: Arasaratnam & Haykin 2009,
-        doi:10.1109/TAC.2009.2019800).
+        doi:10.1109/TAC.2009.2019800). A prior may end before they do: an emulator extrapolates there, and takes a share
+        for that at the prior's end.
         """
         free = values.shape[1]
         steps = np.sqrt(free) * np.concatenate([np.eye(free), -np.eye(free)])
