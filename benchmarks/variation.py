@@ -62,7 +62,7 @@ class Study:
     @staticmethod
     def of(model: Studied, work: Path) -> "Study":
         """Train, on simulations that are kept."""
-        simulator, file = model.simulator(), work / f"{model.name}.npz"
+        simulator, file = model.simulator(), work / f"{model.file}.npz"
         problem = Problem(simulator, model.prior, np.zeros(len(simulator.observables)))
         values = problem.prior_values(model.trained, SEED)
         if not file.is_file():
@@ -147,7 +147,7 @@ def _gathered(x: np.ndarray, log_weights: np.ndarray) -> tuple[np.ndarray, np.nd
 
 def sets(study: Study, work: Path, count: int, report: Report) -> list[dict[str, Any]]:
     """Records of all groups; missing ones are computed."""
-    path = work / f"{study.model.name}.jsonl"
+    path = work / f"{study.model.file}.jsonl"
     there = {(one["group"], one["number"]): one for one in read_lines(path)}
     for number in range(count):
         for group in GROUPS:

@@ -66,6 +66,11 @@ class Studied:
     trained: int
     sentence: str
 
+    @property
+    def file(self) -> str:
+        """What its files are called."""
+        return f"{self.name}-{self.trained}"
+
 
 def off_lattice(cells: int) -> OfflatticeSimulator:
     """Colonies of so many cells, all of them drawn."""
