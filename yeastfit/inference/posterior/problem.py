@@ -201,7 +201,15 @@ class Problem:
     def places(
         self, values: Float[np.ndarray, "row free"], z: Float[np.ndarray, "row varied"]
     ) -> Float[np.ndarray, "row *place free"]:
-        """Where colonies of each λ are, for an emulator's moments: at λ, or around it where they scatter by τ(z)."""
+        """Where colonies of each λ are, for an emulator's moments: at λ, or around it where they scatter.
+
+        Arguments:
+            values: λ.
+            z: Of τ(z); without columns where colonies do not scatter.
+
+        Returns:
+            λ, or 2 d places of each (`ColonyCoordinates.around`).
+        """
         if self.variation is None:
             return values
         return ColonyCoordinates.of(self.simulator.parameters).around(values, self.variation.tau(z[:, 0]))
@@ -209,14 +217,31 @@ class Problem:
     def inferred_values(
         self, x: Float[np.ndarray, "draw free"], z: Float[np.ndarray, "draw varied"]
     ) -> Float[np.ndarray, "draw inferred"]:
-        """λ of the prior's coordinates, and τ(z) where colonies scatter."""
+        """All that is inferred, of draws in the chains' coordinates.
+
+        Arguments:
+            x: The prior's coordinates.
+            z: Of τ(z); without columns where colonies do not scatter.
+
+        Returns:
+            λ, and in a last column τ where colonies scatter.
+        """
         values = self.prior.values(x)
         return values if self.variation is None else np.column_stack([values, self.variation.tau(z)])
 
     def scattered(
         self, x: Float[np.ndarray, "draw free"], tau: Float[np.ndarray, "draw varied"], rng: np.random.Generator
     ) -> Float[np.ndarray, "draw free"]:
-        """One colony of each λ, in the prior's coordinates; at λ where colonies do not scatter, or leave the prior."""
+        """One colony of each λ, in the prior's coordinates.
+
+        Arguments:
+            x: Of λ.
+            tau: τ of each; without columns where colonies do not scatter.
+            rng: Where randomness comes from.
+
+        Returns:
+            x of λ_r; that of λ where colonies do not scatter, or where λ_r is outside the prior.
+        """
         if self.variation is None:
             return x
         step = tau * rng.standard_normal(x.shape)
