@@ -193,6 +193,7 @@ def test_one_object_and_all_of_them_are_not_both_measured(tmp_path: Path, capsys
 # ------------------------------------------------------------------------------------------------------------ processes
 
 
+@pytest.mark.thorough
 def test_two_processes_find_what_one_finds_and_a_dead_one_takes_only_its_own_image(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

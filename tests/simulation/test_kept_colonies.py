@@ -64,6 +64,7 @@ def grown(folder: Path | None, seed: int = 3, mobility: float = 1.0) -> Simulati
     return simulate(Parameters(mobility=mobility), keys, times=TIMES, numerics=OPEN, keep=folder)
 
 
+@pytest.mark.thorough
 def test_growth_goes_on_and_comes_to_the_same(
     broken_off: pytest.MonkeyPatch, segments: list[int], tmp_path: Path
 ) -> None:

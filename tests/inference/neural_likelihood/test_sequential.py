@@ -187,8 +187,9 @@ def test_draws_far_off_are_told_of() -> None:
     assert far_draws(body, with_trail, prior) == []
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("unchecked")
-@pytest.mark.parametrize("measured", [pytest.param(False, marks=pytest.mark.thorough), True])
+@pytest.mark.parametrize("measured", [False, True])
 def test_a_linear_gaussian_simulator_has_its_closed_form(measured: bool) -> None:
     """With log λ ~ N(0, 1) before the data its posterior is N(V MᵀW o, V), V = (MᵀWM + 1)⁻¹, W with the noise."""
     normal = {"distribution": "log-normal", "median": 1.0, "sd": 1.0}

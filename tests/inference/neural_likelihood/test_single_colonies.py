@@ -317,6 +317,7 @@ def inferred() -> tuple[Posterior, Posterior, np.ndarray]:
     return found[0], found[1], rows
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("unchecked")
 def test_rounds_simulate_where_single_colonies_are(monkeypatch: pytest.MonkeyPatch) -> None:
     """Of colonies of a plane that scatter by 0.7 in log λ: proposals are of draws that scatter by τ; else of draws."""
