@@ -110,8 +110,9 @@ def judge(report: Report, work: Path) -> list[str]:
 
 def _conditions(report: Report, folder: Path, model: str) -> list[str]:
     """What `yeastfit compare` found of conditions, under one model."""
-    names = ("parameter", "first", "second", "median_first", "median_second", "first_larger", "error", "told_apart")
-    return _verdicts(report, folder, f"Conditions compared, {model}", "conditions", names)
+    names = ("parameter", "first", "second", "median_first", "median_second")
+    ratio = ("ratio", "ratio_q05", "ratio_q95", "first_larger", "error", "told_apart")  # of the first to the second
+    return _verdicts(report, folder, f"Conditions compared, {model}", "conditions", names + ratio)
 
 
 def _models(report: Report, folder: Path) -> list[str]:
