@@ -49,11 +49,8 @@ class Neighbourhood:
 
         The covariance is (cov(colonies) + (w² − 1) cov(draws)) / w²: that of the draws where colonies are these.
         """
-        covariance = np.atleast_2d(np.cov(draws, rowvar=False, aweights=weights))
-        if colonies is not draws:
-            scattered = np.atleast_2d(np.cov(colonies, rowvar=False, aweights=weights))
-            covariance = covariance + (scattered - covariance) / widen**2
-        return Neighbourhood(np.average(colonies, axis=0, weights=weights), covariance)
+        own, scattered = (np.atleast_2d(np.cov(one, rowvar=False, aweights=weights)) for one in (draws, colonies))
+        return Neighbourhood(np.average(colonies, axis=0, weights=weights), own + (scattered - own) / widen**2)
 
     def holds(self, x: Float[np.ndarray, "row free"], widen: float) -> Bool[np.ndarray, " row"]:
         """Which rows lie where `NEAR` of normal draws do that are w times as wide."""
