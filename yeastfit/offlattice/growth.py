@@ -16,18 +16,19 @@ place is free, every third to fifth time, those numbers are drawn again for the 
 """
 
 import numpy as np
-from jaxtyping import Int, Shaped
+from jaxtyping import Shaped
 
 from yeastfit.compiled import inlined_kernel, kernel
 from yeastfit.offlattice.cell_sets import CHILDLESS, ELIGIBLE_PSEUDOHYPHAL, ELIGIBLE_SATED, Sets, add
 from yeastfit.offlattice.mothers import after_transition, any_eligible, bear_pseudohyphal, count_on, fetch_next
-from yeastfit.offlattice.overlap import NOBODY, PSEUDOHYPHAL, SATED, cells_around, free, insert
+from yeastfit.offlattice.overlap import PSEUDOHYPHAL, SATED, bins_around, free, insert
 from yeastfit.offlattice.parameters import Rates
 from yeastfit.offlattice.placing import BUDDING, DISPLACEMENTS
 from yeastfit.offlattice.random_numbers import Numbers, below, place, return_to, uniform
 from yeastfit.offlattice.status import CODES, Status
 from yeastfit.offlattice.transition import daughters_form
 
+NOBODY = -1
 GROWN, ENDLESS, STREAM_ENDED = (CODES[s] for s in (Status.GROWN, Status.ENDLESS, Status.STREAM_ENDED))
 
 
@@ -40,7 +41,7 @@ def grow_cells(
     numbers: Numbers,
     cells: Shaped[np.ndarray, " cell"],
     sets: Sets,
-    bins: Int[np.ndarray, "row column"],
+    bins: Shaped[np.ndarray, "row column"],
 ) -> tuple[int, int, int, int]:
     """Fill `cells`; how it ended (one of `CODES`), cells born, attempts, and attempts up to cell number `sated`.
 
@@ -58,11 +59,11 @@ def grow_cells(
                 count_on(cells, sets, mother)
             if numbers.drawn[0] > numbers.stream.size > 0:
                 return STREAM_ENDED, index, attempts + tried, sated_attempts
-            around, here = cells_around(x, y, cells, bins), place(numbers)
+            around, here = bins_around(x, y, bins), place(numbers)
             following = _attempt(cells, sets, numbers, number, sated, late, rates)
             if number >= late:
                 fetch_next(cells, sets, numbers)
-            if free(x, y, cells, around):
+            if free(x, y, cells, bins, around):
                 return_to(here, numbers)
                 break
             if tried == most_attempts:
@@ -110,7 +111,7 @@ def _attempt(
 def _bear(
     cells: Shaped[np.ndarray, " cell"],
     sets: Sets,
-    bins: Int[np.ndarray, "row column"],
+    bins: Shaped[np.ndarray, "row column"],
     index: int,
     mother: int,
     form: int,

@@ -9,14 +9,15 @@ are at most cos 15°. Nothing else is tested: bodies may overlap, and an old cen
 2024, see `growth`).
 
 A cell that holds a point has its centre within the largest semi-axis, 4.33 pixels, of it. Cells are kept in square bins
-of 4.4 pixels, so that those of nine bins are looked at. The square of bins repeats over the plane like tiles: colonies
-of any reach fit, and cells that share a bin from tile to tile are told apart by their distance.
+of 4.4 pixels, so that those of nine bins are looked at. Each bin holds a copy of its first cell, so that neighbours lie
+side by side in memory, and names another, which names the next. The square of bins repeats over the plane like tiles:
+colonies of any reach fit, and cells that share a bin from tile to tile are told apart by their distance.
 """
 
 import numpy as np
-from jaxtyping import Float, Int, Shaped
+from jaxtyping import Float, Shaped
 
-from yeastfit.compiled import inlined_kernel, kernel
+from yeastfit.compiled import Index, inlined_kernel, kernel
 from yeastfit.offlattice.fetching import fetch
 from yeastfit.offlattice.placing import DIRECTIONS, SEMI_AXES
 
@@ -24,11 +25,11 @@ CELL = np.dtype(
     [
         ("x", "f8"),  # centre, pixels
         ("y", "f8"),
-        ("below", "i4"),  # the cell that was put into the same bin before, or NOBODY
+        ("next", "i4"),  # another cell of the same bin, 0 at the end: the colony's first cell is the first of its bin
         ("direction", "i4"),  # of the major axis, in multiples of π/16, not wrapped
         ("mother", "i4"),
         ("form", "u1"),  # SATED or PSEUDOHYPHAL
-        ("count", "u1"),  # a cell may bud while this is below 4
+        ("count", "u1"),  # from 1; a cell may bud while this is below 4
         ("bears", "u1"),  # whether it has a pseudohyphal daughter
     ],
     align=True,
@@ -36,30 +37,29 @@ CELL = np.dtype(
 """All about one cell, side by side: a colony is larger than the processor's cache, which holds this in half a line."""
 
 SATED, PSEUDOHYPHAL = 0, 1
-NOBODY = -1
 BIN = 4.4
 BINS_PER_PIXEL = 1 / BIN
 
-Topmost = tuple[int, int, int, int, int, int, int, int, int]
+Three = tuple[int, int, int]
 
 REACH2 = SEMI_AXES.max() ** 2
 COS15, SIN15, COS45 = np.cos(np.pi / 12), np.sin(np.pi / 12), np.cos(np.pi / 4)
 
 
 def empty_cells(cells: int) -> Shaped[np.ndarray, " cell"]:
-    """Room for so many cells, none of which lies across two lines of the processor's cache."""
+    """Room for so many cells, filled with zeros, none of which lies across two lines of the processor's cache."""
     size = cells * CELL.itemsize
-    room = np.empty(size + CELL.itemsize, dtype=np.uint8)
+    room = np.zeros(size + CELL.itemsize, dtype=np.uint8)
     start = -room.ctypes.data % CELL.itemsize
     return room[start : start + size].view(CELL)
 
 
-def empty_bins(cells: int) -> Int[np.ndarray, "row column"]:
-    """The topmost cell of every bin, for so many cells: the side of the square is a power of two."""
+def empty_bins(cells: int) -> Shaped[np.ndarray, "row column"]:
+    """Bins for so many cells, each a cell with a count of 0: the side of the square is a power of two."""
     side = 4
     while side * side < 2 * cells:
         side *= 2
-    return np.full((side, side), NOBODY, dtype=np.int32)
+    return empty_cells(side * side).reshape(side, side)
 
 
 def frames() -> Float[np.ndarray, "form direction 4"]:
@@ -73,40 +73,55 @@ FRAMES = frames()
 
 
 @inlined_kernel
-def cells_around(
-    x: float, y: float, cells: Shaped[np.ndarray, " cell"], bins: Int[np.ndarray, "row column"]
-) -> Topmost:
-    """The topmost cells of the nine bins around the point (x, y), its own first; they are fetched, all at once."""
+def bins_around(x: float, y: float, bins: Shaped[np.ndarray, "row column"]) -> tuple[Three, Three]:
+    """Rows and columns of the nine bins around the point (x, y), its own first; they are fetched, all at once."""
     wrap = bins.shape[0] - 1
     row, column = int(np.floor(x * BINS_PER_PIXEL)), int(np.floor(y * BINS_PER_PIXEL))
-    own, before, after = bins[row & wrap], bins[(row - 1) & wrap], bins[(row + 1) & wrap]
-    i, j, k = column & wrap, (column - 1) & wrap, (column + 1) & wrap
-    topmost = own[i], own[j], own[k], before[i], before[j], before[k], after[i], after[j], after[k]
-    for index in topmost:
-        fetch(cells, index)
-    return topmost
+    rows = row & wrap, (row - 1) & wrap, (row + 1) & wrap
+    columns = column & wrap, (column - 1) & wrap, (column + 1) & wrap
+    for r in rows:
+        for c in columns:
+            fetch(bins[Index(r)], c)
+    return rows, columns
 
 
 @inlined_kernel
-def free(x: float, y: float, cells: Shaped[np.ndarray, " cell"], topmost: Topmost) -> bool:
-    """Whether no cell holds the point (x, y), by `cells_around` it."""
-    for index in topmost:  # most often one of its own bin does
-        while index != NOBODY:
-            cell = cells[index]
+def free(
+    x: float,
+    y: float,
+    cells: Shaped[np.ndarray, " cell"],
+    bins: Shaped[np.ndarray, "row column"],
+    around: tuple[Three, Three],
+) -> bool:
+    """Whether no cell holds the point (x, y), by `bins_around` it."""
+    rows, columns = around
+    for r in rows:  # most often a cell of its own bin does
+        for c in columns:
+            cell = bins[Index(r), Index(c)]
+            if cell.count == 0:
+                continue
             if _inside(x - cell.x, y - cell.y, FRAMES[cell.form, cell.direction & 31]):
                 return False
-            index = cell.below
+            following = cell.next
+            while following != 0:
+                cell = cells[following]
+                if _inside(x - cell.x, y - cell.y, FRAMES[cell.form, cell.direction & 31]):
+                    return False
+                following = cell.next
     return True
 
 
 @kernel
-def insert(index: int, cells: Shaped[np.ndarray, " cell"], bins: Int[np.ndarray, "row column"]) -> None:
+def insert(index: int, cells: Shaped[np.ndarray, " cell"], bins: Shaped[np.ndarray, "row column"]) -> None:
     """Put a cell into its bin."""
     wrap = bins.shape[0] - 1
     cell = cells[index]
     row, column = int(np.floor(cell.x * BINS_PER_PIXEL)) & wrap, int(np.floor(cell.y * BINS_PER_PIXEL)) & wrap
-    cell.below = bins[row, column]
-    bins[row, column] = index
+    first = bins[row, column]
+    if first.count == 0:
+        bins[row, column] = cell
+    else:
+        cell.next, first.next = first.next, index
 
 
 @kernel
