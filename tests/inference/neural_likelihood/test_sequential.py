@@ -33,6 +33,10 @@ SMALL = SequentialEmulator(first=64, simulations=128, settle=1e-6, walkers=32, m
 TRUTH = (1.3, 0.8)
 
 
+def anything(values: np.ndarray) -> np.ndarray:
+    return np.ones(len(values), dtype=bool)
+
+
 @pytest.fixture(scope="module")
 def undisturbed() -> Posterior:
     """Two small rounds of `linear`, of data with seed 4, by seed 7."""
@@ -80,11 +84,11 @@ def test_simulations_are_proposed_around_most_of_the_posterior() -> None:
     )
     rng = np.random.default_rng(0)
     body = rng.standard_normal((9200, 2)) @ np.array([[0.1, -0.08], [0.0, 0.05]])
-    wide = proposed(body, body, 20_000, 2.5, prior, rng)
+    wide = proposed(body, body, 20_000, 2.5, prior, anything, rng)
     np.testing.assert_allclose(np.cov(wide.T), 6.25 * np.cov(body.T), rtol=0.05)
     trail = body[:800] + rng.uniform(0.5, 3.0, (800, 1)) * [1.0, -0.8]
     both = np.concatenate([body, trail])
-    around = proposed(both, both, 4000, 2.5, prior, rng)
+    around = proposed(both, both, 4000, 2.5, prior, anything, rng)
     off = np.einsum("rf,rf->r", around, np.linalg.solve(np.cov(body.T), around.T).T)
     assert np.mean(off < 2.5**2 * chi2.ppf(0.5, 2)) > 0.4
     assert np.mean(around[:, 0] > 0.5) > 0.05
@@ -100,10 +104,25 @@ def test_simulations_are_proposed_where_colonies_are() -> None:
     draws = rng.standard_normal((20_000, 2)) @ np.array([[0.1, -0.08], [0.0, 0.05]])
     colonies = draws + 0.4 * rng.standard_normal(draws.shape)
     expected = np.cov(colonies.T) + 5.25 * np.cov(draws.T)
-    found = proposed(draws, colonies, 40_000, 2.5, prior, rng)
+    found = proposed(draws, colonies, 40_000, 2.5, prior, anything, rng)
     np.testing.assert_allclose(np.cov(found.T), expected, atol=0.03 * expected.max())
     np.testing.assert_allclose(Neighbourhood.of(draws, colonies, 2.5).covariance, expected / 6.25)
     np.testing.assert_array_equal(Neighbourhood.of(draws, draws, 2.5).covariance, np.cov(draws.T))
+
+
+def test_colonies_that_are_proposed_may_leave_the_prior() -> None:
+    """A quarter do whose draw is at its end and who scatter so; none whose draw would leave it, none not admitted."""
+    prior = Prior.of({"a": {"distribution": "log-uniform", "low": 0.1, "high": 10.0}})
+    rng = np.random.default_rng(3)
+    draws = np.log(0.1) + 0.2 * np.abs(rng.standard_normal((20_000, 1)))
+    colonies = draws + 0.3 * rng.standard_normal(draws.shape)
+    found = proposed(draws, colonies, 20_000, 2.5, prior, anything, rng)
+    assert 0.15 < np.mean(found < np.log(0.1)) < 0.35
+    assert found.min() > np.log(0.1) - 6 * 0.3
+    admitted = proposed(draws, colonies, 20_000, 2.5, prior, lambda values: values[:, 0] > 0.08, rng)
+    assert np.log(0.08) < admitted.min() < np.log(0.1)
+    alone = proposed(draws, draws, 20_000, 2.5, prior, anything, rng)
+    assert alone.min() >= np.log(0.1)
 
 
 def test_an_emulator_keeps_to_where_its_posterior_is() -> None:

@@ -26,6 +26,8 @@ from yeastfit.inference.neural_likelihood.single_colonies import (
 from yeastfit.inference.neural_likelihood.training import train
 from yeastfit.inference.neural_likelihood.training_rounds import proposed
 from yeastfit.inference.posterior.problem import Problem
+from yeastfit.inference.prior.distributions import Distribution
+from yeastfit.inference.prior.prior import Prior
 from yeastfit.inference.prior.variation import ColonyCoordinates, Variation, Varied, absent
 from yeastfit.inference.simulator import Simulator
 from yeastfit.parameter_set import Parameter, ParameterSet
@@ -191,22 +193,33 @@ def test_places_around_have_the_mean_of_any_cubic() -> None:
     np.testing.assert_allclose(still, np.repeat(values[:, None], 6, axis=1), rtol=1e-15)
 
 
-def test_one_colony_of_each_draw_scatters_within_the_prior() -> None:
-    """By τ of each draw; λ itself where τ is 0, where colonies are all of one λ, and of one that leaves the prior."""
+def test_one_colony_of_each_draw_scatters() -> None:
+    """By τ of each draw, no farther than places around it are; λ itself where τ is 0, or colonies are all of one λ.
+
+    Colonies may leave the prior; none leaves what is admissible, and no share its own prior.
+    """
     simulator, prior = ClosedForm(), closed_form_prior()
     rows = np.ones((3, 5))
     problem = Problem.of(simulator, prior, rows, variation=Variation())
     values = np.tile(prior.quantile(np.full((1, 3), 0.5)), (4000, 1))
-    x, tau = prior.coordinates(values), np.repeat([[0.0], [0.1], [0.2], [50.0]], 1000, axis=0)
+    x, tau = prior.coordinates(values), np.repeat([[0.0], [0.1], [0.2], [2.0]], 1000, axis=0)
     found = problem.scattered(x, tau, np.random.default_rng(0))
     moved = prior.values(found)
     np.testing.assert_array_equal(found[:1000], x[:1000])
+    clipped = np.clip(np.random.default_rng(1).standard_normal(100_000), -np.sqrt(3), np.sqrt(3))
     for k, scatter in ((1, 0.1), (2, 0.2)):
         own = moved[1000 * k : 1000 * (k + 1)]
         spread = np.std([np.log(own[:, 0]), np.log(own[:, 1] / (1 - own[:, 1])), np.log(own[:, 2])], axis=1)
-        np.testing.assert_allclose(spread, scatter, rtol=0.1)
-    assert np.isfinite(prior.log_density(moved)).all()
-    assert (found[3000:] == x[3000:]).all(axis=1).mean() > 0.9
+        np.testing.assert_allclose(spread, scatter * clipped.std(), rtol=0.1)
+    assert np.abs(np.log(moved[3000:, [0, 2]] / values[3000:, [0, 2]])).max() <= 2.0 * np.sqrt(3) * (1 + 1e-12)
+    assert np.isfinite(prior.log_density(moved[3000:])).mean() < 0.6
+    assert problem.admits(moved).all()
+    assert not problem.admits(np.array([[1.0, 1.5, 1.0], [-1.0, 0.5, 1.0], [np.inf, 0.5, 1.0]])).any()
+    narrow = Prior({**prior.distributions, "b": Distribution("beta", {"low": 0.4, "high": 0.6, "a": 2.0, "b": 2.0})})
+    share = replace(problem, prior=narrow)
+    kept = narrow.values(share.scattered(x, tau, np.random.default_rng(0)))
+    assert ((kept[:, 1] >= 0.4) & (kept[:, 1] <= 0.6)).all()
+    assert (kept[3000:] == values[3000:]).all(axis=1).mean() > 0.7
     assert replace(problem, variation=None).scattered(x, tau[:, :0], np.random.default_rng(0)) is x
 
 

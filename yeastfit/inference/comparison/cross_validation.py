@@ -147,7 +147,7 @@ def _emulator(
 ) -> Emulator:
     """Trained on the simulations at places that are known, and checked in the neighbourhood."""
     values, statistics = simulations[0], problem.of_their_kind(simulations[1])
-    chosen = np.isfinite(problem.prior.log_density(values))
+    chosen = problem.admits(values)
     if known is not None:
         chosen &= known(problem.prior.coordinates(values))
     return train(

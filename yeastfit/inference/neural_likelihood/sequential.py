@@ -32,8 +32,9 @@ As the likelihood is what is emulated, where the simulations were made does not 
 through the emulator's error (Papamakarios et al. 2019, arXiv:1805.07226): simulations of other runs, whatever their
 method, are trained on as well (`Simulations.reused`). Where colonies may scatter (`prior.variation`), chains have
 one coordinate more; as the emulator must know where single colonies are, x of a proposal is one colony of a draw, and
-neighbourhoods are as wide. Every step depends on the seed alone: a run that is repeated with the store of one that was
-stopped repeats its training and its chains, simulates only what is missing, and ends with the same result.
+neighbourhoods are as wide. The prior is the condition's: its colonies may lie beyond it, and are simulated there. Every
+step depends on the seed alone: a run that is repeated with the store of one that was stopped repeats its training and
+its chains, simulates only what is missing, and ends with the same result.
 """
 
 from dataclasses import dataclass, field, replace
@@ -150,7 +151,7 @@ class SequentialEmulator:
         """
         first, each = self.round_sizes(len(problem.prior.free))
         values, statistics = store.reused
-        inside = np.isfinite(problem.prior.log_density(values))
+        inside = problem.admits(values)
         reused = int(inside.sum())
         self.check(len(problem.prior.free), len(problem.inferred_prior.free), len(problem.labels), reused)
         simulator = CachedSimulator(problem.simulator, self.batch, store)
@@ -249,6 +250,8 @@ class _Rounds:
     def _nearest(self, values: Values, statistics: Statistics) -> Float[np.ndarray, "near free"] | None:
         """Where to look for simulations like the data; None once there are enough of them (`search`)."""
         values, statistics = self.learner.with_reused(values, statistics)
+        inside = np.isfinite(self.problem.prior.log_density(values))
+        values, statistics = values[inside], statistics[inside]
         least = fewest(values.shape[1], statistics.shape[1], self.settings.training)
         return search.nearest(self.problem.prior.coordinates(values), statistics, self.problem.limits, least)
 
@@ -268,7 +271,7 @@ class _Rounds:
         rng: np.random.Generator,
     ) -> More:
         """With the first of a whole round's proposals, so that a longer run uses each of them."""
-        x = proposed(draws, colonies, self.each, widen, self.problem.prior, rng)
+        x = proposed(draws, colonies, self.each, widen, self.problem.prior, self.problem.admits, rng)
         return self._with(values, statistics, x)
 
     def _with(self, values: Values, statistics: Statistics, x: Float[np.ndarray, "new free"]) -> More:

@@ -1,5 +1,6 @@
 """One round of the sequential emulator: its chains, proposals for the next one, and draws that lie far off."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 
@@ -125,12 +126,22 @@ def proposed(
     count: int,
     widen: float,
     prior: Prior,
+    admits: Callable[[Values], Bool[np.ndarray, " row"]],
     rng: np.random.Generator,
 ) -> Float[np.ndarray, "count free"]:
     """Proposals around colonies of the posterior's draws, in the prior's coordinates.
 
     They are x + √(w² − 1) ξ, x a colony and ξ as wide as the bulk of the draws: w times as wide as the draws, where
-    colonies do not scatter.
+    colonies do not scatter. The draw, moved by as much, stays in the prior; the colony may leave it.
+
+    Arguments:
+        draws: In the prior's coordinates.
+        colonies: One of each draw.
+        count: How many proposals.
+        widen: w.
+        prior: Of λ.
+        admits: Which λ colonies may have (`Problem.admits`).
+        rng: Where randomness comes from.
 
     Raises:
         InputError: Hardly any proposal lies in the prior.
@@ -138,9 +149,11 @@ def proposed(
     root = np.sqrt(widen**2 - 1.0) * np.linalg.cholesky(covariance_of_most(draws))
     proposals = np.zeros((0, draws.shape[1]))
     for _ in range(TRIES):
-        x = colonies[rng.integers(len(colonies), size=count)]
-        x = x + rng.standard_normal(x.shape) @ root.T
-        proposals = np.concatenate([proposals, x[np.isfinite(prior.log_density_of_coordinates(x))]])
+        which = rng.integers(len(colonies), size=count)
+        move = rng.standard_normal((count, draws.shape[1])) @ root.T
+        x = colonies[which] + move
+        inside = np.isfinite(prior.log_density_of_coordinates(draws[which] + move))
+        proposals = np.concatenate([proposals, x[inside & admits(prior.values(x))]])
         if len(proposals) >= count:
             return proposals[:count]
     raise InputError(f"widen is {widen:g}: with it hardly a draw lies in the prior, lower it")

@@ -20,7 +20,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from yeastfit.errors import InputError
 from yeastfit.inference.curve_covariance import measurement_covariance
@@ -240,15 +240,30 @@ class Problem:
             rng: Where randomness comes from.
 
         Returns:
-            x of λ_r; that of λ where colonies do not scatter, or where λ_r is outside the prior.
+            x of λ_r, in no parameter farther from λ than the places around it (`ColonyCoordinates.around`) are; that of
+            λ where colonies do not scatter, or where λ_r is none that a colony may have.
         """
         if self.variation is None:
             return x
-        step = tau * rng.standard_normal(x.shape)
+        farthest = np.sqrt(x.shape[1])
+        step = tau * np.clip(rng.standard_normal(x.shape), -farthest, farthest)
         moved = ColonyCoordinates.of(self.simulator.parameters).moved(self.prior.values(x), step)
-        moved = self.prior.coordinates(moved)
-        inside = np.isfinite(self.prior.log_density_of_coordinates(moved))
-        return np.where(inside[:, None], moved, x)
+        return np.where(self.admits(moved)[:, None], self.prior.coordinates(moved), x)
+
+    def admits(self, values: Float[np.ndarray, "row free"]) -> Bool[np.ndarray, " row"]:
+        """Which λ single colonies may have: those of the prior, and where colonies scatter any that is admissible.
+
+        Shares stay within their prior, at whose ends an emulator's coordinates end, too (`Distribution.is_share`).
+        """
+        if self.variation is None:
+            return np.isfinite(self.prior.log_density(values))
+        low, high = self.prior.support.T
+        shares = np.array([one.is_share for one in self.prior.distributions.values()])
+        known = np.stack(
+            [one.admissible(column) for one, column in zip(self.simulator.parameters.values(), values.T, strict=True)],
+            axis=1,
+        )
+        return (known & (~shares | ((values >= low) & (values <= high)))).all(axis=1)
 
     def of_their_kind(self, statistics: Float[np.ndarray, "draw statistic"]) -> Float[np.ndarray, "draw statistic"]:
         """Statistics of simulated colonies, nan throughout for one beyond the limits."""

@@ -119,8 +119,8 @@ class ColonyCoordinates:
         """2 d places for each λ, over which any cubic in y has the mean that it has over colonies of this scatter.
 
         They are y ± √d τ e_k of d parameters (spherical cubature: Arasaratnam & Haykin 2009,
-        doi:10.1109/TAC.2009.2019800). A prior may end before they do: an emulator extrapolates there, and takes a share
-        for that at the prior's end.
+        doi:10.1109/TAC.2009.2019800). The prior of a share may end before they do: an emulator takes it for that at the
+        prior's end.
         """
         free = values.shape[1]
         steps = np.sqrt(free) * np.concatenate([np.eye(free), -np.eye(free)])
