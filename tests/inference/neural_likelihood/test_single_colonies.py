@@ -26,11 +26,8 @@ from yeastfit.inference.neural_likelihood.single_colonies import (
 from yeastfit.inference.neural_likelihood.training import train
 from yeastfit.inference.neural_likelihood.training_rounds import proposed
 from yeastfit.inference.posterior.problem import Problem
-from yeastfit.inference.prior.distributions import Distribution
-from yeastfit.inference.prior.prior import Prior
 from yeastfit.inference.prior.variation import ColonyCoordinates, Variation, Varied, absent
 from yeastfit.inference.simulator import Simulator
-from yeastfit.parameter_set import Parameter, ParameterSet
 
 FEW = TrainingSettings(members=3, width=16, steps=200)
 SMALL = SequentialEmulator(first=128, simulations=128, walkers=32, most_steps=500, training=FEW)
@@ -167,105 +164,6 @@ def test_colonies_that_succeed_are_those_at_scattered_parameters(tau: float) -> 
     problem = Problem.of(known, known.prior, rows, variation=Variation())
     found = likelihood_of_colonies(emulator, problem)(values[1:2], np.array([tau]))
     np.testing.assert_allclose(found, dense(known, emulator, problem, values[1], tau), rtol=2e-4)
-
-
-def test_places_around_have_the_mean_of_any_cubic() -> None:
-    """E[y_a² y_b], E[y_a y_b y_c] and so on, in logarithms and logits; at τ = 0 all are the place itself."""
-    coordinates = ColonyCoordinates.of(ClosedForm().parameters)
-    values, tau = np.array([[2.0, 0.3, 0.5], [0.7, 0.6, 1.5]]), np.array([0.4, 0.9])
-
-    def y(one: np.ndarray) -> np.ndarray:
-        logit = np.log(one[..., 1] / (1 - one[..., 1]))
-        return np.stack([np.log(one[..., 0]), logit, np.log(one[..., 2])], axis=-1)
-
-    found, middle = y(coordinates.around(values, tau)), y(values)
-    np.testing.assert_allclose(found.mean(axis=1), middle, atol=1e-12)
-    squares = np.einsum("rpi,rpj->rij", found, found) / found.shape[1]
-    expected = middle[:, :, None] * middle[:, None] + tau[:, None, None] ** 2 * np.eye(3)
-    np.testing.assert_allclose(squares, expected, atol=1e-12)
-    cubes = np.einsum("rpi,rpj,rpk->rijk", found, found, found) / found.shape[1]
-    a, same = middle, tau[:, None, None, None] ** 2 * np.eye(3)[:, :, None]
-    exact = np.einsum("ri,rj,rk->rijk", a, a, a)
-    exact += same * a[:, None, None, :] + np.moveaxis(same * a[:, None, None, :], 3, 1)
-    exact += np.moveaxis(same * a[:, None, None, :], 3, 2)
-    np.testing.assert_allclose(cubes, exact, atol=1e-12)
-    still = coordinates.around(values, np.zeros(2))
-    np.testing.assert_allclose(still, np.repeat(values[:, None], 6, axis=1), rtol=1e-15)
-
-
-def test_one_colony_of_each_draw_scatters() -> None:
-    """By τ of each draw, no farther than places around it are; λ itself where τ is 0, or colonies are all of one λ.
-
-    Colonies may leave the prior; none leaves what is admissible, and no share its own prior.
-    """
-    simulator, prior = ClosedForm(), closed_form_prior()
-    rows = np.ones((3, 5))
-    problem = Problem.of(simulator, prior, rows, variation=Variation())
-    values = np.tile(prior.quantile(np.full((1, 3), 0.5)), (4000, 1))
-    x, tau = prior.coordinates(values), np.repeat([[0.0], [0.1], [0.2], [2.0]], 1000, axis=0)
-    found = problem.scattered(x, tau, np.random.default_rng(0))
-    moved = prior.values(found)
-    np.testing.assert_array_equal(found[:1000], x[:1000])
-    clipped = np.clip(np.random.default_rng(1).standard_normal(100_000), -np.sqrt(3), np.sqrt(3))
-    for k, scatter in ((1, 0.1), (2, 0.2)):
-        own = moved[1000 * k : 1000 * (k + 1)]
-        spread = np.std([np.log(own[:, 0]), np.log(own[:, 1] / (1 - own[:, 1])), np.log(own[:, 2])], axis=1)
-        np.testing.assert_allclose(spread, scatter * clipped.std(), rtol=0.1)
-    assert np.abs(np.log(moved[3000:, [0, 2]] / values[3000:, [0, 2]])).max() <= 2.0 * np.sqrt(3) * (1 + 1e-12)
-    assert np.isfinite(prior.log_density(moved[3000:])).mean() < 0.6
-    assert problem.admits(moved).all()
-    assert not problem.admits(np.array([[1.0, 1.5, 1.0], [-1.0, 0.5, 1.0], [np.inf, 0.5, 1.0]])).any()
-    narrow = Prior({**prior.distributions, "b": Distribution("beta", {"low": 0.4, "high": 0.6, "a": 2.0, "b": 2.0})})
-    share = replace(problem, prior=narrow)
-    kept = narrow.values(share.scattered(x, tau, np.random.default_rng(0)))
-    assert ((kept[:, 1] >= 0.4) & (kept[:, 1] <= 0.6)).all()
-    assert (kept[3000:] == values[3000:]).all(axis=1).mean() > 0.7
-    assert replace(problem, variation=None).scattered(x, tau[:, :0], np.random.default_rng(0)) is x
-
-
-def test_coordinates_are_logarithms_and_logits() -> None:
-    parameters = ClosedForm().parameters
-    coordinates = ColonyCoordinates.of(parameters)
-    values, step = np.array([[2.0, 0.3, 0.5], [1e-6, 1.0, 7.0], [0.0, 0.0, 3.0]]), np.array([[0.4, -1.1, 2.0]] * 3)
-    moved = coordinates.moved(values, step)
-    np.testing.assert_allclose(moved[:, ::2], values[:, ::2] * np.exp(step[:, ::2]))
-    np.testing.assert_allclose(moved[0, 1], 1 / (1 + np.exp(1.1 - np.log(0.3 / 0.7))))
-    np.testing.assert_array_equal(moved[1:, 1], [1.0, 0.0])
-    unbounded = Parameter("d", "d", "d", (0.1, 1.0), 0.5, smallest=-np.inf)
-    with pytest.raises(InputError, match=r"variation: d may be finite: need parameters that are above 0"):
-        ColonyCoordinates.of(ParameterSet((unbounded,)))
-
-
-def test_scatter_has_mass_at_zero_and_grows_with_z() -> None:
-    variation = Variation(zero=0.3, sd=0.2)
-    z = np.random.default_rng(0).standard_normal(20_000)
-    tau = variation.tau(z)
-    assert abs(np.mean(tau == 0) - 0.3) < 0.015
-    above = np.sort(tau[tau > 0])
-    np.testing.assert_allclose(np.sqrt(np.mean(above**2)), 0.2, rtol=0.02)
-    assert (np.diff(variation.tau(np.linspace(-9, 9, 400))) >= 0).all()
-    law = variation.prior.density
-    shares = np.array([0.1, 0.3, 0.31, 0.5, 0.9, 0.999])
-    np.testing.assert_allclose(law.cdf(law.ppf(shares)), np.maximum(shares, 0.3))
-    np.testing.assert_allclose(law.median(), np.median(tau), atol=0.005)
-    np.testing.assert_allclose(law.std(), tau.std(), rtol=0.02)
-    np.testing.assert_allclose(np.exp(law.logpdf(np.array([0.0, 0.1]))), [0.3, law.pdf(np.array(0.1))])
-    assert (Variation(zero=0.0, sd=0.2).tau(z) > 0).all()
-    for wrong in ({"zero": 1.0}, {"zero": -0.1}, {"sd": 0.0}):
-        with pytest.raises(InputError, match=r"variation: (zero|sd) is "):
-            Variation(**wrong)
-
-
-def test_colonies_scatter_by_their_seeds() -> None:
-    varied = Varied(ClosedForm())
-    row, seeds = np.array([[2.0, 0.3, 0.5, 0.4]]), np.arange(2000)
-    each = varied.scattered(np.repeat(row, 2000, axis=0), seeds)
-    np.testing.assert_allclose(np.std(np.log(each[:, [0, 2]]), axis=0), 0.4, rtol=0.05)
-    np.testing.assert_allclose(np.std(np.log(each[:, 1] / (1 - each[:, 1]))), 0.4, rtol=0.05)
-    np.testing.assert_array_equal(each[7:8], varied.scattered(row, seeds[7:8]))
-    np.testing.assert_array_equal(varied(row, seeds[7:8]), ClosedForm()(each[7:8], seeds[7:8]))
-    still = np.array([[2.0, 0.3, 0.5, 0.0]])
-    np.testing.assert_allclose(varied.scattered(still, seeds[:1]), still[:, :3])
 
 
 @pytest.fixture(scope="module")
