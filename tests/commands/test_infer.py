@@ -2,6 +2,8 @@
 
 import csv
 import json
+import shlex
+import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
@@ -178,6 +180,7 @@ def test_what_lies_in_the_folder_is_never_overwritten(
 
     monkeypatch.setattr(known_colonies, "before", failing)
     first = arguments(data, tmp_path / "out", "abc-mcmc")
+    monkeypatch.setattr(sys, "argv", ["yeastfit", *first])
 
     def refused(*arguments: str) -> str:
         capsys.readouterr()
@@ -195,6 +198,7 @@ def test_what_lies_in_the_folder_is_never_overwritten(
         "dt was none, now it is 0.02",
         "elasticity was",
         "distance was mahalanobis",
+        f"; it began as yeastfit {shlex.join(first)}",
     ):
         assert words in said
     write_measurements(data, seed=4)

@@ -28,7 +28,14 @@ from yeastfit.storage import as_json, from_json, read_json, reads_saved, sha256_
 from yeastfit.text import quoted
 
 PACKAGES = ("emcee", "optax", "h5py")
-PARTS = {"configuration": dict, "inputs": dict, "seed": int, "versions": dict, "device": str}  # of run.json
+PARTS = {  # of run.json
+    "configuration": dict,
+    "inputs": dict,
+    "seed": int,
+    "arguments": list,
+    "versions": dict,
+    "device": str,
+}
 
 
 @dataclass(frozen=True)
@@ -114,7 +121,10 @@ class RunFolder:
         changed = [f"{name} has changed" for name in hashes if earlier["inputs"].get(name) != hashes[name]]
         changed += [f"{name} is gone" for name in earlier["inputs"] if name not in hashes]
         if different or changed:
-            raise InputError(f"--resume: {path} holds another run: {'; '.join(different + changed[:5])}")
+            raise InputError(
+                f"--resume: {path} holds another run: {'; '.join(different + changed[:5])}; it began as "
+                f"{shlex.join(['yeastfit', *map(str, earlier['arguments'])])}"
+            )
         for name in extents:
             if now[name] < before[name]:
                 option = f"--{name.replace('_', '-')}"
