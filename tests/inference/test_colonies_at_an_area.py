@@ -9,7 +9,7 @@ import pytest
 from helpers import on_one_device
 
 from yeastfit import HARD, ColonySimulator, Imaging, InputError, Resolution, Targets, simulate
-from yeastfit.inference.colony_simulator import NOT_COME, colony_simulator_of
+from yeastfit.inference.colony_simulator import NOT_COME, TOO_FAST, colony_simulator_of
 from yeastfit.inference.models.algebraic import Algebraic
 from yeastfit.inference.simulator import member_seeds
 from yeastfit.measure.measurements_table import read_measurements
@@ -25,10 +25,11 @@ REAL = Path(__file__).parents[2] / "data" / "real" / "awri796-50um" / "measureme
 
 
 def simulator(time: float = 20.0, area: float | None = AREA, **how: Any) -> ColonySimulator:
-    """Of area and compactness on pixels of 0.1 L0, with free mobility."""
+    """Of area and compactness on pixels of 0.1 L0, by default with free mobility."""
     imaging = Imaging(6.0, "mask", PIXEL)
     targets = Targets.from_means({"area": np.ones(1), "compactness": np.ones(1)}, [time], imaging=imaging)
-    return ColonySimulator.of(targets, ("mobility",), resolution=how.pop("resolution", COARSE), area=area, **how)
+    free, resolution = how.pop("free", ("mobility",)), how.pop("resolution", COARSE)
+    return ColonySimulator.of(targets, free, resolution=resolution, area=area, **how)
 
 
 def test_they_are_measured_when_they_come_to_it() -> None:
@@ -49,6 +50,18 @@ def test_they_are_measured_when_they_come_to_it() -> None:
         np.testing.assert_allclose(row, [found["area"], found["compactness"]], rtol=1e-6)
         assert 0.9 * AREA < row[0] < 1.2 * AREA
     assert not made.problems
+
+
+def test_those_whose_nutrient_cannot_be_solved_have_no_values() -> None:
+    """Single colonies scatter beyond a prior, whose largest diffusivity is checked; others of a call are as before."""
+    made = simulator(free=("diffusivity",))
+    most = 8.0 * made.curves.numerics.spacing**2 / made.curves.numerics.dt
+    values, seeds = np.array([[0.1], [most * 1.01], [most * (1 - 1e-6)], [1e6]]), member_seeds(0, 4)
+    with on_one_device():
+        rows, alone = made(values, seeds), simulator(free=("diffusivity",))(values[:1], seeds[:1])
+    np.testing.assert_array_equal(np.isnan(rows).any(axis=1), [False, True, False, True])
+    assert dict(made.problems) == {TOO_FAST.format(most=most): 2}
+    np.testing.assert_array_equal(rows[0], alone[0])
 
 
 @pytest.mark.parametrize(

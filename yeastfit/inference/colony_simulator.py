@@ -28,6 +28,7 @@ from yeastfit.memory import check_memory
 from yeastfit.model.colony import PROBLEMS
 from yeastfit.model.model import RULES, Model
 from yeastfit.model.numerics import POINT, Numerics, most_nodes
+from yeastfit.model.nutrient import largest_diffusivity
 from yeastfit.model.parameters import PARAMETERS, Parameters
 from yeastfit.model.relaxation import HARD, Relaxation
 from yeastfit.model.simulate import Schedule
@@ -54,6 +55,9 @@ NOT_COME = (
     "it had all the nodes that its capacity allows, and counts as none of the data's kind; a larger growth rate leaves "
     "more time"
 )
+
+TOO_FAST = "diffusivity is above {most:.3g}, which needs a shorter time step, or a coarser grid, in single precision"
+ROUNDING = 1e-5  # of log λ, in single precision
 
 
 @dataclass(frozen=True)
@@ -143,16 +147,21 @@ class ColonySimulator:
         return self.curves.model.parameters.names
 
     def __call__(self, values: Values, seeds: Seeds) -> Rows:
-        """Curves, one row a proposal; nan throughout where any value is not finite."""
+        """Curves, one row a proposal; nan throughout where a value is not finite, or diffusion too fast to compute."""
         z = jnp.asarray(self.logarithms(values), jnp.result_type(float))
+        which = self.curves.model.parameters.names.index("diffusivity")
+        most = float("inf") if z.dtype == jnp.float64 else largest_diffusivity(self.curves.numerics)
+        fast = np.asarray(z[:, which] > np.log(most))
+        z = z.at[:, which].min(np.log(most) - ROUNDING)
         found = np.asarray(self.curves.members(z, keys_of(seeds)), dtype=float)
         each = found[once(values, seeds)]
         self._count(each)
         if self.curves.area is not None:
             missed = int(np.isnan(each[:, : -len(PROBLEMS)]).all(axis=1).sum())
             self.problems.update({NOT_COME.format(area=self.curves.area): missed} if missed else {})
+        self.problems.update({TOO_FAST.format(most=most): int(fast.sum())} if fast.any() else {})
         rows = found[:, : -len(PROBLEMS)][:, self.measured]
-        return np.where(np.isfinite(rows).all(axis=1, keepdims=True), rows, np.nan)
+        return np.where(np.isfinite(rows).all(axis=1, keepdims=True) & ~fast[:, None], rows, np.nan)
 
     def in_blocks_of(self, rows: int) -> "ColonySimulator":
         """The same, for calls with so many rows: fewer than `BLOCK` are not filled up. No value depends on it."""

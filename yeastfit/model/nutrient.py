@@ -24,6 +24,11 @@ TOLERANCE = 1e-6  # relative residual of the solve
 LARGEST_ALPHA = 8.0  # in single precision: above, rounding c alone leaves a larger residual of the step than TOLERANCE
 
 
+def largest_diffusivity(numerics: Numerics) -> float:
+    """Largest λ1 of which single precision solves a step to `TOLERANCE`."""
+    return LARGEST_ALPHA * numerics.spacing**2 / numerics.dt
+
+
 def check_alpha(diffusivity: Float[Array, "*member"], numerics: Numerics) -> None:
     """Check that the step can be solved to `TOLERANCE`; double precision does for every α.
 
