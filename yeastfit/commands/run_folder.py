@@ -190,7 +190,7 @@ def read_run(file: str | Path) -> dict[str, Any]:
     Raises:
         InputError: The file is something else, or damaged.
     """
-    found = read_json(file)
+    found = {"arguments": [], **read_json(file)}
     for name, kind in PARTS.items():
         if not isinstance(found[name], kind):
             raise ValueError(f"{name} is {quoted(found[name])}")
