@@ -148,11 +148,12 @@ class ColonySimulator:
 
     def __call__(self, values: Values, seeds: Seeds) -> Rows:
         """Curves, one row a proposal; nan throughout where a value is not finite, or diffusion too fast to compute."""
-        z = jnp.asarray(self.logarithms(values), jnp.result_type(float))
-        which = self.curves.model.parameters.names.index("diffusivity")
-        most = float("inf") if z.dtype == jnp.float64 else largest_diffusivity(self.curves.numerics)
-        fast = np.asarray(z[:, which] > np.log(most))
-        z = z.at[:, which].min(np.log(most) - ROUNDING)
+        logs, kind = self.logarithms(values), jnp.result_type(float)
+        diffusivity = logs[:, self.curves.model.parameters.names.index("diffusivity")]
+        most = largest_diffusivity(self.curves.numerics, kind)
+        fast = diffusivity > np.log(most)
+        np.minimum(diffusivity, np.log(most) - ROUNDING, out=diffusivity)
+        z = jnp.asarray(logs, kind)
         found = np.asarray(self.curves.members(z, keys_of(seeds)), dtype=float)
         each = found[once(values, seeds)]
         self._count(each)

@@ -15,6 +15,7 @@ from collections.abc import Callable
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.typing import DTypeLike
 from jaxtyping import Array, Float
 
 from yeastfit.errors import InputError
@@ -24,19 +25,20 @@ TOLERANCE = 1e-6  # relative residual of the solve
 LARGEST_ALPHA = 8.0  # in single precision: above, rounding c alone leaves a larger residual of the step than TOLERANCE
 
 
-def largest_diffusivity(numerics: Numerics) -> float:
-    """Largest λ1 of which single precision solves a step to `TOLERANCE`."""
-    return LARGEST_ALPHA * numerics.spacing**2 / numerics.dt
+def largest_diffusivity(numerics: Numerics, dtype: DTypeLike) -> float:
+    """Largest λ1 of which numbers of this type solve a step to `TOLERANCE`; double precision does for every one."""
+    return LARGEST_ALPHA * numerics.spacing**2 / numerics.dt if dtype == jnp.float32 else float("inf")
 
 
 def check_alpha(diffusivity: Float[Array, "*member"], numerics: Numerics) -> None:
-    """Check that the step can be solved to `TOLERANCE`; double precision does for every α.
+    """Check that the step can be solved to `TOLERANCE` (`largest_diffusivity`).
 
     Raises:
         InputError: α = λ1 Δt / h² is too large for single precision.
     """
-    alpha = float(np.asarray(diffusivity).max()) * numerics.dt / numerics.spacing**2
-    if diffusivity.dtype == jnp.float32 and alpha > LARGEST_ALPHA:
+    largest = float(np.asarray(diffusivity).max())
+    if largest > largest_diffusivity(numerics, diffusivity.dtype):
+        alpha = largest * numerics.dt / numerics.spacing**2
         raise InputError(
             f"diffusivity · dt / spacing² is {alpha:.3g}, single precision solves the nutrient to {TOLERANCE:g} up to "
             f"{LARGEST_ALPHA:g}: lower dt, raise spacing, or set jax_enable_x64"
