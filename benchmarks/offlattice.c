@@ -23,10 +23,11 @@ enum { SATED, PSEUDOHYPHAL, CHILDLESS };
 typedef struct {
     double x, y;
     int32_t below, direction, mother;
-    uint8_t form, count, bears;
+    uint8_t form, count, bears, taken;
 } Cell;
 
 static const int BUDDING[2][4] = {{7, -7, 23, 9}, {1, -1, 1, -1}};
+static const uint8_t PLACES[2][4] = {{1, 2, 4, 8}, {16, 32, 16, 32}};
 static double semi_axes[2][2], displacement[2][2][4][32][2], frame[2][32][4], reach2, cos15, sin15, cos45;
 
 static uint64_t state[4];
@@ -136,6 +137,7 @@ static inline Attempt next_attempt(int late, int after, const double *rates)
         else form = cells[mother].bears && u1 < p_ps ? SATED : PSEUDOHYPHAL;
     }
     int angle = below(4);
+    if (late) fetch_next();
     const double *step = displacement[cells[mother].form][form][angle][cells[mother].direction & 31];
     return (Attempt){mother, form, angle, cells[mother].x + step[0], cells[mother].y + step[1]};
 }
@@ -169,7 +171,7 @@ static void bear(int32_t index, int32_t mother, int form, double x, double y, in
 {
     int32_t row = (int32_t)floor(x * BINS_PER_PIXEL), column = (int32_t)floor(y * BINS_PER_PIXEL);
     int32_t *bin = bins + (size_t)(row & wrap) * (wrap + 1) + (column & wrap);
-    cells[index] = (Cell){x, y, *bin, direction, mother, (uint8_t)form, 1, 0};
+    cells[index] = (Cell){x, y, *bin, direction, mother, (uint8_t)form, 1, 0, 0};
     *bin = index;
     add(form, index);
     add(CHILDLESS, index);
@@ -189,10 +191,14 @@ static int64_t grow(int32_t count, int32_t sated, double late, const double *rat
         for (int tried = 1;; tried++) {
             attempts++;
             if (number < sated && tried > 1) count_on(one.mother);
-            cells_around(one.x, one.y, around);
             memcpy(here, state, sizeof here);
+            if (cells[one.mother].taken & PLACES[one.form][one.angle]) {
+                one = next_attempt(late_now, after, rates);
+                continue;
+            }
+            cells[one.mother].taken |= PLACES[one.form][one.angle];
+            cells_around(one.x, one.y, around);
             Attempt following = next_attempt(late_now, after, rates);
-            if (late_now) fetch_next();
             if (is_free(one.x, one.y, around)) break;
             one = following;
         }
@@ -216,7 +222,7 @@ int main(int argc, char **argv)
     double delay = atof(argv[3]), rates[5], least = INFINITY, sum_x = 0, sum_y = 0;
     int64_t attempts = 0;
     for (int k = 0; k < 5; k++) rates[k] = atof(argv[4 + k]);
-    while ((int64_t)side * side < 2 * (int64_t)count) side *= 2;
+    while ((int64_t)side * side < count) side *= 2;
     wrap = side - 1;
     tables();
     for (int k = 0; k < repeats; k++) {

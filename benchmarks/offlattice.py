@@ -133,7 +133,7 @@ def sizes(report: Report, counts: tuple[int, ...]) -> None:
     values = SETS[FIRST][0]
     rows: list[dict[str, Any]] = []
     for cells in counts:
-        found = [timed(grow, values, cells=cells, seed=seed) for seed in range(8)]
+        found = [timed(grow, values, cells=cells, seed=seed) for seed in range(24)]
         attempts = float(np.mean([colony.attempts for _, colony in found]))
         least = min(seconds / colony.attempts for seconds, colony in found)
         rows.append({"cells": cells, "attempts a cell": attempts / cells, "ns an attempt": 1e9 * least})

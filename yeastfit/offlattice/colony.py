@@ -29,7 +29,7 @@ MOST_ATTEMPTS = 1_000_000
 """For one birth; on average it takes 3 to 13, and a colony whose cells are all walled in would try for ever."""
 
 LARGEST = 2**31 - 1  # cells are numbered with 32 bits
-BYTES_PER_CELL = 352  # at most: 32 of the cell, 24 of the sets, 37 of the result, 256 of the bins, mostly 60
+BYTES_PER_CELL = 221  # at most: 32 of the cell, 24 of the sets, 37 of the result, 128 of the bins, mostly 60
 LITTLE = 2**28  # bytes that are not asked for
 
 Item = TypeVar("Item")

@@ -31,6 +31,7 @@ CELL = np.dtype(
         ("form", "u1"),  # SATED or PSEUDOHYPHAL
         ("count", "u1"),  # from 1; a cell may bud while this is below 4
         ("bears", "u1"),  # whether it has a pseudohyphal daughter
+        ("taken", "u1"),  # the bits of its daughters' places (`placing`) that are known to lie in a cell
     ],
     align=True,
 )
@@ -57,7 +58,7 @@ def empty_cells(cells: int) -> Shaped[np.ndarray, " cell"]:
 def empty_bins(cells: int) -> Shaped[np.ndarray, "row column"]:
     """Bins for so many cells, each a cell with a count of 0: the side of the square is a power of two."""
     side = 4
-    while side * side < 2 * cells:
+    while side * side < cells:
         side *= 2
     return empty_cells(side * side).reshape(side, side)
 

@@ -30,6 +30,9 @@ DIRECTIONS = 32
 BUDDING = np.array([[7, -7, 16 + 7, 16 - 7], [1, -1, 1, -1]])
 """Budding angles in multiples of π/16, by the daughter's form; each of the four is drawn with probability 1/4."""
 
+PLACES = np.array([[1, 2, 4, 8], [16, 32, 16, 32]], dtype=np.uint8)
+"""A bit for each of a mother's six places for daughters, by the daughter's form and which of its angles."""
+
 
 def displacements() -> Float[np.ndarray, "mother daughter angle direction 2"]:
     """(X − x, Y − y) by the mother's form, the daughter's form and which of its angles, and the mother's direction."""
