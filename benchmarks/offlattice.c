@@ -132,9 +132,9 @@ static inline Attempt next_attempt(int late, int after, const double *rates)
         double u1 = uniform(), u2 = uniform(), u3 = uniform(), p_ps = rates[1], p_sp = rates[2];
         if (late && u3 >= rates[4]) mother = one_of(PSEUDOHYPHAL);
         else if (!late && u3 < rates[4]) mother = one_of(SATED);
-        if (u2 > rates[3] && cells[mother].bears && u1 > p_ps) mother = one_of(CHILDLESS);
+        if (u2 > rates[3] && u1 > p_ps && cells[mother].bears) mother = one_of(CHILDLESS);
         if (cells[mother].form == SATED) form = u1 < p_sp ? PSEUDOHYPHAL : SATED;
-        else form = cells[mother].bears && u1 < p_ps ? SATED : PSEUDOHYPHAL;
+        else form = u1 < p_ps && cells[mother].bears ? SATED : PSEUDOHYPHAL;
     }
     int angle = below(4);
     if (late) fetch_next();

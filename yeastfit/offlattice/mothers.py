@@ -62,7 +62,8 @@ def after_transition(
         mother = _one_of(sets, ELIGIBLE_PSEUDOHYPHAL, numbers, NO_PSEUDOHYPHAL)
     elif delayed and u[2] < rates.any_mother:
         mother = _one_of(sets, ELIGIBLE_SATED, numbers, NO_SATED)
-    if mother >= 0 and u[1] > rates.fork and cells[mother].bears and u[0] > rates.sated_from_pseudohyphal:
+    # the cell, which may have to come from memory, is asked last
+    if mother >= 0 and u[1] > rates.fork and u[0] > rates.sated_from_pseudohyphal and cells[mother].bears:
         mother = _one_of(sets, CHILDLESS, numbers, NO_CHILDLESS)
     return mother
 

@@ -28,4 +28,4 @@ def daughters_form(form: int, bears: bool, u: float, rates: Rates) -> int:
     """The daughter's form by its mother's, whether that has a pseudohyphal daughter, and u₁."""
     if form == SATED:
         return PSEUDOHYPHAL if u < rates.pseudohyphal_from_sated else SATED
-    return SATED if bears and u < rates.sated_from_pseudohyphal else PSEUDOHYPHAL
+    return SATED if u < rates.sated_from_pseudohyphal and bears else PSEUDOHYPHAL
