@@ -12,7 +12,7 @@ from typing import ClassVar
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from yeastfit.model.active_window import extent_of_change, with_window
+from yeastfit.model.active_window import extent_of_change, on_window, with_window
 from yeastfit.model.cell_overlap import smooth_step
 from yeastfit.model.cells import Cells
 from yeastfit.model.colony import Colony
@@ -42,18 +42,24 @@ class MorphogenMedium(MediumRule):
         """Both fields one step later."""
         colony, parameters, numerics = context.colony, context.parameters, context.numerics
 
-        def law(window: slice, g: Array, nutrient: Array, morphogen: Array) -> tuple[Array, Array]:
-            here, source = morphogen[window, window], smooth_step(g, context.relaxation.boundary)
-            decay = jnp.broadcast_to(parameters["morphogen_decay"], here.shape)
-            made = parameters["morphogen_secretion"] * source
-            left = closed_step(here, decay, parameters["morphogen_diffusivity"], numerics, made)
+        def eaten(window: slice, g: Array, nutrient: Array) -> tuple[Array, Array]:
             fed = nutrient_of_step(context, uptake, g, nutrient[window, window])
-            return with_window(nutrient, window, fed), with_window(morphogen, window, left)
+            inside = smooth_step(g, context.relaxation.boundary)
+            return with_window(nutrient, window, fed), with_window(jnp.zeros_like(nutrient), window, inside)
 
-        fields = colony.nutrient, colony.medium["morphogen"]
-        change = jnp.maximum(jnp.abs(1.0 - fields[0]), jnp.abs(fields[1]))
-        extent = extent_of_change(change, numerics.spacing)
-        nutrient, morphogen = where_cells_are(context, cells, extent, law, *fields)
+        def secreted(points: int, morphogen: Array, inside: Array) -> Array:
+            first = (numerics.points - points) // 2
+            window = slice(first, first + points)
+            here, made = morphogen[window, window], parameters["morphogen_secretion"] * inside[window, window]
+            decay = jnp.broadcast_to(parameters["morphogen_decay"], here.shape)
+            left = closed_step(here, decay, parameters["morphogen_diffusivity"], numerics, made)
+            return with_window(morphogen, window, left)
+
+        nutrient, morphogen = colony.nutrient, colony.medium["morphogen"]
+        extent = extent_of_change(1.0 - nutrient, numerics.spacing)
+        nutrient, inside = where_cells_are(context, cells, extent, eaten, nutrient)
+        extent = extent_of_change(jnp.maximum(jnp.abs(morphogen), inside), numerics.spacing)  # it reaches farther
+        morphogen = on_window(secreted, extent, numerics.spacing, numerics.points, morphogen, inside)
         return dataclasses.replace(colony, nutrient=nutrient, medium={**colony.medium, "morphogen": morphogen})
 
     def drift(self, context: Context) -> Float[Array, "node 2"]:
