@@ -198,7 +198,6 @@ def squared_norm(
     computes many at a time on a CPU.
     """
     larger, smaller = jnp.maximum(u**2, v**2), jnp.minimum(u**2, v**2)
-    counts = smaller > jnp.finfo(larger.dtype).eps ** 2 * larger  # otherwise the result is m to rounding
-    ratio = jnp.where(counts, smaller, 1.0) / jnp.where(counts, larger, 1.0)
-    grown = larger * jnp.exp(2.0 / n * jnp.log1p(jnp.exp(0.5 * n * jnp.log(ratio))))
-    return jnp.where(counts, grown, larger)
+    little = jnp.finfo(larger.dtype).eps ** 2  # changes the result by less than this, and no quotient is 0 / 0
+    ratio = (smaller + little) / (larger + little)
+    return larger * jnp.exp(2.0 / n * jnp.log(1.0 + jnp.exp(0.5 * n * jnp.log(ratio))))
