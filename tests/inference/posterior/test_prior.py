@@ -66,6 +66,8 @@ def test_outside_the_support_there_is_nothing() -> None:
     outside[5, 2] = np.nan  # the normal law has no upper end
     assert np.isfinite(PRIOR.log_density(inside)).all()
     assert np.isneginf(PRIOR.log_density(outside)).all()
+    assert PRIOR.contains(inside).all()
+    assert not PRIOR.contains(outside).any()
     assert np.isneginf(PRIOR.log_density_of_coordinates(np.full((1, 5), 1e4))).all()
 
 
@@ -204,7 +206,10 @@ def test_distributions_compare_by_their_numbers() -> None:
 
 @pytest.mark.parametrize(
     "method",
-    ["log_density", "log_densities", "log_density_of_coordinates", "coordinates", "values", "quantile", "shares"],
+    [
+        *("log_density", "log_densities", "log_density_of_coordinates", "contains"),
+        *("coordinates", "values", "quantile", "shares"),
+    ],
 )
 @pytest.mark.parametrize("shape", [(5,), (2, 4), (2, 5, 1)])
 def test_values_are_rows(method: str, shape: tuple[int, ...]) -> None:

@@ -222,7 +222,7 @@ class AbcMcmc:
     def _check_start(self, prior: Prior) -> None:
         if self.start is not None:
             start, shape = np.array(self.start, dtype=float), (self.walkers, len(prior.free))
-            if start.shape != shape or not np.isfinite(prior.log_density(start)).all():
+            if start.shape != shape or not prior.contains(start).all():
                 raise InputError(f"start is {start.tolist()}, it must be {shape[0]} points inside the prior")
 
 

@@ -134,7 +134,7 @@ def without(problem: Problem, kept: Colonies) -> Problem:
 def _usable(problem: Problem, simulations: tuple[Values, Statistics]) -> np.ndarray:
     """Which simulations succeeded, of values that the prior allows."""
     values, statistics = simulations[0], problem.of_their_kind(simulations[1])
-    return np.isfinite(problem.prior.log_density(values)) & np.isfinite(statistics).all(axis=1)
+    return problem.prior.contains(values) & np.isfinite(statistics).all(axis=1)
 
 
 def _emulator(

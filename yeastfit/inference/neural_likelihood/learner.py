@@ -99,7 +99,7 @@ class Learner:
             near=None if before is None else before.neighbourhood.holds(x[chosen], self.widen),
             room=self.most + len(self.reused[0]),
         )
-        whole = chosen & np.isfinite(statistics).all(axis=1) & np.isfinite(self.problem.prior.log_density(values))
+        whole = chosen & np.isfinite(statistics).all(axis=1) & self.problem.prior.contains(values)
         density = LogPosterior(emulator, self.problem, known, power)
         walk = Walk.start(
             density,

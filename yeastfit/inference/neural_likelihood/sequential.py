@@ -250,7 +250,7 @@ class _Rounds:
     def _nearest(self, values: Values, statistics: Statistics) -> Float[np.ndarray, "near free"] | None:
         """Where to look for simulations like the data; None once there are enough of them (`search`)."""
         values, statistics = self.learner.with_reused(values, statistics)
-        inside = np.isfinite(self.problem.prior.log_density(values))
+        inside = self.problem.prior.contains(values)
         values, statistics = values[inside], statistics[inside]
         least = fewest(values.shape[1], statistics.shape[1], self.settings.training)
         return search.nearest(self.problem.prior.coordinates(values), statistics, self.problem.limits, least)

@@ -256,7 +256,7 @@ class Problem:
         Shares stay within their prior, at whose ends an emulator's coordinates end, too (`Distribution.is_share`).
         """
         if self.variation is None:
-            return np.isfinite(self.prior.log_density(values))
+            return self.prior.contains(values)
         low, high = self.prior.support.T
         shares = np.array([one.is_share for one in self.prior.distributions.values()])
         known = np.stack(

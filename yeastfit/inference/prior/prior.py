@@ -62,6 +62,10 @@ class Prior:
         density = self._log_density(x) - x[:, self._logarithmic].sum(axis=1)
         return np.where(inside, density, -np.inf)
 
+    def contains(self, values: Values) -> Bool[np.ndarray, " draw"]:
+        """Whether λ has a density, one above 0."""
+        return np.isfinite(self.log_density(values))
+
     def log_densities(self, values: Values) -> Values:
         """Log density of each λ by itself, which add up to `log_density`; −inf outside its support."""
         low, high = self.support.T
