@@ -36,7 +36,8 @@ UPTAKE_RADIUS = Parameter(
     "uptake_radius", "R_u", "distance within which a node takes up a walker", (0.05, 1.0), 0.25, "L0", positive=True
 )
 
-BLOCK = 64  # grid points that are smoothed together
+BLOCK = 32  # grid points that are smoothed together
+SOME = 512  # walkers whose nearest nodes are looked for together
 MOST = 10_000_000  # walkers: their places alone take 80 MB
 
 
@@ -187,30 +188,58 @@ def nearest_node(
     """The slot of the node nearest to each place, and whether it is within a radius; else slot 0.
 
     Nodes are sorted into square bins of the radius' side, as for contact: a place meets three runs of the sorted order.
+    Only places in the rectangle of the colony's bins are looked at.
     """
     positions = jax.lax.stop_gradient(colony.positions)
     bins = jnp.floor(positions / radius).astype(int)
     low = jnp.min(jnp.where(colony.alive[:, None], bins, jnp.iinfo(bins.dtype).max), axis=0)
     bins = bins - low + 1
-    rows = jnp.max(jnp.where(colony.alive, bins[:, 1], 0)) + 2
+    columns, rows = jnp.unstack(jnp.max(jnp.where(colony.alive[:, None], bins, 0), axis=0) + 2)
     key = jnp.where(colony.alive, bins[:, 0] * rows + bins[:, 1], jnp.iinfo(bins.dtype).max)
     order = jnp.argsort(key)
-    own = jnp.floor(places / radius).astype(int) - low + 1
-    inside = (own[:, 1] >= 0) & (own[:, 1] < rows)
+    nodes = key[order], positions[order], order
+    own_bins = jnp.floor(places / radius).astype(int) - low + 1
+    around = jnp.all((own_bins >= 0) & (own_bins < jnp.stack([columns, rows])), axis=-1)  # few, the dish is wide
+    count = places.shape[0]
+    asked = jnp.nonzero(around, size=-(-count // SOME) * SOME, fill_value=count)[0]
+
+    def find_some(i: Int[Array, ""], found: tuple[Array, Array]) -> tuple[Array, Array]:
+        which = jax.lax.dynamic_slice(asked, (i * SOME,), (SOME,))
+        at, own = (of_all.at[which].get(mode="clip") for of_all in (places, own_bins))
+        squared, slot = _nearest(at, own, rows, *nodes)
+        return found[0].at[which].set(squared, mode="drop"), found[1].at[which].set(slot, mode="drop")
+
+    nobody = jnp.full(count, jnp.inf, places.dtype), jnp.zeros(count, order.dtype)
+    trips = largest_in_ensemble((jnp.sum(around) + SOME - 1) // SOME)
+    squared, slot = jax.lax.fori_loop(0, trips, find_some, nobody)
+    return slot, squared < radius**2
+
+
+def _nearest(
+    at: Float[Array, "walker 2"],
+    own: Int[Array, "walker 2"],
+    rows: Int[Array, ""],
+    key: Int[Array, " node"],
+    positions: Float[Array, "node 2"],
+    order: Int[Array, " node"],
+) -> tuple[Float[Array, " walker"], Int[Array, " walker"]]:
+    """Squared distance of the nearest node in the nine bins around each place, and its slot; inf and 0 without one.
+
+    own: the place's bin. key, positions, order: bins, places and slots of the nodes, sorted by bin.
+    """
     middle = (own[:, 0, None] + jnp.arange(-1, 2)) * rows + own[:, 1, None]
-    first = jnp.searchsorted(key[order], middle - 1, side="left")
-    runs = jnp.where(inside[:, None], jnp.searchsorted(key[order], middle + 1, side="right") - first, 0)
-    sorted_places = positions[order]
+    first = jnp.searchsorted(key, middle - 1, side="left")
+    runs = jnp.searchsorted(key, middle + 1, side="right") - first
 
     def lane(i: Int[Array, ""], best: tuple[Array, Array]) -> tuple[Array, Array]:
         closest, slot = best
         rank = jnp.minimum(first + i, order.shape[0] - 1)
-        apart = jnp.sum((places[:, None] - sorted_places[rank]) ** 2, axis=-1)
+        apart = jnp.sum((at[:, None] - positions[rank]) ** 2, axis=-1)
         apart = jnp.where(i < runs, apart, jnp.inf)
         of = jnp.argmin(apart, axis=1)[:, None]
         least, whose = jnp.take_along_axis(apart, of, 1)[:, 0], jnp.take_along_axis(order[rank], of, 1)[:, 0]
         return jnp.minimum(closest, least), jnp.where(least < closest, whose, slot)
 
-    start = jnp.full(places.shape[0], jnp.inf, places.dtype), jnp.zeros(places.shape[0], order.dtype)
-    closest, slot = jax.lax.fori_loop(0, largest_in_ensemble(jnp.max(runs)), lane, start)
-    return slot, closest < radius**2
+    start = jnp.full(len(at), jnp.inf, at.dtype), jnp.zeros(len(at), order.dtype)
+    found: tuple[Array, Array] = jax.lax.fori_loop(0, largest_in_ensemble(jnp.max(runs)), lane, start)
+    return found
