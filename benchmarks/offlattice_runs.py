@@ -94,16 +94,12 @@ class Run:
 
     @property
     def simulator(self) -> Simulator:
-        """Of single colonies; those of the emulator no farther from the real ones than says something.
+        """Of single colonies.
 
         What is compared with single real colonies is drawn without Li et al.'s frame, which cuts wide ones off.
         """
         simulator = self.colonies.simulator(self.statistics, self.threads)
-        if self.method == "emulator":
-            simulator = replace(simulator, draw=BinnedOutlines.whole)
-        if self.limits is None:
-            return simulator
-        return replace(simulator, limits=tuple((low, high) for low, high in self.limits.tolist()))
+        return replace(simulator, draw=BinnedOutlines.whole) if self.method == "emulator" else simulator
 
     @property
     def limits(self) -> Limits | None:

@@ -153,6 +153,17 @@ class Replicates(Wrapper):
 
 
 @dataclass(frozen=True)
+class Limited(Wrapper):
+    """A simulator whose statistics beyond limits are set to these."""
+
+    limits: Float[np.ndarray, "statistic 2"]
+
+    def __call__(self, values: Values, seeds: Seeds) -> Rows:
+        """Rows within the limits; nan stays."""
+        return np.clip(self.simulator(values, seeds), *self.limits.T)
+
+
+@dataclass(frozen=True)
 class Mismeasured(Wrapper):
     """A simulator whose statistics have Gaussian errors of measurement with covariance root rootᵀ.
 

@@ -74,6 +74,39 @@ def test_models_have_limits_around_colonies_of_one_time(model: ForwardModel) -> 
     assert model.limits(Targets.from_means({"solidity": [0.2]}, [5.0], replicates=3)) is None
 
 
+def test_posteriors_see_how_far_off_a_colony_is_and_fits_the_limits() -> None:
+    """Of off-lattice colonies far from the data."""
+    rows = np.array([[0.4, 40.0], [0.41, 41.0], [0.405, 40.5]])
+    curves = dict(zip(("solidity", "radius"), rows.T[..., None], strict=True))
+    targets = Targets.from_replicates(curves, [5.0], colonies=["1", "2", "3"])
+    model = Offlattice(cells=300, match="none")
+    limits = model.limits(targets)
+    assert limits is not None
+    free = ("transition", "fork")
+    values, seeds = np.array([[0.6, 0.2], [0.7, 0.5], [0.9, 0.4]]), np.arange(3)
+    far = model.simulator(targets, free, {})(values, seeds)
+    assert len(np.unique(far, axis=0)) == 3
+    assert ((far < limits[:, 0]) | (far > limits[:, 1])).any(axis=1).all()
+    for simulator in model.fit_simulators(targets, free, {}):
+        np.testing.assert_array_equal(simulator(values, seeds), np.clip(far, *limits.T))
+
+
+def test_to_distances_what_lies_beyond_is_at_the_limits() -> None:
+    """Replicates are, of which a data set is the mean; failed ones stay failed."""
+    known = fragile()
+    rows = colonies_of(known, (2.4, 0.8), 4)
+    limits = limits_around(rows)
+    assert limits is not None
+    problem = Problem.of(known, known.prior, rows, limits=limits)
+    values, seeds = np.tile([2.4, 0.8], (30, 1)), seed_of(5, range(30))
+    single = problem.data_sets(outlying(known), 1)(values, seeds)
+    np.testing.assert_array_equal(single, np.clip(outlying(known)(values, seeds), *limits.T))
+    assert (single == limits[:, 1]).any()
+    means = problem.data_sets(outlying(known), 8)(values, seeds)
+    np.testing.assert_allclose(np.clip(means, *limits.T), means, rtol=1e-12)
+    np.testing.assert_array_equal(np.isnan(problem.data_sets(known, 1)(values, seeds)), np.isnan(known(values, seeds)))
+
+
 @pytest.mark.usefixtures("unchecked")
 def test_what_lies_beyond_counts_as_failed() -> None:
     """The same draws as of a simulator whose outliers come to nothing."""
@@ -160,5 +193,9 @@ def test_limits_that_are_refused() -> None:
     tight[1, 1] = rows[:, 1].max()
     with pytest.raises(InputError, match=r"limits of s1 are .* all data must lie between them: they are from"):
         infer(known, known.prior, rows, method=SMALL, limits=tight)
+    half = limits.copy()
+    half[2, 1] = np.inf
+    with pytest.raises(InputError, match=r"limits of s2 are .* and inf: give two numbers, or −inf and inf"):
+        infer(known, known.prior, rows, method=SMALL, limits=half)
     with pytest.raises(InputError, match="simulations succeeded"):
         infer(known, known.prior, rows + 1e4, method=SMALL, limits=limits + 1e4)

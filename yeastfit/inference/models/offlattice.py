@@ -148,16 +148,23 @@ class Offlattice(ForwardModel):
         return tuple(dict.fromkeys(found))
 
     def simulator(self, targets: Targets, free: Sequence[str], fixed: Mapping[str, float]) -> "OfflatticeSimulator":
-        """Colonies that are seen as the data are, and no farther from them than their limits.
+        """Colonies that are seen as the data are.
 
         Raises:
             InputError: All cells of most colonies cover less than the area at which they are compared.
         """
-        limits = self.limits(targets)
-        held = None if limits is None else tuple((low, high) for low, high in limits.tolist())
         simulator = self._simulator(targets.names, free, fixed)
         self._check_reach(simulator)
-        return replace(simulator, observables=targets.observables, limits=held)
+        return replace(simulator, observables=targets.observables)
+
+    def fit_simulators(
+        self, targets: Targets, free: Sequence[str], fixed: Mapping[str, float]
+    ) -> tuple["OfflatticeSimulator", "OfflatticeSimulator"]:
+        """Twice those of `simulator`, no farther from the data than their limits: rare ones would decide over means."""
+        limits, simulator = self.limits(targets), self.simulator(targets, free, fixed)
+        if limits is not None:
+            simulator = replace(simulator, limits=tuple((low, high) for low, high in limits.tolist()))
+        return simulator, simulator
 
     def seen(self, rows: Sequence[Row], folder: Path, condition: str | None, statistics: Sequence[str]) -> Seen:
         """Statistics of the last image of each colony, with their mean area and pixel size.

@@ -47,6 +47,10 @@ def check_limits(limits: Limits, colonies: Float[np.ndarray, "colony statistic"]
                 f"limits of {label} are {limits[k, 0]:g} and {limits[k, 1]:g}, all data must lie between them: they "
                 f"are from {low[k]:g} to {high[k]:g}"
             )
+        if np.isfinite(limits[k]).sum() == 1:
+            raise InputError(
+                f"limits of {label} are {limits[k, 0]:g} and {limits[k, 1]:g}: give two numbers, or −inf and inf"
+            )
 
 
 def within(statistics: Float[np.ndarray, "row statistic"], limits: Limits | None) -> Float[np.ndarray, "row statistic"]:

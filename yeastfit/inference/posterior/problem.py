@@ -13,7 +13,8 @@ the scatter of their λ, is inferred beside λ:
 with M the covariance of errors of measurement that every colony has for itself.
 
 Where there are `limits`, a colony beyond them is none of the data's kind: to samplers that learn the likelihood it is
-one that failed (`posterior.limits`). Others compare it like any other.
+one that failed (`posterior.limits`). Others compare it as if it were at the limits: rare colonies far from all others
+would decide what scatter distances are measured by.
 """
 
 from collections.abc import Sequence
@@ -29,6 +30,7 @@ from yeastfit.inference.posterior.limits import Limits, check_limits, within
 from yeastfit.inference.prior.prior import Prior
 from yeastfit.inference.prior.variation import ColonyCoordinates, Variation
 from yeastfit.inference.simulator import (
+    Limited,
     Mismeasured,
     Replicates,
     Simulator,
@@ -171,6 +173,8 @@ class Problem:
     def data_sets(self, simulator: Simulator, count: int) -> Simulator:
         """A simulator of data sets like the data: means over `count` replicates, with errors of measurement.
 
+        A replicate beyond the limits counts as one at them.
+
         Arguments:
             simulator: Of one replicate: the problem's own, or a `CachedSimulator` around it.
             count: Replicates of a data set.
@@ -178,7 +182,8 @@ class Problem:
         Returns:
             A simulator of the same parameters and observables.
         """
-        means = Replicates(simulator, count) if count > 1 else simulator
+        held = simulator if self.limits is None else Limited(simulator, self.limits)
+        means = Replicates(held, count) if count > 1 else held
         return means if self.noise is None or not self.noise.any() else Mismeasured(means, root_of(self.noise))
 
     def prior_values(self, count: int, seed: int) -> Float[np.ndarray, "draw free"]:
