@@ -170,5 +170,13 @@ def test_a_name_is_read_in_one_way_or_refused() -> None:
         {"condition": "a", "replicate": "b", "rest": "_c"},
         {"condition": "a_b", "replicate": "c", "rest": ""},
     ]
+    for pattern, name, of in (
+        ("{replicate}{hours}h", "A12h", [("A", "12"), ("A1", "2")]),
+        ("s{replicate}{hours}h", "s1012h", [("1", "012"), ("101", "2")]),
+        ("s{replicate}{hours}h", "s112.5h", [("1", "12.5"), ("11", "2.5")]),
+    ):
+        assert [(one["replicate"], one["hours"]) for one in NamePattern.of(pattern).readings(name)] == of
+    assert len(NamePattern.of("{objective}-{replicate}").readings("a-b-c")) == 2
+    assert [one["hours"] for one in NamePattern.of("{replicate} {hours}").readings("7 12.5 old")] == ["12.5"]
     with pytest.raises(InputError, match="unknown"):
         NamePattern.of("{}{replicate}{colony}")

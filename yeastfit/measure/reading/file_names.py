@@ -17,13 +17,13 @@ from yeastfit.numbers import HOURS
 from yeastfit.text import quoted
 
 FIELDS = {
-    "condition": r".+",
-    "replicate": r"[A-Za-z0-9]+",
-    "hours": r"[0-9]+(?:\.[0-9]+)?",
-    "objective": r"[^ _]+",
-    "": r".*",
+    "condition": r".+?",
+    "replicate": r"[A-Za-z0-9]+?",
+    "hours": r"[0-9]+?(?:\.[0-9]+?)??",
+    "objective": r"[^ _]+?",
+    "": r".*?",
 }
-"""What each field of a pattern may be, as a regular expression."""
+"""What each field of a pattern may be, as a regular expression that takes as little as it can."""
 
 MOST_UNREAD = 4  # {} in a pattern; with more, a name that does not match takes too long to say so
 REST = r"(?P<rest>[ _-].*)?"
@@ -99,11 +99,10 @@ class NamePattern:
         return list(found.values())
 
     def _expressions(self) -> Iterator[re.Pattern[str]]:
-        for lazy in ("?", ""):
+        for little in (True, False):
             parts = re.split(r"\{([^{}]*)\}", self.text)
             for k in range(1, len(parts), 2):
-                inside = FIELDS[parts[k]]
-                inside = inside + lazy if parts[k] in ("condition", "") else inside
+                inside = FIELDS[parts[k]] if little else re.sub(r"([+*?])\?", r"\1", FIELDS[parts[k]])
                 parts[k] = f"(?P<{parts[k]}>{inside})" if parts[k] else inside
             yield re.compile("".join(part if k % 2 else re.escape(part) for k, part in enumerate(parts)) + REST)
 
