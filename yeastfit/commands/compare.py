@@ -17,7 +17,7 @@ from yeastfit.report.files.comparison_files import write_comparison
 from yeastfit.results.contents import MANIFEST, RUN, check_finished, check_unchanged
 from yeastfit.results.folder import results_folder
 
-OF_THE_RUN = ("settings", "prior", "draws", "condition", "model", "reuse", "method", "leave_out", "further", "free")
+OF_THE_RUN = ("settings", "prior", "draws", "prior_draws", "condition", "model", "reuse", "method", "leave_out", "free")
 
 
 def compare(

@@ -12,6 +12,8 @@ from yeastfit.inference.comparison.left_out import LeftOut
 from yeastfit.inference.comparison.models import ModelComparison
 from yeastfit.inference.comparison.runs import ComparedRun, Comparison
 from yeastfit.inference.posterior.status import Status
+from yeastfit.inference.prior.distributions import Distribution
+from yeastfit.inference.prior.prior import Prior
 
 COLONIES = 12
 
@@ -143,6 +145,17 @@ def test_doubts() -> None:
     assert any(one.startswith("b: not settled") for one in found.doubts)
     assert "cells is 1000 in a and 2000 in b: parameters may differ by that alone" in found.doubts
     assert any(one.startswith("c has left no colonies out") for one in found.doubts)
+
+
+def test_other_priors_are_doubts() -> None:
+    first, second = run("a", "m", "p", 1.0), run("b", "m", "q", 1.0)
+    assert Comparison.of([first, second]).doubts == ()
+    name = first.posterior.free[0]
+    narrow = Prior({name: Distribution("uniform", {"low": 0.0, "high": 2.5})})
+    second = replace(second, posterior=replace(second.posterior, prior=narrow))
+    (doubt,) = Comparison.of([first, second]).doubts
+    assert doubt.startswith(f"the prior of {name} is ")
+    assert doubt.endswith(" in a and uniform (low 0, high 2.5) in b: posteriors may differ by that alone")
 
 
 @pytest.mark.parametrize(

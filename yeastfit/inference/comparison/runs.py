@@ -11,6 +11,7 @@ from yeastfit.inference.comparison.conditions import ConditionComparison
 from yeastfit.inference.comparison.left_out import LeftOut
 from yeastfit.inference.comparison.models import ModelComparison, difference_of_data
 from yeastfit.inference.posterior.result import Posterior
+from yeastfit.inference.prior.distributions import Distribution
 
 ROUNDING = 1e-12  # relative difference of means over the same colonies in another order
 
@@ -144,4 +145,17 @@ def _conditions(runs: Sequence[ComparedRun]) -> tuple[tuple[ConditionComparison,
             for name in sorted({*one.settings, *other.settings})
             if one.settings.get(name) != other.settings.get(name)
         ]
+        priors = one.posterior.prior.distributions, other.posterior.prior.distributions
+        doubts += [
+            f"the prior of {name} is {_words(priors[0][name])} in {one.name} and {_words(priors[1][name])} in "
+            f"{other.name}: posteriors may differ by that alone"
+            for name in priors[0]
+            if name in priors[1] and priors[0][name] != priors[1][name]
+        ]
     return tuple(found), doubts
+
+
+def _words(distribution: Distribution) -> str:
+    """A distribution and its numbers."""
+    numbers = ", ".join(f"{name} {value:g}" for name, value in distribution.numbers.items())
+    return f"{distribution.family} ({numbers})"
