@@ -152,7 +152,7 @@ def test_where_all_proposals_are_outside_the_prior_nothing_is_simulated() -> Non
     interrupted = Interrupted(known.simulator, 10**6)
     settings = replace(SHORT, walkers=2, covariance=((1e6,),), distance=known.distance, replicates=2)
     found = infer(interrupted, known.prior, np.array([7.0]), method=settings, noise=np.array([[0.1]]), seed=1)
-    assert found.simulations == settings.pilot
+    assert found.simulations == settings.replicates * settings.pilot
     assert not found.acceptance.any()
 
 

@@ -16,6 +16,7 @@ from yeastfit.inference.abc.population import Mixture, Population
 from yeastfit.inference.abc.smc import AbcSmc, SmcDiagnostics
 from yeastfit.inference.posterior.result import Posterior
 from yeastfit.inference.posterior.status import Status
+from yeastfit.inference.samplers import infer
 from yeastfit.inference.store.simulation_store import Store
 from yeastfit.inference.store.simulations import Simulations
 
@@ -241,6 +242,15 @@ def test_a_torn_file_comes_to_the_same_bits(tmp_path: Path) -> None:
         again = run(replace(GAUSSIAN, simulator=nothing), SHORT, seed=14, store=store)
         assert "was torn" in again.warnings[0]
         assert_same(again, expected)
+
+
+def test_simulations_are_single_ones_and_those_of_the_pilot_count() -> None:
+    store = Simulations(("mean",), ("average",))
+    settings = replace(SHORT, replicates=3, distance="mahalanobis", pilot=20)
+    known, data = GAUSSIAN, np.array([0.8])
+    found = infer(known.simulator, known.prior, data, method=settings, seed=15, store=store)
+    assert found.simulations == len(store) + 3 * 20  # the first population asks for those of the pilot again
+    assert found.simulations <= settings.simulations_at_most
 
 
 def test_more_populations_go_on_from_fewer() -> None:

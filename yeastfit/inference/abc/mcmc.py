@@ -15,8 +15,9 @@ Gaussian q of covariance Σ/3 this is the method of Li et al. 2024.
 
 **Pilot.** Simulations of λ from the prior give what is not given: ε, a quantile of their distances; Σ, the covariance
 of the nearest; and the starting points, drawn from them with weights K_ε. With the indicator kernel these are draws
-from the target, so that no burn-in is needed. Where all three are given, nothing is simulated beforehand: chains leave
-the given points as if these had been accepted, close to the data or not, and take time to forget them.
+from the target, so that no burn-in is needed. Where all three are given, chains leave the given points as if these had
+been accepted, close to the data or not, and take time to forget them; beforehand nothing is simulated but the pilot of
+a distance that is estimated.
 
 **Chains** are emcee's walkers, in the coordinates of the prior (log λ where its distribution is one of log λ). With the
 Gaussian proposal they are independent. "stretch" and "de" are emcee's ensemble moves, whose chains are not. λ* outside
@@ -34,7 +35,16 @@ from jaxtyping import Float
 
 from yeastfit.errors import InputError
 from yeastfit.inference.abc.distances import KERNELS, Distance, KernelName, log_kernel
-from yeastfit.inference.abc.pilot import DISTANCES, DistanceName, Pilot, check_pilot, distance_of, no_pilot, pilot_of
+from yeastfit.inference.abc.pilot import (
+    DISTANCES,
+    DistanceName,
+    Pilot,
+    check_pilot,
+    distance_of,
+    is_estimated,
+    no_pilot,
+    pilot_of,
+)
 from yeastfit.inference.abc.proposals import MOVES, Move, move_of
 from yeastfit.inference.abc.standstills import standstills
 from yeastfit.inference.posterior.diagnostics import Diagnostics
@@ -138,7 +148,11 @@ class AbcMcmc:
     @property
     def simulations_at_most(self) -> int:
         """Single simulations of a run, at most."""
-        return self.replicates * (self.pilot * self.asks_pilot + self.steps * self.walkers)
+        return self._made(self.steps * self.walkers)
+
+    def _made(self, asked: int) -> int:
+        """Single simulations for so many data sets of the chains, with those of the pilot."""
+        return self.replicates * (self.pilot * (self.asks_pilot or is_estimated(self.distance)) + asked)
 
     @property
     def asks_pilot(self) -> bool:
@@ -199,7 +213,7 @@ class AbcMcmc:
             problem.prior.values(x.reshape(-1, x.shape[2])).reshape(x.shape),
             log_probability=backend.get_log_prob()[self.discard :].T,
             statistics=np.swapaxes(backend.get_blobs()[self.discard :, :, 1:], 0, 1),
-            simulations=len(pilot.x) + target.asked,
+            simulations=self._made(target.asked),
             acceptance=moved.mean(axis=0),
             warnings=[*store.notes, *pilot.warnings, *standstills(moved)],
             diagnostics=McmcDiagnostics(float(tolerance), distance, covariance / 3),

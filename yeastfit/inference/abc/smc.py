@@ -143,7 +143,11 @@ class AbcSmc:
     @property
     def simulations_at_most(self) -> int:
         """Single simulations of a run, at most."""
-        return self.replicates * (is_estimated(self.distance) * self._pilot + self.simulations)
+        return self.made(self.simulations)
+
+    def made(self, asked: int) -> int:
+        """Single simulations for so many data sets of the populations, with those of the pilot."""
+        return self.replicates * (is_estimated(self.distance) * self._pilot + asked)
 
     @property
     def _pilot(self) -> int:
@@ -275,7 +279,7 @@ class _Sequence:
             acceptance=np.array([one.acceptance for one in populations]),
             statistics=last.statistics[None],
             worth=worth,
-            simulations=self.asked,
+            simulations=self.settings.made(self.asked),
             warnings=[*notes, *warnings],
             status=status,
             diagnostics=SmcDiagnostics(
