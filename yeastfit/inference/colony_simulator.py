@@ -160,7 +160,8 @@ class ColonySimulator:
         if self.curves.area is not None:
             missed = int(np.isnan(each[:, : -len(PROBLEMS)]).all(axis=1).sum())
             self.problems.update({NOT_COME.format(area=self.curves.area): missed} if missed else {})
-        self.problems.update({TOO_FAST.format(most=most): int(fast.sum())} if fast.any() else {})
+        too_fast = int(fast[once(values, seeds)].sum())
+        self.problems.update({TOO_FAST.format(most=most): too_fast} if too_fast else {})
         rows = found[:, : -len(PROBLEMS)][:, self.measured]
         return np.where(np.isfinite(rows).all(axis=1, keepdims=True) & ~fast[:, None], rows, np.nan)
 
