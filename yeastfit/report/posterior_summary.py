@@ -75,7 +75,8 @@ class Summary:
             row: dict[str, Any] = {"parameter": name, **{label: float(values[k]) for label, values in columns.items()}}
             if self.truth:
                 truth = self.truth.get(name, math.nan)  # data sets do not tell τ
-                row |= {"truth": truth, "inside_90": row["q05"] <= truth <= row["q95"]}
+                inside = "" if math.isnan(truth) else row["q05"] <= truth <= row["q95"]
+                row |= {"truth": truth, "inside_90": inside}
             rows.append(row)
         return rows
 
@@ -121,7 +122,9 @@ class Summary:
         for row in self.rows():
             cells = [row["parameter"], *(f"{row[name]:.3g}" for name in ("mean", "sd", *SHARES))]
             cells.append(f"{row['effective_size']:.0f}")
-            table.add_row(*cells, *([f"{row['truth']:.3g}", "yes" if row["inside_90"] else "no"] if self.truth else []))
+            if self.truth:
+                cells += [f"{row['truth']:.3g}", {True: "yes", False: "no"}.get(row["inside_90"], "")]
+            table.add_row(*cells)
         return table
 
     def lines(self) -> list[str]:

@@ -6,9 +6,13 @@ Of colony r with statistics y_r, and a posterior of the other groups' colonies (
     rank            u_rk = P(predicted statistic k ≤ y_rk | others)
 
 D are the standard deviations of the observed colonies, so that ℓ is the same whatever lengths are counted in. Σ ℓ_r
-estimates the expected log predictive density of as many further colonies, with standard error √R sd(ℓ_r)
-(Vehtari, Gelman & Gabry 2017, doi:10.1007/s11222-016-9696-4). Where predictions are right, u is uniform in 0..1, and
-half of them lie in the predicted interval of 50 %.
+estimates the expected log predictive density of as many further colonies, with standard error √R sd(ℓ_r) (Vehtari,
+Gelman & Gabry 2017, doi:10.1007/s11222-016-9696-4). Where predictions are right, u is uniform in 0..1, and half of them
+lie in the predicted interval of 50 %.
+
+Errors of measurement that all colonies have in common are taken for new ones of each colony that is left out: what the
+others tell of them is not used, which costs a right model about 0.1 a colony in ℓ where their variance is a seventh of
+the colonies' own.
 """
 
 from collections.abc import Sequence

@@ -145,7 +145,7 @@ def _of_draws(draws: Draws, seed: int) -> Groups:
 
 
 def _prior_draws(draws: Draws, predicted: Predictive | None, seed: int) -> dict[str, np.ndarray]:
-    """Draws of the prior, those whose data were predicted first."""
+    """Draws of the prior, first those whose data were predicted: λ that come to nothing are fewer than in the prior."""
     first = np.zeros((0, len(draws.free))) if predicted is None else predicted.values
     rng = np.random.default_rng(stream_of(seed, Stream.RESAMPLING, 1))
     values = np.concatenate([first, draws.prior.sample(max(0, PRIOR_DRAWS - len(first)), rng)])
