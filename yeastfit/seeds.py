@@ -34,6 +34,7 @@ class Stream(IntEnum):
     BOOTSTRAP = 14
     DIRECTIONS = 15
     WEIGHTS = 16
+    CONDITIONS = 17
 
 
 def check_seed(seed: Any) -> int:

@@ -48,6 +48,19 @@ def test_means_and_jacobians_of_conditions_are_stacked(targets: Targets) -> None
     assert whole.tally.simulated == 2 * 32
 
 
+def test_conditions_have_chance_of_their_own(targets: Targets) -> None:
+    """Wherever they stand; one alone has that of the seed."""
+    means = []
+    for names in (("a", "b"), ("b", "a"), ("a",)):
+        whole = ensembles(dict.fromkeys(names, targets), {name: StandIn() for name in names})
+        (joint,) = (model_of(each) for each in whole.local_models([AT], 16, 0.1))
+        means.append({name: joint.conditions[name].mean for name in names})
+    assert not np.allclose(means[0]["a"], means[0]["b"], rtol=1e-6)
+    np.testing.assert_array_equal(means[0]["b"], means[1]["b"])
+    (alone,) = (model_of(e) for e in ensembles({"": targets}, {"": StandIn()}).local_models([AT], 16, 0.1))
+    np.testing.assert_array_equal(means[2]["a"], alone.conditions[""].mean)
+
+
 def test_places_of_a_batch_do_not_know_of_each_other(targets: Targets) -> None:
     places = [AT, AT + 0.3, AT - 0.2]
     together = [model_of(each) for each in ensembles({"": targets}, {"": StandIn()}).local_models(places, 16, 0.1)]

@@ -16,12 +16,13 @@ mean (multilevel Monte Carlo: Giles 2008, doi:10.1287/opre.1070.0496), which tak
 covariance joins Σ.
 """
 
+import zlib
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Shaped
 from scipy.linalg import block_diag
 
 from yeastfit.errors import InputError, SimulationError
@@ -49,7 +50,7 @@ from yeastfit.inference.simulator import (
     stream_seeds,
 )
 from yeastfit.inference.targets import Targets
-from yeastfit.seeds import Stream
+from yeastfit.seeds import Stream, stream_of
 
 SCATTER = 0.2  # of the mean: scatter of one replicate where nobody knows it, at screening only
 TOLERANCE = 0.05  # of the mean, at screening: the error of a mean of 16 with that scatter, those of the first stage
@@ -174,7 +175,7 @@ class Ensembles:
             units = hadamard_design(count, len(columns), np.random.default_rng(self.seed))
             points = np.repeat(np.stack(places), 2 * count, axis=0)
             points[:, columns] = np.concatenate([paired_points(place[columns], units, spread) for place in places])
-            seeds = np.tile(member_seeds(self.seed, count), 2 * len(places))
+            seeds = np.tile(self._seeds(condition, count), 2 * len(places))
             rows = self._simulate(simulator, self.space.values(condition, points), seeds)
             for each, some in zip(found, np.split(rows, len(places)), strict=True):
                 each[condition] = EnsembleRows(some, units)
@@ -185,6 +186,13 @@ class Ensembles:
             except SimulationError as error:
                 models.append(SimulationError(f"{self.space.described(place)}: {error}{self._why()}"))
         return models
+
+    def _seeds(self, condition: str, members: int) -> Shaped[np.ndarray, " member"]:
+        """Of the ensemble of one condition: each has a chance of its own, as Σ takes their errors for independent."""
+        if len(self.simulators) == 1:
+            return member_seeds(self.seed, members)
+        own = stream_of(self.seed, Stream.CONDITIONS, zlib.crc32(condition.encode()))
+        return member_seeds(int(own.generate_state(1)[0]), members)
 
     def averaged(self, models: Sequence[JointModel], spread: float) -> JointModel:
         """One model of several whose points are close to each other and whose ensembles have the same size."""
@@ -206,7 +214,7 @@ class Ensembles:
                 continue
             pairs = np.mean(np.split(ensemble.rows, 2), axis=0)[: self.settings.refined]
             values = self.space.values(condition, np.tile(model.theta, (len(pairs), 1)))
-            change = self._simulate(self.fine[condition], values, member_seeds(self.seed, len(pairs))) - pairs
+            change = self._simulate(self.fine[condition], values, self._seeds(condition, len(pairs))) - pairs
             known = change[np.isfinite(change).all(axis=1)]
             if len(known) < FEWEST_FINE:
                 where = self.space.described(model.theta)
