@@ -98,6 +98,20 @@ def test_a_folder_with_the_name_of_an_image_is_refused_by_name(
     assert not (folder / "manifest.csv").exists()
 
 
+def test_one_size_for_two_objectives_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """With spaces in the folder's name the next command is one that a shell takes."""
+    folder = tmp_path / "two lenses"
+    folder.mkdir()
+    for name in ("a 5h 4X.png", "b 5h 10X.png"):
+        (folder / name).touch()
+    asked = ["manifest", str(folder), "--pattern", "{replicate} {hours}h {objective}", "--pixel-size"]
+    assert cli.run([*asked, "1.5"]) == 2
+    assert "images have the objectives '4X', '10X', and one pixel size is given for all" in capsys.readouterr().err
+    assert not (folder / "manifest.csv").exists()
+    assert cli.run([*asked, "4X=1.5", "--pixel-size", "10X=0.6"]) == 0
+    assert f"yeastfit measure '{folder}' --out" in "".join(capsys.readouterr().out.split("\n"))
+
+
 def test_one_time_and_one_size(tmp_path: Path) -> None:
     for replicate in "ab":
         (tmp_path / f"white_{replicate}.png").touch()

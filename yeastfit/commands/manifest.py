@@ -2,6 +2,7 @@
 
 import csv
 import os
+import shlex
 from pathlib import Path
 from typing import Annotated
 
@@ -83,7 +84,7 @@ def manifest(
     if skipped:
         warn([f"passed over, no images by their names: {', '.join(path.name for path in skipped)}"])
     count = "1 image" if len(images) == 1 else f"{len(images)} images"
-    out.print(f"{count} in {place / MANIFESTS[0]}. Next: yeastfit measure {place} --out out/measured")
+    out.print(f"{count} in {place / MANIFESTS[0]}. Next: yeastfit measure {shlex.quote(str(place))} --out out/measured")
 
 
 def _sizes(given: list[str]) -> dict[str, float]:

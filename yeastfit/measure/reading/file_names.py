@@ -159,13 +159,18 @@ def pixel_sizes_of(images: Sequence[NamedImage], sizes: Mapping[str, float]) -> 
         sizes: By objective; "" stands for all.
 
     Raises:
-        InputError: An objective has no size, or a size belongs to no image.
+        InputError: An objective has no size, a size belongs to no image, or one is for several objectives.
     """
     if not sizes:
         return [None] * len(images)
-    if "" in sizes:
-        return [sizes[""]] * len(images)
     met = dict.fromkeys(image.objective for image in images)
+    if "" in sizes:
+        if len(met) > 1:
+            raise InputError(
+                f"images have the objectives {', '.join(map(quoted, met))}, and one pixel size is given for all: give "
+                "one for each, or a pattern without {objective}"
+            )
+        return [sizes[""]] * len(images)
     if missing := [objective for objective in met if objective not in sizes]:
         first = next(image for image in images if image.objective == missing[0])
         what = f"objective {quoted(missing[0])}" if missing[0] else "no objective in its name"
