@@ -5,12 +5,14 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
+from yeastfit.errors import InputError
 from yeastfit.inference.neural_likelihood.coordinates import Values
 from yeastfit.inference.neural_likelihood.error_share import error_share
 from yeastfit.inference.neural_likelihood.mcmc import BRIEFLY, LONGER, ROUGHLY, LogPosterior, Walk
 from yeastfit.inference.neural_likelihood.network import TrainingSettings
-from yeastfit.inference.neural_likelihood.training import train
+from yeastfit.inference.neural_likelihood.training import fewest, train
 from yeastfit.inference.neural_likelihood.training_rounds import FOUND, Neighbourhood, Round, Simulated, together
+from yeastfit.inference.posterior.limits import BEYOND
 from yeastfit.inference.posterior.problem import Problem
 from yeastfit.inference.posterior.robust_summary import apart
 from yeastfit.seeds import Stream, stream_of
@@ -89,6 +91,7 @@ class Learner:
         if before is not None and before.found:
             known = before.neighbourhood.kept_to(before.draws, x, self.widen, self.least)
         chosen = np.ones(len(x), dtype=bool) if known is None else known(x)
+        self._check_like_data(statistics[chosen])
         emulator = train(
             values[chosen],
             statistics[chosen],
@@ -109,6 +112,19 @@ class Learner:
             seed=self.seed,
         )
         return density, walk
+
+    def _check_like_data(self, statistics: Statistics) -> None:
+        """Raise `InputError` where too few simulations lie within the limits around the data to learn from."""
+        if self.problem.limits is None:
+            return
+        came, free = int(np.isfinite(statistics).all(axis=1).sum()), len(self.problem.prior.free)
+        least = fewest(free, len(self.problem.labels), self.training)
+        if came < least:
+            raise InputError(
+                f"{came} of {len(statistics)} simulations succeeded and are like the data, within {BEYOND:g} times "
+                f"their range of them; an emulator of {free} parameters and {len(self.problem.labels)} statistics "
+                f"needs at least {least}: allow more simulations, or give more colonies, whose range is surer"
+            )
 
     def with_reused(self, values: Values, statistics: Statistics) -> Simulated:
         """This run's simulations and those of others, each once."""
