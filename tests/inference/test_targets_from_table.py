@@ -61,6 +61,9 @@ def same(one: Targets, other: Targets) -> None:
 def test_the_table_gives_the_targets_of_the_data_set(data: Path, measured: Path) -> None:
     dataset = read_dataset(data)
     direct = Targets.from_dataset(dataset, measure_dataset(dataset))
+    for others, said in ((measure_dataset(dataset)[::-1], "image 1 is .*, that of"), ([], "image 1 is missing, that")):
+        with pytest.raises(InputError, match=f"measured: {said} .*: give what measure_dataset returns"):
+            Targets.from_dataset(dataset, others)
     rows = read_measurements(measured / TABLE)
     assert conditions_of(rows) == ("",)
     found = targets_of(rows, measured)

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import zip_longest
 from typing import Any
 
 import numpy as np
@@ -244,10 +245,17 @@ class Targets:
             smoothing: Width of the blur that both undergo.
 
         Raises:
-            InputError: As `Targets`.
+            InputError: As `Targets`; or measurements are not of the data set's images, in their order.
         """
         scales = scales or Scales()
         Imaging().check(names)
+        pairs = zip_longest([frame.path for frame in dataset.frames], [one.micrograph.path for one in measured])
+        for number, (path, seen) in enumerate(pairs, 1):
+            if path != seen:
+                raise InputError(
+                    f"measured: image {number} is {seen or 'missing'}, that of {dataset.manifest} is "
+                    f"{path or 'missing'}: give what measure_dataset returns for this data set"
+                )
         rows, extent = [], 0.0
         for one in measured:
             pixel = one.micrograph.pixel_size / scales.length
