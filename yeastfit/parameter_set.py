@@ -134,6 +134,8 @@ class ParameterSet(Mapping[str, Parameter]):
         Raises:
             InputError: A name is unknown, none is given, or one is given twice.
         """
+        if isinstance(names, str):
+            raise InputError(f"free is {names!r}, it must be a list of names, such as [{names!r}]")
         for name in names:
             if name not in self.names:
                 raise InputError(f"free names {name!r}, which is unknown, expected some of {', '.join(self.names)}")

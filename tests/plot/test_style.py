@@ -1,9 +1,11 @@
 """Names of users are drawn as they are: no mathtext, no missing glyphs, nothing hidden."""
 
+from pathlib import Path
+
 import pytest
 from matplotlib.figure import Figure
 
-from yeastfit import plot
+from yeastfit import InputError, plot
 from yeastfit.plot.style import literal, words
 
 NAMES = [
@@ -60,3 +62,10 @@ def test_conditions_of_any_name_stand_in_the_legend() -> None:
         figure.canvas.draw()
     over_time = plot.condition_curves(table, mean, {"area": "µm²"})
     assert len(over_time.legends[0].get_texts()) == len(names)
+
+
+def test_a_picture_of_no_known_format_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"fit.xyz: its ending 'xyz' is that of no picture, known are .*png"):
+        plot.save(Figure(), tmp_path / "fit.xyz")
+    plot.save(Figure(), tmp_path / "fit.pdf")
+    assert [path.name for path in tmp_path.iterdir()] == ["fit.pdf"]

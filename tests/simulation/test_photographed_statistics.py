@@ -1,5 +1,7 @@
 """Statistics of masks of simulated colonies by name: `simulate --statistics`, for both models."""
 
+from pathlib import Path
+
 import jax
 import numpy as np
 import pytest
@@ -32,7 +34,8 @@ def test_the_algebraic_model_is_measured_as_a_photograph_is() -> None:
         np.testing.assert_allclose(grown.statistics[name][0, -1], expected[name], rtol=0.02, atol=0.002, err_msg=name)
 
 
-def test_the_off_lattice_model_is_measured_in_what_is_named() -> None:
+def test_the_off_lattice_model_is_measured_in_what_is_named(tmp_path: Path) -> None:
+    """And its file is no simulation of the other model's."""
     pytest.importorskip("numba")
     model = Offlattice(cells=3000, every=3000)
     grown = model.grow({}, 2, 0, ("li2024_branch_index", *NAMES))
@@ -44,6 +47,9 @@ def test_the_off_lattice_model_is_measured_in_what_is_named() -> None:
         assert [grown.statistics[name][member, -1] for name in NAMES] == list(expected.values())
     theirs = li2024_statistics(BinnedOutlines.of(grown.colonies[0]).mask(grown.colonies[0].x.size))
     assert grown.statistics["li2024_branch_index"][0, -1] == theirs.branch_index
+    grown.save(tmp_path / "simulation.npz")
+    with pytest.raises(InputError, match=r"holds colonies of the off-lattice model, which OfflatticeSimulation\.load"):
+        Simulation.load(tmp_path / "simulation.npz")
 
 
 @pytest.mark.parametrize(

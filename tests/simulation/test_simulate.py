@@ -10,6 +10,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from helpers import wrong_types
 from jaxtyping import Array, PyTree
 
 from reference import colony as plain
@@ -141,10 +142,17 @@ def test_times_are_rounded_to_steps() -> None:
     assert schedule_of([0.02, 0.049, 3.0], SMALL).steps.tolist() == [1, 2, 150]
 
 
-@pytest.mark.parametrize("members", [0, -3])
-def test_an_ensemble_without_members_is_named(members: int) -> None:
-    with pytest.raises(InputError, match=f"members is {members}, an ensemble needs at least 1"):
+@pytest.mark.parametrize(("members", "shown"), [(0, "0"), (-3, "-3"), (2.5, "2.5"), (True, "true")])
+def test_an_ensemble_without_members_is_named(members: int, shown: str) -> None:
+    with wrong_types(), pytest.raises(InputError, match=f"members is {shown}, it must be a whole number of at least 1"):
         member_keys(0, members)
+
+
+def test_what_are_no_keys_and_no_parameters_is_named() -> None:
+    with wrong_types(), pytest.raises(InputError, match=r"keys is 0, it must be keys of jax, such as yeastfit.member"):
+        simulate(Parameters(), 0, times=[1.0])  # type: ignore[arg-type]
+    with wrong_types(), pytest.raises(InputError, match=r"parameters is .*mobility.*, it must be yeastfit.Parameters"):
+        simulate({"mobility": 1.0}, member_keys(0, 1), times=[1.0])  # type: ignore[arg-type]
 
 
 def test_parameters_for_another_number_of_members_are_named() -> None:

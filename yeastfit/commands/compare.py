@@ -65,6 +65,8 @@ def _names(runs: list[Path]) -> list[str]:
 
 def _read(path: Path, name: str) -> ComparedRun:
     """A finished run."""
+    if not path.exists():
+        raise InputError(f"{path}: there is no such folder")
     if not (path / RUN).is_file():
         raise InputError(f"{path} holds no {RUN}, need the folder of a run of yeastfit infer")
     check_finished(path)

@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.font_manager import FontProperties, findfont, get_font
 from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, NullFormatter
 
+from yeastfit.errors import InputError
 from yeastfit.storage import written_whole
 from yeastfit.text import shown
 
@@ -71,6 +72,12 @@ def save(figure: Figure, path: str | Path) -> None:
     Arguments:
         figure: What any function of `yeastfit.plot` returns.
         path: The file to write; folders on the way are made.
+
+    Raises:
+        InputError: Its ending is that of no format of pictures.
     """
+    known, ending = FigureCanvasAgg.get_supported_filetypes(), Path(path).suffix.removeprefix(".").lower()
+    if ending and ending not in known:
+        raise InputError(f"{path}: its ending {ending!r} is that of no picture, known are {', '.join(sorted(known))}")
     with written_whole(path) as temporary:
         FigureCanvasAgg(figure).print_figure(temporary, dpi=130)

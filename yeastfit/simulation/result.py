@@ -189,6 +189,11 @@ class Simulation:
             for key in archive.files:
                 group, _, name = key.partition("/")
                 groups.setdefault(group, {})[name] = archive[key]
+        if "about" in groups:
+            raise InputError(
+                "holds colonies of the off-lattice model, which OfflatticeSimulation.load of "
+                "yeastfit.offlattice.simulation reads"
+            )
         configuration = from_json(str(groups["configuration"][""]))
         if model is None:
             model = Model.of(configuration["model"])

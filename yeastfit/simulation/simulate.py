@@ -59,8 +59,8 @@ def member_keys(seed: int | Array, members: int) -> Array:
     Raises:
         InputError: The seed is none, or there is no member or more than can be counted.
     """
-    if members < 1:
-        raise InputError(f"members is {members!r}, an ensemble needs at least 1")
+    if not isinstance(members, int | np.integer) or isinstance(members, bool) or members < 1:
+        raise InputError(f"members is {quoted(members)}, it must be a whole number of at least 1")
     check_count("members", members)
     return _folded(key_of(seed), np.arange(members, dtype=np.int32))
 
@@ -131,6 +131,10 @@ def simulate(
         SimulationError: Positions or nutrient became not finite.
     """
     numerics, model = numerics or Numerics(), model or Model()
+    if not isinstance(parameters, Parameters):
+        raise InputError(f"parameters is {quoted(parameters)}, it must be yeastfit.Parameters(…)")
+    if keys is not None and not isinstance(keys, jax.Array):
+        raise InputError(f"keys is {quoted(keys)}, it must be keys of jax, such as yeastfit.member_keys(seed, members)")
     parameters = model.complete(parameters)
     relaxation = Relaxation() if relaxation is None else relaxation
     if observe is None:

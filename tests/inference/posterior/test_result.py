@@ -244,6 +244,9 @@ def test_what_makes_no_sense_is_refused() -> None:
         made_up(values)
     with pytest.raises(InputError, match=r"share is 1.5, it must lie in 0..1"):
         made_up(walk(0.5, 2, 50)).quantile(1.5)
+    for level, shown in ((90, "90"), ("0.9", "'0.9'")):
+        with wrong_types(), pytest.raises(InputError, match=f"level is {shown}, it must be a number in 0..1, such as"):
+            made_up(walk(0.5, 2, 50)).interval(level)  # type: ignore[arg-type]
 
 
 def test_a_damaged_file_is_named_whatever_its_fault(tmp_path: Path) -> None:

@@ -273,6 +273,7 @@ def test_exploded_tails_are_said() -> None:
     [
         ({"free": ["speed"]}, "free names 'speed', which is unknown"),
         ({"free": []}, "free names no parameter, need at least one of"),
+        ({"free": "mobility"}, r"free is 'mobility', it must be a list of names, such as \['mobility'\]"),
         ({"free": ["mobility", "mobility"]}, "free names 'mobility' twice"),
         ({"method": "guess"}, "method is 'guess'"),
         ({"runs": 20}, "runs is 20, it must be a multiple of 16"),

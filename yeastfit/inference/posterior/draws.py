@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from functools import cached_property
+from numbers import Real
 
 import numpy as np
 from jaxtyping import Float
@@ -9,6 +10,7 @@ from jaxtyping import Float
 from yeastfit.errors import InputError
 from yeastfit.inference.posterior.chain_diagnostics import FEWEST_DRAWS, ChainDiagnostics, diagnose
 from yeastfit.inference.prior.prior import Prior
+from yeastfit.text import quoted
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -91,7 +93,13 @@ class Draws:
         return np.array([weighted_quantile(column, self.weights.ravel(), share) for column in self.flat.T])
 
     def interval(self, level: float) -> Float[np.ndarray, "free 2"]:
-        """Central interval that holds `level` of the posterior."""
+        """Central interval that holds `level` of the posterior.
+
+        Raises:
+            InputError: The level is not in 0..1.
+        """
+        if not isinstance(level, Real) or not 0 <= level <= 1:
+            raise InputError(f"level is {quoted(level)}, it must be a number in 0..1, such as 0.9 for 90 %")
         return np.stack([self.quantile(0.5 - 0.5 * level), self.quantile(0.5 + 0.5 * level)], axis=1)
 
     def drawn(self, count: int, rng: np.random.Generator) -> Float[np.ndarray, "draw free"]:
