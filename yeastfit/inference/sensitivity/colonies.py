@@ -50,7 +50,7 @@ def colonies_at(
     known, complete = model.parameters, model.complete(parameters)
     values = {name: np.asarray(value, dtype=float) for name, value in complete.values.items()}
     usual = [name for name in known if name in PARAMETERS or (values[name] > 0).all()]
-    names = usual if free is None else list(free)
+    names: Sequence[str] = usual if free is None else free
     known.subset(names)
     for name, value in values.items():
         if value.shape != () or not (value > 0 or (name not in names and value == 0)):
