@@ -84,7 +84,7 @@ class Recipe:
         self._check_steps()
         REPLICATES.read_whole(REPLICATES.check(self.replicates, "replicates"), "replicates")
         side = PIXEL_SIZES.check(self.pixel_size, "pixel_size")
-        Range(MIN_SIDE * side, MAX_PIXELS**0.5 * side, "µm").check(self.extent, "extent")
+        Range(MIN_SIDE * side, MAX_PIXELS**0.5 * side, f"µm, as pixel_size is {side:g}").check(self.extent, "extent")
         if self.kind not in KINDS:
             raise InputError(f"kind is {quoted(self.kind)}, it must be one of {', '.join(KINDS)}")
 
