@@ -73,6 +73,12 @@ def on_window(
     return jax.lax.switch(index, [lambda *args, n=n: law(n, *args) for n in sizes], *args)
 
 
+def middle_of(grid: int, points: int) -> slice:
+    """Where a square of so many points lies along either axis of the grid."""
+    first = (grid - points) // 2
+    return slice(first, first + points)
+
+
 def with_window(field: Float[Array, "x y"], window: slice, values: Float[Array, "w w"]) -> Float[Array, "x y"]:
     """A field with other values on a window.
 

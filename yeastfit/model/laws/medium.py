@@ -7,7 +7,7 @@ from typing import ClassVar
 import jax.numpy as jnp
 from jaxtyping import Array, Float, PyTree
 
-from yeastfit.model.active_window import extent_of_cells, extent_of_change, on_window, with_window
+from yeastfit.model.active_window import extent_of_cells, extent_of_change, middle_of, on_window, with_window
 from yeastfit.model.cells import Cells, level_set, weights_of_cells
 from yeastfit.model.colony import Colony
 from yeastfit.model.nutrient import nutrient_step
@@ -65,9 +65,8 @@ def where_cells_are(
     reach = relaxation.union_reach
 
     def on(points: int, cells: Cells, *fields: Float[Array, "x y"]) -> PyTree:
-        first = (numerics.points - points) // 2
-        window = slice(first, first + points)
-        origin = -0.5 * numerics.domain + first * numerics.spacing
+        window = middle_of(numerics.points, points)
+        origin = -0.5 * numerics.domain + window.start * numerics.spacing
         g = level_set(cells, relaxation.union, reach, origin, numerics.spacing, points)
         return law(window, g, *fields)
 

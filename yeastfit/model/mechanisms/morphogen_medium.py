@@ -12,7 +12,7 @@ from typing import ClassVar
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from yeastfit.model.active_window import extent_of_change, on_window, with_window
+from yeastfit.model.active_window import extent_of_change, middle_of, on_window, with_window
 from yeastfit.model.cell_overlap import smooth_step
 from yeastfit.model.cells import Cells
 from yeastfit.model.colony import Colony
@@ -48,8 +48,7 @@ class MorphogenMedium(MediumRule):
             return with_window(nutrient, window, fed), with_window(jnp.zeros_like(nutrient), window, inside)
 
         def secreted(points: int, morphogen: Array, inside: Array) -> Array:
-            first = (numerics.points - points) // 2
-            window = slice(first, first + points)
+            window = middle_of(numerics.points, points)
             here, made = morphogen[window, window], parameters["morphogen_secretion"] * inside[window, window]
             decay = jnp.broadcast_to(parameters["morphogen_decay"], here.shape)
             left = closed_step(here, decay, parameters["morphogen_diffusivity"], numerics, made)
