@@ -96,8 +96,34 @@ def test_parts_of_the_scatter_are_pooled_by_their_degrees_of_freedom() -> None:
     alone = sample_scatter(curves)
     assert alone.freedom == 2
     np.testing.assert_allclose(alone.covariance, np.cov(curves[[0, 1, 3]].T))
-    found = pooled_covariance(alone, Scatter(np.eye(2), 4), Scatter(2 * np.eye(2), 2))
+    found = pooled_covariance(alone, Scatter(3 * np.eye(2), 6))
     np.testing.assert_allclose(found, (2 * alone.covariance + 6 * 3 * np.eye(2)) / 8)
+
+
+@pytest.mark.parametrize(("within", "freedom"), [(0.0, 30), (1e-9, 30), (1.0, 60), (0.5, 30 * 1.5**2 / 1.25)])
+def test_degrees_of_freedom_of_a_sum_are_those_of_the_parts_that_scatter(within: float, freedom: float) -> None:
+    """ν₁ where the other part is 0, ν₁ + ν₂ where both are alike; the units of the statistics do not matter."""
+    units = np.diag([1.0, 1e-3, 0.0])
+    one, other = (Scatter(size * units @ np.ones((3, 3)) @ units, 30) for size in (1.0, within))
+    assert Scatter.of_sum(one, other).freedom == pytest.approx(freedom)
+    assert Scatter.of_sum(Scatter(np.zeros((2, 2)), 3), Scatter(np.zeros((2, 2)), 4)).freedom == 7
+
+
+@pytest.mark.parametrize("shared", [0.0, 0.5, 2.0, 50.0])
+def test_degrees_of_freedom_of_the_scatter_are_those_that_it_shows(shared: float) -> None:
+    """For normal numbers the mean inverse is ν / (ν − p − 1) times the true one; 2000 repetitions tell it to 1 %."""
+    pairs, count = 24, 4
+    rng = np.random.default_rng(0)
+    units = hadamard_design(pairs, 3, rng)
+
+    def inflation() -> tuple[float, float]:
+        common, own = shared * rng.normal(size=(pairs, count)), rng.normal(size=(2, pairs, count))
+        found = regress(np.concatenate([common + one for one in own]), units, 0.2).scatter
+        mean_inverse = (1.0 + shared**2) * np.trace(np.linalg.inv(found.covariance)) / count
+        return mean_inverse, found.freedom / (found.freedom - count - 1)
+
+    measured, stated = np.mean([inflation() for _ in range(2000)], axis=0)
+    assert measured == pytest.approx(stated, rel=0.03)
 
 
 def test_errors_of_the_regression_are_correlated_as_stated() -> None:

@@ -35,14 +35,31 @@ class Scatter:
     """A covariance of rows, and the degrees of freedom it was estimated with."""
 
     covariance: Square
-    freedom: int
+    freedom: float
+
+    @classmethod
+    def of_sum(cls, *parts: "Scatter") -> "Scatter":
+        """Of a sum of independent numbers, from the scatter S_k of each, with Satterthwaite's degrees of freedom.
+
+        ν = (tr S² + (tr S)²) / Σ_k (tr S_k² + (tr S_k)²) / ν_k in units of the sum's standard deviations, S = Σ S_k
+        (Nel & van der Merwe 1986, doi:10.1080/03610928608829342): the sum of all ν_k where parts are alike, and ν of
+        the only part that scatters.
+        """
+        covariance = np.sum([part.covariance for part in parts], axis=0)
+        scale = _known(np.sqrt(np.diag(covariance)))
+
+        def square(matrix: Square) -> float:
+            scaled = matrix / np.outer(scale, scale)
+            return float((scaled**2).sum() + np.trace(scaled) ** 2)
+
+        spread = sum(square(part.covariance) / part.freedom for part in parts)
+        return cls(covariance, square(covariance) / spread if spread > 0 else sum(part.freedom for part in parts))
 
     @property
     def correlation(self) -> Square:
         """1 on the diagonal and 0 beside it for a statistic that does not vary."""
-        scale = np.sqrt(np.diag(self.covariance))
-        known = np.where(scale > 0, scale, 1.0)
-        found = self.covariance / np.outer(known, known)
+        scale = _known(np.sqrt(np.diag(self.covariance)))
+        found = self.covariance / np.outer(scale, scale)
         np.fill_diagonal(found, 1.0)
         return found
 
@@ -124,7 +141,7 @@ def regress(rows: Rows, units: Units, spread: float) -> LocalModel:
     freedom = max(1, int(good.sum()) - units.shape[1])
     error = np.sqrt(np.outer((rest**2).sum(axis=0) / freedom, np.diag(np.linalg.inv(steps.T @ steps))))
     within, between = Scatter(rest.T @ rest / freedom, freedom), sample_scatter(middle[good])
-    scatter = Scatter(between.covariance + within.covariance, between.freedom + freedom)
+    scatter = Scatter.of_sum(between, within)
     return LocalModel(middle[good].mean(axis=0), slopes.T, error, between, within, int(good.sum()), scatter)
 
 
@@ -151,10 +168,12 @@ def sample_scatter(rows: Rows) -> Scatter:
     return Scatter(rest.T @ rest / freedom, freedom)
 
 
-def pooled_covariance(independent: Scatter, between_pairs: Scatter, within_pairs: Scatter) -> Square:
-    """S of independent simulations and pairs: (ν₀ S₀ + ν (S_c + S_h)) / (ν₀ + ν), ν = ν_c + ν_h."""
-    freedom = between_pairs.freedom + within_pairs.freedom
-    whole = independent.freedom * independent.covariance + freedom * (
-        between_pairs.covariance + within_pairs.covariance
-    )
-    return whole / (independent.freedom + freedom)
+def pooled_covariance(independent: Scatter, pairs: Scatter) -> Square:
+    """S of independent simulations and pairs, by their degrees of freedom: (ν₀ S₀ + ν S) / (ν₀ + ν)."""
+    whole = independent.freedom * independent.covariance + pairs.freedom * pairs.covariance
+    return whole / (independent.freedom + pairs.freedom)
+
+
+def _known(scale: Float[np.ndarray, " entry"]) -> Float[np.ndarray, " entry"]:
+    """1 for what does not vary."""
+    return np.where(scale > 0, scale, 1.0)

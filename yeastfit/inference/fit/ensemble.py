@@ -250,7 +250,7 @@ class Ensembles:
         """Σ of one condition."""
         targets, settings = self.targets[condition], self.settings
         replicates = targets.replicates[targets.measured].astype(float)
-        freedom = float(local.scatter.freedom)
+        freedom = local.scatter.freedom
         data = mean_covariance(self.scaled_scatter(condition, local), replicates=replicates, freedom=freedom)
         monte_carlo = mean_covariance(local.mean_covariance, replicates=1.0, freedom=freedom)
         errors = targets.measurement_errors(settings.measurement_error)

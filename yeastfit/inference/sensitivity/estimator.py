@@ -226,5 +226,4 @@ def _scatter(independent: Scatter, local: LocalModel | None) -> tuple[np.ndarray
     """Covariance of one simulation, and correlation of the errors of J."""
     if local is None:
         return independent.covariance, independent.correlation
-    both = local.between_pairs, local.within_pairs
-    return pooled_covariance(independent, *both), local.within_pairs.correlation
+    return pooled_covariance(independent, local.scatter), local.within_pairs.correlation
