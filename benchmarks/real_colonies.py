@@ -69,6 +69,7 @@ from skimage.morphology import skeletonize
 
 from benchmarks.report import Report, command
 from yeastfit import measure_file
+from yeastfit.commands.posterior_run.run import SIMULATIONS
 from yeastfit.errors import InputError
 from yeastfit.inference.comparison.left_out import LeftOut
 from yeastfit.inference.neural_likelihood.single_colonies import wide_scatter
@@ -103,7 +104,7 @@ def judge(report: Report, work: Path) -> list[str]:
     said = []
     for model, name in RUNS:
         folder, title = work / model / name, f"{name}, {model}"
-        found = _run(report, folder, title) if (folder / MANIFEST).is_file() else ["not there yet."]
+        found = _run(report, folder, title) if (folder / MANIFEST).is_file() else _unfinished(folder)
         said.append(f"**{title}**: {' '.join(found)}")
     said += _conditions(report, work / "comparison", "off-lattice model")
     said += _conditions(report, work / "nitrogen-compared", "algebraic model with nitrogen")
@@ -167,6 +168,22 @@ def _run(report: Report, folder: Path, title: str) -> list[str]:
     return said
 
 
+def _unfinished(folder: Path) -> list[str]:
+    """Of a run without a posterior: how near its colonies come to the data."""
+    if not (folder / SIMULATIONS).is_file():
+        return ["not there yet."]
+    names = read_json(folder / RUN)["configuration"]["statistics"]
+    observed = np.array([[row[name] for name in names] for row in read_measurements(DATA / folder.name / TABLE)], float)
+    return ["there is no posterior.", _nearest(_simulations(folder)["statistics"], observed.mean(axis=0))]
+
+
+def _simulations(folder: Path) -> np.ndarray:
+    """All that a run has simulated."""
+    with h5py.File(folder / SIMULATIONS) as file:
+        rows: np.ndarray = file["simulations"][...]
+    return rows[rows["check"] != 0]
+
+
 def _mean_area(folder: Path) -> float:
     """Of the photographed colonies of a run, in mm²."""
     return float(np.mean([row["area"] for row in read_measurements(DATA / folder.name / TABLE)])) / 1e6
@@ -174,9 +191,7 @@ def _mean_area(folder: Path) -> float:
 
 def _tails(report: Report, folder: Path, posterior: Posterior, title: str) -> list[str]:
     """How single colonies scatter that were simulated where the posterior is."""
-    with h5py.File(folder / "simulations.h5") as file:
-        rows = file["simulations"][...]
-    rows = rows[rows["check"] != 0]
+    rows = _simulations(folder)
     reached = _nearest(rows["statistics"], posterior.observed)
     count = rows["values"].shape[1]  # without how much colonies vary
     low, high = (posterior.quantile(share)[:count] for share in MIDDLE)
