@@ -146,7 +146,7 @@ def _of_one_area(
     rows = np.full((len(keys), len(curves.names)), np.nan)
     for k in np.flatnonzero(whole):
         colony, its = member_of((colonies, parameters), int(k))
-        mask = mask_of(colony, its, curves.relaxation, seen.spacing * (points - 1), points, curves.model.shape)
+        mask = mask_of(colony, its, curves.relaxation, seen.spacing * (points - 1), points, curves.model)
         found = measure_mask(mask, seen.spacing, curves.names)
         rows[k] = [found[name] for name in curves.names]
     return jnp.asarray(np.concatenate([rows, _problems_of(colonies)], axis=1))

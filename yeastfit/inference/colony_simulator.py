@@ -232,7 +232,7 @@ class ColonySimulator:
         points = 2 * int(np.ceil((float(farthest) + AROUND) / OUTLINE_PIXEL)) + 1
         each = (jax.tree.map(itemgetter(k), (grown, parameters)) for k in range(len(values)))
         width = OUTLINE_PIXEL * (points - 1)
-        return [mask_of(colony, its, HARD, width, points, model.shape) for colony, its in each]
+        return [mask_of(colony, its, HARD, width, points, model) for colony, its in each]
 
     def _count(self, values: np.ndarray) -> None:
         met = values[:, -len(PROBLEMS) :].sum(axis=0).astype(int).tolist()

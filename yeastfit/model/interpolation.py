@@ -17,6 +17,9 @@ from yeastfit.model.numerics import FIRST_ROOM, Numerics
 At = Callable[[Int[Array, "*place"], Int[Array, "*place"]], Float[Array, "..."]]
 
 
+NEXT_TO_NONE = 1e-12  # weight whose square single precision still holds, as derivatives of a quotient need it
+
+
 def nutrient_at(colony: Colony, numerics: Numerics) -> Float[Array, " node"]:
     """c at the nodes."""
     corner, weights = _bilinear(colony.positions, numerics, margin=0)
@@ -35,9 +38,10 @@ def gradient_at(colony: Colony, numerics: Numerics) -> Float[Array, "node 2"]:
 
 
 def growth_rate(fed: Float[Array, " node"], weights: Float[Array, " node"]) -> Float[Array, ""]:
-    """μ = Σ w_i c(x_i) / Σ w_i, the mean nutrient of nodes (source 2.13); 0 where there is none."""
+    """μ = Σ w_i c(x_i) / Σ w_i, the mean nutrient of nodes (source 2.13); 0 where there is next to none."""
     total = jnp.sum(weights)
-    return jnp.sum(weights * fed) / jnp.where(total > 0, total, 1.0)
+    some = total > NEXT_TO_NONE
+    return jnp.where(some, jnp.sum(weights * fed), 0.0) / jnp.where(some, total, 1.0)
 
 
 # corners of a grid square; 32 bits, or jax would keep NumPy's 64 in single precision

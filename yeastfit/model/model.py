@@ -8,13 +8,15 @@
 
 import dataclasses
 from collections.abc import Iterable, Mapping
-from typing import Any
+from math import isfinite
+from typing import Any, get_type_hints
 
 import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from yeastfit.errors import InputError
+from yeastfit.model.cells import Cells
 from yeastfit.model.colony import Colony, start
 from yeastfit.model.laws.budding import TurnedBudding, UniformBudding
 from yeastfit.model.laws.contact import NodeContact
@@ -30,6 +32,7 @@ from yeastfit.model.laws.uptake import BiomassUptake
 from yeastfit.model.mechanisms import every_rule
 from yeastfit.model.numerics import Numerics
 from yeastfit.model.parameters import PARAMETERS, Parameters
+from yeastfit.model.relaxation import Relaxation
 from yeastfit.model.rules import (
     BirthRule,
     BuddingRule,
@@ -176,12 +179,23 @@ class Model(eqx.Module):
         fields = {name: jnp.full(grid, value, jnp.result_type(float)) for name, value in self.medium.fields().items()}
         return start(key, numerics, self.node_state(), {**fields, **self.medium.store(key, numerics)})
 
+    def cells(self, colony: Colony, parameters: Parameters, relaxation: Relaxation) -> Cells:
+        """Of a colony, as they cover the plane."""
+        return self.death.shown(self.shape.cells(colony, parameters), colony, relaxation)
+
     def resumed(self, colony: Colony) -> Colony:
         """A colony, or an ensemble, with the state that these rules keep; where it has none, that of newborns.
 
         Raises:
-            InputError: The medium keeps what a colony of another model does not have.
+            InputError: The medium, or a rule `from_start`, keeps what a colony of another model does not have.
         """
+        for rule in self.parts:
+            lacking = [name for name in rule.node_state() if name not in colony.node_state]
+            if rule.from_start and lacking:
+                raise InputError(
+                    f"{rule.question}: rule {rule.name!r} cannot go on from a colony of other {rule.question}, without "
+                    f"{lacking[0]}: grow one by it from the start"
+                )
         medium = {name: jnp.full_like(colony.nutrient, value) for name, value in self.medium.fields().items()}
         kept = {name: colony.medium.get(name, value) for name, value in medium.items()}
         for name in self.medium.keeps:
@@ -263,8 +277,8 @@ def _rule_of(question: str, settings: Any) -> Rule:
     if not isinstance(settings, Mapping) or "rule" not in settings:
         raise InputError(f"{question} is {quoted(settings)}, expected a table that names its rule")
     name, known = settings["rule"], RULES[question]
-    if name not in known:
-        raise InputError(f"{question}: rule {name!r} is unknown, expected one of {', '.join(known)}")
+    if not isinstance(name, str) or name not in known:
+        raise InputError(f"{question}: rule {quoted(name)} is unknown, expected one of {', '.join(known)}")
     check_registered(question, name)
     given = {
         key: _rule_of(question, value) if isinstance(value, Mapping) else value
@@ -272,10 +286,22 @@ def _rule_of(question: str, settings: Any) -> Rule:
         if key != "rule"
     }
     admissible = [each.name for each in dataclasses.fields(known[name])]
-    for key in given:
+    kinds = get_type_hints(known[name])
+    for key, value in given.items():
         if key not in admissible:
             raise InputError(f"{question}: rule {name!r} has no setting {key!r}, it has {admissible or 'none'}")
+        if expected := _unlike(value, kinds[key]):
+            raise InputError(f"{question}: {key} of rule {name!r} is {quoted(value)}, expected {expected}")
     try:
         return known[name](**given)
     except TypeError as error:
         raise InputError(f"{question}: rule {name!r}: {error}") from None
+
+
+def _unlike(value: Any, kind: Any) -> str | None:
+    """What is expected in place of the value of a setting; None where it is a number of its kind, or no number."""
+    if kind is int and not (isinstance(value, int) and not isinstance(value, bool)):
+        return "a whole number"
+    if kind is float and not (isinstance(value, int | float) and not isinstance(value, bool) and isfinite(value)):
+        return "a finite number"
+    return None

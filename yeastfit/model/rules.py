@@ -46,7 +46,8 @@ class Context(eqx.Module):
         parameters: Values by name: `parameters.mobility`, `parameters["budding_bias"]`.
         relaxation: Smoothing widths; None stands for a hard rule.
         numerics: Grid, Δt and δ.
-        living: Weights of nodes as they eat and bud; those of `colony` where nobody dies.
+        living: Weights of nodes as they bud; those of `colony` where nobody dies.
+        eating: Their weights in the union of the cells that eat.
         local_nutrient: What nodes grow by: c at the nodes, or what `MediumRule.supply` makes of several nutrients.
         growth_rate: μ, the mean of c over the living nodes.
     """
@@ -56,6 +57,7 @@ class Context(eqx.Module):
     relaxation: Relaxation
     numerics: Numerics = eqx.field(static=True)
     living: Float[Array, " node"]
+    eating: Float[Array, " node"]
     local_nutrient: Float[Array, " node"]
     growth_rate: Float[Array, ""]
 
@@ -71,7 +73,8 @@ class Context(eqx.Module):
         """What there is to see of a colony; without a medium, of one nutrient."""
         living = death.living(colony)
         fed = medium.supply(colony, parameters, relaxation, numerics) if medium else nutrient_at(colony, numerics)
-        return Context(colony, parameters, relaxation, numerics, living, fed, growth_rate(fed, living))
+        eating = death.eating(colony, relaxation)
+        return Context(colony, parameters, relaxation, numerics, living, eating, fed, growth_rate(fed, living))
 
     def local_gradient(self) -> Float[Array, "node 2"]:
         """∇c at the nodes."""
@@ -106,12 +109,14 @@ class Rule(eqx.Module):
         name: As in a recipe or on the command line.
         parameters: Those that it brings.
         idle: Names of the model's own parameters that have no effect with it.
+        from_start: Whether a colony must have grown by it from the start: what it keeps tells where nodes came from.
     """
 
     question: ClassVar[str]
     name: ClassVar[str]
     parameters: ClassVar[tuple[Parameter, ...]] = ()
     idle: ClassVar[tuple[str, ...]] = ()
+    from_start: ClassVar[bool] = False
 
     def node_state(self) -> dict[str, float]:
         """What it keeps for each node, by name, and the value that a newborn starts with; nothing by default."""
@@ -213,7 +218,15 @@ class DeathRule(Rule):
 
     @abstractmethod
     def living(self, colony: Colony) -> Float[Array, " node"]:
-        """Weights with which nodes eat and bud; less than `colony.weights` for the dead that stay where they are."""
+        """Weights with which nodes bud; less than `colony.weights` for the dead that stay where they are."""
+
+    def eating(self, colony: Colony, relaxation: Relaxation) -> Float[Array, " node"]:
+        """Weights of nodes in the union of the cells that eat; those of `living` by default."""
+        return self.living(colony)
+
+    def shown(self, cells: Cells, colony: Colony, relaxation: Relaxation) -> Cells:
+        """Cells as they cover the plane; by default as they are."""
+        return cells
 
     @abstractmethod
     def deaths(self, context: Context) -> Colony:
@@ -251,8 +264,13 @@ class DetachmentRule(Rule):
     question: ClassVar[str] = "detachment"
 
     @abstractmethod
-    def detached(self, context: Context, newborn: Mapping[str, float]) -> Colony:
-        """The colony after this step's detachments; asked after births. `newborn` is the state of a new node."""
+    def detached(self, context: Context, newborn: Mapping[str, float | Array]) -> Colony:
+        """The colony after this step's detachments; asked after births.
+
+        Arguments:
+            context: The colony.
+            newborn: State of a new node, by name; of what differs from cell to cell that of every slot's.
+        """
 
 
 class ShapeRule(Rule):

@@ -51,7 +51,7 @@ def step(
             dataclasses.replace(colony, **changed), parameters, relaxation, numerics, model.death, model.medium
         )
 
-    cells = model.shape.cells(colony, parameters)
+    cells = model.cells(colony, parameters, relaxation)
     context = seen(colony)
     context = seen(model.medium.stepped(context, cells, model.uptake), step=colony.step + 1)
     shaken = model.fluctuations.answered(model.fluctuations.shaken(context), context.colony.nutrient.shape)
@@ -64,7 +64,9 @@ def step(
         return bud(dataclasses.replace(context, colony=paid), births, model.budding, model.node_state())
 
     colony = jax.lax.cond(model.births.due(context), with_births, lambda: context.colony)
-    parted = seen(model.detachment.detached(seen(colony), model.node_state()))
+    ends: dict[str, float | Array] = dict(model.node_state())
+    ends |= {name: colony.node_state[name] for name in model.death.node_state()}
+    parted = seen(model.detachment.detached(seen(colony), ends))  # of a dead cell both ends are dead
     positions = _moved(parted, model)
     from_edge = 0.5 * numerics.domain - jnp.abs(positions)
     problems, at_edge = parted.colony.problems, jnp.any((from_edge < 1.0) & (from_edge >= 0.0))
@@ -157,7 +159,7 @@ def trajectory(
 
     blocks = 1 << ((schedule.longest.bit_length() - 1) // 2)
     rules = parameters, relaxation, numerics, model
-    cells = model.shape.cells(colony, parameters)
+    cells = model.cells(colony, parameters, relaxation)
     first = Snapshot(cells, jnp.zeros_like(colony.weights[0]), colony, parameters, relaxation)
     begin = first, largest_in_ensemble(colony.step.astype(schedule.steps.dtype))  # all members have done as many
     (snapshot, _), observed = jax.lax.scan(jax.checkpoint(to_sample), begin, schedule.steps)

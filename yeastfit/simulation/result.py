@@ -111,7 +111,7 @@ class Simulation:
         parameters = jax.tree.map(lambda leaf: leaf if leaf.ndim == 0 else np.asarray(leaf)[member], parameters)
         reach = float(np.abs(np.asarray(state.positions)[: int(state.count)]).max(initial=0.0)) + 2.0
         width = min(self.numerics.domain, width or 2 * reach)
-        mask = mask_of(state, parameters, self.relaxation, width, 801, self.model.shape)
+        mask = mask_of(state, parameters, self.relaxation, width, 801, self.model)
         time = float(state.step) * self.numerics.dt
         cells = max(int(state.count) - 1, 0)
         title = f"{cells} cell{'s' * (cells != 1)} at {self.scales.hours(time):.1f} h (t = {time:.4g})"
@@ -191,8 +191,7 @@ class Simulation:
                 groups.setdefault(group, {})[name] = archive[key]
         if "about" in groups:
             raise InputError(
-                "holds colonies of the off-lattice model, which OfflatticeSimulation.load of "
-                "yeastfit.offlattice.simulation reads"
+                "holds colonies of the off-lattice model, which yeastfit.offlattice.OfflatticeSimulation.load reads"
             )
         configuration = from_json(str(groups["configuration"][""]))
         if model is None:

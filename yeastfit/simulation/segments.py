@@ -202,5 +202,5 @@ def _observed(observe: Observe, snapshot: Snapshot) -> PyTree:
 
 
 def _before_steps(colony: Colony, parameters: Parameters, relaxation: Relaxation, model: Model) -> Snapshot:
-    cells, nothing = model.shape.cells(colony, parameters), jnp.zeros_like(colony.weights[0])
+    cells, nothing = model.cells(colony, parameters, relaxation), jnp.zeros_like(colony.weights[0])
     return Snapshot(cells, nothing, colony, parameters, relaxation)

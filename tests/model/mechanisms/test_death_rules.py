@@ -12,8 +12,9 @@ from jaxtyping import Array
 
 from reference import mechanisms as plain
 from yeastfit.errors import InputError
-from yeastfit.model.cells import cells_of
+from yeastfit.model.cells import Cells, cells_of, level_set, weights_of_cells
 from yeastfit.model.colony import Colony
+from yeastfit.model.interpolation import growth_rate
 from yeastfit.model.mechanisms.starvation_death import StarvationDeath, without
 from yeastfit.model.model import Model
 from yeastfit.model.numerics import Numerics
@@ -118,6 +119,49 @@ def test_weights_are_differentiable_in_both_parameters() -> None:
                 up, down = (np.asarray(left(there)) for there in (at + step, at - step))
                 np.testing.assert_allclose(exact[:, i], (up - down) / (2 * h), atol=1e-8)
             assert np.abs(exact).max() > 1e-3
+
+
+GRID = Numerics(domain=4.0, spacing=0.02, dt=0.02, capacity=2)
+
+
+@BOTH
+@pytest.mark.parametrize("share", [1.0, 0.9, 0.5, 0.1, 1e-3])
+def test_of_a_cell_that_dies_by_degrees_its_share_covers_and_eats(model: Model, share: float) -> None:
+    """Of one ellipse the area π p q, and ∫max(−f, 0) = π p q / 2; of the dead that stay all is covered."""
+    colony = model.resumed(colony_of([[0.0, 0.0], [1.0, 0.0]], numerics=GRID))
+    name = next(iter(model.death.node_state()))
+    weights = jnp.full(2, share if model is VANISH else 1.0)
+    colony = dataclasses.replace(colony, weights=weights, node_state={name: jnp.full(2, share)})
+    parameters = model.complete(Parameters(aspect_ratio=0.7))
+
+    @eqx.filter_jit
+    def sums(colony: Colony) -> tuple[Array, Array]:
+        def g(cells: Cells) -> Array:
+            return level_set(cells, Relaxation().union, 9.0, -2.0, GRID.spacing, GRID.points)
+
+        cells = model.cells(colony, parameters, Relaxation())
+        eating = weights_of_cells(model.death.eating(colony, Relaxation()), colony.parents)
+        eaten = jnp.sum(jnp.maximum(-g(dataclasses.replace(cells, weights=eating)), 0.0))
+        return jnp.sum(g(cells) <= 0) * GRID.spacing**2, eaten * GRID.spacing**2
+
+    ellipse = np.pi * 0.5 * 0.35
+    covered, eaten = sums(colony)
+    assert covered == pytest.approx(ellipse * (share if model is VANISH else 1.0), rel=0.02, abs=2e-4)
+    assert eaten == pytest.approx(0.5 * ellipse * share, rel=0.01, abs=2e-4)
+
+
+def test_the_relaxed_dead_eat_nothing_and_free_their_slots() -> None:
+    gone = aged(VANISH, Relaxation(), 400, 4.0, 0.0)  # e^(−32) of each
+    assert int(gone.count) == 0
+    stays = aged(STAY, Relaxation(), 400, 4.0, 0.0)
+    assert np.asarray(STAY.death.eating(stays, Relaxation())).max() < 1e-12
+
+
+def test_derivatives_stay_finite_where_nearly_nobody_lives() -> None:
+    """The mean nutrient of nodes that weigh 10⁻³⁰ in all is a quotient whose derivative divides by the square."""
+    slope = jax.jit(jax.grad(growth_rate, argnums=1))
+    for weight in (0.0, 1e-30, 1e-15, 1.0):
+        assert np.isfinite(np.asarray(slope(jnp.asarray([0.2, 0.4]), jnp.full(2, weight)))).all()
 
 
 def test_a_colony_that_starves_dies_out_and_says_so() -> None:

@@ -14,10 +14,12 @@ from reference import mechanisms as plain
 from yeastfit.model.cells import cells_of
 from yeastfit.model.colony import Colony
 from yeastfit.model.mechanisms.random_detachment import RandomDetachment, split
+from yeastfit.model.mechanisms.starvation_death import StarvationDeath
 from yeastfit.model.model import Model
 from yeastfit.model.numerics import Numerics
 from yeastfit.model.parameters import Parameters
 from yeastfit.model.relaxation import HARD
+from yeastfit.model.simulate import step
 
 NUMERICS = Numerics(domain=8.0, spacing=1.0, dt=0.02, capacity=64)
 MODEL = Model(detachment=RandomDetachment())
@@ -73,6 +75,19 @@ def test_a_cell_that_lets_go_keeps_its_place_and_its_buds() -> None:
     others = np.delete(np.arange(NODES), [4, 9])
     np.testing.assert_array_equal(parents[others], np.asarray(colony.parents)[others])
     assert plain.networks(parents[: NODES + 2]) == 3
+
+
+def test_of_a_dead_cell_that_lets_go_both_ends_are_dead() -> None:
+    model = Model(detachment=RandomDetachment(), death=StarvationDeath("stay"))
+    vitality = jnp.where(jnp.arange(64) % 2 == 0, 1.0, 0.0)
+    colony = dataclasses.replace(tree(1), node_state={"vitality": vitality})
+    parameters = model.complete(Parameters(detachment_rate=30.0))
+    after = eqx.filter_jit(step)(colony, parameters, HARD, NUMERICS, model)[0]
+    parents, left = np.asarray(after.parents), np.asarray(after.node_state["vitality"])
+    ends = np.arange(NODES, int(after.count))
+    assert len(ends) > 5
+    np.testing.assert_array_equal(left[ends], left[parents[ends]])
+    assert set(left[ends].tolist()) == {0.0, 1.0}
 
 
 def test_what_finds_no_slot_stays_and_the_colony_says_so() -> None:

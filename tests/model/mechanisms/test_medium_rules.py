@@ -20,6 +20,7 @@ from yeastfit.model.laws.forces import velocity
 from yeastfit.model.mechanisms.clock_births import ClockBirths
 from yeastfit.model.mechanisms.morphogen_medium import MorphogenMedium
 from yeastfit.model.mechanisms.nitrogen_medium import NitrogenMedium
+from yeastfit.model.mechanisms.starvation_death import StarvationDeath
 from yeastfit.model.mechanisms.walker_medium import WalkerBirths, WalkerMedium, banded_products, density, nearest_node
 from yeastfit.model.model import Model
 from yeastfit.model.numerics import Numerics
@@ -223,12 +224,12 @@ def test_who_is_refused_a_child_keeps_its_clock() -> None:
     model = Model(medium=NitrogenMedium(), births=ClockBirths())
     parameters = model.complete(Parameters(nitrogen=2.0, nitrogen_per_birth=50.0))
     colony = begin(model, 0)
-    ripe = jnp.asarray(np.append([0.75, 0.75], np.asarray(colony.node_state["phase"])[2:]).astype(np.float32))
+    ripe = jnp.asarray(np.append([0.7, 0.7], np.asarray(colony.node_state["phase"])[2:]).astype(np.float32))
     colony = dataclasses.replace(colony, node_state={**colony.node_state, "phase": ripe})
     context = context_of(colony, NUMERICS, HARD, parameters)
     paid, births = eqx.filter_jit(lambda context: model.medium.afforded(context, model.births.births(context)))(context)
     assert np.asarray(births.weights).tolist() == [1.0] + [0.0] * 23
-    assert np.asarray(births.node_state["phase"])[:2] == pytest.approx([0.75 - np.log(2), 0.75])
+    assert np.asarray(births.node_state["phase"])[:2] == pytest.approx([0.7 - np.log(2), 0.7], abs=1e-6)
     assert np.asarray(births.node_state["cycles"])[:2].tolist() == [1, 0]
     np.testing.assert_allclose(paid.medium["nitrogen"], 1 - 50 / (2.0 * 0.25 * 169), rtol=1e-6)
 
@@ -301,14 +302,29 @@ def test_products_with_a_banded_kernel_are_those_with_the_whole_of_it(double: No
 def test_walkers_are_taken_up_by_the_nearest_node_and_seen_as_a_density() -> None:
     colony = tree(NUMERICS, {})
     places = np.random.default_rng(2).uniform(-3, 3, (200, 2)).astype(np.float32)
-    slot, near = jax.jit(nearest_node)(colony, jnp.asarray(places), jnp.asarray(0.5))
+    eats = np.arange(24) < 9
+    eats[4] = False  # who is dead takes up nothing
+    slot, near = jax.jit(nearest_node)(colony, jnp.asarray(eats), jnp.asarray(places), jnp.asarray(0.5))
     apart = np.linalg.norm(places[:, None] - np.asarray(colony.positions)[:9], axis=-1)
+    apart[:, 4] = np.inf
     np.testing.assert_array_equal(near, apart.min(axis=1) < 0.5)
     np.testing.assert_array_equal(np.asarray(slot)[near], apart.argmin(axis=1)[near])
     # one walker in the middle: a Gaussian
     c = eqx.filter_jit(density)(jnp.zeros((1, 2)), jnp.ones(1, bool), 0.6, NUMERICS)
     x, y = grid(NUMERICS)
     np.testing.assert_allclose(c, 36 * np.exp(-(x**2 + y**2) / 0.72) / (2 * np.pi * 0.36), atol=0.01)
+
+
+def test_the_dead_take_up_no_walkers_and_do_not_bud() -> None:
+    model = Model(medium=WALKERS.medium, births=WALKERS.births, death=StarvationDeath("stay"))
+    colony = begin(model, 3)
+    taken = jnp.where(jnp.arange(24) < 2, 30.0, 0.0)
+    dead = dataclasses.replace(colony, node_state={"taken": taken, "vitality": jnp.zeros(24)})
+    parameters = model.complete(Parameters(diffusivity=0.3, uptake_radius=0.4))
+    after = eqx.filter_jit(step)(dead, parameters, HARD, NUMERICS, model)[0]
+    assert int(after.count) == 2
+    assert int(after.medium["free"].sum()) == 600
+    np.testing.assert_array_equal(after.node_state["taken"], taken)
 
 
 @pytest.mark.parametrize(

@@ -10,13 +10,12 @@ from yeastfit.measure.statistics.registry import STATISTICS, check_names, record
 from yeastfit.measure.statistics.smooth_statistics import node_statistics
 from yeastfit.model.cells import level_set
 from yeastfit.model.colony import Colony
-from yeastfit.model.laws.shape import EllipticalCells
+from yeastfit.model.model import Model
 from yeastfit.model.parameters import Parameters
 from yeastfit.model.relaxation import Relaxation
-from yeastfit.model.rules import ShapeRule
 from yeastfit.model.snapshot import Snapshot
 
-ELLIPSE = EllipticalCells()
+SOURCE = Model()
 
 
 def mask_of(
@@ -25,7 +24,7 @@ def mask_of(
     relaxation: Relaxation,
     width: float,
     points: int,
-    shape: ShapeRule = ELLIPSE,
+    model: Model = SOURCE,
 ) -> Bool[np.ndarray, "x y"]:
     """Draw the cells of one colony.
 
@@ -35,21 +34,21 @@ def mask_of(
         relaxation: Says how cells are joined.
         width: Side of a square around the origin, in L0.
         points: Along each side of it.
-        shape: Of cells.
+        model: The rules.
 
     Returns:
         Where the cells are, {g ≤ 0}.
     """
     side = jnp.asarray(width, colony.positions.dtype)  # an array: for another width nothing is compiled
-    return np.asarray(_mask_of(colony, parameters, relaxation, side, points, shape))
+    return np.asarray(_mask_of(colony, parameters, relaxation, side, points, model))
 
 
 @eqx.filter_jit
 def _mask_of(
-    colony: Colony, parameters: Parameters, relaxation: Relaxation, width: Array, points: int, shape: ShapeRule
+    colony: Colony, parameters: Parameters, relaxation: Relaxation, width: Array, points: int, model: Model
 ) -> Bool[Array, "x y"]:
     grid = -0.5 * width, width / (points - 1), points
-    return level_set(shape.cells(colony, parameters), relaxation.union, relaxation.union_reach, *grid) <= 0
+    return level_set(model.cells(colony, parameters, relaxation), relaxation.union, relaxation.union_reach, *grid) <= 0
 
 
 class HardStatistics(eqx.Module):

@@ -66,7 +66,7 @@ def compiled_step(context: Context, cells: Cells) -> Float[Array, "x y"]:
         cells.directions,
         cells.half_lengths,
         cells.half_widths,
-        weights_of_cells(context.living, colony.parents),
+        weights_of_cells(context.eating, colony.parents),
         jnp.stack([jnp.asarray(number, dtype) for number in numbers]),
         jnp.stack([jnp.asarray(size, jnp.int32) for size in sizes]),
     )

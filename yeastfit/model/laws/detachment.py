@@ -3,6 +3,8 @@
 from collections.abc import Mapping
 from typing import ClassVar
 
+from jaxtyping import Array
+
 from yeastfit.model.colony import Colony
 from yeastfit.model.rules import Context, DetachmentRule
 
@@ -12,6 +14,6 @@ class NoDetachment(DetachmentRule):
 
     name: ClassVar[str] = "none"
 
-    def detached(self, context: Context, newborn: Mapping[str, float]) -> Colony:
+    def detached(self, context: Context, newborn: Mapping[str, float | Array]) -> Colony:
         """The same colony."""
         return context.colony

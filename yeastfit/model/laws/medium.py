@@ -70,6 +70,6 @@ def where_cells_are(
         g = level_set(cells, relaxation.union, reach, origin, numerics.spacing, points)
         return law(window, g, *fields)
 
-    cells = dataclasses.replace(cells, weights=weights_of_cells(context.living, context.colony.parents))
+    cells = dataclasses.replace(cells, weights=weights_of_cells(context.eating, context.colony.parents))
     extent = jnp.maximum(extent_of_cells(cells, reach), extent)
     return on_window(on, extent, numerics.spacing, numerics.points, cells, *fields)

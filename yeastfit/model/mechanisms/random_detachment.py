@@ -38,7 +38,7 @@ class RandomDetachment(DetachmentRule):
     name: ClassVar[str] = "random"
     parameters: ClassVar[tuple[Parameter, ...]] = (DETACHMENT_RATE,)
 
-    def detached(self, context: Context, newborn: Mapping[str, float]) -> Colony:
+    def detached(self, context: Context, newborn: Mapping[str, float | Array]) -> Colony:
         """The colony with the cells of this step's draws on their own."""
         colony, dtype = context.colony, context.colony.positions.dtype
         hanging = colony.alive & (colony.parents >= 0)
@@ -51,7 +51,7 @@ class RandomDetachment(DetachmentRule):
         return jax.lax.cond(jnp.any(loose), lambda: split(colony, loose, delta, newborn), lambda: colony)
 
 
-def split(colony: Colony, loose: Bool[Array, " node"], delta: float, newborn: Mapping[str, float]) -> Colony:
+def split(colony: Colony, loose: Bool[Array, " node"], delta: float, newborn: Mapping[str, float | Array]) -> Colony:
     """The colony in which the cells of some nodes no longer hang on their mothers.
 
     A new node takes the next slot, and the cell with it: its parent is the end that was the cell's child. What does not

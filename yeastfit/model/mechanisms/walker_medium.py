@@ -71,14 +71,13 @@ class WalkerBirths(BirthRule):
         paid = jnp.where(ripe & (jnp.cumsum(ripe) <= room), float(self.per_bud), 0.0)  # nothing for a child unborn
         return Births(
             parents=jnp.arange(ripe.shape[0]),
-            weights=jnp.where(ripe, colony.weights, 0.0),
+            weights=jnp.where(ripe, context.living, 0.0),
             event=colony.step,
             node_state={"taken": colony.node_state["taken"] - paid},
         )
 
     def _ripe(self, context: Context) -> Bool[Array, " node"]:
-        colony = context.colony
-        return colony.alive & (colony.node_state["taken"] >= self.per_bud)
+        return (context.living > 0) & (context.colony.node_state["taken"] >= self.per_bud)
 
 
 class WalkerMedium(MediumRule):
@@ -135,7 +134,7 @@ class WalkerMedium(MediumRule):
         ahead = medium["walkers"] + jnp.sqrt(2.0 * parameters.diffusivity * numerics.dt) * drawn
         places = jnp.clip(jnp.where(jnp.abs(ahead) > half, jnp.sign(ahead) * 2 * half - ahead, ahead), -half, half)
         places = jax.lax.stop_gradient(places)
-        node, near = nearest_node(colony, places, parameters["uptake_radius"])
+        node, near = nearest_node(colony, context.living > 0, places, parameters["uptake_radius"])
         eaten = free & near
         store = colony.node_state["taken"].at[node].add(jnp.where(eaten, 1.0, 0.0))
         left = free & ~eaten
@@ -183,19 +182,19 @@ def banded_products(kernel: Float[Array, "x x"], grid: Float[Array, "x y"], band
 
 
 def nearest_node(
-    colony: Colony, places: Float[Array, "walker 2"], radius: Float[Array, ""]
+    colony: Colony, eats: Bool[Array, " node"], places: Float[Array, "walker 2"], radius: Float[Array, ""]
 ) -> tuple[Int[Array, " walker"], Bool[Array, " walker"]]:
-    """The slot of the node nearest to each place, and whether it is within a radius; else slot 0.
+    """The slot of that node nearest to each place which eats, and whether it is within a radius; else slot 0.
 
     Nodes are sorted into square bins of the radius' side, as for contact: a place meets three runs of the sorted order.
     Only places in the rectangle of the colony's bins are looked at.
     """
     positions = jax.lax.stop_gradient(colony.positions)
     bins = jnp.floor(positions / radius).astype(int)
-    low = jnp.min(jnp.where(colony.alive[:, None], bins, jnp.iinfo(bins.dtype).max), axis=0)
+    low = jnp.min(jnp.where(eats[:, None], bins, jnp.iinfo(bins.dtype).max), axis=0)
     bins = bins - low + 1
-    columns, rows = jnp.unstack(jnp.max(jnp.where(colony.alive[:, None], bins, 0), axis=0) + 2)
-    key = jnp.where(colony.alive, bins[:, 0] * rows + bins[:, 1], jnp.iinfo(bins.dtype).max)
+    columns, rows = jnp.unstack(jnp.max(jnp.where(eats[:, None], bins, 0), axis=0) + 2)
+    key = jnp.where(eats, bins[:, 0] * rows + bins[:, 1], jnp.iinfo(bins.dtype).max)
     order = jnp.argsort(key)
     nodes = key[order], positions[order], order
     own_bins = jnp.floor(places / radius).astype(int) - low + 1
