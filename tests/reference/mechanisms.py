@@ -75,7 +75,8 @@ def clock_step(phases: Floats, lengths: Floats, fed: Floats, dt: float, least: f
     """Phases of all nodes a step later, those of the newborn at the end, and their mothers."""
     later = phases + dt * fed
     ripe = np.flatnonzero((later >= lengths) & (fed >= least))
-    later[ripe] -= lengths[ripe]
+    for node in ripe:  # of a node that has waited, no more than this step counts for the next cycle
+        later[node] = min(later[node] - lengths[node], dt * fed[node])
     return np.append(later, later[ripe]), ripe
 
 

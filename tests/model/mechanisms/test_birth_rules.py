@@ -148,6 +148,17 @@ def test_with_variation_it_grows_at_the_rate_of_euler_and_lotka() -> None:
     assert abs(ratios - expected) < 4 * error
 
 
+def test_who_has_waited_for_nutrient_buds_once() -> None:
+    """Beyond the end of the cycle nothing is saved up: the child and its mother begin a cycle."""
+    colony = crowd(3).colony
+    state = {"phase": jnp.full(64, 3.0), "cycles": jnp.zeros(64)}
+    waited = dataclasses.replace(colony, node_state=state)
+    context = context_of(waited, NUMERICS, HARD, CLOCKS.complete(Parameters()))
+    births = eqx.filter_jit(ClockBirths().births)(context)
+    fed = np.asarray(context.local_nutrient)[:NODES]
+    assert (np.asarray(births.newborn["phase"])[:NODES] <= NUMERICS.dt * fed).all()
+
+
 @pytest.mark.parametrize("least", [0.0, 0.35])
 def test_clocks_tick_as_the_plain_reading_s(least: float) -> None:
     rng, rule = np.random.default_rng(3), ClockBirths()

@@ -3,9 +3,9 @@
     dψ/dt = c(x_i),    a bud at ψ ≥ Ψ, then ψ ← ψ − Ψ,    Ψ = ln 2 · e^(σ z),    σ² = ln(1 + v²)
 
 Ψ is drawn anew for every cycle, z standard normal: its median is ln 2, its coefficient of variation v is
-`cycle_variation`. A newborn starts where its mother starts again, so that the time step delays nobody. A node with less
-nutrient than `least_nutrient` waits. In c = 1 a colony grows as e^(rt) with 2 E[e^(−rΨ)] = 1 (Euler and Lotka), so it
-doubles every ln 2 without variation.
+`cycle_variation`. A newborn starts where its mother starts again, at what is left of the time step, which so delays
+nobody. A node with less nutrient than `least_nutrient` waits. In c = 1 a colony grows as e^(rt) with 2 E[e^(−rΨ)] = 1
+(Euler and Lotka), so it doubles every ln 2 without variation.
 """
 
 from typing import ClassVar
@@ -53,7 +53,8 @@ class ClockBirths(BirthRule):
         """All ripe nodes, in order of age; what is left of their phases goes to mother and child."""
         colony, ripe = context.colony, self._ripe(context)
         phase, cycles = colony.node_state["phase"], colony.node_state["cycles"]
-        rest = jnp.where(ripe, phase - self._length(context), phase)
+        within = context.numerics.dt * context.local_nutrient  # of a node that waited no more than a step is left
+        rest = jnp.where(ripe, jnp.minimum(phase - self._length(context), within), phase)
         return Births(
             parents=jnp.arange(ripe.shape[0]),
             weights=jnp.where(ripe, context.living, 0.0),
