@@ -232,6 +232,11 @@ def test_curves_that_are_fitted_depend_on_its_parameter() -> None:
         ({"budding": "uniform"}, "budding is 'uniform', expected a table that names its rule"),
         ({"budding": {"rule": "uniform", "bias": 2.0}}, "budding: rule 'uniform' has no setting 'bias', it has none"),
         ({"budding": {"rule": "turned"}}, "budding: rule 'turned': .*turns"),
+        ({"death": {"rule": ["starvation"]}}, r"death: rule \['starvation'\] is unknown, expected one of none"),
+        ({"births": {"rule": "walkers", "per_bud": 2.5}}, "per_bud of rule 'walkers' is 2.5, expected a whole number"),
+        ({"births": {"rule": "collocated", "nodes": True}}, "nodes of rule 'collocated' is true, expected a whole"),
+        ({"medium": {"rule": "walkers", "width": float("inf")}}, "width of rule 'walkers' is inf, expected a finite"),
+        ({"contact": {"rule": "cells", "union": "a"}}, "union of rule 'cells' is 'a', expected a finite number"),
     ],
 )
 def test_what_is_no_rule_is_named(rules: dict, words: str) -> None:

@@ -106,3 +106,11 @@ def test_divisions_without_a_slot_keep_groups_whole() -> None:
 def test_what_does_not_go_with_groups_is_said(rules: dict, words: str) -> None:
     with pytest.raises(InputError, match=words):
         Model.of(rules)
+
+
+def test_groups_do_not_take_over_a_tree() -> None:
+    """Which group a node belongs to only its divisions tell."""
+    colony = begin(jax.random.key(0), NUMERICS)
+    MODEL.resumed(colony)
+    with pytest.raises(InputError, match="births: rule 'collocated' cannot go on from a colony of other births, with"):
+        MODEL.resumed(dataclasses.replace(colony, node_state={}))

@@ -50,11 +50,11 @@ def rule_options() -> list[Option]:
         each = "; ".join(f"{name} – {_first_clause(rule)}" for name, rule in names.items())
         text = f"{_first_clause(base)}. {each}."
         found[question] = Option(question, str, text, PANEL, (), default, ("RULE",), tuple(names))
-        for name, rule in names.items():
+        for rule in names.values():
             for setting, kind in _settings(rule).items():
-                text = f"{_described(rule, setting)} Of {flag_of(question)} {name}."
                 option = f"{question}_{setting}"
-                found[option] = Option(option, kind, text, PANEL)
+                text = f"{_described(rule, setting)} Of {flag_of(question)} {' and '.join(_owners(question)[setting])}."
+                found.setdefault(option, Option(option, kind, text, PANEL))
     return list(found.values())
 
 

@@ -45,6 +45,7 @@ class CollocatedBirths(BirthRule):
     """
 
     name: ClassVar[str] = "collocated"
+    from_start: ClassVar[bool] = True
     nodes: int = eqx.field(static=True, default=512)
 
     def __check_init__(self) -> None:

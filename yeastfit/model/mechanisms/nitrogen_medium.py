@@ -47,7 +47,11 @@ from yeastfit.text import quoted
 
 WIDTH = 0.02  # w, of the relaxed minimum
 NITROGEN = Parameter("nitrogen", "ν", "nitrogen at the start, in units of c0", (0.01, 100.0), 1.0, positive=True)
-NITROGEN_DIFFUSIVITY = Parameter("nitrogen_diffusivity", "D_N", "diffusion of nitrogen, over μ* L0²", (0.01, 10.0), 0.1)
+NITROGEN_DIFFUSIVITY = (
+    Parameter(  # up to the largest, steps of the default length are solved to 1e-4 in single precision
+        "nitrogen_diffusivity", "D_N", "diffusion of nitrogen, over μ* L0²", (0.01, 10.0), 0.1, largest=100.0
+    )
+)
 NITROGEN_UPTAKE = Parameter("nitrogen_uptake", "r_N", "uptake of nitrogen, over μ*", (0.05, 20.0), 1.0)
 NITROGEN_MOBILITY = Parameter("nitrogen_mobility", "γ_N", "drift along nitrogen's gradient", (0.02, 20.0), 0.0)
 NITROGEN_PER_BIRTH = Parameter("nitrogen_per_birth", "q_N", "nitrogen of a birth, over c0", (1.0, 500.0), 0.0, "L0²")
