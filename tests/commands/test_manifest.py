@@ -4,11 +4,14 @@ import errno
 import os
 from pathlib import Path
 
+import numpy as np
 import pytest
+from PIL import Image
 
 from yeastfit import InputError, read_dataset
 from yeastfit.commands import app as cli
 from yeastfit.measure.reading.file_names import NamePattern
+from yeastfit.measure.reading.outline_files import write_mask
 
 PATTERN = "{condition} s{replicate} {hours}h {objective}"
 SIZES = ["--pixel-size", "4X=1.55008", "--pixel-size", "10X=0.62"]
@@ -110,6 +113,17 @@ def test_one_size_for_two_objectives_is_refused(tmp_path: Path, capsys: pytest.C
     assert not (folder / "manifest.csv").exists()
     assert cli.run([*asked, "4X=1.5", "--pixel-size", "10X=0.6"]) == 0
     assert f"yeastfit measure '{folder}' --out" in "".join(capsys.readouterr().out.split("\n"))
+
+
+def test_sizes_that_files_must_state_are_looked_for(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    Image.fromarray(np.zeros((40, 40), np.uint8)).save(tmp_path / "a1.tif")
+    write_mask(tmp_path / "b1.tif", np.zeros((40, 40), bool), 1.55)
+    assert cli.run(["manifest", str(tmp_path), "--pattern", "{condition}{replicate}", "--hours", "10"]) == 0
+    shown = capsys.readouterr()
+    assert "none in the files" in shown.out
+    assert "1.55 in the first file" in shown.out
+    assert "a1.tif states no size of its pixels: give --pixel-size" in shown.err
+    assert "b1.tif" not in shown.err
 
 
 def test_one_time_and_one_size(tmp_path: Path) -> None:

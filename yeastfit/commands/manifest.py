@@ -12,10 +12,11 @@ from rich.table import Table
 from yeastfit.commands.console.signals import remaining
 from yeastfit.commands.console.terminal import out, warn
 from yeastfit.commands.options import folder_option
-from yeastfit.errors import InputError
+from yeastfit.errors import InputError, PixelSizeError
 from yeastfit.measure.reading.batch_inputs import images_in, in_tables
 from yeastfit.measure.reading.dataset import MANIFESTS, find_manifest, read_dataset
 from yeastfit.measure.reading.file_names import NamedImage, NamePattern, named_images, pixel_sizes_of
+from yeastfit.measure.reading.images import read_micrograph
 from yeastfit.numbers import HOURS, PIXEL_SIZES
 from yeastfit.text import quoted, shown
 
@@ -137,12 +138,24 @@ def _understood(images: list[NamedImage], sizes: list[float | None]) -> Table:
         table.add_row(
             condition or "—",
             objective or "—",
-            "in the files" if size is None else f"{size:g}",
+            _stated(members[0].path) if size is None else f"{size:g}",
             _listed(replicates),
             _listed([f"{time:g}" for time in times]),
             str(len(members)),
         )
     return table
+
+
+def _stated(path: Path) -> str:
+    """What the first of some files states; a warning where that is nothing."""
+    try:
+        return f"{read_micrograph(path).pixel_size:g} in the first file"
+    except PixelSizeError:
+        warn([f"{path.name} states no size of its pixels: give --pixel-size, here or to `yeastfit measure`"])
+        return "none in the files"
+    except InputError as error:  # `measure` says so, too, for every file
+        warn([str(error)])
+        return "?"
 
 
 def _listed(texts: list[str]) -> str:
