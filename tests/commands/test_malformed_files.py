@@ -324,6 +324,30 @@ def test_a_number_that_no_colony_has_is_refused_by_line_and_column(
     assert words in line
 
 
+OFFLATTICE = ["--model", "offlattice", "--free", "fork", "--statistics", "smoothed_branch_index,solidity"]
+
+
+def with_branches(*values: str) -> str:
+    """A table of colonies with smoothed I_B."""
+    lines = [f"{','.join((ROW | {'replicate': str(number)}).values())},{one}" for number, one in enumerate(values)]
+    return "\n".join([f"{','.join(ROW)},smoothed_branch_index", *lines]) + "\n"
+
+
+@pytest.mark.parametrize("command", ["fit", "infer"])
+@pytest.mark.parametrize("value", ["abc", "0,17", "-3", "inf"])
+def test_a_number_of_a_statistic_that_measure_does_not_know_is_refused_by_name(
+    tmp_path: Path, refused: Run, command: str, value: str
+) -> None:
+    line = refused([command, written(tmp_path / "measurements.csv", with_branches("0.1", f'"{value}"')), *OFFLATTICE])
+    assert f"a.png: smoothed_branch_index is '{value}', it must be a number of at least -0.0434783" in line
+
+
+@pytest.mark.parametrize("command", ["fit", "infer"])
+def test_a_statistic_without_any_number_is_refused_by_name(tmp_path: Path, refused: Run, command: str) -> None:
+    line = refused([command, written(tmp_path / "measurements.csv", with_branches("", "")), *OFFLATTICE])
+    assert "statistics: 'smoothed_branch_index' has no number in any of the 2 rows: leave it out" in line
+
+
 TABLES: dict[str, Case] = {
     "empty": ("", "no rows"),
     "header only": (table().splitlines()[0], "no rows"),

@@ -140,11 +140,23 @@ def test_choices_among_no_cells() -> None:
         ({"seed": 2**64}, "below 2"),
         ({"delay": -0.1}, "delay is -0.1"),
         ({"stream": np.empty(0)}, "stream is empty"),
+        ({"stream": np.full(99, np.nan)}, "stream holds nan, it must be a sequence of numbers of at least 0 and below"),
+        ({"stream": np.array([0.5, 1.0])}, "stream holds 1, it must be"),
+        ({"stream": np.full((2, 2), 0.5)}, r"stream has the shape \(2, 2\)"),
+        ({"seed": 1.9}, "seed is 1.9, it must be a whole number"),
+        ({"cells": 10.0}, "cells is 10.0, it must be a whole number of at least 1"),
+        ({"parameters": {"fork": "a"}}, "fork is 'a', it must be a number"),
     ],
 )
-def test_wrong_calls(arguments: dict, words: str) -> None:
+def test_wrong_calls(arguments: dict, words: str, unchecked: None) -> None:
     with pytest.raises(InputError, match=words):
         grow(**({"parameters": AWRI_50, "cells": 10} | arguments))
+
+
+def test_no_threads(unchecked: None) -> None:
+    for threads in (0, -1, 1.5):
+        with pytest.raises(InputError, match=r"threads is .*, it must be a whole number of at least 1, or None"):
+            grow_many(np.full((1, 5), 0.5), [1], cells=10, threads=threads)  # type: ignore[arg-type]
 
 
 def test_as_many_seeds_as_rows() -> None:

@@ -64,6 +64,17 @@ def test_bins_hold_vertices(small: OfflatticeColony) -> None:
     assert binned.dropped == 12 * 5000 - held.sum() > 0
 
 
+def test_of_a_colony_that_ended_early_all_cells_are_seen() -> None:
+    """And not the whole image, which is what more cells than there are would cover."""
+    ended = next(one for seed in range(99) if (one := grow({}, cells=100, seed=seed)).x.size < 100)
+    for picture in (Ellipses.of(ended), BinnedOutlines.whole(ended)):
+        every = picture.mask(ended.x.size)
+        np.testing.assert_array_equal(picture.mask(ended.cells), every)
+        assert not every.all()
+        for match in (match_exactly, search_from_below):
+            assert match(picture.mask, ended.cells, 2.0 * every.sum()).match is Match.UNREACHED
+
+
 @settings(max_examples=40, deadline=None)
 @given(masks.filter(lambda mask: min(mask.shape) > 1))
 def test_enlarging_is_cubic_convolution(mask: np.ndarray) -> None:

@@ -90,6 +90,8 @@ def test_a_colony_that_the_frame_cuts_is_told_of() -> None:
         ({"statistics": ["areas"]}, "got 'areas', need some of li2024_csr_radius"),
         ({"statistics": ["cell_count"]}, "got 'cell_count'"),
         ({"statistics": []}, "need at least one"),
+        ({"statistics": "area"}, r"statistics is 'area', it must be a list of names, such as \['area'\]"),
+        ({"limits": ((0.0, 1.0), (0.0, 1.0))}, "limits are 2 pairs, each of the 1 statistics needs one"),
         ({"free": ("forks",)}, "free names 'forks', which is unknown"),
         ({"fixed": {"fork": 0.5}}, "'fork' is free"),
         ({"free": ("fork",), "fixed": {"any_mother": 2.0}}, "any_mother"),
@@ -98,6 +100,14 @@ def test_a_colony_that_the_frame_cuts_is_told_of() -> None:
 def test_wrong_simulators(arguments: dict, words: str) -> None:
     with pytest.raises(InputError, match=words):
         OfflatticeSimulator.of(**({"statistics": ["area"], "cells": 10} | arguments))
+
+
+def test_wrong_rows(unchecked: None) -> None:
+    simulator = OfflatticeSimulator.of(["area"], cells=10)
+    with pytest.raises(InputError, match=r"values have the shape \(3, 4\), it must be \(3, 5\), a row for each seed"):
+        simulator(VALUES[:, :4], SEEDS)
+    with pytest.raises(InputError, match=r"seed is 1\.5, it must be a whole number"):
+        simulator(VALUES[:1], np.array([1.5]))
 
 
 def test_photographs_are_measured_by_the_same_entries(monkeypatch: pytest.MonkeyPatch) -> None:

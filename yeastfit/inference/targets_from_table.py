@@ -101,10 +101,15 @@ def _by_replicate(
     for row, value in zip(rows, values, strict=True):
         for name in statistics:
             curves[name][replicates.index(str(row["replicate"])), hours.index(float(row["hours"]))] = value[name]
+    check_some(curves, len(rows))
+    return replicates, curves, np.array(hours)
+
+
+def check_some(curves: Mapping[str, np.ndarray], rows: int) -> None:
+    """Raise `InputError` for a statistic that has no number in any of so many rows."""
     for name, curve in curves.items():
         if not np.isfinite(curve).any():
-            raise InputError(f"statistics: {name!r} has no number in any of the {len(rows)} rows: leave it out")
-    return replicates, curves, np.array(hours)
+            raise InputError(f"statistics: {name!r} has no number in any of the {rows} rows: leave it out")
 
 
 def _in_lengths(row: Mapping[str, Any], statistics: Sequence[str], scales: Scales) -> dict[str, float]:

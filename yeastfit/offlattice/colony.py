@@ -5,6 +5,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from math import isfinite
+from numbers import Integral
 from pathlib import Path
 from typing import TypeVar
 
@@ -21,6 +22,7 @@ from yeastfit.offlattice.random_numbers import seeded, streamed
 from yeastfit.offlattice.status import Status
 from yeastfit.offlattice.transition import last_sated
 from yeastfit.processors import available_processors
+from yeastfit.text import quoted
 
 DELAY = 0.02
 """Share of all cells born between the transition and a preference for pseudohyphal mothers; 0.01 in their pictures."""
@@ -29,6 +31,7 @@ MOST_ATTEMPTS = 1_000_000
 """For one birth; on average it takes 3 to 13, and a colony whose cells are all walled in would try for ever."""
 
 LARGEST = 2**31 - 1  # cells are numbered with 32 bits
+NO_CELL = LARGEST  # the first cell of a pixel that none covers
 BYTES_PER_CELL = 221  # at most: 32 of the cell, 24 of the sets, 37 of the result, 128 of the bins, mostly 60
 LITTLE = 2**28  # bytes that are not asked for
 
@@ -112,8 +115,9 @@ def grow(
             negative delay, an empty stream; or numba is missing.
     """
     rates = rates_of(parameters)
-    if cells < 1 or most_attempts < 1:
-        raise InputError(f"cells is {cells} and most_attempts {most_attempts}, both must be at least 1")
+    for name, count in (("cells", cells), ("most_attempts", most_attempts)):
+        if not isinstance(count, Integral) or count < 1:
+            raise InputError(f"{name} is {quoted(count)}, it must be a whole number of at least 1")
     if not isfinite(delay) or delay < 0:
         raise InputError(f"delay is {delay}, it must be a share of all cells of at least 0")
     numbers = seeded(seed) if stream is None else streamed(stream)
@@ -173,7 +177,9 @@ def grow_many(
 
 def in_threads(function: Callable[[Item], Result], items: Iterable[Item], threads: int | None) -> list[Result]:
     """Call a function with each item; results in order. Kernels release the interpreter's lock: threads run at once."""
-    with ThreadPoolExecutor(threads or available_processors()) as pool:
+    if threads is not None and not (isinstance(threads, Integral) and threads >= 1):
+        raise InputError(f"threads is {quoted(threads)}, it must be a whole number of at least 1, or None")
+    with ThreadPoolExecutor(int(threads or available_processors())) as pool:
         return list(pool.map(function, items))
 
 

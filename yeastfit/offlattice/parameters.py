@@ -6,6 +6,7 @@ stored posterior for AWRI 796 at 50 µM ammonium sulphate.
 """
 
 from collections.abc import Mapping, Sequence
+from numbers import Real
 from typing import NamedTuple
 
 import numpy as np
@@ -13,6 +14,7 @@ from jaxtyping import Float
 
 from yeastfit.errors import InputError
 from yeastfit.parameter_set import Parameter, ParameterSet
+from yeastfit.text import quoted
 
 
 class Rates(NamedTuple):
@@ -95,6 +97,9 @@ def rates_of(parameters: Mapping[str, float] | Sequence[float] | Float[np.ndarra
         values = tuple(parameters)  # type: ignore[assignment]
     if len(values) != len(PARAMETERS):
         raise InputError(f"parameters: got {len(values)} values, need five: {', '.join(PARAMETERS.names)}")
+    for name, value in zip(PARAMETERS.names, values, strict=True):
+        if not isinstance(value, Real):
+            raise InputError(f"{name} is {quoted(value)}, it must be a number")
     return Rates(*(float(value) for value in values))
 
 

@@ -13,6 +13,7 @@ A given stream makes colonies comparable with other programs': MATLAB's `rand` a
 `numpy.random.RandomState(s).random_sample()`.
 """
 
+from numbers import Integral
 from typing import NamedTuple
 
 import numpy as np
@@ -20,6 +21,7 @@ from jaxtyping import Float, Int, UInt64
 
 from yeastfit.compiled import kernel
 from yeastfit.errors import InputError
+from yeastfit.text import quoted
 
 MOST_SEED = 2**64
 Words = tuple[np.uint64, np.uint64, np.uint64, np.uint64]
@@ -46,8 +48,8 @@ def seeded(seed: int) -> Numbers:
     Raises:
         InputError: The seed is not a whole number of 64 bits.
     """
-    if not 0 <= int(seed) < MOST_SEED:
-        raise InputError(f"seed is {seed}, it must be a whole number of at least 0 and below 2^64")
+    if not (isinstance(seed, Integral) and 0 <= seed < MOST_SEED):
+        raise InputError(f"seed is {quoted(seed)}, it must be a whole number of at least 0 and below 2^64")
     state = np.random.SeedSequence(int(seed)).generate_state(4, np.uint64)
     return Numbers(state, np.empty(0), np.zeros(1, dtype=np.int64))
 
@@ -56,11 +58,16 @@ def streamed(stream: Float[np.ndarray, " number"]) -> Numbers:
     """The given numbers, in their order.
 
     Raises:
-        InputError: There are none.
+        InputError: There are none, or they are no numbers of at least 0 and below 1, one after the other.
     """
-    if not stream.size:
+    given = np.ascontiguousarray(stream, dtype=float)
+    if not given.size:
         raise InputError("stream is empty, a colony needs some uniform numbers for every cell")
-    return Numbers(np.zeros(4, dtype=np.uint64), np.ascontiguousarray(stream), np.zeros(1, dtype=np.int64))
+    wrong = ~((given >= 0) & (given < 1))
+    if given.ndim != 1 or wrong.any():
+        found = f"has the shape {given.shape}" if given.ndim != 1 else f"holds {given[wrong][0]:g}"
+        raise InputError(f"stream {found}, it must be a sequence of numbers of at least 0 and below 1")
+    return Numbers(np.zeros(4, dtype=np.uint64), given, np.zeros(1, dtype=np.int64))
 
 
 @kernel

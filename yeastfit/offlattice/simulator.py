@@ -110,6 +110,10 @@ class OfflatticeSimulator:
         Raises:
             InputError: A statistic or parameter is unknown, or a value not admissible.
         """
+        if isinstance(statistics, str):
+            raise InputError(f"statistics is {statistics!r}, it must be a list of names, such as [{statistics!r}]")
+        if limits is not None and len(limits) != len(statistics):
+            raise InputError(f"limits are {len(limits)} pairs, each of the {len(statistics)} statistics needs one")
         if unknown := [name for name in statistics if name not in known_statistics()]:
             raise InputError(f"statistics: got {unknown[0]!r}, need some of {', '.join(known_statistics())}")
         if not statistics:
@@ -138,7 +142,10 @@ class OfflatticeSimulator:
         self, values: Float[np.ndarray, "row parameter"], seeds: Shaped[np.ndarray, " row"]
     ) -> Float[np.ndarray, "row statistic"]:
         """Statistics, one row a colony; nan throughout where it did not grow to the end. Equal rows grow once."""
-        jobs = [(tuple(row), int(seed)) for row, seed in zip(values.tolist(), seeds, strict=True)]
+        if np.shape(values) != (len(seeds), len(self.parameters)):
+            shape = f"({len(seeds)}, {len(self.parameters)}), a row for each seed"
+            raise InputError(f"values have the shape {np.shape(values)}, it must be {shape}")
+        jobs = [(tuple(row), seed) for row, seed in zip(values.tolist(), np.asarray(seeds).tolist(), strict=True)]
         different = list(dict.fromkeys(jobs))
         found = dict(zip(different, in_threads(self._measured, different, self.threads), strict=True))
         self.problems.update(problem for _, problem in found.values() if problem)

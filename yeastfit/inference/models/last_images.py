@@ -1,11 +1,13 @@
 """The last image of each colony of a data set, for colonies that are compared whatever their age."""
 
+import math
 from collections.abc import Sequence
 from pathlib import Path
 
 from yeastfit.errors import InputError
 from yeastfit.inference.models.forward_model import Row
 from yeastfit.measure.measurements_table import read_mask
+from yeastfit.numbers import Range
 
 
 def last_images(rows: Sequence[Row]) -> tuple[list[Row], list[str]]:
@@ -32,9 +34,10 @@ def last_images(rows: Sequence[Row]) -> tuple[list[Row], list[str]]:
 
 def measured(row: Row, folder: Path, statistics: Sequence[str]) -> dict[str, float]:
     """Statistics of one image in µm: the table's, and what its mask tells besides."""
-    from yeastfit.offlattice.simulator import statistics_of
+    from yeastfit.offlattice.simulator import known_statistics, statistics_of
 
-    found = {name: float(row[name]) for name in statistics if name in row}
+    admissible = {name: entry.admissible for name, entry in known_statistics().items()}
+    found = {name: _number(row, name, admissible[name]) for name in statistics if name in row}
     missing = [name for name in statistics if name not in found]
     if missing:
         name = str(row["mask"] or "")
@@ -44,3 +47,11 @@ def measured(row: Row, folder: Path, statistics: Sequence[str]) -> dict[str, flo
             raise InputError(f"statistics: {missing[0]!r} is not in the table, and {lacks} to measure")
         found |= statistics_of(read_mask(path, row), float(row["um_per_pixel"]), missing)
     return found
+
+
+def _number(row: Row, name: str, admissible: Range) -> float:
+    """A statistic in the table, nan where its cell is empty; one that `measure` does not know is text there."""
+    value = row[name]
+    if value == "":
+        return math.nan
+    return admissible.read(value, f"{row['file']}: {name}") if isinstance(value, str) else float(value)

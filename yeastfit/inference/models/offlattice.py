@@ -26,6 +26,7 @@ from yeastfit.inference.sensitivity.estimate import sensitivity as estimate_sens
 from yeastfit.inference.sensitivity.result import Sensitivity
 from yeastfit.inference.simulator import member_seeds
 from yeastfit.inference.targets import Targets
+from yeastfit.inference.targets_from_table import check_some
 from yeastfit.measure.measurements_table import NEEDED, check_same_size, checked_rows
 from yeastfit.measure.outlining.outline_errors import OUTLINE_ERRORS
 from yeastfit.memory import check_count
@@ -178,6 +179,7 @@ class Offlattice(ForwardModel):
         check_same_size(chosen)
         values = [measured(row, folder, (*statistics, "area")) for row in chosen]
         curves = {name: np.array([[value[name]] for value in values]) for name in statistics}
+        check_some(curves, len(chosen))
         targets = Targets.from_replicates(curves, [hours], colonies=[str(row["replicate"]) for row in chosen])
         area = float(np.mean([value["area"] for value in values])) if self.area is None else self.area
         pixel = float(np.mean([row["um_per_pixel"] for row in chosen])) if self.pixel_size is None else self.pixel_size

@@ -24,7 +24,7 @@ from jaxtyping import Bool, Float, Int
 
 from yeastfit.compiled import kernel
 from yeastfit.errors import InputError
-from yeastfit.offlattice.colony import OfflatticeColony
+from yeastfit.offlattice.colony import NO_CELL, OfflatticeColony
 from yeastfit.offlattice.placing import PIXELS_PER_UM, SEMI_AXES
 
 PIXEL = 1.55008
@@ -78,14 +78,14 @@ class Ellipses:
             raise InputError(
                 f"pixel_size is {pixel_size} µm: an image of {2 * half} pixels a side, choose a larger one"
             )
-        first = np.full((2 * half, 2 * half), colony.x.size + 1, dtype=np.int32)
+        first = np.full((2 * half, 2 * half), NO_CELL, dtype=np.int32)
         shapes = SEMI_AXES[colony.pseudohyphal.astype(int)] / unit
         centres = np.stack([half - 0.5 - colony.y / unit, half - 0.5 + colony.x / unit], axis=1)
         _draw(centres, colony.theta, shapes, first)
         return cls(_opened(first, radius), pixel_size)
 
     def mask(self, cells: int) -> Bool[np.ndarray, "row column"]:
-        """The mask of so many first cells."""
+        """The mask of so many first cells; of all, where fewer were born."""
         return self.first <= cells
 
 

@@ -30,7 +30,7 @@ from jaxtyping import Bool, Float, Int, UInt8, UInt16
 
 from yeastfit.compiled import array_kernel, kernel
 from yeastfit.errors import InputError
-from yeastfit.offlattice.colony import OfflatticeColony
+from yeastfit.offlattice.colony import NO_CELL, OfflatticeColony
 from yeastfit.offlattice.placing import DIRECTIONS, PIXELS_PER_UM, SEMI_AXES
 
 BIN = 4
@@ -75,7 +75,7 @@ class BinnedOutlines:
         """
         if any(side < 2 or side % 2 for side in frame):
             raise InputError(f"frame is {frame}, it must be two even numbers of bins")
-        first = np.full(frame, colony.x.size + 1, dtype=np.int32)
+        first = np.full(frame, NO_CELL, dtype=np.int32)
         dropped = _bin(colony.x, colony.y, colony.direction, colony.pseudohyphal, OUTLINES, first)
         return cls(first, colony.x.size, dropped)
 
@@ -99,7 +99,7 @@ class BinnedOutlines:
         return 1 / PIXELS_PER_UM
 
     def mask(self, cells: int) -> Bool[np.ndarray, "x y"]:
-        """The mask of so many first cells, 4 pixels a bin."""
+        """The mask of so many first cells, 4 pixels a bin; of all, where fewer were born."""
         image, mixed = enlarged(self.first <= cells)
         fill_holes(image, SMALLEST_HOLE, mixed)
         return image

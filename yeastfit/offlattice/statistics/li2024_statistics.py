@@ -31,6 +31,7 @@ from yeastfit.compiled import array_kernel, kernel
 from yeastfit.errors import InputError
 from yeastfit.measure.statistics.pixels import Pixels
 from yeastfit.measure.statistics.statistic import Statistic
+from yeastfit.numbers import Range
 from yeastfit.offlattice.statistics.golay_skeleton import count_ends, skeleton
 
 RING = 4
@@ -190,16 +191,21 @@ def measured(pixels: Pixels) -> Li2024:
     return li2024_statistics(pixels.colony)
 
 
-def _entry(name: str, power: int, meaning: str, label: str) -> Statistic:
+def _entry(name: str, power: int, meaning: str, label: str, possible: Range | None = None) -> Statistic:
     """Registered as li2024_…, as `measure` has statistics of the same names."""
-    return Statistic(f"li2024_{name}", power, meaning, label, mask=partial(_value, name), may_vanish=power == 0)
+    value = partial(_value, name)
+    return Statistic(f"li2024_{name}", power, meaning, label, mask=value, may_vanish=power == 0, possible=possible)
+
+
+I_F, I_R, I_B = Range(0.0, 1 / 0.65), Range(-1.1 / 1.7), Range(-25 / 575)
+"""What indices can be: of no area or all of it beyond the core, of r_max 0, and of no ends."""
 
 
 ENTRIES = (
     _entry("csr_radius", 1, "radius of the core as Li et al. 2024 find it", "CSR radius"),
-    _entry("filament_area_index", 0, "I_F of Li et al. 2024: share of area beyond the core, over 0.65", "I_F"),
-    _entry("filament_radius_index", 0, "I_R of Li et al. 2024: (r_max / r_CSR − 1.1) / 1.7", "I_R"),
-    _entry("branch_index", 0, "I_B of Li et al. 2024: (ends of a quadrant's skeleton − 25) / 575", "I_B"),
+    _entry("filament_area_index", 0, "I_F of Li et al. 2024: share of area beyond the core, over 0.65", "I_F", I_F),
+    _entry("filament_radius_index", 0, "I_R of Li et al. 2024: (r_max / r_CSR − 1.1) / 1.7", "I_R", I_R),
+    _entry("branch_index", 0, "I_B of Li et al. 2024: (ends of a quadrant's skeleton − 25) / 575", "I_B", I_B),
 )
 """As entries for the registry of statistics: with `register_statistic`, `measure` has them in its tables."""
 

@@ -20,7 +20,7 @@ from jaxtyping import Bool
 from yeastfit.measure.statistics.pixels import Pixels
 from yeastfit.measure.statistics.statistic import Statistic
 from yeastfit.offlattice.statistics.golay_skeleton import count_ends, skeleton
-from yeastfit.offlattice.statistics.li2024_statistics import Li2024, branch_index, centroid, cut_core, measured
+from yeastfit.offlattice.statistics.li2024_statistics import I_B, Li2024, branch_index, centroid, cut_core, measured
 
 WIDTH = 2.0  # pixels, the standard deviation of the Gaussian
 REACH = 8  # pixels to which it is taken into account
@@ -56,4 +56,5 @@ SMOOTHED = Statistic(
     "smoothed I_B",
     mask=_value,
     may_vanish=True,
+    possible=I_B,
 )
