@@ -76,8 +76,8 @@ class Targets:
         self._refuse(
             (self.scatter == 0) & (self.replicates > 1),
             "scatter",
-            "so no error could be told: are the replicates copies of each other? Leave the statistic out, or in Python "
-            "give nan to take the model's",
+            "so no error could be told: are the replicates copies of each other, or has every colony this number? "
+            "Leave the statistic out, or in Python give nan to take the model's",
         )
         if self.imaging is not None:
             self._check_imaged(self.imaging)

@@ -24,6 +24,8 @@ from yeastfit.model.numerics import Numerics, largest_in_ensemble
 TOLERANCE = 1e-6  # relative residual of the solve
 LARGEST_ALPHA = 8.0  # in single precision: above, rounding c alone leaves a larger residual of the step than TOLERANCE
 
+FASTEST = 100.0  # diffusivity of other fields, of which steps of the default length are solved to 1e-4
+
 
 def largest_diffusivity(numerics: Numerics, dtype: DTypeLike) -> float:
     """Largest λ1 of which numbers of this type solve a step to `TOLERANCE`; double precision does for every one."""

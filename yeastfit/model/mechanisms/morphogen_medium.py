@@ -18,12 +18,12 @@ from yeastfit.model.cells import Cells
 from yeastfit.model.colony import Colony
 from yeastfit.model.interpolation import gradient_at
 from yeastfit.model.laws.medium import nutrient_of_step, where_cells_are
-from yeastfit.model.nutrient import closed_step
+from yeastfit.model.nutrient import FASTEST, closed_step
 from yeastfit.model.rules import Context, MediumRule, UptakeRule
 from yeastfit.parameter_set import Parameter
 
-DIFFUSIVITY = Parameter(  # up to the largest, steps of the default length are solved to 1e-4 in single precision
-    "morphogen_diffusivity", "D_m", "diffusion of the morphogen, over μ* L0²", (0.01, 10.0), 0.5, largest=100.0
+DIFFUSIVITY = Parameter(
+    "morphogen_diffusivity", "D_m", "diffusion of the morphogen, over μ* L0²", (0.01, 10.0), 0.5, largest=FASTEST
 )
 DECAY = Parameter("morphogen_decay", "k_m", "decay of the morphogen, over μ*", (0.05, 10.0), 0.5)
 SECRETION = Parameter("morphogen_secretion", "s", "secretion of the morphogen, over μ* c0", (0.05, 10.0), 0.0)

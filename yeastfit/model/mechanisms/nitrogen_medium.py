@@ -38,7 +38,7 @@ from yeastfit.model.interpolation import gradient_at, nutrient_at
 from yeastfit.model.laws.medium import nutrient_of_step, where_cells_are
 from yeastfit.model.laws.uptake import biomass
 from yeastfit.model.numerics import Numerics
-from yeastfit.model.nutrient import closed_step, nutrient_step
+from yeastfit.model.nutrient import FASTEST, closed_step, nutrient_step
 from yeastfit.model.parameters import Parameters
 from yeastfit.model.relaxation import Relaxation
 from yeastfit.model.rules import Births, Context, MediumRule, UptakeRule
@@ -47,10 +47,8 @@ from yeastfit.text import quoted
 
 WIDTH = 0.02  # w, of the relaxed minimum
 NITROGEN = Parameter("nitrogen", "ν", "nitrogen at the start, in units of c0", (0.01, 100.0), 1.0, positive=True)
-NITROGEN_DIFFUSIVITY = (
-    Parameter(  # up to the largest, steps of the default length are solved to 1e-4 in single precision
-        "nitrogen_diffusivity", "D_N", "diffusion of nitrogen, over μ* L0²", (0.01, 10.0), 0.1, largest=100.0
-    )
+NITROGEN_DIFFUSIVITY = Parameter(
+    "nitrogen_diffusivity", "D_N", "diffusion of nitrogen, over μ* L0²", (0.01, 10.0), 0.1, largest=FASTEST
 )
 NITROGEN_UPTAKE = Parameter("nitrogen_uptake", "r_N", "uptake of nitrogen, over μ*", (0.05, 20.0), 1.0)
 NITROGEN_MOBILITY = Parameter("nitrogen_mobility", "γ_N", "drift along nitrogen's gradient", (0.02, 20.0), 0.0)
