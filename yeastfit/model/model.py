@@ -180,7 +180,16 @@ class Model(eqx.Module):
         return start(key, numerics, self.node_state(), {**fields, **self.medium.store(key, numerics)})
 
     def cells(self, colony: Colony, parameters: Parameters, relaxation: Relaxation) -> Cells:
-        """Of a colony, as they cover the plane."""
+        """Cells of a colony, as they cover the plane. Differentiable.
+
+        Arguments:
+            colony: Its state.
+            parameters: Values of all the model's parameters.
+            relaxation: Smoothing widths.
+
+        Returns:
+            One cell for each node but the first; of what dies by degrees and vanishes what is left.
+        """
         return self.death.shown(self.shape.cells(colony, parameters), colony, relaxation)
 
     def resumed(self, colony: Colony) -> Colony:
