@@ -45,8 +45,8 @@ def test_measuring() -> None:
 
 def test_the_off_lattice_model() -> None:
     names = (
-        "BinnedOutlines Ellipses OfflatticeColony OfflatticeSimulation OfflatticeSimulator grow grow_many match_exactly "
-        "search_from_below simulate_offlattice"
+        "BinnedOutlines Ellipses OfflatticeColony OfflatticeSimulation OfflatticeSimulator grow grow_many "
+        "match_exactly search_from_below simulate_offlattice"
     )
     assert sorted(offlattice.__all__) == names.split()
     assert all(hasattr(offlattice, name) for name in offlattice.__all__)
