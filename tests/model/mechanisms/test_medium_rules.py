@@ -11,10 +11,11 @@ import numpy as np
 import pytest
 from helpers import colony_of, context_of, grid, random_tree
 from jaxtyping import Array
-from scipy import ndimage
+from scipy import ndimage, stats
 
 from reference import mechanisms as plain
 from yeastfit.errors import InputError
+from yeastfit.measure.statistics.smooth_statistics import SmoothStatistics
 from yeastfit.model.colony import Colony
 from yeastfit.model.laws.forces import velocity
 from yeastfit.model.mechanisms.clock_births import ClockBirths
@@ -29,6 +30,7 @@ from yeastfit.model.parameters import Parameters
 from yeastfit.model.relaxation import HARD, Relaxation
 from yeastfit.model.rules import Births, Context
 from yeastfit.model.simulate import step
+from yeastfit.simulation.simulate import member_keys, simulate
 
 NUMERICS = Numerics(domain=6.0, spacing=0.5, dt=0.02, capacity=24)
 RNG = np.random.default_rng(0)
@@ -343,3 +345,36 @@ def test_what_does_not_go_together_is_said(rules: dict, words: str, unchecked: N
 def test_walkers_do_not_take_over_another_colony() -> None:
     with pytest.raises(InputError, match="cannot go on from a colony of another medium, without walkers"):
         WALKERS.resumed(tree(NUMERICS, {}))
+
+
+@pytest.mark.slow
+def test_cells_tend_to_a_limit_as_walkers_become_many() -> None:
+    """N(n) = N∞ + a / √n for n walkers that are the same nutrient, n / 80 of which are a child; 64 colonies each.
+
+    Walkers arrive by chance, so that some children come early, and theirs in turn: fewer walkers make more cells.
+    """
+    numerics = Numerics(domain=10.0, spacing=0.5, dt=0.02, capacity=64)
+    numbers, found, errors = np.array([400, 800, 1600, 3200, 6400, 12800]), [], []
+    for n in numbers.tolist():
+        model = Model(medium=WalkerMedium(walkers=n), births=WalkerBirths(per_bud=n // 80))
+        run = simulate(
+            Parameters(diffusivity=0.5, uptake_radius=0.4),
+            member_keys(n, 64),
+            times=[3.0],
+            model=model,
+            numerics=numerics,
+            relaxation=HARD,
+            observe=SmoothStatistics(10.0, 0.5, statistics=("cell_count",)),
+        )
+        cells = np.asarray(run.statistics["cell_count"])[:, 0]
+        found.append(cells.mean())
+        errors.append(cells.std(ddof=1) / 8)
+    terms = np.stack([np.ones(6), numbers**-0.5], axis=1) / np.array(errors)[:, None]
+    limit, slope = np.linalg.lstsq(terms, np.array(found) / errors, rcond=None)[0]
+    covariance = np.linalg.inv(terms.T @ terms)
+    chi_square = np.sum((terms @ [limit, slope] - np.array(found) / errors) ** 2)
+    assert chi_square < stats.chi2.ppf(0.999, 4)
+    assert slope > 4 * np.sqrt(covariance[1, 1])
+    error = np.sqrt(covariance[0, 0])
+    assert error < 0.25
+    assert limit == pytest.approx(13.37, abs=4 * np.sqrt(2) * error)  # that of other seeds, as well known
