@@ -6,7 +6,6 @@ stored posterior for AWRI 796 at 50 µM ammonium sulphate.
 """
 
 from collections.abc import Mapping, Sequence
-from numbers import Real
 from typing import NamedTuple
 
 import numpy as np
@@ -98,7 +97,7 @@ def rates_of(parameters: Mapping[str, float] | Sequence[float] | Float[np.ndarra
     if len(values) != len(PARAMETERS):
         raise InputError(f"parameters: got {len(values)} values, need five: {', '.join(PARAMETERS.names)}")
     for name, value in zip(PARAMETERS.names, values, strict=True):
-        if not isinstance(value, Real):
+        if isinstance(value, str) or np.ndim(value):
             raise InputError(f"{name} is {quoted(value)}, it must be a number")
     return Rates(*(float(value) for value in values))
 
