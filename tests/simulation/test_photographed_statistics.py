@@ -48,7 +48,8 @@ def test_the_off_lattice_model_is_measured_in_what_is_named(tmp_path: Path) -> N
     theirs = li2024_statistics(BinnedOutlines.of(grown.colonies[0]).mask(grown.colonies[0].x.size))
     assert grown.statistics["li2024_branch_index"][0, -1] == theirs.branch_index
     grown.save(tmp_path / "simulation.npz")
-    with pytest.raises(InputError, match=r"which yeastfit\.offlattice\.OfflatticeSimulation\.load reads"):
+    reader = r"yeastfit\.offlattice\.OfflatticeSimulation\.load"
+    with pytest.raises(InputError, match=f"holds colonies of the off-lattice model, which {reader} reads"):
         Simulation.load(tmp_path / "simulation.npz")
 
 

@@ -231,7 +231,7 @@ def test_who_is_refused_a_child_keeps_its_clock() -> None:
     context = context_of(colony, NUMERICS, HARD, parameters)
     paid, births = eqx.filter_jit(lambda context: model.medium.afforded(context, model.births.births(context)))(context)
     assert np.asarray(births.weights).tolist() == [1.0] + [0.0] * 23
-    assert np.asarray(births.node_state["phase"])[:2] == pytest.approx([0.7 - np.log(2), 0.7], abs=1e-6)
+    assert np.asarray(births.node_state["phase"])[:2] == pytest.approx([0.7 - np.log(2), 0.7], abs=5e-8)
     assert np.asarray(births.node_state["cycles"])[:2].tolist() == [1, 0]
     np.testing.assert_allclose(paid.medium["nitrogen"], 1 - 50 / (2.0 * 0.25 * 169), rtol=1e-6)
 
