@@ -221,6 +221,8 @@ def _tails(report: Report, folder: Path, posterior: Posterior, title: str) -> li
 def _nearest(statistics: np.ndarray, observed: np.ndarray) -> str:
     """How near single colonies come to the means of the data: by what factor the worst statistic is off."""
     statistics = statistics[(statistics > 0).all(axis=1)]
+    if not len(statistics):
+        return "No colony that was simulated has all statistics."
     off = np.exp(np.abs(np.log(statistics / observed)).max(axis=1))
     return (
         f"Of {len(off)} colonies simulated in all, {int((off < NEAR).sum())} come within a factor of {NEAR} of the "
