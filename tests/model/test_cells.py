@@ -8,7 +8,7 @@ import pytest
 from helpers import colony_of, grid, pair, random_tree
 from jaxtyping import Array
 
-from yeastfit.model.cells import FAR, LARGEST, Cells, cells_of, level_set
+from yeastfit.model.cells import FAR, LARGEST, Cells, cells_of, level_set, squared_support
 from yeastfit.model.laws.uptake import biomass
 from yeastfit.model.numerics import Numerics
 from yeastfit.model.relaxation import HARD, Relaxation
@@ -99,6 +99,23 @@ def test_no_cell_is_cut(seed: int, relaxation: Relaxation, double: None) -> None
     rounding = 1e-12 * exact + 24 * np.exp(-LARGEST)
     assert (left_out <= 24 * np.exp((1.0 - float(relaxation.reach)) / s) + rounding).all()
     assert (left_out >= -rounding).all()
+
+
+@pytest.mark.parametrize("exponent", [None, 2.0, 4.0, 7.0])
+def test_support_is_the_farthest_point_of_the_outline(exponent: float | None, double: None) -> None:
+    """Among 100 000 of it, in directions of any length."""
+    rng = np.random.default_rng(5)
+    angle, turn = rng.uniform(0, 2 * np.pi, 8), np.linspace(0, 2 * np.pi, 100_001)
+    long, wide, vectors = rng.uniform(0.3, 2, 8), rng.uniform(0.1, 2, 8), rng.normal(size=(8, 2))
+    power = 1.0 if exponent is None else 2.0 / exponent
+    u, v = (np.sign(f(turn)) * np.abs(f(turn)) ** power for f in (np.cos, np.sin))
+    x, y = long[:, None] * u, wide[:, None] * v
+    cosine, sine = np.cos(angle)[:, None], np.sin(angle)[:, None]
+    farthest = ((cosine * x - sine * y) * vectors[:, :1] + (sine * x + cosine * y) * vectors[:, 1:]).max(axis=1)
+    directions, exponents = np.hstack([cosine, sine]), None if exponent is None else np.full(8, exponent)
+    arrays = (rng.normal(size=(8, 2)), directions, long, wide, np.ones(8), exponents)
+    cells = Cells(*jax.tree.map(jnp.asarray, arrays))
+    np.testing.assert_allclose(squared_support(cells, jnp.asarray(vectors)), farthest**2, rtol=1e-7)
 
 
 @pytest.mark.parametrize("relaxation", [HARD, Relaxation()], ids=["hard", "relaxed"])

@@ -15,7 +15,7 @@ finite differences contradict; the second formula above follows from equation 11
 differentiation with both.
 
 The overlap of a colony is the sum of C over its pairs of cells, so an area that lies in three cells counts three times.
-Only pairs whose bounding boxes meet are integrated, each on a small grid of its own: the work grows with their number.
+Only pairs that may meet are integrated, each on a small grid of its own: the work grows with their number.
 """
 
 import functools
@@ -23,9 +23,9 @@ import functools
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
-from yeastfit.model.cells import Cells, squared_norm
+from yeastfit.model.cells import Cells, squared_norm, squared_support, turned
 from yeastfit.model.differentiable_sum import sum_of_terms
 from yeastfit.model.numerics import largest_in_ensemble
 
@@ -33,7 +33,7 @@ POINTS = 24  # grid points along each side of the box of a pair
 SATURATED = 4.5  # f/K up to which a cell counts: tanh is saturated to e⁻⁹, as in `Relaxation.reach`
 MOST = 32  # pairs per slot there is room for: colonies of 500 cells have 4 to 8 at the default widths
 CHUNK = 128  # pairs integrated together
-LANES = 4  # candidates of a run of bins looked at together
+CANDIDATES = 1024  # pairs near each other that are looked at together
 
 
 def overlap_area(
@@ -123,24 +123,16 @@ def box_of_pair(
 ) -> tuple[Float[Array, "*pair 2"], Float[Array, "*pair 2"]]:
     """Lower and upper corner, from the first cell's centre along its axes, of the box that holds r² ≤ reach of both.
 
-    It is the first cell's bounding box cut with the second's; where they do not meet, the lower corner is not lower.
+    It is the first cell's bounding box cut with the second's, and empty where they do not meet.
     """
     own = jnp.stack([first.half_lengths, first.half_widths], axis=-1)
-    apart = _turned(second.centres - first.centres, first.directions)
-    axis = _turned(second.directions, first.directions)
-    along, across = second.half_lengths[..., None] * axis, second.half_widths[..., None] * axis[..., ::-1]
-    if second.exponents is None:
-        other = jnp.sqrt(along**2 + across**2)
-    else:  # as in `cells.level_set`
-        other = jnp.sqrt(squared_norm(along, across, (second.exponents / (second.exponents - 1.0))[..., None]))
-    own, other = jnp.sqrt(reach) * own, jnp.sqrt(reach) * other
-    return jnp.maximum(-own, apart - other), jnp.minimum(own, apart + other)
-
-
-def _turned(vectors: Float[Array, "*pair 2"], directions: Float[Array, "*pair 2"]) -> Float[Array, "*pair 2"]:
-    """Vectors in the frames whose first axes are `directions`."""
-    (x, y), (cosine, sine) = jnp.unstack(vectors, axis=-1), jnp.unstack(directions, axis=-1)
-    return jnp.stack([cosine * x + sine * y, cosine * y - sine * x], axis=-1)
+    along, (x, y) = first.directions, jnp.unstack(first.directions, axis=-1)
+    across = jnp.stack([-y, x], axis=-1)
+    other = jnp.stack([squared_support(second, direction) for direction in (along, across)], axis=-1)
+    apart = turned(second.centres - first.centres, along)
+    own, other = jnp.sqrt(reach) * own, jnp.sqrt(reach * other)
+    low, high = jnp.maximum(-own, apart - other), jnp.minimum(own, apart + other)
+    return low, jnp.maximum(low, high)
 
 
 def cells_at(cells: Cells, index: Int[Array, "..."] | int) -> Cells:
@@ -149,10 +141,11 @@ def cells_at(cells: Cells, index: Int[Array, "..."] | int) -> Cells:
 
 
 def meeting_pairs(cells: Cells, reach: Float[Array, ""], room: int) -> tuple[Int[Array, "pair 2"], Int[Array, ""]]:
-    """Slots of the pairs of cells whose boxes meet, the shorter cell first, and how many there are; not differentiable.
+    """Slots of the pairs of cells that may meet, the shorter cell first, and how many there are; not differentiable.
 
     Cells are sorted into square bins as wide as the longest cell reaches, so that those a cell can meet are near by in
-    the sorted order: in the rest of its own column's run of bins, or in the three bins of the next column.
+    the sorted order: in the rest of its own column's run of bins, or in the three bins of the next column. Of these
+    candidates, which are worked off in one list, the pairs are those whose shadows meet (`shadows_meet`).
     """
     alive = cells.weights > 0
     bins = jnp.floor(cells.centres / (2 * jnp.sqrt(reach) * jnp.max(cells.half_lengths))).astype(int)
@@ -160,24 +153,30 @@ def meeting_pairs(cells: Cells, reach: Float[Array, ""], room: int) -> tuple[Int
     rows = jnp.max(jnp.where(alive, bins[:, 1], 0)) + 2
     key = jnp.where(alive, bins[:, 0] * rows + bins[:, 1], jnp.iinfo(bins.dtype).max)
     order = jnp.argsort(key)
-    ranked, rank = key[order], jnp.arange(order.shape[0])
-    first = jnp.stack([rank + 1, jnp.searchsorted(ranked, ranked + rows - 1)], axis=-1)
-    last = jnp.stack([jnp.searchsorted(ranked, ranked + n, side="right") for n in (1, rows + 1)], axis=-1)
-    runs = jnp.where(alive[order][:, None], last - first, 0)
+    ranked, ordered = key[order], cells_at(cells, order)
+    first = jnp.concatenate([jnp.arange(1, order.shape[0] + 1), jnp.searchsorted(ranked, ranked + rows - 1)])
+    last = jnp.concatenate([jnp.searchsorted(ranked, ranked + n, side="right") for n in (1, rows + 1)])
+    runs = jnp.where(jnp.tile(alive[order], 2), last - first, 0)
+    ends = jnp.cumsum(runs)
 
-    def add_lane(i: Int[Array, ""], state: tuple[Array, Array]) -> tuple[Array, Array]:
+    def add_chunk(i: Int[Array, ""], state: tuple[Array, Array]) -> tuple[Array, Array]:
         pairs, found = state
-        lane = i * LANES + jnp.arange(LANES)
-        other = order[jnp.minimum(first[:, :, None] + lane, order.shape[0] - 1)]
-        own = jnp.broadcast_to(order[:, None, None], other.shape)
-        shorter = cells.half_lengths[own] <= cells.half_lengths[other]
-        pair = jnp.where(shorter, own, other), jnp.where(shorter, other, own)
-        low, high = box_of_pair(cells_at(cells, pair[0]), cells_at(cells, pair[1]), reach)
-        meet = ((lane < runs[:, :, None]) & jnp.all(low < high, axis=-1)).ravel()
+        item = i * CANDIDATES + jnp.arange(CANDIDATES)
+        run = jnp.minimum(jnp.searchsorted(ends, item, side="right"), ends.shape[0] - 1)
+        both = jnp.stack([run, first[run] + item - (ends[run] - runs[run])], axis=-1) % order.shape[0]
+        one, other = (cells_at(ordered, rank) for rank in both.T)
+        meet = (item < ends[-1]) & shadows_meet(one, other, reach)
+        pair = order[jnp.where((one.half_lengths <= other.half_lengths)[:, None], both, both[:, ::-1])]
         slot = jnp.where(meet, found + jnp.cumsum(meet) - 1, room)
-        pairs = pairs.at[slot].set(jnp.stack(pair, axis=-1).reshape(-1, 2), mode="drop")
-        return pairs, found + jnp.sum(meet)
+        return pairs.at[slot].set(pair, mode="drop"), found + jnp.sum(meet)
 
-    trips = largest_in_ensemble((jnp.max(runs) + LANES - 1) // LANES)
+    trips = largest_in_ensemble((ends[-1] + CANDIDATES - 1) // CANDIDATES)
     nothing = jnp.zeros((room, 2), order.dtype), jnp.zeros((), order.dtype)
-    return jax.lax.fori_loop(0, trips, add_lane, nothing)
+    return jax.lax.fori_loop(0, trips, add_chunk, nothing)
+
+
+def shadows_meet(one: Cells, other: Cells, reach: Float[Array, ""]) -> Bool[Array, "*pair"]:
+    """Whether the shadows of {r² ≤ reach} of two cells on the line through their centres meet; touching cells' do."""
+    apart = other.centres - one.centres
+    shadows = (jnp.sqrt(reach * squared_support(cells, apart)) for cells in (one, other))
+    return sum(shadows) >= jnp.sum(apart**2, axis=-1)

@@ -153,21 +153,35 @@ def _patches(
 ) -> tuple[Int[Array, "cell 2"], Int[Array, "cell 2"]]:
     """First grid index and number of patches, per axis, that cover {r² ≤ reach} of each cell.
 
-    Cells of weight 0 and parts beyond the grid get none. The ellipse's extent along x is √(p² cos²θ + q² sin²θ), and
-    likewise along y.
+    Cells of weight 0 and parts beyond the grid get none.
     """
     cells = jax.lax.stop_gradient(cells)
-    across = cells.directions[:, ::-1]
-    along, over = cells.half_lengths[:, None] * cells.directions, cells.half_widths[:, None] * across
-    if cells.exponents is None:
-        extent = jnp.sqrt(jax.lax.stop_gradient(jnp.asarray(reach)) * (along**2 + over**2))
-    else:  # the supporting line of a superellipse: the norm with the dual exponent n / (n − 1)
-        dual = (cells.exponents / (cells.exponents - 1.0))[:, None]
-        extent = jnp.sqrt(jax.lax.stop_gradient(jnp.asarray(reach)) * squared_norm(along, over, dual))
+    axes = jnp.eye(2, dtype=cells.centres.dtype)
+    supports = jnp.stack([squared_support(cells, axis) for axis in axes], axis=-1)
+    extent = jnp.sqrt(jax.lax.stop_gradient(jnp.asarray(reach)) * supports)
     first = jnp.ceil(jnp.clip((cells.centres - extent - origin) / spacing, 0, points)).astype(int)
     last = jnp.floor(jnp.clip((cells.centres + extent - origin) / spacing, -1, points - 1)).astype(int)
     counts = jnp.where(cells.weights[:, None] > 0, (jnp.maximum(last - first + 1, 0) + patch - 1) // patch, 0)
     return first, counts
+
+
+def squared_support(cells: Cells, vectors: Float[Array, "*#cell 2"]) -> Float[Array, "*cell"]:
+    """The support function of cells about their centres, squared: (max d·x over r² ≤ 1)² for vectors d.
+
+    It is (p d·a)² + (q d·b)² for an ellipse with axes a and b. A superellipse's is the norm of (p d·a, q d·b) with the
+    dual exponent n / (n − 1).
+    """
+    along, across = jnp.unstack(turned(vectors, cells.directions), axis=-1)
+    along, across = cells.half_lengths * along, cells.half_widths * across
+    if cells.exponents is None:
+        return along**2 + across**2
+    return squared_norm(along, across, cells.exponents / (cells.exponents - 1.0))
+
+
+def turned(vectors: Float[Array, "*#cell 2"], directions: Float[Array, "*cell 2"]) -> Float[Array, "*cell 2"]:
+    """Vectors in the frames whose first axes are `directions`."""
+    (x, y), (cosine, sine) = jnp.unstack(vectors, axis=-1), jnp.unstack(directions, axis=-1)
+    return jnp.stack([cosine * x + sine * y, cosine * y - sine * x], axis=-1)
 
 
 def _squared_radius(

@@ -46,7 +46,7 @@ def overlap_and_slope(
     quadratics, chain, pair = jax.vjp(lambda ends: _quadratics(ends, ratio), ends, has_aux=True)
     fixed = jax.lax.stop_gradient(pair)
     low, high = box_of_pair(*fixed, jnp.asarray(1.0 + REACHED * boundary, ends.dtype))
-    area, slopes = _sums(quadratics, low, jnp.maximum(high, low), union, boundary)
+    area, slopes = _sums(quadratics, low, high, union, boundary)
     return area, chain(slopes)[0]
 
 
