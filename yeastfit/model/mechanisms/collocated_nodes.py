@@ -21,7 +21,7 @@ from typing import ClassVar
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Bool, Float, Int, Shaped
 
 from yeastfit.errors import InputError
 from yeastfit.model.colony import Colony
@@ -116,17 +116,20 @@ class CollocatedSprings(SpringRule):
         """The mean over a group's nodes of the forces of all springs."""
         size, nodes = colony.node_state["group_size"], self.nodes
         slot = slots_of_nodes(colony, nodes)
-        x, weights = colony.positions[slot], colony.weights[slot]
-        force = jnp.zeros_like(x)
+        x, y, weights = (of_all[slot] for of_all in (*jnp.unstack(colony.positions, axis=-1), colony.weights))
+        slot, x, y, weights = jax.lax.optimization_barrier((slot, x, y, weights))  # else XLA gathers anew for each bit
+        pull_x, pull_y = jnp.zeros_like(x), jnp.zeros_like(y)
         for bit in range(nodes.bit_length() - 1):
-            partner = jnp.arange(nodes) ^ (1 << bit)
-            apart = x - x[partner]
-            squared = jnp.sum(apart**2, axis=-1)
-            joined = (slot != slot[partner]) & (squared > 0)
+            (one, other), (x_0, x_1), (y_0, y_1), (w_0, w_1) = (partners(all_, bit) for all_ in (slot, x, y, weights))
+            dx, dy = x_0 - x_1, y_0 - y_1
+            squared = dx**2 + dy**2
+            joined = (one != other) & (squared > 0)
             length = jnp.sqrt(jnp.where(joined, squared, 1.0))
-            push = jnp.where(joined, weights[partner] * (1.0 - length) / length, 0.0)
-            force = force + push[:, None] * apart
-        return jnp.zeros_like(colony.positions).at[slot].add(force) / size[:, None]
+            push = jnp.where(joined, (1.0 - length) / length, 0.0)
+            pull_x += jnp.stack([w_1 * push * dx, -w_0 * push * dx], axis=1).ravel()
+            pull_y += jnp.stack([w_1 * push * dy, -w_0 * push * dy], axis=1).ravel()
+        of_groups = jnp.zeros_like(colony.positions).at[slot].add(jnp.stack([pull_x, pull_y], axis=-1))
+        return of_groups / size[:, None]
 
     def stiffness(self, colony: Colony) -> Float[Array, ""]:
         """Twice the most springs of any node, which bounds the largest eigenvalue (Gershgorin)."""
@@ -144,5 +147,11 @@ def first_nodes(colony: Colony, nodes: int) -> Float[Array, " node"]:
 def slots_of_nodes(colony: Colony, nodes: int) -> Int[Array, " vertex"]:
     """The slot that holds each of the V nodes."""
     first = jnp.where(colony.alive, first_nodes(colony, nodes), float(nodes))
-    order = jnp.argsort(first)
-    return order[jnp.searchsorted(first[order], jnp.arange(nodes), side="right") - 1]
+    begins = jnp.zeros(nodes, int).at[first.astype(int)].add(1, mode="drop")
+    return jnp.argsort(first)[jnp.cumsum(begins) - 1]
+
+
+def partners(of_nodes: Shaped[Array, " vertex"], bit: int) -> tuple[Shaped[Array, "a b"], Shaped[Array, "a b"]]:
+    """What the nodes have whose numbers lack a bit, and their partners, whose numbers have it and are else the same."""
+    lacking, having = jnp.unstack(of_nodes.reshape(-1, 2, 1 << bit), axis=1)
+    return lacking, having
