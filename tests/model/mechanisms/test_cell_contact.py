@@ -12,6 +12,8 @@ from jaxtyping import Array
 
 from reference import mechanisms as plain
 from yeastfit.errors import InputError
+from yeastfit.model.cell_overlap import overlap_area
+from yeastfit.model.cells import cells_of
 from yeastfit.model.colony import Colony
 from yeastfit.model.laws.forces import velocity
 from yeastfit.model.mechanisms.cell_contact import CellContact
@@ -20,7 +22,9 @@ from yeastfit.model.mechanisms.pair_overlap import overlap_and_slope
 from yeastfit.model.model import Model
 from yeastfit.model.numerics import Numerics
 from yeastfit.model.parameters import Parameters
+from yeastfit.model.relaxation import HARD
 from yeastfit.model.rules import ContactRule
+from yeastfit.simulation.simulate import member_keys, simulate
 
 NUMERICS = Numerics(domain=6.0, spacing=1.0, dt=0.02, capacity=8)
 BOTH = {"cells": Model(contact=CellContact()), "constraint": Model(contact=ConstrainedContact())}
@@ -125,10 +129,28 @@ def test_overlapping_cells_part_symmetrically(name: str) -> None:
     np.testing.assert_allclose(positions[:2], positions[2:] * [1, -1], atol=1e-4)
     np.testing.assert_allclose(positions.mean(axis=0), 0, atol=1e-5)
     assert (np.diff(areas) < 1e-6).all()
-    assert areas[-1] < 0.06 * first
+    assert areas[-1] < 0.06 * first  # what is left is of smoothed outlines:
+    assert plain.cell_overlap(positions, 0.6, 1e-3, 2e-3) < 1e-9  # the ellipses themselves have nothing in common
     if name == "constraint":  # to the tolerated overlap, as e^(−αt)
         exact = 0.005 + (first - 0.005) * (1 - 5 * NUMERICS.dt) ** np.arange(1, 151)
         np.testing.assert_allclose(areas, exact, atol=0.02)
+
+
+@pytest.mark.thorough
+def test_a_colony_of_200_cells_overlaps_less_than_by_contact_of_nodes() -> None:
+    """By the exact area of ellipses: half as much where cells push, a tenth by constraints, for each of three seeds."""
+    values = Parameters(diffusivity=0.1, metabolic_rate=1.0, aspect_ratio=0.7)
+    numerics = Numerics(domain=20.0, spacing=0.2, capacity=256)
+    keys = member_keys(seed=0, members=3)
+    areas = {}
+    for name, model in {"nodes": Model(), **BOTH}.items():
+        run = simulate(values, keys, times=[7.5], model=model, numerics=numerics, relaxation=HARD)
+        assert (np.abs(np.asarray(run.colony.count) - 181) <= 25).all()  # the source's are the fewest
+        cells = jax.vmap(lambda colony: cells_of(colony, jnp.asarray(0.7)))(run.colony)
+        areas[name] = np.asarray(jax.jit(jax.vmap(lambda one: overlap_area(one, None, None)))(cells))
+    assert (areas["cells"] < 0.5 * areas["nodes"]).all()
+    assert (areas["constraint"] < 0.1 * areas["nodes"]).all()
+    assert (areas["nodes"] > 40.0).all()
 
 
 def test_multipliers_are_those_of_the_problem_of_complementarity() -> None:
