@@ -12,6 +12,7 @@ from jaxtyping import Array, Float, Int, PyTree, UInt32
 from yeastfit.derivatives.check import STEPS, compare, double
 from yeastfit.derivatives.result import GradientCheck
 from yeastfit.errors import InputError
+from yeastfit.kinds import check_kind
 from yeastfit.measure.statistics.smooth_statistics import SmoothStatistics
 from yeastfit.model.model import Model
 from yeastfit.model.numerics import Numerics
@@ -75,7 +76,10 @@ def check_gradients(
     numerics = numerics or Numerics(domain=12.0, spacing=0.2, capacity=64)
     observe = observe or SmoothStatistics(extent=numerics.domain, spacing=numerics.spacing)
     model = model or Model()
-    values = model.complete(parameters or Parameters())
+    parameters = Parameters() if parameters is None else parameters
+    check_kind("parameters", parameters, Parameters)
+    check_kind("model", model, Model)
+    values = model.complete(parameters)
     _check_scalars(values)
     _check_smooth(relaxation)
     POSITIVE.read(tolerance, "tolerance")

@@ -20,6 +20,7 @@ from yeastfit.inference.colony_curves import ColonyCurves
 from yeastfit.inference.resolution import FARTHER, Resolution, seen_width, usual_resolution
 from yeastfit.inference.simulator import Rows, Seeds, Values, once
 from yeastfit.inference.targets import Targets
+from yeastfit.kinds import check_kind
 from yeastfit.measure.statistics.model_as_mask import HardStatistics, mask_of
 from yeastfit.measure.statistics.polar import Polar
 from yeastfit.measure.statistics.registry import STATISTICS
@@ -105,6 +106,9 @@ class ColonySimulator:
         Raises:
             InputError: A name or value is not admissible, or two times lie closer than a time step.
         """
+        check_kind("targets", targets, Targets, "yeastfit.Targets of one condition")
+        model = Model() if model is None else model
+        check_kind("model", model, Model)
         resolution, imaging, seen = resolution or usual_resolution(targets), targets.imaging, seen_width(targets)
         assert imaging is not None
         dt, spacing, times = resolution.dt, resolution.spacing, targets.times
@@ -119,7 +123,6 @@ class ColonySimulator:
         reach = f"targets: colonies reach {imaging.extent:.3g} L0 from their start, a grid of spacing {spacing:g} there"
         check_memory(POINT * (seen / spacing) ** 2, reach)
         domain = 2 * spacing * np.ceil((0.5 * seen + MARGIN) / spacing)
-        model = model or Model()
         most, room = most_nodes(float(times[-1]), model.births.doublings), resolution.capacity
         if most <= SHORT and (room is None or room > SHORT):  # arrays have room for what can be, not for what may
             room = most

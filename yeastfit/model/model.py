@@ -8,8 +8,7 @@
 
 import dataclasses
 from collections.abc import Iterable, Mapping
-from math import isfinite
-from typing import Any, get_type_hints
+from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -295,22 +294,10 @@ def _rule_of(question: str, settings: Any) -> Rule:
         if key != "rule"
     }
     admissible = [each.name for each in dataclasses.fields(known[name])]
-    kinds = get_type_hints(known[name])
-    for key, value in given.items():
+    for key in given:
         if key not in admissible:
             raise InputError(f"{question}: rule {name!r} has no setting {key!r}, it has {admissible or 'none'}")
-        if expected := _unlike(value, kinds[key]):
-            raise InputError(f"{question}: {key} of rule {name!r} is {quoted(value)}, expected {expected}")
     try:
         return known[name](**given)
     except TypeError as error:
         raise InputError(f"{question}: rule {name!r}: {error}") from None
-
-
-def _unlike(value: Any, kind: Any) -> str | None:
-    """What is expected in place of the value of a setting; None where it is a number of its kind, or no number."""
-    if kind is int and not (isinstance(value, int) and not isinstance(value, bool)):
-        return "a whole number"
-    if kind is float and not (isinstance(value, int | float) and not isinstance(value, bool) and isfinite(value)):
-        return "a finite number"
-    return None

@@ -35,6 +35,7 @@ from yeastfit.model.interpolation import gradient_at, growth_rate, nutrient_at
 from yeastfit.model.numerics import Numerics
 from yeastfit.model.parameters import Parameters
 from yeastfit.model.relaxation import Relaxation
+from yeastfit.model.rule_settings import check_settings
 from yeastfit.parameter_set import Parameter
 
 
@@ -117,6 +118,9 @@ class Rule(eqx.Module):
     parameters: ClassVar[tuple[Parameter, ...]] = ()
     idle: ClassVar[tuple[str, ...]] = ()
     from_start: ClassVar[bool] = False
+
+    def __post_init__(self) -> None:
+        check_settings(self)
 
     def node_state(self) -> dict[str, float]:
         """What it keeps for each node, by name, and the value that a newborn starts with; nothing by default."""

@@ -14,6 +14,7 @@ import numpy as np
 from jaxtyping import Array, PyTree
 
 from yeastfit.errors import InputError, SimulationError
+from yeastfit.kinds import check_kind
 from yeastfit.measure.statistics.model_as_mask import HardStatistics
 from yeastfit.measure.statistics.smooth_statistics import SmoothStatistics
 from yeastfit.memory import ITEM, check_count, check_memory
@@ -130,13 +131,15 @@ def simulate(
             out too large for the springs.
         SimulationError: Positions or nutrient became not finite.
     """
-    numerics, model = numerics or Numerics(), model or Model()
-    if not isinstance(parameters, Parameters):
-        raise InputError(f"parameters is {quoted(parameters)}, it must be yeastfit.Parameters(…)")
-    if keys is not None and not isinstance(keys, jax.Array):
-        raise InputError(f"keys is {quoted(keys)}, it must be keys of jax, such as yeastfit.member_keys(seed, members)")
-    parameters = model.complete(parameters)
+    numerics, model = Numerics() if numerics is None else numerics, Model() if model is None else model
     relaxation = Relaxation() if relaxation is None else relaxation
+    check_kind("parameters", parameters, Parameters)
+    check_kind("model", model, Model)
+    check_kind("numerics", numerics, Numerics)
+    check_kind("relaxation", relaxation, Relaxation)
+    if keys is not None:
+        check_kind("keys", keys, jax.Array, "keys of jax, such as yeastfit.member_keys(seed, members)")
+    parameters = model.complete(parameters)
     if observe is None:
         hard = relaxation.boundary is None
         observe = (HardStatistics if hard else SmoothStatistics)(extent=numerics.domain, spacing=numerics.spacing)

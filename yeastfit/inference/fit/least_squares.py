@@ -39,10 +39,12 @@ from yeastfit.inference.parameter_space import ONLY, Bounds, ParameterSpace
 from yeastfit.inference.resolution import Resolution
 from yeastfit.inference.simulator import Simulator
 from yeastfit.inference.targets import Targets
+from yeastfit.kinds import check_kind
 from yeastfit.model.model import Model
 from yeastfit.numbers import Range
 from yeastfit.parameter_set import LARGEST, ParameterSet
 from yeastfit.progress import Progress, silent
+from yeastfit.text import quoted
 
 GaussianPriors = Mapping[str, tuple[float, float]]
 """By name: λ at the centre, and the standard deviation of log λ."""
@@ -99,9 +101,13 @@ def fit(
         SimulationError: Simulations failed wherever the fit began.
     """
     settings = settings or FitSettings()
-    by_name = {ONLY: targets} if isinstance(targets, Targets) else dict(targets)
+    several = {ONLY: targets} if isinstance(targets, Targets) else targets
+    check_kind("targets", several, Mapping, "yeastfit.Targets, or several by the names of their conditions")
+    by_name = dict(several)
     if not by_name:
         raise InputError("targets: there is no condition")
+    for name, one in by_name.items():
+        check_kind(f"targets: {quoted(name)}", one, Targets)
     if simulator is None and fine is not None:
         raise InputError("fine is given without simulator: give both, or fine_resolution for colonies")
     if simulator is None:

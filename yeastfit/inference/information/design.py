@@ -36,6 +36,7 @@ from yeastfit.inference.information.experiment import (
 )
 from yeastfit.inference.information.result import Information, precision
 from yeastfit.inference.sensitivity.result import Sensitivity
+from yeastfit.kinds import check_kind
 
 MOST_MEASUREMENTS = 1000  # of a sequence
 MOST_REPLICATES = 1e6
@@ -81,6 +82,7 @@ def design(
     Raises:
         InputError: Arguments that make no sense.
     """
+    check_kind("sensitivity", sensitivity, Sensitivity, "the result of yeastfit.sensitivity(…)")
     check_arguments(replicates, added, steps, by, criterion)
     names = chosen_free(sensitivity, free)
     nothing = measured_times is not None and len(measured_times) == 0

@@ -40,6 +40,7 @@ from yeastfit.inference.simulator import (
     same_observables,
 )
 from yeastfit.inference.targets import Targets
+from yeastfit.kinds import check_kind
 from yeastfit.seeds import Stream, stream_of
 
 ROUNDING = 1e-9  # of a covariance's largest entry: an eigenvalue may be as much below 0
@@ -144,6 +145,7 @@ class Problem:
             InputError: They do not belong together.
         """
         check_simulator(simulator)
+        check_kind("prior", prior, Prior, "a yeastfit.Prior, such as yeastfit.Prior.default(simulator.parameters)")
         if not isinstance(observed, Targets):
             data = np.asarray(observed, dtype=float)
             if data.ndim != 2:

@@ -18,6 +18,7 @@ from jaxtyping import Bool, Float
 
 from yeastfit.errors import InputError
 from yeastfit.inference.prior.distributions import FAMILIES, MIXED, Distribution
+from yeastfit.kinds import check_kind
 from yeastfit.parameter_set import Parameter, ParameterSet
 from yeastfit.text import quoted
 from yeastfit.text_files import read_toml
@@ -181,6 +182,7 @@ class Prior:
             bounded: Distribution of those that have a largest admissible value; "beta" is Beta(2, 2) on the plausible
                 range.
         """
+        check_kind("parameters", parameters, ParameterSet, "a yeastfit.ParameterSet, such as simulator.parameters")
         distributions = {}
         for name, one in parameters.items():
             low, high = one.plausible
