@@ -13,6 +13,8 @@ from yeastfit.model.colony import Colony
 from yeastfit.model.nutrient import nutrient_step
 from yeastfit.model.rules import Context, MediumRule, UptakeRule
 
+FieldStep = Callable[..., Float[Array, "x y"]]  # of (c, b, λ1, numerics)
+
 
 class OneNutrient(MediumRule):
     """One nutrient, which diffuses and is eaten, as in the original model.
@@ -27,22 +29,33 @@ class OneNutrient(MediumRule):
         return dataclasses.replace(context.colony, nutrient=eaten(context, cells, uptake))
 
 
-def eaten(context: Context, cells: Cells, uptake: UptakeRule) -> Float[Array, "x y"]:
-    """The nutrient one step later: union of the living cells, uptake and diffusion, where there is anything to do."""
+def eaten(context: Context, cells: Cells, uptake: UptakeRule, step: FieldStep = nutrient_step) -> Float[Array, "x y"]:
+    """The nutrient one step later: union of the living cells, uptake and diffusion, where there is anything to do.
+
+    Arguments:
+        context: The colony before the step.
+        cells: Of its living and its dead.
+        uptake: How fast they eat.
+        step: Of the diffusion: with c = 1 on the boundary, or without flux through it (`closed_step`).
+    """
 
     def law(window: slice, g: Float[Array, "w w"], nutrient: Float[Array, "x y"]) -> Float[Array, "x y"]:
-        return with_window(nutrient, window, nutrient_of_step(context, uptake, g, nutrient[window, window]))
+        return with_window(nutrient, window, nutrient_of_step(context, uptake, g, nutrient[window, window], step))
 
     nutrient = context.colony.nutrient
     return where_cells_are(context, cells, extent_of_change(1.0 - nutrient, context.numerics.spacing), law, nutrient)
 
 
 def nutrient_of_step(
-    context: Context, uptake: UptakeRule, g: Float[Array, "x y"], nutrient: Float[Array, "x y"]
+    context: Context,
+    uptake: UptakeRule,
+    g: Float[Array, "x y"],
+    nutrient: Float[Array, "x y"],
+    step: FieldStep = nutrient_step,
 ) -> Float[Array, "x y"]:
     """c on a window one step later, given the level set there."""
     rate = uptake.answered(uptake.rate(context, g, nutrient), nutrient.shape)
-    return nutrient_step(nutrient, rate, context.parameters.diffusivity, context.numerics)
+    return step(nutrient, rate, context.parameters.diffusivity, context.numerics)
 
 
 def where_cells_are(
