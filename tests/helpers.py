@@ -70,6 +70,12 @@ started = eqx.filter_jit(start)
 """A new colony, by one program."""
 
 
+def scattered_tree(nodes: int, reach: float, numerics: Numerics) -> Colony:
+    """A colony of nodes anywhere in a square of side 2 `reach`, each joined to one before it."""
+    rng = np.random.default_rng(1)
+    return colony_of(rng.uniform(-reach, reach, (nodes, 2)), random_tree(rng, nodes), numerics=numerics)
+
+
 def context_of(
     colony: Colony,
     numerics: Numerics,

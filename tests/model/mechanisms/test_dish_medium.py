@@ -6,7 +6,7 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from helpers import colony_of, random_tree
+from helpers import scattered_tree
 
 from reference import colony as plain_colony
 from reference import mechanisms as plain
@@ -33,14 +33,9 @@ def next_of(model: Model, colony: Colony, numerics: Numerics) -> Colony:
     return step(colony, HUNGRY, HARD, numerics, model)[0]
 
 
-def tree(numerics: Numerics) -> Colony:
-    rng = np.random.default_rng(1)
-    return colony_of(rng.uniform(-2.5, 2.5, (9, 2)), random_tree(rng, 9), numerics=numerics)
-
-
 def test_a_step_is_the_plain_readings_and_what_is_eaten_is_gone(double: None) -> None:
     """The wall is near: 50 steps, each from where the last ended."""
-    colony, gone = tree(NUMERICS), 0.0
+    colony, gone = scattered_tree(9, 2.5, NUMERICS), 0.0
     held = float(colony.nutrient.sum())
     for _ in range(50):
         nodes, before = (np.asarray(colony.positions)[:9], np.asarray(colony.parents)[:9]), np.asarray(colony.nutrient)
@@ -56,7 +51,7 @@ def test_a_step_is_the_plain_readings_and_what_is_eaten_is_gone(double: None) ->
 
 def test_in_a_wide_dish_the_colony_is_the_sources() -> None:
     wide = dataclasses.replace(NUMERICS, domain=40.0)
-    dish = source = tree(wide)
+    dish = source = scattered_tree(9, 2.5, wide)
     for _ in range(10):
         dish, source = next_of(DISH, dish, wide), next_of(Model(), source, wide)
     np.testing.assert_allclose(dish.nutrient, source.nutrient, atol=2e-6)
