@@ -317,6 +317,22 @@ def test_no_pair_of_a_wide_colony_is_missed() -> None:
     assert float(slopes_of(q.ravel(), weights, 0.1, 0.2)[0]) == pytest.approx(total, rel=1e-3)
 
 
+def test_superellipses_that_touch_with_their_corners_meet(double: None) -> None:
+    """Farther apart than two long halves, in the place where a grid of such bins would part them."""
+    turn = np.full(2, np.sqrt(0.5))
+    centres, directions = np.array([[-0.1, 0.3], [1.15, 0.3]]), np.stack([turn, turn])
+    half, weights, exponents = np.full(2, 0.5), np.ones(2), np.full(2, 8.0)
+    cells = Cells(*map(jnp.asarray, (centres, directions, half, half, weights, exponents)))
+    x, y = np.meshgrid(np.linspace(0.4, 0.7, 601), np.linspace(0.1, 0.5, 801), indexing="ij")
+    inside = np.ones_like(x, bool)
+    for centre in centres:
+        u, v = (x + y - centre.sum()) / np.sqrt(2), (y - x + centre[0] - centre[1]) / np.sqrt(2)
+        inside &= (np.abs(u) ** 8 + np.abs(v) ** 8) ** 0.25 <= 0.25
+    assert inside.sum() > 500
+    found = float(overlap_area(cells, 0.002, 0.004))
+    assert found == pytest.approx(inside.sum() * 0.0005**2, rel=0.05)
+
+
 def test_place_turn_and_order_do_not_matter(double: None) -> None:
     """What does is the weight, of two cells each time."""
     q, weights = crowd(5)

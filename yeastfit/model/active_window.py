@@ -31,11 +31,7 @@ def windows(points: int) -> tuple[int, ...]:
 
 def extent_of_cells(cells: Cells, reach: Float[Array, ""] | float) -> Float[Array, ""]:
     """At least the largest |coordinate| of any point with r² ≤ reach of any cell."""
-    if cells.exponents is None:
-        longest = jnp.maximum(cells.half_lengths, cells.half_widths)
-    else:  # the corner of its box
-        longest = jnp.hypot(cells.half_lengths, cells.half_widths)
-    ends = jnp.max(jnp.abs(cells.centres), axis=-1) + jnp.sqrt(jnp.asarray(reach)) * longest
+    ends = jnp.max(jnp.abs(cells.centres), axis=-1) + jnp.sqrt(jnp.asarray(reach)) * cells.radii
     return jnp.max(jnp.where(cells.weights > 0, ends, 0.0))
 
 

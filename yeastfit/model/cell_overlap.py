@@ -148,7 +148,7 @@ def meeting_pairs(cells: Cells, reach: Float[Array, ""], room: int) -> tuple[Int
     candidates, which are worked off in one list, the pairs are those whose shadows meet (`shadows_meet`).
     """
     alive = cells.weights > 0
-    bins = jnp.floor(cells.centres / (2 * jnp.sqrt(reach) * jnp.max(cells.half_lengths))).astype(int)
+    bins = jnp.floor(cells.centres / (2 * jnp.sqrt(reach) * jnp.max(cells.radii))).astype(int)
     bins = bins - jnp.min(jnp.where(alive[:, None], bins, jnp.iinfo(bins.dtype).max), axis=0) + 1
     rows = jnp.max(jnp.where(alive, bins[:, 1], 0)) + 2
     key = jnp.where(alive, bins[:, 0] * rows + bins[:, 1], jnp.iinfo(bins.dtype).max)

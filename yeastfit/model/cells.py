@@ -41,6 +41,13 @@ class Cells(eqx.Module):
     weights: Float[Array, " cell"]
     exponents: Float[Array, " cell"] | None = None
 
+    @property
+    def radii(self) -> Float[Array, " cell"]:
+        """How far cells reach from their centres at r² = 1, at most: a superellipse into the corner of its box."""
+        if self.exponents is None:
+            return jnp.maximum(self.half_lengths, self.half_widths)
+        return jnp.hypot(self.half_lengths, self.half_widths)
+
 
 def cells_of(colony: Colony, aspect_ratio: Float[Array, ""], shortest: float = 1e-3) -> Cells:
     """The cells of a colony. Differentiable.
