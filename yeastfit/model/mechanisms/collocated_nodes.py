@@ -128,8 +128,7 @@ class CollocatedSprings(SpringRule):
             push = jnp.where(joined, (1.0 - length) / length, 0.0)
             pull_x += jnp.stack([w_1 * push * dx, -w_0 * push * dx], axis=1).ravel()
             pull_y += jnp.stack([w_1 * push * dy, -w_0 * push * dy], axis=1).ravel()
-        of_groups = jnp.zeros_like(colony.positions).at[slot].add(jnp.stack([pull_x, pull_y], axis=-1))
-        return of_groups / size[:, None]
+        return jnp.stack([jnp.zeros_like(size).at[slot].add(pull) / size for pull in (pull_x, pull_y)], axis=-1)
 
     def stiffness(self, colony: Colony) -> Float[Array, ""]:
         """Twice the most springs of any node, which bounds the largest eigenvalue (Gershgorin)."""
