@@ -157,20 +157,20 @@ def meeting_pairs(cells: Cells, reach: Float[Array, ""], room: int) -> tuple[Int
     first = jnp.concatenate([jnp.arange(1, order.shape[0] + 1), jnp.searchsorted(ranked, ranked + rows - 1)])
     last = jnp.concatenate([jnp.searchsorted(ranked, ranked + n, side="right") for n in (1, rows + 1)])
     runs = jnp.where(jnp.tile(alive[order], 2), last - first, 0)
-    ends = jnp.cumsum(runs)
+    begins, candidates = jnp.cumsum(runs) - runs, jnp.sum(runs)
 
     def add_chunk(i: Int[Array, ""], state: tuple[Array, Array]) -> tuple[Array, Array]:
         pairs, found = state
         item = i * CANDIDATES + jnp.arange(CANDIDATES)
-        run = jnp.minimum(jnp.searchsorted(ends, item, side="right"), ends.shape[0] - 1)
-        both = jnp.stack([run, first[run] + item - (ends[run] - runs[run])], axis=-1) % order.shape[0]
+        run = jnp.searchsorted(begins, item, side="right") - 1
+        both = jnp.stack([run, first[run] + item - begins[run]], axis=-1) % order.shape[0]
         one, other = (cells_at(ordered, rank) for rank in both.T)
-        meet = (item < ends[-1]) & shadows_meet(one, other, reach)
+        meet = (item < candidates) & shadows_meet(one, other, reach)
         pair = order[jnp.where((one.half_lengths <= other.half_lengths)[:, None], both, both[:, ::-1])]
         slot = jnp.where(meet, found + jnp.cumsum(meet) - 1, room)
         return pairs.at[slot].set(pair, mode="drop"), found + jnp.sum(meet)
 
-    trips = largest_in_ensemble((ends[-1] + CANDIDATES - 1) // CANDIDATES)
+    trips = largest_in_ensemble((candidates + CANDIDATES - 1) // CANDIDATES)
     nothing = jnp.zeros((room, 2), order.dtype), jnp.zeros((), order.dtype)
     return jax.lax.fori_loop(0, trips, add_chunk, nothing)
 
