@@ -1,7 +1,6 @@
 """The compiled step of the nutrient: the numbers of `eaten`, and work at the rim only."""
 
 from collections.abc import Callable
-from typing import Literal
 
 import equinox as eqx
 import jax
@@ -18,7 +17,7 @@ from yeastfit.model.compiled.eating import TILE
 from yeastfit.model.compiled.medium import CompiledOneNutrient
 from yeastfit.model.compiled.nitrogen import CompiledNitrogenMedium
 from yeastfit.model.compiled.rules import with_compiled_rules
-from yeastfit.model.laws.medium import OneNutrient
+from yeastfit.model.laws.medium import Boundary, OneNutrient
 from yeastfit.model.laws.uptake import BiomassUptake
 from yeastfit.model.mechanisms.nitrogen_medium import NitrogenMedium
 from yeastfit.model.model import Model
@@ -158,12 +157,12 @@ def test_it_has_no_derivative() -> None:
         jax.grad(lambda nutrient: eaten(nutrient).sum())(colony.nutrient)
 
 
-@pytest.mark.parametrize("boundary", ["dish", "reservoir"])
+@pytest.mark.parametrize(("boundary", "carbon"), [("dish", "reservoir"), ("reservoir", "reservoir"), ("dish", "dish")])
 @pytest.mark.parametrize("uptake", [0.0, 2.0])
-def test_nitrogen_is_eaten_as_by_the_plain_rule(boundary: Literal["dish", "reservoir"], uptake: float) -> None:
+def test_nitrogen_is_eaten_as_by_the_plain_rule(boundary: Boundary, carbon: Boundary, uptake: float) -> None:
     """Both nutrients, drift and supply, with nitrogen lowered by births; nobody eats it where its uptake is 0."""
     numerics = Numerics(40.0, 0.4, 0.025, ROOM)
-    rules = CompiledNitrogenMedium(boundary), NitrogenMedium(boundary)
+    rules = CompiledNitrogenMedium(boundary, carbon), NitrogenMedium(boundary, carbon)
     given = {**VALUES, "nitrogen_uptake": uptake, "nitrogen_per_birth": 5.0, "nitrogen_mobility": 0.7}
     parameters = Model(medium=rules[1]).complete(Parameters(**given))
     bare = crowd(PLACES["filaments"](np.random.default_rng(6)), numerics)
@@ -188,6 +187,6 @@ def test_nitrogen_is_eaten_as_by_the_plain_rule(boundary: Literal["dish", "reser
 
 
 def test_a_rule_keeps_its_settings_when_it_is_compiled() -> None:
-    found = with_compiled_rules(Model(medium=NitrogenMedium("reservoir"))).medium
+    found = with_compiled_rules(Model(medium=NitrogenMedium("reservoir", "dish"))).medium
     assert type(found) is CompiledNitrogenMedium
-    assert found.boundary == "reservoir"
+    assert (found.boundary, found.carbon_boundary) == ("reservoir", "dish")

@@ -1,4 +1,4 @@
-"""A dish that runs out of its nutrient: a step is the plain reading's, nothing is lost, a wide dish is the source's."""
+"""A nutrient in a dish, alone or beside another field: steps, what is lost, and a dish too wide to matter."""
 
 import dataclasses
 
@@ -12,10 +12,13 @@ from reference import colony as plain_colony
 from reference import mechanisms as plain
 from yeastfit.model.colony import Colony
 from yeastfit.model.mechanisms.dish_medium import DishMedium
+from yeastfit.model.mechanisms.morphogen_medium import MorphogenMedium
+from yeastfit.model.mechanisms.nitrogen_medium import NitrogenMedium
 from yeastfit.model.model import Model
 from yeastfit.model.numerics import Numerics
 from yeastfit.model.parameters import Parameters
 from yeastfit.model.relaxation import HARD
+from yeastfit.model.rules import MediumRule
 from yeastfit.model.simulate import step
 from yeastfit.simulation.simulate import member_keys, simulate
 
@@ -30,16 +33,22 @@ DISH = Model(medium=DishMedium())
 
 @eqx.filter_jit
 def next_of(model: Model, colony: Colony, numerics: Numerics) -> Colony:
-    return step(colony, HUNGRY, HARD, numerics, model)[0]
+    return step(colony, model.complete(HUNGRY), HARD, numerics, model)[0]
 
 
-def test_a_step_is_the_plain_readings_and_what_is_eaten_is_gone(double: None) -> None:
+@pytest.mark.parametrize(
+    "medium",
+    [DishMedium(), NitrogenMedium(carbon_boundary="dish"), MorphogenMedium("dish")],
+    ids=["alone", "nitrogen", "morphogen"],
+)
+def test_a_step_is_the_plain_readings_and_what_is_eaten_is_gone(double: None, medium: MediumRule) -> None:
     """The wall is near: 50 steps, each from where the last ended."""
-    colony, gone = scattered_tree(9, 2.5, NUMERICS), 0.0
+    model = Model(medium=medium)
+    colony, gone = model.resumed(scattered_tree(9, 2.5, NUMERICS)), 0.0
     held = float(colony.nutrient.sum())
     for _ in range(50):
         nodes, before = (np.asarray(colony.positions)[:9], np.asarray(colony.parents)[:9]), np.asarray(colony.nutrient)
-        colony = next_of(DISH, colony, NUMERICS)
+        colony = next_of(model, colony, NUMERICS)
         rate = plain_colony.biomass(plain_colony.level_set(*nodes, *PLAIN), PLAIN[0])
         after = plain.closed_step(before, rate, np.zeros_like(rate), 0.4, NUMERICS.spacing, NUMERICS.dt)
         np.testing.assert_allclose(colony.nutrient, after, atol=2e-6)

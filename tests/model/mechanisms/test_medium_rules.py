@@ -258,6 +258,8 @@ def test_cells_flee_from_a_morphogen() -> None:
         ({"medium": {"rule": "walkers"}}, "medium: rule 'walkers' excludes births 'global'.*it needs births 'walkers'"),
         ({"births": {"rule": "walkers"}}, "births: rule 'walkers' needs walkers: choose medium 'walkers', too"),
         ({"medium": {"rule": "nitrogen", "boundary": "sea"}}, "boundary is 'sea', it must be 'dish' or 'reservoir'"),
+        ({"medium": {"rule": "nitrogen", "carbon_boundary": 1}}, "carbon_boundary is 1, it must be 'dish' or"),
+        ({"medium": {"rule": "morphogen", "nutrient_boundary": "sea"}}, "nutrient_boundary is 'sea', it must be"),
     ],
 )
 def test_what_does_not_go_together_is_said(rules: dict, words: str, unchecked: None) -> None:

@@ -1,6 +1,7 @@
 """Carbon by the operations of one nutrient, and nitrogen where cells eat it, for large colonies on a CPU.
 
-The same numbers as those of `nitrogen_medium`; the last bits differ. They have no derivative.
+The same numbers as those of `nitrogen_medium`; the last bits differ. They have no derivative. Carbon in a dish is left
+to that rule.
 """
 
 import dataclasses
@@ -21,11 +22,11 @@ from yeastfit.model.rules import Context, UptakeRule
 
 
 class CompiledNitrogenMedium(NitrogenMedium):
-    """The same rule, carbon by a function that numba has compiled, where ellipses eat by the source's rule."""
+    """The same rule, carbon of a reservoir by what numba has compiled, where ellipses eat by the source's rule."""
 
     def stepped(self, context: Context, cells: Cells, uptake: UptakeRule) -> Colony:
         """Both nutrients one step later; nitrogen that is nowhere eaten is as it was. Not differentiable."""
-        if not ellipses_eat(cells, uptake):
+        if not ellipses_eat(cells, uptake) or self.carbon_boundary != "reservoir":
             return super().stepped(context, cells, uptake)
         colony = context.colony
         eaten = (context.parameters["nitrogen_uptake"] > 0) | jnp.any(eaten_nitrogen(context) != 0)

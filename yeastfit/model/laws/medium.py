@@ -2,18 +2,23 @@
 
 import dataclasses
 from collections.abc import Callable
-from typing import ClassVar
+from typing import Any, ClassVar, Literal, get_args
 
 import jax.numpy as jnp
 from jaxtyping import Array, Float, PyTree
 
+from yeastfit.errors import InputError
 from yeastfit.model.active_window import extent_of_cells, extent_of_change, middle_of, on_window, with_window
 from yeastfit.model.cells import Cells, level_set, weights_of_cells
 from yeastfit.model.colony import Colony
-from yeastfit.model.nutrient import nutrient_step
+from yeastfit.model.nutrient import closed_step, nutrient_step
 from yeastfit.model.rules import Context, MediumRule, UptakeRule
+from yeastfit.text import quoted
 
 FieldStep = Callable[..., Float[Array, "x y"]]  # of (c, b, λ1, numerics)
+Boundary = Literal["reservoir", "dish"]
+STEPS: dict[Boundary, FieldStep] = {"reservoir": nutrient_step, "dish": closed_step}
+"""A step of a field by what is at its edge: a reservoir that never runs out, or the wall of a dish."""
 
 
 class OneNutrient(MediumRule):
@@ -27,6 +32,12 @@ class OneNutrient(MediumRule):
     def stepped(self, context: Context, cells: Cells, uptake: UptakeRule) -> Colony:
         """With the nutrient one step later. Differentiable."""
         return dataclasses.replace(context.colony, nutrient=eaten(context, cells, uptake))
+
+
+def check_boundary(name: str, value: Any) -> None:
+    """Raise `InputError` where a setting of this name is no boundary."""
+    if value not in get_args(Boundary):
+        raise InputError(f"medium: {name} is {quoted(value)}, it must be 'dish' or 'reservoir'")
 
 
 def eaten(context: Context, cells: Cells, uptake: UptakeRule, step: FieldStep = nutrient_step) -> Float[Array, "x y"]:

@@ -11,8 +11,7 @@ from typing import ClassVar
 
 from yeastfit.model.cells import Cells
 from yeastfit.model.colony import Colony
-from yeastfit.model.laws.medium import eaten
-from yeastfit.model.nutrient import closed_step
+from yeastfit.model.laws.medium import STEPS, eaten
 from yeastfit.model.rules import Context, MediumRule, UptakeRule
 
 
@@ -23,4 +22,4 @@ class DishMedium(MediumRule):
 
     def stepped(self, context: Context, cells: Cells, uptake: UptakeRule) -> Colony:
         """With the nutrient one step later."""
-        return dataclasses.replace(context.colony, nutrient=eaten(context, cells, uptake, closed_step))
+        return dataclasses.replace(context.colony, nutrient=eaten(context, cells, uptake, STEPS["dish"]))

@@ -3,12 +3,14 @@
     ∂m/∂t = D_m ∇²m − k_m m + s 1_colony,    no flux through the dish's wall, m = 0 at the start,
 
 and nodes drift along λ5 ∇c − χ ∇m: χ = `morphogen_repulsion` above 0 spreads a colony, below 0 gathers it. 1_colony is
-the indicator of the colony, hard or smooth. With s = 0 or χ = 0 the colony is the source's.
+the indicator of the colony, hard or smooth. With s = 0 or χ = 0 the colony is the source's. The boundary of the
+nutrient is the source's `reservoir`, or a `dish`, through which nothing passes, so that what is eaten is gone.
 """
 
 import dataclasses
 from typing import ClassVar
 
+import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
@@ -17,7 +19,7 @@ from yeastfit.model.cell_overlap import smooth_step
 from yeastfit.model.cells import Cells
 from yeastfit.model.colony import Colony
 from yeastfit.model.interpolation import gradient_at
-from yeastfit.model.laws.medium import nutrient_of_step, where_cells_are
+from yeastfit.model.laws.medium import STEPS, Boundary, check_boundary, nutrient_of_step, where_cells_are
 from yeastfit.model.nutrient import FASTEST, closed_step
 from yeastfit.model.rules import Context, MediumRule, UptakeRule
 from yeastfit.parameter_set import Parameter
@@ -31,10 +33,22 @@ REPULSION = Parameter("morphogen_repulsion", "χ", "drift away from the morphoge
 
 
 class MorphogenMedium(MediumRule):
-    """The original nutrient and one morphogen, which cells secrete and flee. Differentiable in all parameters."""
+    """The original nutrient and one morphogen, which cells secrete and flee. Differentiable in all parameters.
+
+    Attributes:
+        nutrient_boundary: What is at the edge for the nutrient: a "reservoir" that never runs out, or the wall of a
+            "dish".
+
+    Raises:
+        InputError: The boundary is neither of the two.
+    """
 
     name: ClassVar[str] = "morphogen"
     parameters: ClassVar[tuple[Parameter, ...]] = (DIFFUSIVITY, DECAY, SECRETION, REPULSION)
+    nutrient_boundary: Boundary = eqx.field(static=True, default="reservoir")
+
+    def __check_init__(self) -> None:
+        check_boundary("nutrient_boundary", self.nutrient_boundary)
 
     def fields(self) -> dict[str, float]:
         """The morphogen."""
@@ -45,7 +59,7 @@ class MorphogenMedium(MediumRule):
         colony, parameters, numerics = context.colony, context.parameters, context.numerics
 
         def eaten(window: slice, g: Array, nutrient: Array) -> tuple[Array, Array]:
-            fed = nutrient_of_step(context, uptake, g, nutrient[window, window])
+            fed = nutrient_of_step(context, uptake, g, nutrient[window, window], STEPS[self.nutrient_boundary])
             inside = smooth_step(g, context.relaxation.boundary)
             return with_window(nutrient, window, fed), with_window(jnp.zeros_like(nutrient), window, inside)
 

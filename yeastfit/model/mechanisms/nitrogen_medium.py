@@ -1,12 +1,13 @@
 """Two nutrients: carbon, along which nodes drift, and nitrogen, which a dish may run out of (source 5.1.2).
 
-    ∂c/∂t = λ1 ∇²c − b c,    c = 1 on the boundary
+    ∂c/∂t = λ1 ∇²c − b c,    c = 1 at the start
     ∂n/∂t = D_N ∇²n − r_N max(−g, 0) n,    n = ν at the start
 
 Growth is by the scarcer of the two (Liebig), min(c, n) at a node; relaxed, the mean of both with weights e^(−c/w) and
-e^(−n/w). Drift is λ5 ∇c + γ_N ∇n. The boundary of nitrogen is a `dish`, through which nothing passes, so that what is
-eaten is gone, or a `reservoir` at n = ν. Fields hold n / ν, which the amount ν = `nitrogen` does not change. With
-ν = 1, D_N = λ1, r_N = λ6 and a reservoir, the two nutrients are one: the source.
+e^(−n/w). Drift is λ5 ∇c + γ_N ∇n. The boundary of either is a `dish`, through which nothing passes, so that what is
+eaten is gone, or a `reservoir` at c = 1, n = ν: a dish for nitrogen and a reservoir for carbon, unless said otherwise.
+Fields hold n / ν, which the amount ν = `nitrogen` does not change. With ν = 1, D_N = λ1, r_N = λ6 and reservoirs, the
+two nutrients are one: the source.
 
 A birth takes q_N = `nitrogen_per_birth` from the dish, everywhere in proportion to what is there,
 
@@ -23,27 +24,25 @@ Mep1, Marini et al. 1997, Mol. Cell. Biol. 17:4282): with that for c0, 50 µM ar
 """
 
 import dataclasses
-from typing import ClassVar, Literal
+from typing import ClassVar
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from yeastfit.errors import InputError
 from yeastfit.model.active_window import extent_of_change, with_window
 from yeastfit.model.cells import Cells
 from yeastfit.model.colony import Colony
 from yeastfit.model.interpolation import gradient_at, nutrient_at
-from yeastfit.model.laws.medium import nutrient_of_step, where_cells_are
+from yeastfit.model.laws.medium import STEPS, Boundary, check_boundary, nutrient_of_step, where_cells_are
 from yeastfit.model.laws.uptake import biomass
 from yeastfit.model.numerics import Numerics
-from yeastfit.model.nutrient import FASTEST, closed_step, nutrient_step
+from yeastfit.model.nutrient import FASTEST
 from yeastfit.model.parameters import Parameters
 from yeastfit.model.relaxation import Relaxation
 from yeastfit.model.rules import Births, Context, MediumRule, UptakeRule
 from yeastfit.parameter_set import Parameter
-from yeastfit.text import quoted
 
 WIDTH = 0.02  # w, of the relaxed minimum
 NITROGEN = Parameter("nitrogen", "ν", "nitrogen at the start, in units of c0", (0.01, 100.0), 1.0, positive=True)
@@ -60,9 +59,10 @@ class NitrogenMedium(MediumRule):
 
     Attributes:
         boundary: What is at the edge for nitrogen: the wall of a "dish", or a "reservoir" that never runs out.
+        carbon_boundary: What is at the edge for carbon, a "dish" or a "reservoir".
 
     Raises:
-        InputError: `boundary` is neither of the two.
+        InputError: A boundary is neither of the two.
     """
 
     name: ClassVar[str] = "nitrogen"
@@ -73,11 +73,12 @@ class NitrogenMedium(MediumRule):
         NITROGEN_MOBILITY,
         NITROGEN_PER_BIRTH,
     )
-    boundary: Literal["dish", "reservoir"] = eqx.field(static=True, default="dish")
+    boundary: Boundary = eqx.field(static=True, default="dish")
+    carbon_boundary: Boundary = eqx.field(static=True, default="reservoir")
 
     def __check_init__(self) -> None:
-        if self.boundary not in ("dish", "reservoir"):
-            raise InputError(f"medium: boundary is {quoted(self.boundary)}, it must be 'dish' or 'reservoir'")
+        check_boundary("boundary", self.boundary)
+        check_boundary("carbon_boundary", self.carbon_boundary)
 
     def fields(self) -> dict[str, float]:
         """Nitrogen, as a share of that at the start."""
@@ -88,7 +89,7 @@ class NitrogenMedium(MediumRule):
         colony, spacing = context.colony, context.numerics.spacing
 
         def law(window: slice, g: Array, carbon: Array, nitrogen: Array) -> tuple[Array, Array]:
-            fed = nutrient_of_step(context, uptake, g, carbon[window, window])
+            fed = nutrient_of_step(context, uptake, g, carbon[window, window], STEPS[self.carbon_boundary])
             left = self._left(context, g, nitrogen[window, window])
             return with_window(carbon, window, fed), with_window(nitrogen, window, left)
 
@@ -108,9 +109,8 @@ class NitrogenMedium(MediumRule):
 
     def _left(self, context: Context, g: Float[Array, "w w"], nitrogen: Float[Array, "w w"]) -> Float[Array, "w w"]:
         """n on a window one step later, given the level set there."""
-        step = closed_step if self.boundary == "dish" else nutrient_step
         rate = biomass(g, context.parameters["nitrogen_uptake"])
-        return step(nitrogen, rate, context.parameters["nitrogen_diffusivity"], context.numerics)
+        return STEPS[self.boundary](nitrogen, rate, context.parameters["nitrogen_diffusivity"], context.numerics)
 
     def supply(
         self, colony: Colony, parameters: Parameters, relaxation: Relaxation, numerics: Numerics
