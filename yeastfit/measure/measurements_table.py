@@ -156,7 +156,7 @@ def missing_masks(rows: Sequence[Mapping[str, Any]], folder: Path) -> list[str]:
             some = ", ".join(gone[:3]) + (", …" if gone[3:] else "")
             sentences.append(
                 f"{len(gone)} of {len(own)} masks{of} are missing ({some}): its curves are the table's own numbers, "
-                "and simulated colonies are measured as masks are, without smoothing"
+                "and simulated colonies are measured as masks are"
             )
     return sentences
 
