@@ -70,6 +70,17 @@ def test_every_doubt_is_a_sentence(doubt: str) -> None:
     assert DOUBTS[doubt].endswith(".")
 
 
+@pytest.mark.parametrize("added", [1000, 5000, 32768, 65280, -300])
+def test_what_is_added_to_all_grey_values_changes_no_outline(added: int) -> None:
+    """A camera's pedestal; ImageJ adds 32768 to signed numbers; what a float image holds may be negative."""
+    photograph = taken(COLONY, disc(100, 150, 20)).astype(np.float32)
+    plain, found = segment(photograph), segment(photograph + added)
+    joint, either = (found.mask & plain.mask).sum(), (found.mask | plain.mask).sum()
+    assert joint > 0.998 * either
+    assert found.warnings == plain.warnings == ()
+    assert abs(float(np.median(found.background)) - added - 150) < 1
+
+
 @pytest.mark.parametrize("radius", [8, 20, 40, 70])
 def test_clean_images_leave_no_doubt(radius: float) -> None:
     found = segment(taken(disc(100, 100, radius)))

@@ -34,7 +34,7 @@ import numpy.typing as npt
 from skimage import measure
 
 from yeastfit.errors import InputError
-from yeastfit.measure.outlining.background import estimate_background, frame_mask
+from yeastfit.measure.outlining.background import estimate_background, frame_mask, pedestal_of
 from yeastfit.measure.outlining.boundary import boundary_pixels, coarse_outline, detection_limit, edge_blur, fine_mask
 from yeastfit.measure.outlining.colony_selection import object_at, select_colony
 from yeastfit.measure.outlining.doubts import BY_HAND, doubts_of_mask, doubts_of_photograph, to_be_checked
@@ -209,7 +209,9 @@ def _segment_binary(
     return Segmentation(mask, background, contrast / 2, 0.0, 0.0, tuple(doubts))
 
 
-def _segment_photograph(image: Field, min_area: int, options: SegmentationOptions, name: str) -> Segmentation:
+def _segment_photograph(photograph: Field, min_area: int, options: SegmentationOptions, name: str) -> Segmentation:
+    pedestal = np.float32(pedestal_of(photograph))
+    image = photograph - pedestal
     visible = ~frame_mask(image)
     if visible.mean() < 0.1:
         raise InputError(f"{name}: {1 - visible.mean():.0%} of it is a black frame, need a bright-field photograph")
@@ -232,7 +234,8 @@ def _segment_photograph(image: Field, min_area: int, options: SegmentationOption
         dark = blurred(contrast, SMOOTHING) > level
         region, doubts = select_colony(dark, ~visible, min_area, name, *selection)
         mask, blur = region & dark, edge_blur(contrast, coarse.edge_contrast, region & dark)
-    doubts += doubts_of_mask(mask, visible) + doubts_of_photograph(image, visible, background, level, noise, blur)
+    background += pedestal
+    doubts += doubts_of_mask(mask, visible) + doubts_of_photograph(photograph, visible, background, level, noise, blur)
     area, available = int(mask.sum()), int(visible.sum())
     if area > 0.95 * available:
         raise InputError(f"{name}: colony on {area / available:.0%} of the image, need background around it")
