@@ -173,6 +173,17 @@ class ColonySimulator:
         return replace(self, curves=replace(self.curves, block=rows))
 
     @property
+    def about(self) -> str:
+        """What decides over a colony, beside its free parameters and its seed."""
+        curves, observe = self.curves, self.curves.observe
+        of_rules = {f"{question} {rule.pop('rule')}": rule for question, rule in curves.model.asdict().items()}
+        rules = [name + "".join(f" {key} {value}" for key, value in each.items()) for name, each in of_rules.items()]
+        image = {f"image {name}": one for name, one in _plain_fields(observe).items() if isinstance(one, int | float)}
+        named = {**self.fixed, **asdict(curves.numerics), **image, "area": curves.area}
+        measured = "masks" if isinstance(observe, HardStatistics) else "smooth"
+        return ", ".join([*rules, measured, *(f"{name} {value}" for name, value in named.items())])
+
+    @property
     def specification(self) -> Specification:
         """How other processes make the same simulator.
 

@@ -15,7 +15,7 @@ Wrappers count what is simulated, average replicates and add errors of measureme
 
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, is_dataclass
 from typing import Any, Protocol, runtime_checkable
 
 import jax
@@ -228,6 +228,21 @@ def same_observables(first: Sequence[Observable], second: Sequence[Observable]) 
     names, others = ([one.statistic for one in each] for each in (first, second))
     times, other_times = ([one.time for one in each] for each in (first, second))
     return names == others and np.allclose(times, other_times, rtol=1e-6, atol=1e-9, equal_nan=True)
+
+
+def about_of(simulator: Simulator) -> str:
+    """What decides over a simulation beside parameters and seed, for files; as far as the simulator says.
+
+    That is its `about`; of a simulator without one what it holds fixed, and its fields that are plain data.
+    """
+    bare = inside(simulator)
+    own = getattr(bare, "about", None)
+    if isinstance(own, str):
+        return own
+    held = {one.name: getattr(bare, one.name) for one in fields(bare)} if is_dataclass(bare) else dict[str, object]()
+    said = {name: value for name, value in held.items() if isinstance(value, str | bool | int | float)}
+    said |= dict(fixed_of(bare))
+    return ", ".join(f"{name} {value}" for name, value in said.items())
 
 
 def fixed_of(simulator: Simulator) -> Mapping[str, float]:

@@ -7,6 +7,7 @@ area: colonies are compared at one size.
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any, Protocol
 
 import numpy as np
@@ -152,6 +153,13 @@ class OfflatticeSimulator:
         return np.array([found[job][0] for job in jobs]).reshape(len(jobs), len(self.observables))
 
     @property
+    def about(self) -> str:
+        """What decides over a colony, beside its free parameters and its seed."""
+        told = {**self.fixed, **{name: getattr(self, name) for name in ("cells", "area", "delay", "most_attempts")}}
+        told |= {name: _name_of(getattr(self, name)) for name in ("draw", "match")}
+        return ", ".join(["offlattice", *(f"{name} {value}" for name, value in told.items()), f"limits {self.limits}"])
+
+    @property
     def specification(self) -> Specification:
         """How other processes make the same simulator, on one thread.
 
@@ -244,6 +252,13 @@ def offlattice_simulator_of(
     functions = {"draw": undescribed(draw), "match": undescribed(match)}
     names = tuple(one.statistic for one in columns)
     return replace(OfflatticeSimulator.of(names, threads=1, **functions, **settings), observables=columns)
+
+
+def _name_of(function: Any) -> str:
+    """Of a function, or of a partial one with its arguments."""
+    if isinstance(function, partial):
+        return " ".join([_name_of(function.func), *(f"{name} {value}" for name, value in function.keywords.items())])
+    return str(getattr(function, "__qualname__", type(function).__name__))
 
 
 def known_statistics() -> dict[str, Statistic]:

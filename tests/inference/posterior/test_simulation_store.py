@@ -6,6 +6,8 @@ import shutil
 import subprocess
 import sys
 import textwrap
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import h5py
@@ -14,10 +16,19 @@ import pytest
 from simulators import observables_named, parameters_named
 
 from yeastfit import InputError
-from yeastfit.inference.simulator import Simulator, seed_of
+from yeastfit.inference.colony_simulator import ColonySimulator
+from yeastfit.inference.imaging import Imaging
+from yeastfit.inference.resolution import Resolution
+from yeastfit.inference.simulator import Replicates, Simulator, about_of, seed_of
 from yeastfit.inference.store.cached_simulator import CachedSimulator
-from yeastfit.inference.store.simulation_store import Store
+from yeastfit.inference.store.simulation_store import Store, opened_store
 from yeastfit.inference.store.simulations import ROOM, Simulations
+from yeastfit.inference.targets import Targets
+from yeastfit.model.model import Model
+from yeastfit.observable import Observable
+from yeastfit.offlattice.masks.ellipse_mask import Ellipses
+from yeastfit.offlattice.simulator import OfflatticeSimulator
+from yeastfit.parameter_set import ParameterSet
 from yeastfit.seeds import Stream, stream_of
 
 FREE, LABELS = ("mobility", "aspect_ratio"), ("area", "compactness", "radius")
@@ -275,6 +286,59 @@ def test_a_damaged_byte_is_said_or_costs_its_row_wherever_it_is(tmp_path: Path) 
             assert len(found) >= ROOM - 1 or damaged is not flipped
     assert len(read) > 60
     assert len(read) < 2 * len(places) - 60
+
+
+@dataclass(frozen=True)
+class Shifted:
+    """A simulator with a setting; what it may say of itself is `about`."""
+
+    shift: float
+
+    @property
+    def parameters(self) -> ParameterSet:
+        return parameters_named(("a",))
+
+    @property
+    def observables(self) -> tuple[Observable, ...]:
+        return observables_named(("s",))
+
+    def __call__(self, values: np.ndarray, seeds: np.ndarray) -> np.ndarray:
+        return values + self.shift
+
+
+class Told(Shifted):
+    about = "told"
+
+
+def test_simulations_of_another_simulator_are_refused(tmp_path: Path) -> None:
+    """By its plain settings, or by what it says of itself, whatever wraps it."""
+    path = tmp_path / "s.h5"
+    with opened_store(path, Shifted(0.5)) as store:
+        store.append(np.ones((1, 1)), np.ones(1, np.uint64), np.ones((1, 1)))
+    with opened_store(path, Replicates(Shifted(0.5), 3)) as store:
+        assert len(store) == 1
+    for other, told in ((Shifted(0.25), "shift 0.5, not shift 0.25"), (Told(0.5), "about is shift 0.5, not told")):
+        with pytest.raises(InputError, match=f"s.h5 holds other simulations: .*{told}"):
+            opened_store(path, other)
+
+
+def test_colonies_of_other_rules_values_or_grids_are_others() -> None:
+    targets = Targets.from_means({"radius": [1.0]}, [1.5], imaging=Imaging(extent=3.0))
+    colony = partial(ColonySimulator.of, targets, ["mobility"])
+    cells = partial(OfflatticeSimulator.of, ["radius"], cells=100)
+    kinds: list[Simulator] = [
+        colony(),
+        colony(fixed={"aspect_ratio": 0.4}),
+        colony(resolution=Resolution(dt=0.01, spacing=0.2)),
+        colony(model=Model.of({"medium": {"rule": "dish"}})),
+        cells(),
+        cells(delay=0.1),
+        cells(area=50.0),
+        cells(draw=partial(Ellipses.of, pixel_size=2.0)),
+    ]
+    assert len({about_of(one) for one in kinds}) == len(kinds)
+    assert about_of(kinds[0]) == about_of(colony())
+    assert about_of(kinds[4]) == about_of(cells(threads=2))
 
 
 def test_a_closed_store_says_so(tmp_path: Path) -> None:

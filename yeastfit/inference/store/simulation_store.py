@@ -32,7 +32,7 @@ import h5py
 import numpy as np
 
 from yeastfit.errors import InputError
-from yeastfit.inference.simulator import Simulator, labels_of
+from yeastfit.inference.simulator import Simulator, about_of, labels_of
 from yeastfit.inference.store.simulations import Seeds, Simulations, Statistics, Values, checks
 from yeastfit.storage import as_json, from_json, full_disks_told, hdf5_written_whole
 
@@ -47,7 +47,7 @@ class Store(Simulations):
     """Simulations in a file, which is created where there is none. A context manager; one process at a time.
 
     Attributes:
-        about: What was simulated, in any words; a file about something else is refused.
+        about: What was simulated, in any words; a file about something else is refused. Nothing is said by "".
     """
 
     def __init__(self, path: str | Path, free: Sequence[str], labels: Sequence[str], about: str = "") -> None:
@@ -131,7 +131,8 @@ class Store(Simulations):
         self._file = _opened(self.path)
         try:
             head = from_json(self._file.attrs["head"])
-            different = [f"{key} is {_apart(head[key], one)}" for key, one in self._head.items() if head[key] != one]
+            said = {key: one for key, one in self._head.items() if key != "about" or (one and head[key])}
+            different = [f"{key} is {_apart(head[key], one)}" for key, one in said.items() if head[key] != one]
             if different:
                 raise InputError(f"{self.path} holds other simulations: {'; '.join(different)}")
             rows = self._file[DATASET][...]
@@ -156,7 +157,7 @@ def opened_store(store: Simulations | str | Path | None, simulator: Simulator) -
     """A store for a simulator: an open one as it is, one at a path, or one in memory where there is None."""
     names, labels = simulator.parameters.names, labels_of(simulator)
     if isinstance(store, str | Path):
-        return Store(store, names, labels)
+        return Store(store, names, labels, about_of(simulator))
     return nullcontext(Simulations(names, labels) if store is None else store)
 
 
