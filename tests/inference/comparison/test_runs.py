@@ -59,6 +59,18 @@ def test_paired_differences() -> None:
     ]
 
 
+def test_a_run_that_lacks_densities_is_judged_by_the_others() -> None:
+    """Of its own sum it would be the best: fewer numbers below 0."""
+    lacking = np.append(np.linspace(-6.1, -5.9, 3), np.full(COLONIES - 3, np.nan))
+    found = ModelComparison.of({"bad": predicted(lacking), "good": predicted(np.full(COLONIES, -4.0))})
+    assert [one.name for one in found.runs] == ["good", "bad"]
+    assert found.runs[1].told_apart
+    assert found.runs[1].behind == pytest.approx(6.0)
+    assert "over 3 colonies" in found.sentences()[0]
+    with pytest.raises(InputError, match="bad and good: no colony left out has a density in all of them"):
+        ModelComparison.of({"bad": predicted(lacking), "good": predicted(np.where(np.isnan(lacking), -4.0, np.nan))})
+
+
 def test_chance_tells_nothing_apart() -> None:
     """Of runs of one density but for noise, about one in 20 is called worse."""
     rng = np.random.default_rng(2)

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from jaxtyping import Bool
 from scipy.stats import t as student
 
 from yeastfit.errors import InputError
@@ -77,14 +78,17 @@ class ModelComparison:
             runs: By name.
 
         Raises:
-            InputError: They are of different colonies or statistics, or no colony is scored in two of them.
+            InputError: They are of different colonies or statistics, or no colony is scored in all of them.
         """
         first, *others = runs
         for other in others:
             if why := difference_of_data(runs[first], runs[other]):
                 raise InputError(f"{first} and {other}: {why}")
-        best, *_ = sorted(runs, key=lambda name: -runs[name].total)
-        scored = [_scored(name, runs[name], best, runs[best]) for name in runs]
+        common = np.isfinite(np.stack([left_out.log_density for left_out in runs.values()])).all(axis=0)
+        if not common.any():
+            raise InputError(f"{' and '.join(runs)}: no colony left out has a density in all of them")
+        best = max(runs, key=lambda name: runs[name].log_density[common].sum())
+        scored = [_scored(name, runs[name], best, runs[best], common) for name in runs]
         return ModelComparison(tuple(sorted(scored, key=lambda one: (one.name != best, one.behind))))
 
     def rows(self) -> list[dict[str, Any]]:
@@ -138,11 +142,8 @@ def _failures(run: Scored) -> Sequence[tuple[str, str]]:
     return list(run.left_out.failures().items())
 
 
-def _scored(name: str, found: LeftOut, best: str, of_best: LeftOut) -> Scored:
-    both = of_best.log_density - found.log_density
-    both = both[np.isfinite(both)]
-    if not len(both):
-        runs = name if name == best else f"{best} and {name}"
-        raise InputError(f"{runs}: no colony left out has a density")
+def _scored(name: str, found: LeftOut, best: str, of_best: LeftOut, common: Bool[np.ndarray, " colony"]) -> Scored:
+    """How far a run is behind the best, over the colonies that all runs have scored."""
+    both = (of_best.log_density - found.log_density)[common]
     error = float("nan") if name == best else standard_error(both)
     return Scored(name, found, float(both.sum()), error, len(both))
