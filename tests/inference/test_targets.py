@@ -127,6 +127,12 @@ def test_what_round_colonies_have_none_of_may_be_0_or_below() -> None:
             {"scatter": {"radius": [0.1, 0.0]}, "replicates": 5},
             "scatter of radius at time 2 \\(4.35 hours\\) is 0, so no error",
         ),
+        ({"means": {"radius": [1.0, np.inf]}, "imaging": Imaging(3.0)}, "mean of radius at time 2 .* is inf"),
+        ({"replicates": 2.7}, r"replicates is 2\.7, need whole numbers from 0 on"),
+        ({"replicates": [-1, 3]}, "replicates is .*-1, 3.*, need whole numbers"),
+        ({"replicates": np.nan}, "replicates is nan, need whole numbers"),
+        ({"replicates": "many"}, "replicates is 'many', need one whole number, or one for each of 2 times"),
+        ({"replicates": [1, 2, 3]}, "replicates is .*, need one whole number, or one for each of 2 times"),
         ({"scatter": {"radius": [0.1, -0.1]}}, "scatter of radius at time 2 \\(4.35 hours\\) is -0.1"),
     ],
     ids=str,
@@ -164,6 +170,16 @@ def test_imaged_colonies_have_hours_and_errors_of_measurement() -> None:
     assert targets.measurement_errors() == {"radius": 0.01, "compactness": 0.02}
     assert targets.measurement_errors({"radius": 0.3}) == {"radius": 0.3, "compactness": 0.02}
     assert targets.measurement_errors(0.0) == {"radius": 0.0, "compactness": 0.0}
+
+
+def test_curves_must_be_those_of_the_means(unchecked: None) -> None:
+    with pytest.raises(InputError, match="curves have infinite numbers"):
+        Targets.from_replicates({"a": np.array([[1.0, 2.0], [2.0, np.inf]])}, [1, 2])
+    known = Targets.from_replicates({"a": np.array([[1.0, 2.0], [2.0, 3.0]])}, [1, 2])
+    with pytest.raises(InputError, match=r"curves have shape \(2, 1, 5\), \(statistics, times\) is \(1, 2\)"):
+        replace(known, curves=np.ones((2, 1, 5)))
+    with pytest.raises(InputError, match="measurement_error of 'aera', but the targets are of a only"):
+        known.measurement_errors({"aera": 0.5})
 
 
 def test_shapes_that_disagree_and_repeated_names_are_refused() -> None:

@@ -61,6 +61,12 @@ class Targets:
             values = getattr(self, name)
             if values.shape != shape:
                 raise InputError(f"targets: {name} has shape {values.shape}, (statistics, times) is {shape}")
+        if self.curves is not None and self.curves.shape[1:] != shape:
+            raise InputError(f"targets: curves have shape {self.curves.shape}, (statistics, times) is {shape}")
+        if self.curves is not None and np.isinf(self.curves).any():
+            raise InputError("targets: curves have infinite numbers, they must be finite, or nan where one is missing")
+        if not np.issubdtype(self.replicates.dtype, np.integer) or (self.replicates < 0).any():
+            raise InputError(f"targets: replicates is {quoted(self.replicates.tolist())}, need whole numbers from 0 on")
         known = 0 if self.curves is None else len(self.curves)
         if self.colonies and len(self.colonies) != known:
             raise InputError(f"targets: {len(self.colonies)} names of colonies, there are curves of {known}")
@@ -120,9 +126,15 @@ class Targets:
 
         Arguments:
             given: One number for all, or by statistic. Those not given have what their imaging has, or none.
+
+        Raises:
+            InputError: One is given of a statistic that is not among these.
         """
         if isinstance(given, int | float):
             return dict.fromkeys(self.names, float(given))
+        for name in given or {}:
+            if name not in self.names:
+                raise InputError(f"measurement_error of {name!r}, but the targets are of {', '.join(self.names)} only")
         known = {} if self.imaging is None else {name: STATISTICS[name].measurement_error for name in self.names}
         return {name: float((given or {}).get(name, known.get(name, 0.0))) for name in self.names}
 
@@ -190,7 +202,16 @@ class Targets:
                 raise InputError(f"targets: scatter of {name!r}, but there are means of {', '.join(names)} only")
         unknown = np.full(len(times), np.nan)
         spread = np.stack([np.atleast_1d(np.asarray(known.get(name, unknown), dtype=float)) for name in names])
-        counts = np.broadcast_to(np.asarray(replicates, dtype=int), mean.shape) * np.isfinite(mean)
+        try:
+            counts = np.broadcast_to(np.asarray(replicates, dtype=float), mean.shape)
+        except (TypeError, ValueError):
+            raise InputError(
+                f"targets: replicates is {quoted(replicates)}, need one whole number, or one for each of "
+                f"{len(times)} times"
+            ) from None
+        if not (np.isfinite(counts) & (counts >= 0) & (counts == np.rint(counts))).all():
+            raise InputError(f"targets: replicates is {quoted(replicates)}, need whole numbers from 0 on")
+        counts = counts.astype(int) * ~np.isnan(mean)  # an infinite one is refused
         return Targets(names, times, mean, spread, counts, None, _reaching(imaging, names, mean))
 
     @staticmethod

@@ -396,7 +396,12 @@ def test_what_is_refused() -> None:
         emulated(known, known, np.zeros(3), SMALL)
     with pytest.raises(InputError, match="replicates is 0, it must be at least 1"):
         emulated(known, known, observed, SMALL, replicates=0)
-    for noise in (np.eye(3), -np.eye(4)):
+    for replicates, told in ((2.5, "2.5"), (True, "true"), (np.nan, "nan")):
+        with wrong_types(), pytest.raises(InputError, match=f"replicates is {told}, it must be a whole number"):
+            emulated(known, known, observed, SMALL, replicates=replicates)
+    lopsided, contrary, flawed = np.eye(4), np.diag([1e12, 1.0, 1.0, 1.0]), np.eye(4)
+    lopsided[0, 1], contrary[2, 3], contrary[3, 2], flawed[3, 3] = 0.5, 2.0, 2.0, np.nan
+    for noise in (np.eye(3), -np.eye(4), lopsided, contrary, flawed, 0.1):
         with wrong_types(), pytest.raises(InputError, match="noise must be a covariance of 4 statistics"):
             emulated(known, known, observed, SMALL, noise=noise)
     with pytest.raises(InputError, match="first is 100, it must be a power of two"):

@@ -19,6 +19,7 @@ would decide what scatter distances are measured by.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -42,8 +43,9 @@ from yeastfit.inference.simulator import (
 from yeastfit.inference.targets import Targets
 from yeastfit.kinds import check_kind
 from yeastfit.seeds import Stream, stream_of
+from yeastfit.text import quoted
 
-ROUNDING = 1e-9  # of a covariance's largest entry: an eigenvalue may be as much below 0
+ROUNDING = 1e-9  # of a covariance, beside its variances
 
 Vector = Float[np.ndarray, " statistic"]
 Square = Float[np.ndarray, "statistic statistic"]
@@ -88,13 +90,13 @@ class Problem:
                 f"observed is {self.observed}, the simulator gives {', '.join(labels)}: {len(labels)} finite "
                 "statistics are expected"
             )
+        if isinstance(self.replicates, bool) or not isinstance(self.replicates, int | np.integer):
+            raise InputError(f"replicates is {quoted(self.replicates)}, it must be a whole number")
         if self.replicates < 1:
             raise InputError(f"replicates is {self.replicates}, it must be at least 1")
         for name, noise in (("noise", self.noise), ("colony_noise", self.colony_noise)):
-            if noise is not None and not _is_covariance(noise, len(labels)):
-                raise InputError(
-                    f"{name} must be a covariance of {len(labels)} statistics, got one of shape {noise.shape}"
-                )
+            if noise is not None:
+                _check_covariance(name, noise, len(labels))
         self._check_colonies()
         if self.limits is not None:
             check_limits(self.limits, self.observed[None] if self.colonies is None else self.colonies, labels)
@@ -300,5 +302,18 @@ def _means(rows: Float[np.ndarray, "colony statistic"]) -> tuple[Vector, int]:
         return np.where(known, rows, 0.0).sum(axis=0) / counts, int(counts.min(initial=len(rows)))
 
 
-def _is_covariance(noise: np.ndarray, count: int) -> bool:
-    return noise.shape == (count, count) and bool(np.linalg.eigvalsh(noise).min() >= -ROUNDING * noise.max())
+def _check_covariance(name: str, noise: Any, count: int) -> None:
+    """Raise `InputError` where an argument is no covariance of so many statistics."""
+    if not isinstance(noise, np.ndarray) or noise.shape != (count, count):
+        what = f"shape {noise.shape}" if isinstance(noise, np.ndarray) else quoted(noise)
+        raise InputError(f"{name} must be a covariance of {count} statistics, an array {count} × {count}, got {what}")
+    variances = np.diag(noise)
+    is_wrong = f"{name} must be a covariance of {count} statistics, got {quoted(noise.tolist())}"
+    if not np.isfinite(noise).all() or (variances < 0).any():
+        raise InputError(f"{is_wrong}: it must be finite, and variances at least 0")
+    scale = np.sqrt(np.outer(variances, variances))
+    share = noise / np.where(scale > 0, scale, 1.0)
+    if (np.abs(noise - noise.T) > ROUNDING * scale).any():
+        raise InputError(f"{is_wrong}: it must be symmetric")
+    if (np.abs(noise) > (1 + ROUNDING) * scale).any() or np.linalg.eigvalsh(share).min() < -ROUNDING * count:
+        raise InputError(f"{is_wrong}: some combination of statistics would vary by less than 0")
