@@ -111,3 +111,5 @@ def test_too_few_draws_are_refused() -> None:
         predict(np.zeros(100), NORMAL, np.zeros(2), draws=9)
     with pytest.raises(InputError, match="simulator is of"):
         predict(np.zeros(100), Drawing(("mean",), ("a",), NORMAL.draw), np.zeros(2))
+    with pytest.raises(InputError, match="simulator is of a, other, the data of a, b"):
+        predict(np.zeros(100), Drawing(("mean",), ("a", "other"), NORMAL.draw), np.zeros(2))

@@ -144,8 +144,8 @@ def predict(
         raise InputError(f"draws is {draws}, a predictive check needs at least {FEWEST}")
     check_count("draws", draws)
     labels, observed = labels_of(simulator), draws_of.observed
-    if len(labels) != len(observed):
-        raise InputError(f"simulator is of {len(labels)} statistics, the data of {len(observed)}")
+    if labels != tuple(draws_of.labels):
+        raise InputError(f"simulator is of {', '.join(labels)}, the data of {', '.join(draws_of.labels)}")
     simulator = simulator_of_draws(simulator, draws_of.free)
     drawn, simulated = (2, 3) if prior else (0, 1)  # numbers of the streams of draws and of their simulations
     rng = np.random.default_rng(stream_of(seed, Stream.PREDICTIVE, drawn))
