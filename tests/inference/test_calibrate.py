@@ -106,5 +106,7 @@ def test_what_fails_is_counted_and_nothing_at_all_is_an_error() -> None:
 
     with pytest.raises(SimulationError, match="none of 3 data sets has a posterior: data set 1: never"):
         calibrate(Gaussian(), PRIOR, data_sets=3, method=Never())
+    with pytest.raises(InputError, match="foo is no setting of any method"):
+        calibrate(Gaussian(), PRIOR, data_sets=3, foo=1)
     with pytest.raises(InputError, match="data_sets is 0, it must be at least 1"):
         calibrate(Gaussian(), PRIOR, data_sets=0)

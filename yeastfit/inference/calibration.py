@@ -21,8 +21,8 @@ from yeastfit.inference.posterior.problem import Problem
 from yeastfit.inference.posterior.result import Posterior
 from yeastfit.inference.posterior.sampler import Sampler
 from yeastfit.inference.prior.prior import Prior
-from yeastfit.inference.samplers import infer
-from yeastfit.inference.simulator import Rows, Seeds, Simulator, Values, Wrapper, seed_of
+from yeastfit.inference.samplers import infer, sampler_of
+from yeastfit.inference.simulator import Rows, Seeds, Simulator, Values, Wrapper, check_simulator, seed_of
 from yeastfit.inference.store.simulation_store import opened_store
 from yeastfit.inference.store.simulations import Simulations
 from yeastfit.memory import check_count
@@ -84,6 +84,9 @@ def calibrate(
         InputError: An argument is wrong.
         SimulationError: No data set has a posterior.
     """
+    check_simulator(simulator)
+    if isinstance(method, str):
+        sampler_of(method, settings)  # a wrong setting is no fault of a data set
     for name, count in (("data_sets", data_sets), ("draws", draws)):
         if count < 1:
             raise InputError(f"{name} is {count}, it must be at least 1")
