@@ -1,5 +1,6 @@
 """Priors against numerical integration, their coordinates, their files, and what is refused."""
 
+import pickle
 from pathlib import Path
 
 import numpy as np
@@ -133,6 +134,10 @@ def test_every_law_comes_back_from_a_file(tmp_path: Path) -> None:
     path.write_text(PRIOR.toml(), encoding="utf-8")
     assert Prior.read(path, parameters_named(tuple(TABLES))) == PRIOR
     assert Prior.of(PRIOR.asdict()) == PRIOR
+    named = parameters_named(("μ", "rate"))
+    path.write_text(Prior.default(named).toml(named), encoding="utf-8")
+    assert Prior.read(path, named) == Prior.default(named)
+    path.write_text(PRIOR.toml(), encoding="utf-8")
     other = ("ln", "b", "n", "lu", "u")
     assert Prior.read(path, parameters_named(other)).free == other
 
@@ -197,6 +202,15 @@ def test_files_must_be_there_and_hold_what_is_free(tmp_path: Path) -> None:
     path.write_text(default_template(PARAMETERS.subset(("mobility",))), encoding="utf-8")
     with pytest.raises(InputError, match=r"no prior of aspect_ratio"):
         Prior.read(path, PARAMETERS.subset(("mobility", "aspect_ratio")))
+
+
+def test_priors_are_pickled_after_use_as_before() -> None:
+    before = pickle.dumps(PRIOR)
+    PRIOR.log_density(PRIOR.sample(3, np.random.default_rng(0)))
+    again = pickle.loads(pickle.dumps(PRIOR))
+    assert again == PRIOR == pickle.loads(before)
+    values = PRIOR.sample(3, np.random.default_rng(1))
+    np.testing.assert_array_equal(again.log_density(values), PRIOR.log_density(values))
 
 
 def test_distributions_compare_by_their_numbers() -> None:

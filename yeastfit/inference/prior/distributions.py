@@ -12,7 +12,7 @@ A distribution has a density p(x) in its own coordinate, x = λ or x = log λ; t
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from functools import cached_property
 from typing import Any
 
@@ -174,6 +174,10 @@ class Distribution:
         object.__setattr__(self, "numbers", _completed(self.family, self.numbers))
         if self.family in FAMILIES:
             self._check_width()
+
+    def __getstate__(self) -> dict[str, Any]:
+        """What is pickled: not the densities, which are made when they are asked for."""
+        return {one.name: getattr(self, one.name) for one in fields(self)}
 
     def _check_width(self) -> None:
         """Raise `InputError` where what is left to infer is so narrow that rounding hides it."""

@@ -6,6 +6,7 @@ Samplers walk in the coordinates x. A prior must not reach beyond what is admiss
 have truncations for that. A file has one table per parameter; `template` writes a prior as such a file.
 """
 
+import json
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -149,7 +150,8 @@ class Prior:
         for name, table in self.asdict().items():
             known = parameters[name] if parameters is not None and name in parameters else None
             lines = [f"# {known.symbol}: {known.meaning}"] if known else []
-            lines += [f"[{name}]", f'distribution = "{table.pop("distribution")}"']
+            key = name if name.isascii() else json.dumps(name, ensure_ascii=False)
+            lines += [f"[{key}]", f'distribution = "{table.pop("distribution")}"']
             tables.append("\n".join([*lines, *(f"{key} = {value!r}" for key, value in table.items())]))
         return "\n\n".join(tables) + "\n"
 
