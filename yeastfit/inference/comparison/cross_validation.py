@@ -53,7 +53,7 @@ def cross_validate(
         posterior: Of all colonies; it says where the emulator must be right.
         problem: Whose posterior it is.
         colonies: Statistics of the single colonies, of which `problem.observed` is the mean; nan where one is missing.
-        simulations: λ and statistics of single colonies, as a `Store` has them, rows of nan for failures.
+        simulations: λ and statistics of single colonies, a row each, of nan for failures.
         groups: K, at most as many as there are colonies.
         names: Of the colonies; numbers where there are not as many names.
         labels: Of the statistics; by default the simulator's.

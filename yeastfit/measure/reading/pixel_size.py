@@ -51,9 +51,11 @@ def pillow_sizes(image: Any) -> Stated:
 
 def given_instead(given: float, stated: Sequence[PixelSize]) -> str:
     """Where a size comes from that the user gave, and what the file states, first and foremost, if that is another."""
-    if not stated or abs(stated[0].x - given) <= SAME * given:
+    if not stated or all(abs(side - given) <= SAME * given for side in (stated[0].x, stated[0].y)):
         return GIVEN
-    return f"{INSTEAD}{stated[0].x:.4g} µm ({stated[0].source})"
+    source, x, y = stated[0]
+    size = f"{x:.4g} µm" if abs(x - y) <= SAME * max(x, y) else f"{x:.4g} by {y:.4g} µm"
+    return f"{INSTEAD}{size} ({source})"
 
 
 def overruled_sizes(rows: Sequence[Mapping[str, Any]]) -> list[str]:
