@@ -242,6 +242,16 @@ def test_lossy_compression_leaves_a_mask(quality: int, dark: bool) -> None:
     assert overlap(found.mask, COLONY) > 0.99
 
 
+def test_a_mask_of_a_speck_is_refused() -> None:
+    """Of fewer than five pixels the compactness is that of no shape, which tables and fits refuse."""
+    mask = np.zeros((60, 60), bool)
+    mask[30, 30:34] = True
+    with pytest.raises(InputError, match="speck: the colony of the mask has 4 pixels, need at least 5"):
+        segment(mask, name="speck")
+    mask[31, 30] = True
+    assert set(segment(mask).warnings) == {"tiny"}
+
+
 def test_a_photograph_is_no_mask() -> None:
     """Not even one of full range: black core, white background, faint rim."""
     image = taken(COLONY, contrast=250, level=252).astype(int)

@@ -51,6 +51,8 @@ from yeastfit.measure.reading.images import MIN_SIDE
 from yeastfit.measure.reading.outline_files import background_of, object_in
 from yeastfit.measure.reading.segmentation_options import SegmentationOptions
 
+FEWEST = 5  # px of a ready-made mask: the perimeter of fewer is that of no outline
+
 
 @dataclass(frozen=True)
 class Segmentation:
@@ -164,6 +166,12 @@ def outline(mask: Mask) -> list[npt.NDArray[np.float64]]:
     return [contour - 1 for contour in contours]
 
 
+def _check_size(mask: Mask, name: str) -> None:
+    """Raise `InputError` where a mask that was made elsewhere is too small to be measured."""
+    if 0 < (size := int(mask.sum())) < FEWEST:
+        raise InputError(f"{name}: the colony of the mask has {size} pixels, need at least {FEWEST} to measure a shape")
+
+
 def _checked(pixels: npt.NDArray[Any], name: str) -> npt.NDArray[Any]:
     image = np.asarray(pixels)
     if image.ndim != 2 or image.dtype.kind not in "buif":
@@ -202,6 +210,7 @@ def _segment_binary(
     doubts = list(binary.doubts)
     if options.seed_point is None and options.colonies is None and len(sizes) > 2 and sizes[-2] > 0.1 * sizes[-1]:
         doubts.append("several objects")
+    _check_size(part, name)
     doubts += doubts_of_mask(part, np.ones_like(part))
     mask = np.zeros_like(binary.mask)
     mask[window] = part
