@@ -67,6 +67,12 @@ def test_min_is_white_is_inverted(tmp_path, dtype):
     np.testing.assert_array_equal(read_image(tmp_path / "a.tif"), expected)
 
 
+@pytest.mark.parametrize("dtype", [np.int16, np.float32])
+def test_min_is_white_of_other_numbers_is_their_negative(tmp_path, dtype):
+    tifffile.imwrite(tmp_path / "a.tif", GREY.astype(dtype) - 100, photometric="miniswhite")
+    np.testing.assert_array_equal(read_image(tmp_path / "a.tif"), 100.0 - GREY)
+
+
 @pytest.mark.parametrize("suffix", ["png", "tif"])
 @pytest.mark.parametrize("mode", ["L", "RGB", "RGBA", "LA", "P", "1", "I;16"])
 def test_colour_modes(tmp_path, suffix, mode):
@@ -219,6 +225,9 @@ def test_the_user_comes_first(tmp_path):
     assert (micrograph.pixel_size, micrograph.pixel_size_source) == (0.5, said)
     assert read_micrograph(tmp_path / "a.tif", 1.001).pixel_size_source == "given by the user"
     assert micrograph.path == tmp_path / "a.tif"
+    tifffile.imwrite(tmp_path / "b.tif", GREY, resolution=(10_000, 5_000), resolutionunit="CENTIMETER")
+    said = "given by the user; the file says 1 by 2 µm (TIFF resolution per centimetre)"
+    assert read_micrograph(tmp_path / "b.tif", 1.0).pixel_size_source == said
     assert read_micrograph(str(tmp_path / "a.tif")).pixel_size == pytest.approx(1.0)
 
 

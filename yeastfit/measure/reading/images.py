@@ -258,10 +258,19 @@ def _tiff_pixels(page: Any, path: Path, file: BinaryIO) -> Grey:
         colours = (page.colormap >> 8).astype(np.uint8)  # stored in 16 bits, meant in 8
         return _to_grey(np.moveaxis(colours[:, values], 0, -1), path)
     if page.photometric == 0:  # 0 is white
-        values = ~values if values.dtype == bool else (2**page.bitspersample - 1) - values
+        values = _negative(values, page.bitspersample)
     elif page.photometric not in (1, 2, 6):
         raise InputError(f"{path}: TIFF photometric interpretation {page.photometric}, need greyscale, palette or RGB")
     return _to_grey(values, path)
+
+
+def _negative(values: npt.NDArray[Any], bits: int) -> npt.NDArray[Any]:
+    """Black and white exchanged: of unsigned numbers within their bits, else within the values that are there."""
+    if values.dtype.kind == "b":
+        return ~values
+    if values.dtype.kind == "u":
+        return values.dtype.type(2**bits - 1) - values
+    return -values.astype(np.float64)
 
 
 def _read_pillow(path: Path, file: BinaryIO, frame: int | None = None) -> ImageContents:
