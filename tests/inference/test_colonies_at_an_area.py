@@ -11,6 +11,7 @@ from helpers import on_one_device
 from yeastfit import HARD, ColonySimulator, Imaging, InputError, Resolution, Targets, simulate
 from yeastfit.inference.colony_simulator import NOT_COME, TOO_FAST, colony_simulator_of
 from yeastfit.inference.models.algebraic import Algebraic
+from yeastfit.inference.models.offlattice import Offlattice
 from yeastfit.inference.simulator import member_seeds
 from yeastfit.measure.measurements_table import read_measurements
 from yeastfit.measure.outlining.outline_errors import OUTLINE_ERRORS
@@ -144,8 +145,9 @@ def test_an_area_that_is_not_known_is_named(area: float | None, message: str) ->
     rows = [{name: value for name, value in row.items() if name != "area"} for row in read_measurements(REAL)]
     if area is not None:
         rows = [{**row, "area": area} for row in rows]
-    with pytest.raises(InputError, match=message):
-        Algebraic(match="area").seen(rows, REAL.parent, None, ("compactness",))
+    for model in (Algebraic(match="area"), Offlattice()):
+        with pytest.raises(InputError, match=message):
+            model.seen(rows, REAL.parent, None, ("compactness",))
 
 
 def test_what_does_not_suit_is_refused() -> None:

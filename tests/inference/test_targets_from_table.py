@@ -161,7 +161,8 @@ def test_rows_that_no_fit_can_use_are_refused_in_words(measured: Path, tmp_path:
         targets_of(rows, measured)
     rows = read_measurements(written([{**row, "um_per_pixel": ""} for row in raw(measured)], tmp_path / TABLE))
     with pytest.raises(
-        InputError, match=r"colony01_06\.0h\.tif: um_per_pixel is nan, it must be a number from 0\.001 to 1000 µm"
+        InputError,
+        match=r"colony01_06\.0h\.tif: um_per_pixel is empty in the table, it must be a number from 0\.001 to 1000 µm",
     ):
         targets_of(rows, measured)
     rows = read_measurements(measured / TABLE)

@@ -198,7 +198,10 @@ def checked_rows(rows: Sequence[Mapping[str, Any]], condition: str | None) -> li
             raise InputError(f"{row['file']}: its hours are unknown, a fit needs them: measure a data set")
         for name in ("um_per_pixel", "max_radius"):
             if name in row:
-                (KNOWN.get(name) or STATISTICS[name].admissible).read(row[name], f"{row['file']}: {name}")
+                admissible = KNOWN.get(name) or STATISTICS[name].admissible
+                if isinstance(row[name], float) and math.isnan(row[name]):
+                    raise InputError(f"{row['file']}: {name} is empty in the table, it must be {admissible}")
+                admissible.read(row[name], f"{row['file']}: {name} in the table")
     unnamed = [row for row in chosen if not str(row["replicate"] or "")]
     if unnamed and len(unnamed) < len(chosen):
         raise InputError(f"{unnamed[0]['file']}: its replicate is empty, others have one: say which colony it is of")

@@ -15,7 +15,7 @@ from yeastfit.inference.models.algebraic_settings import CELL, AlgebraicSettings
 from yeastfit.inference.models.forward_model import Row, Seen
 from yeastfit.inference.models.grown import Grown, Outlines
 from yeastfit.inference.models.image_checks import check_images, of_pixels
-from yeastfit.inference.models.last_images import last_images, measured
+from yeastfit.inference.models.last_images import last_images, mean_area, measured
 from yeastfit.inference.resolution import Resolution, usual_resolution
 from yeastfit.inference.sensitivity.estimate import sensitivity as estimate_sensitivity
 from yeastfit.inference.sensitivity.result import Sensitivity
@@ -91,10 +91,8 @@ class Algebraic(AlgebraicSettings):
         latest = max(float(row["hours"]) for row in chosen)
         targets = targets_of([{**row, "hours": latest} for row in chosen], folder, estimator="mask", **how)
         areas = [measured(row, folder, ("area",))["area"] for row in chosen]
-        for row, area in zip(chosen, areas, strict=True):
-            if not area > 0:
-                raise InputError(f"{row['file']}: area is {area:g}, and colonies are compared at their mean area")
-        wanted = float(np.mean(areas)) if self.area is None else self.area
+        mean = mean_area(chosen, areas)
+        wanted = mean if self.area is None else self.area
         imaging = targets.imaging
         assert imaging is not None
         assert imaging.extent is not None

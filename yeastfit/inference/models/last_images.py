@@ -4,6 +4,8 @@ import math
 from collections.abc import Sequence
 from pathlib import Path
 
+import numpy as np
+
 from yeastfit.errors import InputError
 from yeastfit.inference.models.forward_model import Row
 from yeastfit.measure.measurements_table import read_mask
@@ -18,9 +20,11 @@ def last_images(rows: Sequence[Row]) -> tuple[list[Row], list[str]]:
     chosen, notes = [row for row in rows if last[str(row["replicate"])] is row], []
     hours = sorted({float(row["hours"]) for row in chosen})
     if len(chosen) < len(rows):
+        earlier = len(rows) - len(chosen)
+        images, are = ("images", "are") if earlier > 1 else ("image", "is")
         notes.append(
-            f"{len(rows) - len(chosen)} images before the last one of their colony are left out: colonies are compared "
-            "whatever their age"
+            f"{earlier} {images} before the last one of their colony {are} left out: colonies are compared whatever "
+            "their age"
         )
     if len(hours) > 1:
         early = [f"{row['file']} ({float(row['hours']):g} h)" for row in chosen if float(row["hours"]) < hours[-1]]
@@ -49,9 +53,20 @@ def measured(row: Row, folder: Path, statistics: Sequence[str]) -> dict[str, flo
     return found
 
 
+def mean_area(rows: Sequence[Row], areas: Sequence[float]) -> float:
+    """Of images with these areas. Raises `InputError` where one is not known."""
+    for row, area in zip(rows, areas, strict=True):
+        if not area > 0:
+            raise InputError(
+                f"{row['file']}: area is {area:g}, and colonies are compared at their mean area: measure it again, or "
+                "leave its row out"
+            )
+    return float(np.mean(areas))
+
+
 def _number(row: Row, name: str, admissible: Range) -> float:
     """A statistic in the table, nan where its cell is empty; one that `measure` does not know is text there."""
     value = row[name]
     if value == "":
         return math.nan
-    return admissible.read(value, f"{row['file']}: {name}") if isinstance(value, str) else float(value)
+    return admissible.read(value, f"{row['file']}: {name} in the table") if isinstance(value, str) else float(value)

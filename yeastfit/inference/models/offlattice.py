@@ -18,7 +18,7 @@ from yeastfit.errors import InputError
 from yeastfit.inference.models.forward_model import ForwardModel, Row, Seen
 from yeastfit.inference.models.grown import Outlines
 from yeastfit.inference.models.image_checks import check_comparable, check_images, check_pixel
-from yeastfit.inference.models.last_images import last_images, measured
+from yeastfit.inference.models.last_images import last_images, mean_area, measured
 from yeastfit.inference.posterior.settings import Setting
 from yeastfit.inference.prior.distributions import Distribution
 from yeastfit.inference.prior.prior import Prior
@@ -181,7 +181,7 @@ class Offlattice(ForwardModel):
         curves = {name: np.array([[value[name]] for value in values]) for name in statistics}
         check_some(curves, len(chosen))
         targets = Targets.from_replicates(curves, [hours], colonies=[str(row["replicate"]) for row in chosen])
-        area = float(np.mean([value["area"] for value in values])) if self.area is None else self.area
+        area = mean_area(chosen, [value["area"] for value in values]) if self.area is None else self.area
         pixel = float(np.mean([row["um_per_pixel"] for row in chosen])) if self.pixel_size is None else self.pixel_size
         if self.pixel_size is not None and self._masks(statistics) != "ellipses":
             notes.append(
