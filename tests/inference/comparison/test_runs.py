@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from helpers import wrong_types
 from made_posteriors import made_posterior
 
 from yeastfit import InputError
@@ -157,6 +158,41 @@ def test_doubts() -> None:
     assert any(one.startswith("b: not settled") for one in found.doubts)
     assert "cells is 1000 in a and 2000 in b: parameters may differ by that alone" in found.doubts
     assert any(one.startswith("c has left no colonies out") for one in found.doubts)
+
+
+def test_doubts_of_colonies_left_out_name_their_run() -> None:
+    """And those of a run that is compared by conditions alone are none."""
+    density = np.linspace(-4.0, -3.0, COLONIES)
+    short = replace(predicted(density), doubts=("chains are too short",))
+    pairs = replace(predicted(density - 1.0), group=np.arange(COLONIES) % 6)
+    found = Comparison.of([run("a", "m", "p", 1.0, short), run("b", "n", "p", 1.0, pairs)])
+    assert found.doubts == (
+        "colonies were left out in 4 groups in a and in 6 in b, and predicted from other numbers of colonies: "
+        "densities may differ by that alone",
+        "a: chains are too short",
+    )
+    other = replace(predicted(density, seed=3), doubts=("chains are too short",))
+    assert Comparison.of([run("a", "m", "p", 1.0, short), run("b", "m", "q", 1.0, other)]).doubts == ()
+
+
+def test_colonies_of_both_conditions_are_a_doubt() -> None:
+    first, second = predicted(np.zeros(COLONIES)), predicted(np.zeros(COLONIES), seed=3)
+    observed = second.observed.copy()
+    observed[:3], observed[0, 1] = first.observed[5:8], np.nan
+    runs = [run("a", "m", "p", 1.0, first), run("b", "m", "q", 1.0, replace(second, observed=observed))]
+    assert Comparison.of(runs).doubts == ("a and b have 3 colonies in common, and are compared as if all were others",)
+
+
+def test_the_density_of_some_colonies_is_said_to_be_of_those() -> None:
+    density = np.where(np.arange(COLONIES) < 2, np.nan, -3.0)
+    words = "12 colonies left out in 4 groups: log predictive density of 10 of them -30.0 ± 0.0; "
+    assert predicted(density).sentence().startswith(words)
+
+
+@pytest.mark.parametrize("level", [90, -0.1, np.nan, "half"])
+def test_levels_are_shares(level: float) -> None:
+    with wrong_types(), pytest.raises(InputError, match=r"level is .*, it must be a number in 0\.\.1, such as 0\.9"):
+        predicted(np.zeros(COLONIES)).coverage(level)
 
 
 def test_other_priors_are_doubts() -> None:

@@ -25,6 +25,7 @@ from jaxtyping import Float, Int
 from scipy.stats import binom, norm
 
 from yeastfit.errors import InputError
+from yeastfit.inference.posterior.draws import check_level
 from yeastfit.storage import as_json, from_json, reads_saved, written_whole
 from yeastfit.text import natural_order
 
@@ -84,7 +85,8 @@ class LeftOut:
         return standard_error(self.scored)
 
     def inside(self, level: float) -> Int[np.ndarray, " statistic"]:
-        """How many colonies lie in the central interval of each statistic."""
+        """How many colonies lie in the central interval of each statistic; raises as `Posterior.interval`."""
+        check_level(level)
         return (np.abs(self.below - 0.5) <= 0.5 * level).sum(axis=0)
 
     @property
@@ -153,8 +155,10 @@ class LeftOut:
 
     def sentence(self) -> str:
         """What was found, in words."""
+        count, scored = len(self.colonies), len(self.scored)
+        of_them = f" of {scored} of them" if scored < count else ""
         return (
-            f"{len(self.scored)} colonies left out in {self.groups} groups: log predictive density {self.total:.1f} ± "
+            f"{count} colonies left out in {self.groups} groups: log predictive density{of_them} {self.total:.1f} ± "
             f"{self.standard_error:.1f}; {100 * self.coverage(0.5):.0f} % of the observations in the predicted "
             f"interval of 50 %, {100 * self.coverage(0.9):.0f} % in that of 90 %"
         )

@@ -6,6 +6,8 @@ from itertools import combinations
 from math import isclose
 from typing import Any
 
+import numpy as np
+
 from yeastfit.errors import InputError
 from yeastfit.inference.comparison.conditions import ConditionComparison
 from yeastfit.inference.comparison.left_out import LeftOut
@@ -71,8 +73,9 @@ class Comparison:
         if not (models or conditions):
             reasons = "; ".join([*why, *others]) or "runs are of other models and other data"
             raise InputError(f"runs: nothing to compare: {reasons}")
-        checked = [one.left_out.doubts for one in runs if one.left_out is not None]
-        doubts += [*why, *others, *(doubt for each in checked for doubt in each)]
+        compared = {one.name: one.left_out.doubts for each in models for one in each.runs}
+        of_runs = [f"{name}: {doubt}" for name, each in compared.items() for doubt in each]
+        doubts += [*why, *others, *of_runs]
         return Comparison(tuple(runs), models, conditions, tuple(dict.fromkeys(doubts)))
 
     @property
@@ -124,6 +127,11 @@ def _models(runs: Sequence[ComparedRun]) -> tuple[tuple[ModelComparison, ...], l
                 doubts.append(f"{first} and {name} are of the same data, but not compared: {why}")
             else:
                 alike[name] = left_out
+                if first is not None and left_out.groups != alike[first].groups:
+                    doubts.append(
+                        f"colonies were left out in {alike[first].groups} groups in {first} and in {left_out.groups} "
+                        f"in {name}, and predicted from other numbers of colonies: densities may differ by that alone"
+                    )
         if len(alike) > 1:
             found.append(ModelComparison.of(alike))
     return tuple(found), doubts
@@ -139,6 +147,10 @@ def _conditions(runs: Sequence[ComparedRun]) -> tuple[tuple[ConditionComparison,
             doubts.append(f"{one.name} and {other.name} are not compared: no parameter is free in both")
             continue
         found.append(ConditionComparison.of(one.name, one.posterior, other.name, other.posterior))
+        if shared := _shared(one.left_out, other.left_out):
+            doubts.append(
+                f"{one.name} and {other.name} have {shared} colonies in common, and are compared as if all were others"
+            )
         doubts += [
             f"{name} is {one.settings.get(name)} in {one.name} and {other.settings.get(name)} in {other.name}: "
             "parameters may differ by that alone"
@@ -153,6 +165,15 @@ def _conditions(runs: Sequence[ComparedRun]) -> tuple[tuple[ConditionComparison,
             if name in priors[1] and priors[0][name] != priors[1][name]
         ]
     return tuple(found), doubts
+
+
+def _shared(one: LeftOut | None, other: LeftOut | None) -> int:
+    """How many colonies have the same numbers in both, as far as they are known."""
+    if one is None or other is None or one.labels != other.labels:
+        return 0
+    apart = np.abs(one.observed[:, None] - other.observed) > ROUNDING * np.abs(other.observed)
+    known = np.isfinite(one.observed)[:, None] & np.isfinite(other.observed)
+    return int((known.any(axis=2) & ~(apart & known).any(axis=2)).any(axis=1).sum())
 
 
 def _words(distribution: Distribution) -> str:

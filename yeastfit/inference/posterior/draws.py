@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 from functools import cached_property
 from numbers import Real
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -98,8 +99,7 @@ class Draws:
         Raises:
             InputError: The level is not in 0..1.
         """
-        if not isinstance(level, Real) or not 0 <= level <= 1:
-            raise InputError(f"level is {quoted(level)}, it must be a number in 0..1, such as 0.9 for 90 %")
+        check_level(level)
         return np.stack([self.quantile(0.5 - 0.5 * level), self.quantile(0.5 + 0.5 * level)], axis=1)
 
     def drawn(self, count: int, rng: np.random.Generator) -> Float[np.ndarray, "draw free"]:
@@ -128,6 +128,12 @@ class Draws:
         if self.chains is not None:
             return self.chains.effective_size
         return np.full(len(self.free), 1.0 / np.sum(self.weights**2))
+
+
+def check_level(level: Any) -> None:
+    """Raise `InputError` where the level of an interval is no share."""
+    if not isinstance(level, Real) or not 0 <= float(level) <= 1:
+        raise InputError(f"level is {quoted(level)}, it must be a number in 0..1, such as 0.9 for 90 %")
 
 
 def weighted_quantile(values: Float[np.ndarray, " draw"], weights: Float[np.ndarray, " draw"], share: float) -> float:

@@ -21,12 +21,13 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from yeastfit.errors import InputError
-from yeastfit.inference.posterior.draws import Draws
+from yeastfit.inference.posterior.draws import Draws, check_level
 from yeastfit.inference.prior.variation import simulator_of_draws
-from yeastfit.inference.simulator import Mismeasured, Replicates, Simulator, labels_of, root_of
+from yeastfit.inference.simulator import Mismeasured, Replicates, Simulator, check_simulator, labels_of, root_of
 from yeastfit.memory import check_count
 from yeastfit.seeds import Stream, stream_of
 from yeastfit.storage import reads_saved, written_whole
+from yeastfit.text import quoted
 
 LEAST_P = 0.025  # below, a warning says that the model does not make such data; 40 draws resolve just that
 FEWEST = 10  # draws of a band
@@ -56,7 +57,8 @@ class Predictive:
     failed: int
 
     def band(self, level: float) -> Float[np.ndarray, "statistic 2"]:
-        """Central interval of each statistic."""
+        """Central interval of each statistic. Raises `InputError` where the level is not in 0..1."""
+        check_level(level)
         return self.quantiles([0.5 - 0.5 * level, 0.5 + 0.5 * level]).T
 
     def quantiles(self, shares: Sequence[float]) -> Float[np.ndarray, "share statistic"]:
@@ -140,8 +142,9 @@ def predict(
         InputError: There are fewer than `FEWEST` draws, or fewer succeeded, or the simulator has other
             parameters or statistics.
     """
-    if draws < FEWEST:
-        raise InputError(f"draws is {draws}, a predictive check needs at least {FEWEST}")
+    check_simulator(simulator)
+    if not isinstance(draws, int | np.integer) or draws < FEWEST:
+        raise InputError(f"draws is {quoted(draws)}, a predictive check needs a whole number of at least {FEWEST}")
     check_count("draws", draws)
     labels, observed = labels_of(simulator), draws_of.observed
     if labels != tuple(draws_of.labels):

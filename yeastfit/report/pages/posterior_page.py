@@ -16,7 +16,7 @@ ALT = {
     "traces": "Every parameter along the chains, or the weights of the draws",
     "ranks": "Ranks of the draws of every chain; grey: two standard deviations of chance",
     "predictive": "Predicted curves over the data",
-    "colonies": "Photographs above simulations at draws of the posterior",
+    "colonies": "Simulations at draws of the posterior, below photographs where there are any",
     "left_out": "Colonies that were left out, over what the others predict: intervals of 50 and 90 %",
     "emulator": "Residuals of simulations held out from the emulator",
 }
