@@ -3,8 +3,10 @@
 from collections.abc import Callable
 from typing import Any
 
+import numpy as np
 import pytest
 from helpers import wrong_types
+from made_posteriors import made_posterior
 from stand_in import StandIn
 
 import yeastfit
@@ -17,6 +19,11 @@ ANY: Any = yeastfit  # whose functions a type checker lets be called with anythi
 
 def grown(**given: Any) -> None:
     ANY.simulate(**({"parameters": Parameters(), "keys": member_keys(0, 2), "times": [1]} | given))
+
+
+def inferred(**given: Any) -> None:
+    simulator = StandIn()
+    ANY.infer(simulator, Prior.default(simulator.parameters), np.ones(len(simulator.observables)), **given)
 
 
 WRONG: list[tuple[Callable[[], object], str]] = [
@@ -36,6 +43,12 @@ WRONG: list[tuple[Callable[[], object], str]] = [
     (lambda: ANY.infer(StandIn(), "wide", [1.0]), r"prior is 'wide', it must be a yeastfit.Prior, such as"),
     (lambda: ANY.Prior.default("mobility"), r"parameters is 'mobility', it must be a yeastfit.ParameterSet"),
     (lambda: ANY.design("out"), r"sensitivity is 'out', it must be the result of yeastfit.sensitivity"),
+    (lambda: ANY.simulate(member_keys(0, 2), Parameters(), times=[1]), r"parameters is .*, it must be yeastfit.Param"),
+    (lambda: inferred(variation=True), r"variation is true, it must be yeastfit.Variation\(…\)"),
+    (lambda: inferred(limits=[[0.0, 1.0]]), r"limits is \[\[0.0, 1.0\]\], it must be an array with a row"),
+    (lambda: inferred(store=3), r"store is 3, it must be a path, or an open yeastfit.Store"),
+    (lambda: ANY.calibrate(None, Prior.default(StandIn().parameters)), r"simulator \(NoneType\) has no parameters"),
+    (lambda: ANY.Posterior.predict(made_posterior(np.zeros((1, 50, 2))), None), r"simulator \(NoneType\) has no par"),
     (lambda: ANY.check_gradients("out"), r"parameters is 'out', it must be yeastfit.Parameters\(…\)"),
 ]
 

@@ -86,7 +86,7 @@ def _in_words_of_files(value: Any) -> str:
         return f"{{{entries}}}"
     if isinstance(value, list | tuple):
         return f"[{', '.join(map(_in_words_of_files, value))}]"
-    if hasattr(value, "__array__"):  # of NumPy or of JAX
+    if hasattr(value, "__array__") and hasattr(value, "tolist"):  # of NumPy or of JAX, whose keys have none
         return re.sub(r"\.0(?=[],]|$)", "", _in_words_of_files(value.tolist()))
     return repr(value)
 

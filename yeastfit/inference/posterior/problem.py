@@ -148,6 +148,10 @@ class Problem:
         """
         check_simulator(simulator)
         check_kind("prior", prior, Prior, "a yeastfit.Prior, such as yeastfit.Prior.default(simulator.parameters)")
+        if variation is not None:
+            check_kind("variation", variation, Variation)
+        if limits is not None:
+            check_kind("limits", limits, np.ndarray, "an array with a row, least and largest, for each statistic")
         if not isinstance(observed, Targets):
             data = np.asarray(observed, dtype=float)
             if data.ndim != 2:

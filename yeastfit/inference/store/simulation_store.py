@@ -34,6 +34,7 @@ import numpy as np
 from yeastfit.errors import InputError
 from yeastfit.inference.simulator import Simulator, about_of, labels_of
 from yeastfit.inference.store.simulations import Seeds, Simulations, Statistics, Values, checks
+from yeastfit.kinds import check_kind
 from yeastfit.storage import as_json, from_json, full_disks_told, hdf5_written_whole
 
 DATASET = "simulations"
@@ -158,6 +159,8 @@ def opened_store(store: Simulations | str | Path | None, simulator: Simulator) -
     names, labels = simulator.parameters.names, labels_of(simulator)
     if isinstance(store, str | Path):
         return Store(store, names, labels, about_of(simulator))
+    if store is not None:
+        check_kind("store", store, Simulations, "a path, or an open yeastfit.Store")
     return nullcontext(Simulations(names, labels) if store is None else store)
 
 
