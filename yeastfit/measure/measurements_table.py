@@ -201,7 +201,7 @@ def checked_rows(rows: Sequence[Mapping[str, Any]], condition: str | None) -> li
                 admissible = KNOWN.get(name) or STATISTICS[name].admissible
                 if isinstance(row[name], float) and math.isnan(row[name]):
                     raise InputError(f"{row['file']}: {name} is empty in the table, it must be {admissible}")
-                admissible.read(row[name], f"{row['file']}: {name} in the table")
+                admissible.read(row[name], f"{row['file']}: {name}")
     unnamed = [row for row in chosen if not str(row["replicate"] or "")]
     if unnamed and len(unnamed) < len(chosen):
         raise InputError(f"{unnamed[0]['file']}: its replicate is empty, others have one: say which colony it is of")

@@ -69,4 +69,4 @@ def _number(row: Row, name: str, admissible: Range) -> float:
     value = row[name]
     if value == "":
         return math.nan
-    return admissible.read(value, f"{row['file']}: {name} in the table") if isinstance(value, str) else float(value)
+    return admissible.read(value, f"{row['file']}: {name}") if isinstance(value, str) else float(value)
