@@ -85,7 +85,11 @@ class LeftOut:
         return standard_error(self.scored)
 
     def inside(self, level: float) -> Int[np.ndarray, " statistic"]:
-        """How many colonies lie in the central interval of each statistic; raises as `Posterior.interval`."""
+        """How many colonies lie in the central interval of each statistic.
+
+        Raises:
+            InputError: The level is not in 0..1.
+        """
         check_level(level)
         return (np.abs(self.below - 0.5) <= 0.5 * level).sum(axis=0)
 

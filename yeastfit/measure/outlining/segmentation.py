@@ -5,7 +5,8 @@ How `segment` works, in grey levels, for a bright-field photograph I (colony dar
     background  L = b(y) + a(x), steps of whole rows and columns, plus a polynomial of degree 4, fitted by least squares
                 to the background, plus the background's mean residual within 5 %, then 1.5 %, of the image's longer
                 side. Background is what no edge separates from the border and from a first polynomial, fitted by
-                iterated one-sided clipping: a shadow's slope is below 0.4 % of L per pixel, a colony's edge above it
+                iterated one-sided clipping: a shadow's slope is below 0.4 % of L per pixel, a colony's edge above it.
+                Where a camera or a file has added to all values, brightness counts from there (`pedestal_of`)
     contrast    D = L − I, with noise σ from the second differences of I (kernel of Immerkær 1996, "Fast noise variance
                 estimation", Comput. Vis. Image Underst. 64:300, doi:10.1006/cviu.1996.0060)
     coarse      the object: where D, smoothed by 0.8 px, exceeds 4 of its own deviations
