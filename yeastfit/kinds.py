@@ -19,3 +19,9 @@ def check_kind(name: str, value: Any, kind: type, write: str = "") -> None:
         raise InputError(f"{name} is the class {value.__name__}: write {value.__name__}(…)")
     if not isinstance(value, kind):
         raise InputError(f"{name} is {quoted(value)}, it must be {write or f'yeastfit.{kind.__name__}(…)'}")
+
+
+def check_list(name: str, value: Any) -> None:
+    """Raise `InputError` where a list of names is one text: nobody means its letters."""
+    if isinstance(value, str):
+        raise InputError(f"{name} is {quoted(value)}, it must be a list of names, such as [{quoted(value)}]")

@@ -6,6 +6,8 @@ from dataclasses import KW_ONLY, dataclass
 from numbers import Real
 from typing import Any
 
+import numpy as np
+
 from yeastfit.errors import InputError
 from yeastfit.text import quoted
 
@@ -41,6 +43,32 @@ def whole_number_of(value: Any) -> int | None:
         return int(value) if WHOLE.fullmatch(value := value.strip()) else None
     number = number_of(value)
     return int(value) if math.isfinite(number) and number == int(number) else None
+
+
+def array_of(value: Any, what: str) -> np.ndarray:
+    """Numbers as an array of double precision.
+
+    Arguments:
+        value: A number or an array, or sequences of them.
+        what: What the message begins with.
+
+    Raises:
+        InputError: They are none, or rows differ in length.
+    """
+    try:
+        if value is not None:
+            return np.asarray(value, dtype=float)
+    except (TypeError, ValueError):
+        pass
+    raise InputError(f"{what} is {quoted(value)}, it must be numbers, as many in each row")
+
+
+def pair_of(value: Any, what: str) -> tuple[float, float]:
+    """Two numbers. Raises `InputError`, which begins with `what`, for anything else."""
+    numbers = array_of(value, what)
+    if numbers.shape != (2,):
+        raise InputError(f"{what} is {quoted(value)}, it must be two numbers")
+    return float(numbers[0]), float(numbers[1])
 
 
 @dataclass(frozen=True)
@@ -138,6 +166,7 @@ def _written(end: float) -> str:
 
 
 POSITIVE = Range(0.0, above=True)
+AT_LEAST_ONE = Range(1)
 PIXEL_SIZES = Range(1e-3, 1e3, "µm")
 """Of micrographs: from 1 nm to 1 mm."""
 HOURS = Range(1e-3, 1e5, "hours")

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from yeastfit.errors import InputError
+from yeastfit.kinds import check_list
 
 SMALLEST, LARGEST = float(np.finfo(np.float32).tiny), float(np.finfo(np.float32).max)  # simulations compute with
 
@@ -134,8 +135,7 @@ class ParameterSet(Mapping[str, Parameter]):
         Raises:
             InputError: A name is unknown, none is given, or one is given twice.
         """
-        if isinstance(names, str):
-            raise InputError(f"free is {names!r}, it must be a list of names, such as [{names!r}]")
+        check_list("free", names)
         for name in names:
             if name not in self.names:
                 raise InputError(f"free names {name!r}, which is unknown, expected some of {', '.join(self.names)}")

@@ -84,6 +84,8 @@ def written_whole(path: str | Path) -> Iterator[Path]:
         where a run is in the folder, in `WORK`, which the next one clears after a kill.
     """
     path = Path(path)
+    if path.is_dir():
+        raise InputError(f"{path}: this is a folder, give the name of a file in it")
     path.parent.mkdir(parents=True, exist_ok=True)
     room = path.parent / WORK
     room = room if room.is_dir() else path.parent

@@ -108,5 +108,5 @@ def test_what_fails_is_counted_and_nothing_at_all_is_an_error() -> None:
         calibrate(Gaussian(), PRIOR, data_sets=3, method=Never())
     with pytest.raises(InputError, match="foo is no setting of any method"):
         calibrate(Gaussian(), PRIOR, data_sets=3, foo=1)
-    with pytest.raises(InputError, match="data_sets is 0, it must be at least 1"):
+    with pytest.raises(InputError, match="data_sets is 0, it must be a whole number of at least 1"):
         calibrate(Gaussian(), PRIOR, data_sets=0)

@@ -21,13 +21,14 @@ from yeastfit.inference.posterior.problem import Problem
 from yeastfit.inference.posterior.result import Posterior
 from yeastfit.inference.posterior.sampler import Sampler
 from yeastfit.inference.prior.prior import Prior
-from yeastfit.inference.samplers import infer, sampler_of
+from yeastfit.inference.samplers import chosen_sampler, infer
 from yeastfit.inference.simulator import Rows, Seeds, Simulator, Values, Wrapper, check_simulator, seed_of
 from yeastfit.inference.store.simulation_store import opened_store
 from yeastfit.inference.store.simulations import Simulations
 from yeastfit.memory import check_count
+from yeastfit.numbers import AT_LEAST_ONE
 from yeastfit.observable import Observable
-from yeastfit.progress import Progress, silent
+from yeastfit.progress import Progress, progress_or_silent
 from yeastfit.seeds import Stream, stream_of
 
 
@@ -85,12 +86,10 @@ def calibrate(
         SimulationError: No data set has a posterior.
     """
     check_simulator(simulator)
-    if isinstance(method, str):
-        sampler_of(method, settings)  # a wrong setting is no fault of a data set
+    chosen_sampler(method, settings)  # a wrong setting is no fault of a data set
+    progress = progress_or_silent(progress)
     for name, count in (("data_sets", data_sets), ("draws", draws)):
-        if count < 1:
-            raise InputError(f"{name} is {count}, it must be at least 1")
-        check_count(name, count)
+        check_count(name, AT_LEAST_ONE.read_whole(count, name))
     near = over if isinstance(over, Posterior) else None
     prior = near.prior if near is not None else over
     if near is not None:
@@ -103,7 +102,7 @@ def calibrate(
     truths, ranks, failed, warned = [], [], list[str](), 0
     with opened_store(store, both) as simulations:
         for k in range(data_sets):
-            (progress or silent)(f"data set {k + 1} of {data_sets}", k / data_sets)
+            progress(f"data set {k + 1} of {data_sets}", k / data_sets)
             rng = np.random.default_rng(stream_of(seed, Stream.TRUTH, k))
             truth = near.drawn(1, rng) if near is not None else one.prior.sample(1, rng)
             data = make(truth, rng.integers(2**32, size=1).astype(np.uint64))[0]

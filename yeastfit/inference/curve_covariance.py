@@ -11,6 +11,7 @@ import scipy
 from jaxtyping import Float
 
 from yeastfit.errors import InputError
+from yeastfit.numbers import array_of
 from yeastfit.observable import Observable
 
 ROUNDING = 1e-10  # of the largest eigenvalue: smaller ones are rounding errors
@@ -41,10 +42,10 @@ def mean_covariance(
         InputError: R or members is not above 0, or there are too few degrees of freedom.
     """
     count = len(scatter)
-    behind = np.broadcast_to(np.asarray(replicates, dtype=float), count)
+    behind = np.broadcast_to(array_of(replicates, "replicates"), count)
     if not (behind > 0).all():
         raise InputError(f"replicates is {replicates}, every mean needs more than 0")
-    if not members > 0:
+    if isinstance(members, str) or not members > 0:
         raise InputError(f"members is {members}, it must be above 0")
     if freedom <= count + 1:
         raise InputError(
@@ -69,7 +70,8 @@ def measurement_covariance(
         InputError: An error is below 0 or above 1.
     """
     statistics = [one.statistic for one in observables]
-    shares = np.array([relative[name] if isinstance(relative, Mapping) else relative for name in statistics])
+    each = [relative[name] if isinstance(relative, Mapping) else relative for name in statistics]
+    shares = array_of(each, "measurement_error")
     if not ((shares >= 0) & (shares <= 1)).all():
         raise InputError(f"measurement_error is {relative}, it must be at least 0, and at most 1, which is 100 %")
     error = shares * mean

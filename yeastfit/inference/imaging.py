@@ -7,8 +7,10 @@ from typing import Any, get_args
 import numpy as np
 
 from yeastfit.errors import InputError
+from yeastfit.kinds import check_kind
 from yeastfit.measure.statistics.registry import STATISTICS, Estimator, known_statistics
 from yeastfit.model.parameters import Scales
+from yeastfit.numbers import Range
 
 SPACING = 0.1  # L0, the grid on which shapes are compared: 0.75 µm for yeast
 SMOOTHING = 0.15  # L0, the blur both undergo, which makes them indifferent to how a pixel on the edge was called
@@ -41,6 +43,10 @@ class Imaging:
             raise InputError(
                 f"targets: estimator is {self.estimator!r}, it must be one of {', '.join(get_args(Estimator))}"
             )
+        for name in ("spacing", "smoothing", "extent"):
+            if getattr(self, name) is not None:
+                Range().check(getattr(self, name), f"targets: {name}")
+        check_kind("targets: scales", self.scales, Scales)
         if self.spacing <= 0 or self.smoothing < 0 or not (self.extent is None or self.extent > 0):
             raise InputError(
                 f"targets: spacing is {self.spacing:g}, smoothing {self.smoothing:g} and extent {self.extent}, "

@@ -19,6 +19,8 @@ from scipy.special import expit
 from yeastfit.errors import InputError
 from yeastfit.inference.polynomial import sobol_points
 from yeastfit.inference.simulator import Values
+from yeastfit.kinds import check_kind, check_list
+from yeastfit.numbers import Range, pair_of
 from yeastfit.parameter_set import Parameter, ParameterSet
 from yeastfit.text import natural_order
 
@@ -75,6 +77,7 @@ class ParameterSpace:
                 ends, or there are own parameters of a single condition.
         """
         given = dict(bounds or {})
+        check_list("own", own)
         for what, names in (("own", own), ("bounds", given)):
             for name in names:
                 if name not in parameters:
@@ -131,8 +134,8 @@ class ParameterSpace:
         self.check_names("start", values)
         found = []
         for entry in self.entries:
-            value = float(values.get(entry.name, values.get(entry.parameter, parameters[entry.parameter].default)))
-            low, high = entry.bounds
+            value = values.get(entry.name, values.get(entry.parameter, parameters[entry.parameter].default))
+            value, (low, high) = Range().check(value, f"start: {entry.name}"), entry.bounds
             if not low < value < high:
                 raise InputError(
                     f"start: {entry.name} is {value:g}, a free parameter starts inside ({low:g}, {high:g})"
@@ -142,6 +145,7 @@ class ParameterSpace:
 
     def check_names(self, what: str, names: Mapping[str, object]) -> None:
         """Raise `InputError` for a name that is neither an entry nor a parameter of one."""
+        check_kind(what, names, Mapping, "values by the names of parameters")
         known = {entry.parameter for entry in self.entries} | set(self.names)
         for name in names:
             if name not in known:
@@ -185,7 +189,7 @@ def _range(parameter: Parameter, bounds: tuple[float, float] | None) -> tuple[fl
                 f"{name} is plausible from {low:g} to {high:g}: a fit works with its logarithm, give bounds above 0"
             )
         return low, high
-    low, high = bounds
+    low, high = pair_of(bounds, f"bounds of {name}")
     if not (0 < low < high <= most and low >= least and np.isfinite(high)):
         below = f"at least {least:g}" if least > 0 else "above 0"
         above = f" to at most {most:g}" if most < np.inf else ""

@@ -28,7 +28,7 @@ from yeastfit.inference.simulator import Simulator
 from yeastfit.inference.store.simulation_store import opened_store
 from yeastfit.inference.store.simulations import Simulations
 from yeastfit.inference.targets import Targets
-from yeastfit.progress import Progress, silent
+from yeastfit.progress import Progress, progress_or_silent
 from yeastfit.text import quoted
 
 SAMPLERS: dict[str, type[Sampler]] = {
@@ -89,17 +89,9 @@ def infer(
     """
     rest: dict[str, Any] = {"colony_noise": colony_noise, "variation": variation, "limits": limits}
     problem = Problem.of(simulator, prior, observed, replicates, noise, **rest)
-    if isinstance(method, str):
-        sampler = sampler_of(method, settings)
-    elif isinstance(method, type) or not callable(getattr(method, "run", None)):
-        what = f"the class {method.__name__}: write {method.__name__}()" if isinstance(method, type) else "no sampler"
-        raise InputError(f"method is {quoted(method)}, {what}; it must be a name or an object with a method run")
-    elif settings:
-        raise InputError(f"settings {', '.join(settings)} are given beside a sampler, which has its own")
-    else:
-        sampler = method
+    sampler, progress = chosen_sampler(method, settings), progress_or_silent(progress)
     with opened_store(store, simulator) as simulations:
-        return sample(problem, sampler, simulations, seed, progress or silent)
+        return sample(problem, sampler, simulations, seed, progress)
 
 
 def sample(problem: Problem, sampler: Sampler, store: Simulations, seed: int, progress: Progress) -> Posterior:
@@ -113,6 +105,22 @@ def sample(problem: Problem, sampler: Sampler, store: Simulations, seed: int, pr
             f"method: {type(sampler).__name__}.run returned {quoted(posterior)}, it must return a Posterior"
         )
     return replace(posterior, method=name_of(sampler), settings=settings_of(sampler), seed=int(seed), seconds=seconds)
+
+
+def chosen_sampler(method: str | Sampler, settings: Mapping[str, Any]) -> Sampler:
+    """A sampler by name with its settings, or the one that is given.
+
+    Raises:
+        InputError: It is neither, has no such setting, or settings are given beside a sampler.
+    """
+    if isinstance(method, str):
+        return sampler_of(method, settings)
+    if isinstance(method, type) or not callable(getattr(method, "run", None)):
+        what = f"the class {method.__name__}: write {method.__name__}()" if isinstance(method, type) else "no sampler"
+        raise InputError(f"method is {quoted(method)}, {what}; it must be a name or an object with a method run")
+    if settings:
+        raise InputError(f"settings {', '.join(settings)} are given beside a sampler, which has its own")
+    return method
 
 
 def sampler_of(method: str, settings: Mapping[str, Any]) -> Sampler:

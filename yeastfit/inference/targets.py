@@ -10,12 +10,14 @@ from jaxtyping import Bool, Float, Int
 
 from yeastfit.errors import InputError
 from yeastfit.inference.imaging import SMOOTHING, SPACING, Imaging
+from yeastfit.kinds import check_kind
 from yeastfit.measure.measure_images import MeasuredImage
 from yeastfit.measure.reading.dataset import Dataset
 from yeastfit.measure.replicate_curves import replicate_curves
 from yeastfit.measure.statistics.registry import STATISTICS
 from yeastfit.measure.statistics.smooth_statistics import measure_mask_smoothly
 from yeastfit.model.parameters import Scales
+from yeastfit.numbers import array_of
 from yeastfit.observable import Observable
 from yeastfit.text import quoted
 
@@ -57,6 +59,8 @@ class Targets:
 
     def __post_init__(self) -> None:
         shape = (len(self.names), len(self.times))
+        for name in ("mean", "scatter", "replicates", "times", *(("curves",) if self.curves is not None else ())):
+            check_kind(f"targets: {name}", getattr(self, name), np.ndarray, "an array of numpy, or use from_means(…)")
         for name in ("mean", "scatter", "replicates"):
             values = getattr(self, name)
             if values.shape != shape:
@@ -194,14 +198,15 @@ class Targets:
         Raises:
             InputError: As `Targets`; and scatter of a statistic that has no mean.
         """
-        names, times = tuple(means), np.atleast_1d(np.asarray(times, dtype=float))
-        mean = np.stack([np.atleast_1d(np.asarray(means[name], dtype=float)) for name in names])
-        known = scatter or {}
+        times, known = np.atleast_1d(array_of(times, "targets: times")), {} if scatter is None else scatter
+        mean = _table("means", means, 1, len(times))
+        names = tuple(means)
+        check_kind("targets: scatter", known, Mapping, "curves by the names of statistics")
         for name in known:
             if name not in names:
                 raise InputError(f"targets: scatter of {name!r}, but there are means of {', '.join(names)} only")
         unknown = np.full(len(times), np.nan)
-        spread = np.stack([np.atleast_1d(np.asarray(known.get(name, unknown), dtype=float)) for name in names])
+        spread = _table("scatter", {name: known.get(name, unknown) for name in names}, 1, len(times))
         try:
             counts = np.broadcast_to(np.asarray(replicates, dtype=float), mean.shape)
         except (TypeError, ValueError):
@@ -216,7 +221,7 @@ class Targets:
 
     @staticmethod
     def from_replicates(
-        curves: Mapping[str, Float[np.ndarray, "replicate time"]],
+        curves: Mapping[str, Sequence[Sequence[float]] | np.ndarray],
         times: Sequence[float] | np.ndarray,
         *,
         imaging: Imaging | None = None,
@@ -225,7 +230,7 @@ class Targets:
         """Mean and scatter of replicate curves.
 
         Arguments:
-            curves: By statistic; nan where a replicate is missing. One replicate has no scatter.
+            curves: By statistic, [replicate, time]; nan where a replicate is missing. One replicate has no scatter.
             times: Rising.
             imaging: How colonies were measured; lengths are in L0 then.
             colonies: Names of the replicates.
@@ -233,15 +238,15 @@ class Targets:
         Raises:
             InputError: As `Targets`.
         """
+        at = np.atleast_1d(array_of(times, "targets: times"))
+        stacked = np.moveaxis(_table("curves", curves, 2, len(at)), 0, 1)
         names = tuple(curves)
-        stacked = np.stack([np.asarray(values, dtype=float) for values in curves.values()], axis=1)
         known = np.isfinite(stacked)
         counts = known.sum(axis=0)
         with np.errstate(invalid="ignore", divide="ignore"):
             mean = np.where(counts > 0, np.where(known, stacked, 0.0).sum(axis=0) / counts, np.nan)
             squares = np.where(known, stacked - mean, 0.0) ** 2
             scatter = np.where(counts > 1, np.sqrt(squares.sum(axis=0) / (counts - 1)), np.nan)
-        at = np.asarray(times, dtype=float)
         seen = _reaching(imaging, names, mean)
         return Targets(names, at, mean, scatter, counts, stacked, seen, colonies=tuple(colonies))
 
@@ -304,6 +309,26 @@ class Targets:
             raise InputError(f"targets: {what} of {self.names[statistic]} at time {at:.3g}{hours} is {value:g}, {why}")
 
 
+def _table(what: str, curves: Any, dimensions: int, times: int) -> np.ndarray:
+    """Curves of statistics, [statistic, …, time]. Raises `InputError` where they are none, or differ in shape."""
+    check_kind(f"targets: {what}", curves, Mapping, "curves by the names of statistics")
+    rows = {name: np.atleast_1d(array_of(values, f"targets: {what} of {name}")) for name, values in curves.items()}
+    if not rows:
+        raise InputError(f"targets: {what} are empty, need those of at least one statistic")
+    for name, row in rows.items():
+        if row.ndim != dimensions or row.shape[-1] != times:
+            raise InputError(
+                f"targets: {what} of {name} have the shape {row.shape}, need {'[replicate, time]' * (dimensions - 1)}"
+                f"{'one number for each time' * (2 - dimensions)}, of {times} times"
+            )
+    if len({row.shape for row in rows.values()}) > 1:
+        counts = ", ".join(f"{len(row)} of {name}" for name, row in rows.items())
+        raise InputError(f"targets: {what} are of different replicates, {counts}: give nan where one is missing")
+    return np.stack(list(rows.values()))
+
+
 def _reaching(imaging: Imaging | None, names: tuple[str, ...], mean: np.ndarray) -> Imaging | None:
-    """Imaging with an extent."""
+    """Imaging with an extent. Raises `InputError` where it is none."""
+    if imaging is not None:
+        check_kind("targets: imaging", imaging, Imaging)
     return None if imaging is None else imaging.reaching(dict(zip(names, mean, strict=True)))

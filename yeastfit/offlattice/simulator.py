@@ -14,6 +14,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Shaped
 
 from yeastfit.errors import InputError
+from yeastfit.kinds import check_list
 from yeastfit.measure.statistics.pixels import Pixels
 from yeastfit.measure.statistics.registry import STATISTICS
 from yeastfit.measure.statistics.statistic import Statistic
@@ -111,8 +112,7 @@ class OfflatticeSimulator:
         Raises:
             InputError: A statistic or parameter is unknown, or a value not admissible.
         """
-        if isinstance(statistics, str):
-            raise InputError(f"statistics is {statistics!r}, it must be a list of names, such as [{statistics!r}]")
+        check_list("statistics", statistics)
         if limits is not None and len(limits) != len(statistics):
             raise InputError(f"limits are {len(limits)} pairs, each of the {len(statistics)} statistics needs one")
         if unknown := [name for name in statistics if name not in known_statistics()]:

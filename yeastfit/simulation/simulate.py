@@ -162,6 +162,8 @@ def simulate(
         raise InputError("until ends growth where a colony is large enough: give one time, and trace only with times")
     watch = clock.perf_counter()
     members = batch[0] if batch else 1
+    if members == 0:
+        raise InputError(f"{'keys' if start is None else 'start'} is empty, need one for each of at least one colony")
     kept = numerics.state_size + len(schedule.steps) * getattr(observe, "sample_size", 0.0)
     check_count("members", members, kept)
     batched = _per_member(parameters, members)

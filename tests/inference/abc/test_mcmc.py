@@ -340,14 +340,14 @@ def test_progress_is_told() -> None:
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"steps": 0}, "steps is 0, it must be at least 1"),
+        ({"steps": 0}, "steps is 0, it must be a whole number of at least 1"),
         ({"discard": 30}, "discard is 30, it must be below the number of steps, 30"),
         ({"tolerance": -1.0, "pilot_quantile": None}, "tolerance is -1.0, it must be above 0"),
         ({"tolerance": 1.0}, "tolerance and pilot_quantile are given, need one of the two"),
         ({"pilot_quantile": 0.0}, "pilot_quantile is 0.0, it must lie in"),
         ({"move": "walk"}, "move is 'walk'"),
         ({"kernel": "far"}, "kernel is 'far'"),
-        ({"replicates": 0}, "replicates is 0, it must be at least 1"),
+        ({"replicates": 0}, "replicates is 0, it must be a whole number of at least 1"),
         ({"walkers": 3, "move": "stretch"}, "walkers is 3, stretch with 1 parameters needs at least 4"),
         ({"covariance": ((-1.0,),)}, r"covariance is \[\[-1.0\]\], it must be symmetric and positive definite, 1 by 1"),
         (

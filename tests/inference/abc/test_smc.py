@@ -190,7 +190,7 @@ def test_a_simulator_of_nothing_is_said() -> None:
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"population": 1}, "population is 1, it must be at least 2"),
+        ({"population": 1}, "population is 1, it must be a whole number of at least 2"),
         ({"quantile": 1.0}, "quantile is 1.0, it must be at least 0 and below 1"),
         ({"tolerance": -1.0}, "tolerance is -1.0, it must be at least 0"),
     ],

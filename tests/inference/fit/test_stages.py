@@ -304,7 +304,7 @@ def test_no_condition_is_refused() -> None:
 @pytest.mark.parametrize(
     ("values", "message"),
     [
-        ({"starts": 0}, "starts is 0, it must be at least 1"),
+        ({"starts": 0}, "starts is 0, it must be a whole number of at least 1"),
         ({"tolerance": 0.0}, "tolerance is 0.0, it must be a number above 0"),
         ({"members": (16,)}, "each stage has one of both"),
         ({"members": (9,), "spreads": (0.1,)}, "a stage has members 9 and spread 0.1"),

@@ -196,6 +196,12 @@ def test_infinite_errors_are_kept(tmp_path: Path) -> None:
         ({"free": ["speed"]}, "free is speed"),
         ({"measured_times": [9.0]}, "time 9 is not in the sensitivity"),
         ({"prior": {"speed": 1.0}}, "prior names 'speed'"),
+        ({"prior": [1.0]}, r"prior is \[1.0\], it must be standard deviations of log λ, by parameter"),
+        ({"prior": {"mobility": "a"}}, "prior of mobility is 'a', it must be a number above 0"),
+        ({"steps": 2.5}, "steps is 2.5, it must be a whole number from 1 to 1000"),
+        ({"free": "speed"}, r"free is 'speed', it must be a list of names, such as \['speed'\]"),
+        ({"measured_statistics": "area"}, r"statistics is 'area', it must be a list of names, such as \['area'\]"),
+        ({"measurement_error": "a"}, "measurement_error is .*'a'.*, it must be numbers"),
     ],
     ids=str,
 )

@@ -2,6 +2,7 @@
 
 import pickle
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -24,7 +25,7 @@ TABLES = {
 PRIOR = Prior.of(TABLES)
 
 
-def default_template(parameters: ParameterSet, **how: str) -> str:
+def default_template(parameters: ParameterSet, **how: Any) -> str:
     return template(Prior.default(parameters, **how), parameters)
 
 

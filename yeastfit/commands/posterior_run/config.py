@@ -14,7 +14,7 @@ from yeastfit.inference.neural_likelihood.sequential import SequentialEmulator
 from yeastfit.inference.neural_likelihood.training import fewest
 from yeastfit.inference.posterior.predictive_check import FEWEST
 from yeastfit.inference.posterior.sampler import Sampler
-from yeastfit.inference.prior.prior import Prior
+from yeastfit.inference.prior.prior import Bounded, Prior
 from yeastfit.inference.prior.variation import ColonyCoordinates, Variation
 from yeastfit.inference.samplers import SAMPLERS, check_variation, name_of, sampler_of, settings_of
 from yeastfit.memory import check_count
@@ -59,7 +59,7 @@ class Request:
     statistics: tuple[str, ...] = ()
     condition: str | None = None
     prior: Path | None = None
-    bounded: str = "log-uniform"
+    bounded: Bounded = "log-uniform"
     draws: int = 40
     prior_draws: int = 40
     measurement_error: float | None = None

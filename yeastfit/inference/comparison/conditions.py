@@ -12,6 +12,8 @@ from jaxtyping import Float
 
 from yeastfit.errors import InputError
 from yeastfit.inference.posterior.draws import Draws
+from yeastfit.kinds import check_kind
+from yeastfit.text import quoted
 
 DRAWS = 1000  # of each posterior
 SURE = 0.975
@@ -73,6 +75,8 @@ class ConditionComparison:
         Raises:
             InputError: No parameter is free in both.
         """
+        for name, draws in ((first, a), (second, b)):
+            check_kind(f"draws of {quoted(name)}", draws, Draws, "a Posterior, or its draws")
         shared = [name for name in a.free if name in b.free]
         if not shared:
             raise InputError(f"{first} and {second}: no parameter is free in both")

@@ -24,7 +24,8 @@ from yeastfit.inference.neural_likelihood.training_rounds import Neighbourhood
 from yeastfit.inference.posterior.problem import Problem
 from yeastfit.inference.posterior.result import Posterior
 from yeastfit.inference.posterior.sampler import Sampler
-from yeastfit.progress import Progress, silent
+from yeastfit.kinds import check_kind
+from yeastfit.progress import Progress, progress_or_silent, silent
 from yeastfit.seeds import Stream, stream_of
 from yeastfit.text import natural_order
 
@@ -68,7 +69,10 @@ def cross_validate(
         InputError: There are fewer than two colonies, groups are too few or too many, simulations are too few, or a
             statistic is of the colonies of one group alone.
     """
-    count = len(colonies)
+    check_kind("posterior", posterior, Posterior, "a yeastfit.Posterior")
+    check_kind("problem", problem, Problem, "a yeastfit.Problem, which the posterior is of")
+    check_kind("colonies", colonies, np.ndarray, "an array of numpy, [colony, statistic]")
+    progress, count = progress_or_silent(progress), len(colonies)
     if count < 2:
         raise InputError(f"colonies: {count} is known by itself, one can be left out of at least two")
     if not 2 <= groups <= count:

@@ -20,8 +20,10 @@ from yeastfit.inference.fit.result import Fit
 from yeastfit.inference.fit.simulators import Simulators, colony_simulators, given_simulators
 from yeastfit.inference.parameter_space import Vector
 from yeastfit.inference.simulator import Simulator
+from yeastfit.kinds import check_kind, check_list
 from yeastfit.memory import check_count
 from yeastfit.model.model import Model
+from yeastfit.numbers import AT_LEAST_ONE
 from yeastfit.seeds import Stream, stream_of
 
 RUNS = 512  # simulations around an estimate
@@ -174,12 +176,14 @@ def explore(
         InputError: The fit is of a simulator that is not given, or there are too few runs.
         SimulationError: Most simulations failed.
     """
+    check_kind("fit", fit, Fit, "the result of yeastfit.fit(…)")
     targets = {each.name: each.targets for each in fit.conditions}
     both = _colonies_of(fit) if simulator is None else given_simulators(targets, simulator, fine)
     finer = both[1] if fit.settings.refined else {}
     ensembles = Ensembles(targets, both[0], fit.space, fit.seed, fit.settings, finer)
     simulate = partial(ensembles.single_simulations, stream=Stream.SURFACE, refined=True)
-    runs = max(RUNS, fewest_runs(len(fit.space.entries))) if runs is None else runs
+    default = max(RUNS, fewest_runs(len(fit.space.entries)))
+    runs = default if runs is None else AT_LEAST_ONE.read_whole(runs, "runs")
     surface = response_surface(simulate, *_box(fit), runs, stream_of(fit.seed, Stream.SURFACE, 1))
     return Explored(fit, surface, ensembles.tally.simulated)
 
@@ -197,6 +201,8 @@ def profiles(explored: Explored, names: Sequence[str] | None = None) -> dict[str
     Raises:
         InputError: A name is not free.
     """
+    check_kind("explored", explored, Explored, "the result of yeastfit.explore(…)")
+    check_list("names", names)
     return {name: explored.profile(name) for name in (explored.fit.free if names is None else names)}
 
 

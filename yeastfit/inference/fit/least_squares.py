@@ -41,9 +41,9 @@ from yeastfit.inference.simulator import Simulator
 from yeastfit.inference.targets import Targets
 from yeastfit.kinds import check_kind
 from yeastfit.model.model import Model
-from yeastfit.numbers import Range
+from yeastfit.numbers import Range, pair_of
 from yeastfit.parameter_set import LARGEST, ParameterSet
-from yeastfit.progress import Progress, silent
+from yeastfit.progress import Progress, progress_or_silent
 from yeastfit.text import quoted
 
 GaussianPriors = Mapping[str, tuple[float, float]]
@@ -100,7 +100,9 @@ def fit(
         InputError: Arguments that make no sense; parameters whose range reaches 0, where logarithms end.
         SimulationError: Simulations failed wherever the fit began.
     """
-    settings = settings or FitSettings()
+    settings = FitSettings() if settings is None else settings
+    check_kind("settings", settings, FitSettings)
+    progress = progress_or_silent(progress)
     several = {ONLY: targets} if isinstance(targets, Targets) else targets
     check_kind("targets", several, Mapping, "yeastfit.Targets, or several by the names of their conditions")
     by_name = dict(several)
@@ -123,7 +125,7 @@ def fit(
     priors = _priors(prior or {}, space, parameters)
     _check_count(sum(len(each.values) for each in by_name.values()), space, priors)
     ensembles = Ensembles(by_name, simulators, space, seed, settings, finer if settings.refined else {})
-    return Fitter(ensembles, priors, progress or silent, colonies_in(simulators, finer)).run(begin)
+    return Fitter(ensembles, priors, progress, colonies_in(simulators, finer)).run(begin)
 
 
 def check_search(
@@ -164,7 +166,8 @@ def _refuse_for_simulators(**given: Any) -> None:
 def _priors(prior: GaussianPriors, space: ParameterSpace, parameters: ParameterSet) -> dict[str, tuple[float, float]]:
     """Centre and width in θ of every entry that has one."""
     space.check_names("prior", prior)
-    for name, (centre, width) in prior.items():
+    for name, pair in prior.items():
+        centre, width = pair_of(pair, f"prior of {name}")
         if not (0 < centre <= LARGEST and width in WIDTHS):
             raise InputError(
                 f"prior of {name} is {centre:g}, {width:g}: need λ above 0, of single precision, and as width of log λ "

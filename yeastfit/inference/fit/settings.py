@@ -1,12 +1,13 @@
 """How a fit is computed."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal, get_args
 
 from yeastfit.errors import InputError
+from yeastfit.kinds import check_kind
 from yeastfit.memory import check_count
-from yeastfit.numbers import POSITIVE
+from yeastfit.numbers import AT_LEAST_ONE, POSITIVE, Range
 
 OptimiserName = Literal["levenberg-marquardt", "dogleg", "bfgs"]
 
@@ -51,20 +52,25 @@ class FitSettings:
         if self.method not in get_args(OptimiserName):
             raise InputError(f"method is {self.method!r}, it must be one of {', '.join(get_args(OptimiserName))}")
         for name in ("screened", "starts", "max_steps", "patience"):
-            if getattr(self, name) < 1:
-                raise InputError(f"{name} is {getattr(self, name)}, it must be at least 1")
-            check_count(name, getattr(self, name))
+            check_count(name, AT_LEAST_ONE.read_whole(getattr(self, name), name))
         if self.starts > self.screened:
             raise InputError(f"starts is {self.starts}, it must be at most the points looked at, {self.screened}")
-        if self.refined < 0 or 0 < self.refined < 16:
+        if 0 < Range(0).read_whole(self.refined, "refined") < 16:
             raise InputError(f"refined is {self.refined}, it must be 0 or at least 16")
-        POSITIVE.read(self.tolerance, "tolerance")
+        check_count("refined", self.refined)
+        POSITIVE.check(self.tolerance, "tolerance")
+        for name in ("members", "spreads"):
+            check_kind(name, getattr(self, name), Sequence, "a row with a number for each stage, such as (16, 64)")
         if not self.members or len(self.members) != len(self.spreads):
             raise InputError(
                 f"members {self.members} and spreads {self.spreads}: each stage has one of both, and there is one"
             )
-        for count in (self.refined, *self.members):
-            check_count("members", count)
+        for count in self.members:
+            check_count("members", AT_LEAST_ONE.read_whole(count, "members"))
+        errors = self.measurement_error
+        for what, error in errors.items() if isinstance(errors, Mapping) else [("", errors)]:
+            if error is not None:
+                Range(0.0, 1.0).check(error, f"measurement_error{' of ' * bool(what)}{what}")
         for members, spread in zip(self.members, self.spreads, strict=True):
             if members < 8 or members % 2 or not 0 < spread < 1:
                 raise InputError(

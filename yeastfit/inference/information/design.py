@@ -34,9 +34,11 @@ from yeastfit.inference.information.experiment import (
     information_in,
     scatter_freedom,
 )
+from yeastfit.inference.information.fisher import checked_widths
 from yeastfit.inference.information.result import Information, precision
 from yeastfit.inference.sensitivity.result import Sensitivity
 from yeastfit.kinds import check_kind
+from yeastfit.numbers import Range, array_of
 
 MOST_MEASUREMENTS = 1000  # of a sequence
 MOST_REPLICATES = 1e6
@@ -84,12 +86,13 @@ def design(
     """
     check_kind("sensitivity", sensitivity, Sensitivity, "the result of yeastfit.sensitivity(…)")
     check_arguments(replicates, added, steps, by, criterion)
+    widths = checked_widths(prior)
     names = chosen_free(sensitivity, free)
-    nothing = measured_times is not None and len(measured_times) == 0
+    nothing = measured_times is not None and array_of(measured_times, "measured_times").size == 0
     known = () if nothing else tuple(chosen_observables(sensitivity, measured_statistics, measured_times).tolist())
     groups: Groups = ((float(replicates), known),) if known else ()
     further = added if new_replicates else None
-    task = _Task(sensitivity, names, measurement_error, dict(prior or {}), criterion, further, replicates)
+    task = _Task(sensitivity, names, measurement_error, widths, criterion, further, replicates)
     start = task.start(groups)
     images, singles = (task.candidates(groups, start, offered) for offered in (task.images, task.singles))
     if not images:
@@ -246,11 +249,9 @@ def most_means(measured: int, statistics: int, times: int, steps: int, by: str, 
 
 def check_arguments(replicates: float, added: float, steps: int, by: str, criterion: str) -> None:
     """Raise `InputError` where an argument makes no sense."""
-    for name, value in (("replicates", replicates), ("added", added), ("steps", steps)):
-        if not 0 < value <= MOST_REPLICATES:
-            raise InputError(f"{name} is {value:g}, it must be above 0 and at most {MOST_REPLICATES:g}")
-    if steps > MOST_MEASUREMENTS:
-        raise InputError(f"steps is {steps}, it must be at most {MOST_MEASUREMENTS}")
+    for name, value in (("replicates", replicates), ("added", added)):
+        Range(0, MOST_REPLICATES, above=True).check(value, name)
+    Range(1, MOST_MEASUREMENTS).read_whole(steps, "steps")
     for name, word, words in (("by", by, get_args(By)), ("criterion", criterion, get_args(Criterion))):
         if word not in words:
             raise InputError(f"{name} is {word!r}, it must be one of {', '.join(words)}")

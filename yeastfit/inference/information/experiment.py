@@ -15,6 +15,8 @@ from yeastfit.inference.information.fisher import information
 from yeastfit.inference.information.result import Information
 from yeastfit.inference.sensitivity.estimator import members_for
 from yeastfit.inference.sensitivity.result import Sensitivity
+from yeastfit.kinds import check_kind, check_list
+from yeastfit.numbers import array_of
 
 
 def information_of(
@@ -48,6 +50,7 @@ def information_of(
     Raises:
         InputError: As `information`; and names and times that `sensitivity` does not hold.
     """
+    check_kind("sensitivity", sensitivity, Sensitivity, "the result of yeastfit.sensitivity(…)")
     names = chosen_free(sensitivity, free)
     rows = chosen_observables(sensitivity, statistics, times)
     square = np.ix_(rows, rows)
@@ -69,6 +72,7 @@ def information_in(
 def chosen_free(sensitivity: Sensitivity, free: Sequence[str] | None) -> tuple[str, ...]:
     """Names of free parameters, all of a sensitivity's by default, in its order."""
     wanted = sensitivity.free if free is None else free
+    check_list("free", wanted)
     unknown = [name for name in wanted if name not in sensitivity.free]
     if unknown or not wanted:
         raise InputError(f"free is {', '.join(wanted) or 'empty'}, the sensitivity holds {', '.join(sensitivity.free)}")
@@ -79,6 +83,7 @@ def chosen_observables(
     sensitivity: Sensitivity, statistics: Sequence[str] | None, times: Sequence[float] | np.ndarray | None
 ) -> np.ndarray:
     """Numbers of the observables of some statistics at some times, all by default, in their order."""
+    check_list("statistics", statistics)
     for name in statistics or ():
         if name not in sensitivity.statistics:
             raise InputError(
@@ -117,8 +122,9 @@ def runs_for(means: int, free: int) -> int:
 
 def times_among(present: np.ndarray, times: Sequence[float] | np.ndarray) -> np.ndarray:
     """Those of the present times that equal these but for rounding. Raises `InputError` where one is not there."""
-    near = np.isclose(present, np.reshape(np.asarray(times, dtype=float), (-1, 1)), rtol=1e-6, atol=1e-6)
-    for time, found in zip(times, near, strict=True):
+    wanted = array_of(times, "times").reshape(-1, 1)
+    near = np.isclose(present, wanted, rtol=1e-6, atol=1e-6)
+    for time, found in zip(wanted[:, 0], near, strict=True):
         if not found.any():
             raise InputError(
                 f"time {time:g} is not in the sensitivity, which holds {', '.join(f'{t:g}' for t in present)}"

@@ -23,6 +23,8 @@ from jaxtyping import Float
 from yeastfit.errors import InputError
 from yeastfit.inference.curve_covariance import Square, correlation_root
 from yeastfit.inference.information.result import Information
+from yeastfit.kinds import check_kind
+from yeastfit.numbers import POSITIVE
 
 Jacobian = Float[np.ndarray, "observable free"]
 
@@ -56,7 +58,7 @@ def information(
     Raises:
         InputError: Shapes disagree, values are not finite, a mean without variance depends on λ, or Σ is singular.
     """
-    names, prior = tuple(free), dict(prior or {})
+    names, prior = tuple(free), checked_widths(prior)
     error = np.zeros_like(jacobian) if error is None else error
     correlation = np.eye(len(jacobian)) if correlation is None else correlation
     _check(jacobian, covariance, error, correlation, names, prior, limit)
@@ -86,6 +88,12 @@ def _mute(jacobian: np.ndarray, covariance: np.ndarray, error: np.ndarray) -> np
     return mute
 
 
+def checked_widths(prior: Mapping[str, float] | None) -> dict[str, float]:
+    """Standard deviations of log λ by name. Raises `InputError` where one is not above 0."""
+    check_kind("prior", {} if prior is None else prior, Mapping, "standard deviations of log λ, by parameter")
+    return {name: POSITIVE.check(width, f"prior of {name}") for name, width in (prior or {}).items()}
+
+
 def _check(
     jacobian: np.ndarray,
     covariance: np.ndarray,
@@ -113,10 +121,7 @@ def _check(
         raise InputError("covariance is not symmetric")
     if (error < 0).any():
         raise InputError(f"error holds {error.min():g}, standard errors are at least 0")
-    for name, width in prior.items():
+    for name in prior:
         if name not in free:
             raise InputError(f"prior names {name!r}, which is not free: {', '.join(free)} are")
-        if not (np.isfinite(width) and width > 0):
-            raise InputError(f"prior of {name} is {width}, its standard deviation in log λ must be above 0")
-    if not limit > 0:
-        raise InputError(f"limit is {limit}, it must be above 0")
+    POSITIVE.check(limit, "limit")

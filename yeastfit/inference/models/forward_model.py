@@ -19,7 +19,7 @@ from yeastfit.inference.models.grown import Grown, Outlines
 from yeastfit.inference.models.image_checks import check_comparable
 from yeastfit.inference.posterior.limits import Limits, limits_around
 from yeastfit.inference.posterior.settings import Setting
-from yeastfit.inference.prior.prior import Prior
+from yeastfit.inference.prior.prior import Bounded, Prior
 from yeastfit.inference.sensitivity.result import Sensitivity
 from yeastfit.inference.simulator import Simulator
 from yeastfit.inference.targets import Targets
@@ -167,7 +167,7 @@ class ForwardModel(ABC):
         errors = {name: STATISTICS[name].measurement_error if name in STATISTICS else 0.0 for name in targets.names}
         return errors if given is None else dict.fromkeys(targets.names, given)
 
-    def prior(self, parameters: ParameterSet, *, bounded: str = "log-uniform") -> Prior:
+    def prior(self, parameters: ParameterSet, *, bounded: Bounded = "log-uniform") -> Prior:
         """The prior where a user gives none.
 
         Arguments:

@@ -21,7 +21,7 @@ from yeastfit.inference.models.image_checks import check_comparable, check_image
 from yeastfit.inference.models.last_images import last_images, mean_area, measured
 from yeastfit.inference.posterior.settings import Setting
 from yeastfit.inference.prior.distributions import Distribution
-from yeastfit.inference.prior.prior import Prior
+from yeastfit.inference.prior.prior import Bounded, Prior
 from yeastfit.inference.sensitivity.estimate import sensitivity as estimate_sensitivity
 from yeastfit.inference.sensitivity.result import Sensitivity
 from yeastfit.inference.simulator import member_seeds
@@ -224,7 +224,7 @@ class Offlattice(ForwardModel):
         usual = {name: one.measurement_error for name, one in known_statistics().items()} | OUTLINE_ERRORS
         return {name: usual[name] if given is None else given for name in targets.names}
 
-    def prior(self, parameters: ParameterSet, *, bounded: str = "log-uniform") -> Prior:
+    def prior(self, parameters: ParameterSet, *, bounded: Bounded = "log-uniform") -> Prior:
         """Li et al.'s beta distributions."""
         return Prior({name: Distribution("beta", dict(zip("ab", PRIOR[name], strict=True))) for name in parameters})
 

@@ -37,6 +37,7 @@ from yeastfit.errors import InputError
 from yeastfit.inference.posterior.calibration_ranks import Calibration
 from yeastfit.inference.posterior.draws import Draws
 from yeastfit.inference.posterior.predictive_check import Predictive
+from yeastfit.kinds import check_kind
 from yeastfit.seeds import Stream, stream_of
 from yeastfit.storage import check_room, written_whole
 
@@ -63,11 +64,15 @@ class Beside:
     def check(self, draws: Draws) -> None:
         """Raise `InputError` where something is of other statistics or parameters than the draws."""
         for name, one in (("predictive", self.predictive), ("prior_predictive", self.prior_predictive)):
+            if one is not None:
+                check_kind(name, one, Predictive, "what Posterior.predict or predict_prior returns")
             if one is not None and one.labels != draws.labels:
                 raise InputError(
                     f"{name} is of {', '.join(one.labels)}, expected the statistics of the posterior, "
                     f"{', '.join(draws.labels)}"
                 )
+        if self.calibration is not None:
+            check_kind("calibration", self.calibration, Calibration, "the result of yeastfit.calibrate(…)")
         if self.calibration is not None and self.calibration.free != draws.free:
             raise InputError(
                 f"calibration is of {', '.join(self.calibration.free)}, expected the parameters of the posterior, "

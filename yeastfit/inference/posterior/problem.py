@@ -42,6 +42,7 @@ from yeastfit.inference.simulator import (
 )
 from yeastfit.inference.targets import Targets
 from yeastfit.kinds import check_kind
+from yeastfit.numbers import array_of
 from yeastfit.seeds import Stream, stream_of
 from yeastfit.text import quoted
 
@@ -153,7 +154,7 @@ class Problem:
         if limits is not None:
             check_kind("limits", limits, np.ndarray, "an array with a row, least and largest, for each statistic")
         if not isinstance(observed, Targets):
-            data = np.asarray(observed, dtype=float)
+            data = array_of(observed, "observed")
             if data.ndim != 2:
                 return Problem(simulator, prior, data, replicates, noise, None, colony_noise, variation, limits)
             each = _seen(data)

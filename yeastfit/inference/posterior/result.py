@@ -19,6 +19,7 @@ from yeastfit.inference.posterior.problem import Problem
 from yeastfit.inference.posterior.status import Status
 from yeastfit.inference.prior.prior import Prior
 from yeastfit.inference.simulator import Simulator
+from yeastfit.kinds import check_kind
 from yeastfit.storage import as_json, from_json, reads_saved, written_whole
 from yeastfit.text import quoted
 
@@ -85,6 +86,8 @@ class Posterior(Draws):
         Raises:
             InputError: An array has another shape, the status is none, or warnings are one text.
         """
+        check_kind("problem", problem, Problem)
+        check_kind("values", values, np.ndarray, "an array of numpy, [chain, draw, parameter]")
         if np.ndim(values) != 3 or values.shape[2] != len(problem.inferred_prior.free):
             raise InputError(
                 f"values have shape {np.shape(values)}, they must be draws of {len(problem.inferred_prior.free)} "

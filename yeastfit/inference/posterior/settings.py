@@ -6,6 +6,7 @@ from typing import Any
 
 from yeastfit.errors import InputError
 from yeastfit.memory import check_count
+from yeastfit.numbers import Range
 
 
 @dataclass(frozen=True)
@@ -31,14 +32,12 @@ class Setting:
     negative: str = ""
 
 
-def check_at_least(sampler: Any, **least: float) -> None:
-    """Raise `InputError` where a setting that is not None lies below its least value, or so many are too many."""
+def check_at_least(sampler: Any, **least: int) -> None:
+    """Raise `InputError` where a setting is neither None nor a whole number from its least on, or is too many."""
     for name, bound in least.items():
         value = getattr(sampler, name)
-        if value is not None and not value >= bound:
-            raise InputError(f"{name} is {value}, it must be at least {bound}")
         if value is not None:
-            check_count(name, value)
+            check_count(name, Range(bound).read_whole(value, name))
 
 
 def check_choice(sampler: Any, name: str, choices: Sequence[str]) -> None:

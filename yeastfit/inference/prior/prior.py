@@ -12,7 +12,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal, get_args
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -20,6 +20,7 @@ from jaxtyping import Bool, Float
 from yeastfit.errors import InputError
 from yeastfit.inference.prior.distributions import FAMILIES, MIXED, Distribution
 from yeastfit.kinds import check_kind
+from yeastfit.numbers import Range
 from yeastfit.parameter_set import Parameter, ParameterSet
 from yeastfit.text import quoted
 from yeastfit.text_files import read_toml
@@ -27,6 +28,7 @@ from yeastfit.text_files import read_toml
 WIDE_BETA = {"a": 2.0, "b": 2.0}  # the widest of the beta priors of Li et al. 2024
 
 Values = Float[np.ndarray, "draw free"]
+Bounded = Literal["log-uniform", "beta"]
 
 
 @dataclass(frozen=True)
@@ -123,7 +125,12 @@ class Prior:
 
         Returns:
             Values, one row a draw.
+
+        Raises:
+            InputError: The count is no whole number from 0 on, or `rng` no generator.
         """
+        check_kind("rng", rng, np.random.Generator, "a generator, such as numpy.random.default_rng(0)")
+        count = Range(0).read_whole(count, "count")
         return self.quantile(rng.random((count, len(self.distributions))))
 
     def check(self, parameters: ParameterSet) -> None:
@@ -176,15 +183,20 @@ class Prior:
         return Prior(distributions)
 
     @staticmethod
-    def default(parameters: ParameterSet, *, bounded: str = "log-uniform") -> "Prior":
+    def default(parameters: ParameterSet, *, bounded: Bounded = "log-uniform") -> "Prior":
         """Log-uniform over each parameter's plausible range where that is above 0, uniform otherwise.
 
         Arguments:
             parameters: The free ones, as `simulator.parameters`.
             bounded: Distribution of those that have a largest admissible value; "beta" is Beta(2, 2) on the plausible
                 range.
+
+        Raises:
+            InputError: An argument is of another class, or the distribution none of the two.
         """
         check_kind("parameters", parameters, ParameterSet, "a yeastfit.ParameterSet, such as simulator.parameters")
+        if bounded not in get_args(Bounded):
+            raise InputError(f"bounded is {quoted(bounded)}, it must be one of {', '.join(get_args(Bounded))}")
         distributions = {}
         for name, one in parameters.items():
             low, high = one.plausible
@@ -226,6 +238,7 @@ class Prior:
 
     def _rows(self, values: Values) -> Values:
         """The same values, once they are seen to have a row for each draw and a column for each parameter."""
+        check_kind("values", values, np.ndarray, f"an array of numpy, [draws, {len(self.free)}]")
         if values.ndim != 2 or values.shape[1] != len(self.free):
             raise InputError(f"values have the shape {values.shape}, they must have [draws, {len(self.free)}]")
         return values

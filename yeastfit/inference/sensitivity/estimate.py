@@ -17,13 +17,14 @@ from yeastfit.inference.sensitivity.estimator import Estimator
 from yeastfit.inference.sensitivity.pathwise import COUNT, ColonyPaths
 from yeastfit.inference.sensitivity.result import EstimatorName, Sensitivity
 from yeastfit.inference.simulator import Simulator, check_simulator
+from yeastfit.kinds import check_kind
 from yeastfit.measure.statistics.smooth_statistics import SmoothStatistics
 from yeastfit.model.model import Model
 from yeastfit.model.numerics import Numerics
 from yeastfit.model.parameters import Parameters
 from yeastfit.model.relaxation import Relaxation
 from yeastfit.observable import Observable
-from yeastfit.progress import Progress, silent
+from yeastfit.progress import Progress, progress_or_silent
 
 STATISTICS = ("compactness", "mean_radius", "radius", "area", "cell_count")
 
@@ -87,7 +88,7 @@ def sensitivity(
         SimulationError: Most simulations failed.
     """
     settings: dict[str, Any] = {"runs": runs, "paths": paths, "spread": spread, "seed": seed}
-    settings["progress"] = progress or silent
+    settings["progress"] = progress_or_silent(progress)
     of_colonies: dict[str, Any] = {"parameters": parameters, "times": times, "statistics": statistics, "free": free}
     of_colonies |= {"model": model, "numerics": numerics, "relaxation": relaxation, "path_numerics": path_numerics}
     of_colonies |= {"path_relaxation": path_relaxation, "observe": observe}
@@ -96,6 +97,7 @@ def sensitivity(
         for name, value in of_colonies.items():
             if value is not None:
                 raise InputError(f"{name} is of colonies, the simulator that is given has its own: leave it out")
+        check_kind("at", {} if at is None else at, Mapping, "values by the names of parameters")
         values = _values_at(simulator, at or {})
         simulator = simulator if elsewhere is None else elsewhere(simulator)
         return Estimator(simulator, values, simulator.observables, method or "regression", **settings).run()

@@ -43,6 +43,7 @@ from yeastfit.inference.sensitivity.result import Estimate, EstimatorName, Sensi
 from yeastfit.inference.sensitivity.shrinkage import combine
 from yeastfit.inference.simulator import Rows, Seeds, Simulator, member_seeds, named_values, problems_of, rows_of
 from yeastfit.memory import check_count
+from yeastfit.numbers import AT_LEAST_ONE, Range
 from yeastfit.observable import Observable
 from yeastfit.progress import Progress
 from yeastfit.seeds import key_of
@@ -92,6 +93,9 @@ class Estimator:
             raise InputError(f"method is {self.method!r}, it must be one of {', '.join(get_args(EstimatorName))}")
         if self.pathwise is None and self.method != "regression":
             raise InputError(f"method is {self.method!r}, the simulator has no derivatives of its own: use regression")
+        for name in ("runs", "paths"):
+            AT_LEAST_ONE.read_whole(getattr(self, name), name)
+        Range(0.0, 1.0).check(self.spread, "spread")
         if self.runs < 16 or self.runs % 16:
             raise InputError(f"runs is {self.runs}, it must be a multiple of 16")
         needed = 2 * hadamard_order(len(self.values))
