@@ -195,7 +195,9 @@ def test_a_file_that_comes_while_a_run_goes_on_stays(tmp_path: Path) -> None:
 
     for number, name in enumerate(("pictures/c.png", "pictures", "masks/a.png")):
         made(out := tmp_path / str(number), OLD)
-        with pytest.raises(InputError, match=f"{name} in .* came or changed while the command ran: its results are in"):
+        with pytest.raises(
+            InputError, match=f"{name} in .* came or changed while the command ran, or .*: move it away"
+        ):
             disturbed(out, name)
         assert (out / name).read_text() == "mine"
         assert files_in(out / WORK / "results") == NEW

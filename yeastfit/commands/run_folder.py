@@ -79,6 +79,7 @@ class RunFolder:
         extents: Sequence[str] = (),
         kept: Sequence[str] = (),
         made_last: Sequence[str] = (),
+        copied: Sequence[str] = (),
     ) -> "RunFolder":
         """Write run.json, or compare with the one that is there; `go_on` changes that.
 
@@ -92,6 +93,7 @@ class RunFolder:
             extents: Settings that may rise.
             kept: Settings that nobody asked for: those of the run's first call stay.
             made_last: Entries that leave the posterior as it is, and may be others each time.
+            copied: Entries that are paths of what the run holds a copy of: that of its first call stays.
 
         Raises:
             InputError: The run is another one, or a shorter one is asked for.
@@ -115,6 +117,10 @@ class RunFolder:
         earlier = read_run(file)
         before, now = earlier["configuration"]["settings"], plain["settings"]
         now |= {name: before[name] for name in kept if name in before}
+        for name in copied:
+            began = earlier["configuration"].get(name)
+            if began is not None and _same_place(began, plain.get(name)):
+                plain[name] = began
         different = differences(earlier["configuration"], plain, leave_out=[*extents, *made_last])
         different += [f"{name} of its settings is lost" for name in extents if not isinstance(before.get(name), int)]
         different += [f"seed was {earlier['seed']}, now it is {seed}"] if earlier["seed"] != seed else []
@@ -136,7 +142,9 @@ class RunFolder:
         others = any(earlier["configuration"].get(name) != plain[name] for name in made_last)
         record = {**earlier, "configuration": plain} if longer or others else None
         predicts = results.finished and others and not longer
-        return RunFolder(results, plain, hashes, seed, _other_versions(earlier), record=record, predicts=predicts)
+        other = other_versions(earlier)
+        notes = [f"not to the last bit what it would have been, as {other}"] if other else []
+        return RunFolder(results, plain, hashes, seed, notes, record=record, predicts=predicts)
 
     def go_on(self, stored: Sequence[str]) -> None:
         """Let the folder be that of a run that goes on, once nothing speaks against it.
@@ -147,8 +155,18 @@ class RunFolder:
         if self.record is None:
             return
         if self.results.finished:
+            self.results.check_as_written()
             self.results.reopen(stored)
         write_json(self.path / RUN, self.record)
+
+    def remembered(self, name: str, value: Any) -> Any:
+        """An entry of run.json, which is written there where a run that has not finished has none."""
+        there = read_json(self.path / RUN)
+        if name not in there and not self.results.finished:
+            write_json(self.path / RUN, {**there, name: value})
+            if self.record is not None:
+                self.record[name] = value
+        return there.get(name, value)
 
     def take_back(self) -> None:
         """Leave no trace of a run that could not begin, so that the next one is not taken for it."""
@@ -222,12 +240,22 @@ def _written(value: Any) -> str:
     return "none" if value is None else value if isinstance(value, str) else quoted(value)
 
 
+def _same_place(one: str, other: str | None) -> bool:
+    """Whether two paths lead to one place, or no other is given."""
+    return other is None or os.path.realpath(one) == os.path.realpath(other)
+
+
 def _machine() -> dict[str, Any]:
     """The device, and threads of XLA's pool, whose number decides over the rounding of sums."""
     return {"device": jax.devices()[0].device_kind, "threads": xla_threads()}
 
 
-def _other_versions(earlier: Mapping[str, Any]) -> list[str]:
+def other_versions(earlier: Mapping[str, Any]) -> str:
+    """In what versions and machine a run differs from this one, in words.
+
+    Arguments:
+        earlier: Its run.json.
+    """
     now = {**run_versions(), **_machine()}
     before = {
         **earlier["versions"],
@@ -235,4 +263,4 @@ def _other_versions(earlier: Mapping[str, Any]) -> list[str]:
         **{name: earlier[name] for name in _machine() if name in earlier},
     }
     other = [f"{name} was {before.get(name)}, is {one}" for name, one in now.items() if before.get(name) != one]
-    return [f"not to the last bit what it would have been, as {'; '.join(other)}"] if other else []
+    return "; ".join(other)

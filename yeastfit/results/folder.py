@@ -117,8 +117,8 @@ class ResultsFolder:
         if in_the_way := self._in_the_way(new, replaced):
             self._stays = True
             raise InputError(
-                f"--out: {listing(in_the_way)} in {self.path} came or changed while the command ran: its results are "
-                f"in {self.partial} until the next run"
+                f"--out: {listing(in_the_way)} in {self.path} came or changed while the command ran, or before it: "
+                f"move it away and repeat the command; until then its results are in {self.partial}"
             )
         both = {name: (*replaced.get(name, ()), *([new[name]] if name in new else [])) for name in {**replaced, **new}}
         self._own(both)
@@ -141,6 +141,14 @@ class ResultsFolder:
         for one, what in not_as_written(place, {one: (known,) for one, known in listed.items()}).items():
             raise InputError(
                 f"--resume: {place / one} {what} since the run wrote it: put it back, or give another folder"
+            )
+
+    def check_as_written(self) -> None:
+        """Raise `InputError` where files of a finished run are no longer those that it wrote."""
+        if changed := changed_files(self.path, self.earlier):
+            raise InputError(
+                f"--resume: {listing(changed)} in {self.path} changed since the run wrote it: put it back, or remove "
+                "it to have it made again"
             )
 
     def reopen(self, kept: Iterable[str]) -> None:

@@ -1,9 +1,5 @@
 """What the data of `yeastfit infer` do not fulfil, in words."""
 
-from collections.abc import Mapping
-from pathlib import Path
-from typing import Any
-
 import numpy as np
 
 from yeastfit.inference.posterior.problem import Problem
@@ -19,26 +15,6 @@ def doubts_of(targets: Targets, problem: Problem, nouns: tuple[str, str]) -> lis
         nouns: What one replicate is called, and several.
     """
     return _of_means(targets, nouns) if problem.variation is None else _of_colonies(problem, nouns[1])
-
-
-def doubts_of_reused(reuse: Path, earlier: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:
-    """In words, why a method that repeats simulations, but does not learn from others, finds none of its own.
-
-    Arguments:
-        reuse: The folder of the earlier run.
-        earlier: What it was, with seed and configuration.
-        now: Configuration and seed of this run.
-    """
-    before = {**earlier["configuration"], "seed": earlier["seed"]}
-    different = [name for name in ("seed", "prior") if before.get(name) != now[name]]
-    count, counts = now["settings"].get("replicates", 1), before["settings"].get("replicates", 1)
-    different += ["replicates"] if count != counts else []
-    if not different:
-        return []
-    return [
-        f"--reuse: nothing in {reuse} will be of use, it has other {', '.join(different)} than this run: "
-        f"{now['method']} takes what it would make itself"
-    ]
 
 
 def _of_means(targets: Targets, nouns: tuple[str, str]) -> list[str]:

@@ -14,10 +14,11 @@ from pathlib import Path
 from yeastfit.commands.generated.samplers import extending
 from yeastfit.commands.measured_source import MEASURED, Measurements, measure_once
 from yeastfit.commands.posterior_run.config import MADE_LAST, Request
-from yeastfit.commands.posterior_run.doubts import doubts_of, doubts_of_reused
+from yeastfit.commands.posterior_run.doubts import doubts_of
 from yeastfit.commands.posterior_run.leave_out import predicted_from_others, single_colonies
+from yeastfit.commands.posterior_run.reused import REUSED, SIMULATIONS, check_reusable, take_over
 from yeastfit.commands.posterior_run.watched_simulator import Met, Watched
-from yeastfit.commands.run_folder import RunFolder, differences, inputs_of, read_run, run_versions
+from yeastfit.commands.run_folder import RunFolder, inputs_of, run_versions
 from yeastfit.errors import InputError
 from yeastfit.inference.comparison.left_out import LeftOut
 from yeastfit.inference.curve_covariance import measurement_covariance
@@ -39,12 +40,10 @@ from yeastfit.progress import Progress, silent
 from yeastfit.report.files.fit_files import write_targets
 from yeastfit.report.files.posterior_files import photographs, with_arviz, write_results
 from yeastfit.report.posterior_summary import Summary
-from yeastfit.results.contents import MANIFEST, RUN, check_finished, check_own
-from yeastfit.results.folder import ResultsFolder, check_at_rest
-from yeastfit.storage import as_json, from_json, written_whole
+from yeastfit.results.contents import RUN, check_own
+from yeastfit.results.folder import ResultsFolder
 
-SIMULATIONS, REUSED, PROBLEMS_MET = "simulations.h5", "reused.h5", "problems.json"
-POSTERIOR, CHAINS = "posterior.npz", "chains.h5"
+PROBLEMS_MET, POSTERIOR, CHAINS = "problems.json", "posterior.npz", "chains.h5"
 LEFT_OUT, COLONIES = "left_out.npz", "colonies.png"
 STORED = (RUN, MEASURED, SIMULATIONS, REUSED, PROBLEMS_MET)  # what a stopped run goes on with
 BATCH = 32  # simulations of the predictive check that run together
@@ -68,6 +67,7 @@ class InferRun:
         workers: That simulate; None where this process does.
         spread: The problem's simulator on these workers.
         unlike: Workers of other arithmetic of earlier calls, in words.
+        reused_otherwise: How simulations taken from another run differ from what this one would make, in words.
     """
 
     request: Request
@@ -82,6 +82,7 @@ class InferRun:
     workers: Workers | None = None
     spread: Simulator | None = None
     unlike: list[str] = field(default_factory=list)
+    reused_otherwise: list[str] = field(default_factory=list)
 
     @staticmethod
     def begin(
@@ -95,7 +96,7 @@ class InferRun:
         path, configuration, prior = results.path, request.configuration(), request.the_prior()
         check_own(path, STORED)
         if request.reuse and not (path / REUSED).is_file():
-            _check_reusable(request.reuse, request)
+            check_reusable(request.reuse, request)
         folder = RunFolder.begin(
             results,
             configuration,
@@ -106,6 +107,7 @@ class InferRun:
             extents=extending(configuration["method"]),
             kept=request.open_settings,
             made_last=MADE_LAST,
+            copied=("reuse",) if (path / REUSED).is_file() else (),
         )
         try:
             run = InferRun._prepared(request, source, folder, prior, jobs, progress)
@@ -120,7 +122,7 @@ class InferRun:
         request: Request, source: Path, folder: RunFolder, prior: Prior, jobs: int, progress: Progress
     ) -> "InferRun":
         """The run in its folder, with data and problem."""
-        results, path = folder.results, folder.path
+        results = folder.results
         chosen = [] if request.condition is None else [request.condition]
         data = measure_once(source, results, jobs, progress)
         (name, seen), *_ = data.seen(request.forward_model, chosen, request.statistics).items()
@@ -137,12 +139,9 @@ class InferRun:
         settings = {name: folder.configuration["settings"][name] for name in request.open_settings}
         sampler = replace(request.sampler, **settings)  # type: ignore[type-var]
         run = InferRun(request, source, folder, data, model, single, problem, sampler)
-        if (path / PROBLEMS_MET).is_file():
-            met = Met.load(path / PROBLEMS_MET)
-            run.tally.simulated = met.simulated
-            problems_of(simulator).update(met.problems)
-            run.unlike.extend(met.unlike)
-        run._copy_reused()
+        if not results.finished or folder.record is not None:
+            run._take_up()
+            run.reused_otherwise.extend(take_over(request.reuse, folder, sampler, run._store))
         return run
 
     def on(self, workers: Workers | None) -> "InferRun":
@@ -169,22 +168,25 @@ class InferRun:
             InputError: The sampler refuses its settings, the data or what was simulated. Where it has not simulated
                 anything before, the folder is as if there had been no run.
         """
-        if self.folder.predicts:
+        if self.folder.predicts and (self.folder.path / POSTERIOR).is_file():
             for name in (POSTERIOR, CHAINS):
                 if (self.folder.path / name).is_file():
                     shutil.copyfile(self.folder.path / name, self.folder.results.partial / name)
             return self.saved()
         try:
             return self._sampled(tell, progress)
-        except InputError as error:
+        except (InputError, MemoryError) as error:
             if not self.tally.simulated:
                 self.folder.take_back()
-            raise InputError("; ".join([str(error), *self._met()])) from error
+            if isinstance(error, MemoryError):
+                raise
+            way = f"for other settings give another --out, with --reuse {self.folder.path}"
+            raise InputError("; ".join([str(error), *self._met(), *([way] if self.tally.simulated else [])])) from error
 
     def _sampled(self, tell: Callable[[int], None], progress: Progress) -> Posterior:
         path, partial = self.folder.path, self.folder.results.partial
         with self._store(path / SIMULATIONS) as store:
-            if self.request.reuse is not None:
+            if (path / REUSED).is_file():
                 with self._store(path / REUSED) as other:
                     store.reuse(*other.all())
             problem = replace(self.problem, simulator=self._watched(tell))
@@ -252,7 +254,7 @@ class InferRun:
         """What micrographs and simulations ran into, since the run began."""
         several = self.model.nouns[1]
         other = [f"a worker whose {several} are others of the same parameters and seeds: {one}" for one in self.mixed()]
-        return [*self.data.warnings, *self._met(), *other]
+        return [*self.data.warnings, *self._met(), *other, *self.reused_otherwise]
 
     def _met(self) -> list[str]:
         """What simulations ran into."""
@@ -263,23 +265,28 @@ class InferRun:
         """Workers of other arithmetic, in words, since the run began."""
         return list(dict.fromkeys([*self.unlike, *([] if self.workers is None else self.workers.unlike)]))
 
-    def _copy_reused(self) -> None:
-        """Copy the simulations that are to be reused, once."""
-        reuse, copy = self.request.reuse, self.folder.path / REUSED
-        if reuse is None or copy.is_file():
-            return
-        with written_whole(copy) as temporary:
-            shutil.copyfile(reuse / SIMULATIONS, temporary)
+    def _take_up(self) -> None:
+        """Go on counting what simulations run into, where a run is resumed."""
+        path, notes = self.folder.path, self.folder.notes
+        kept, there = path / PROBLEMS_MET, (path / SIMULATIONS).is_file()
+        if kept.is_file():
             try:
-                with self._store(temporary) as store:
-                    torn = [one.replace(temporary.name, f"--reuse: {reuse / SIMULATIONS}") for one in store.notes]
+                met = Met.load(kept)
             except InputError as error:
-                told = str(error).replace(str(temporary), str(reuse / SIMULATIONS))
-                raise InputError(f"--reuse: {told}") from None
-        self.folder.notes.extend(torn)
-        if not getattr(self.sampler, "learns", False) and (reuse / RUN).is_file():
-            now = {**self.folder.configuration, "seed": self.folder.seed}
-            self.folder.notes.extend(doubts_of_reused(reuse, read_run(reuse / RUN), now))
+                raise InputError(f"{error}: remove it and give --resume, what it says is counted anew") from None
+            held = 0
+            if there:
+                with self._store(path / SIMULATIONS) as store:
+                    held = len(store)
+                    notes.extend(store.notes)
+            if lost := max(met.simulated - held, 0):
+                notes.append(f"{lost} of {met.simulated} simulations are lost, and made again where they are needed")
+            if held:
+                self.tally.simulated = met.simulated
+                problems_of(self.problem.simulator).update(met.problems)
+            self.unlike.extend(met.unlike)
+        elif there:
+            notes.append(f"{PROBLEMS_MET} is lost, and with it what simulations so far ran into")
 
     def _watched(self, tell: Callable[[int], None]) -> Simulator:
         simulator = self.problem.simulator if self.spread is None else self.spread
@@ -307,25 +314,3 @@ class InferRun:
         made = {name: str(value) for name, value in plain.items() if value is not None and name != "settings"}
         made |= {"seed": str(self.request.seed), "inputs (SHA-256)": f"{len(self.folder.inputs)}: {inputs}"}
         return made | {"versions": ", ".join(f"{name} {one}" for name, one in run_versions().items())}
-
-
-def _check_reusable(reuse: Path, request: Request) -> None:
-    """Raise `InputError` where there is no earlier run, or its simulations are of other parameters or another model.
-
-    It need not have finished: of a run that was killed those simulations count whose checksums are right.
-    """
-    if not (reuse / SIMULATIONS).is_file():
-        raise InputError(f"--reuse: {reuse} holds no {SIMULATIONS}, need the folder of a run of infer")
-    if (reuse / MANIFEST).is_file():
-        check_finished(reuse)
-    elif not (reuse / RUN).is_file():
-        raise InputError(f"--reuse: {reuse} has neither {MANIFEST} nor {RUN}, need the folder of a run of infer")
-    check_at_rest(reuse)
-    if not (reuse / RUN).is_file():
-        return
-    earlier = read_run(reuse / RUN)["configuration"]
-    names = ("model", "free", "fixed", *request.forward_model.settings("infer"))
-    now = from_json(as_json(request.configuration()))
-    was, now = ({name: one.get(name) for name in names} for one in (earlier, now))
-    if other := differences(was, now):
-        raise InputError(f"--reuse: {reuse} holds other simulations: {'; '.join(other)}")

@@ -1,5 +1,6 @@
 """Simulations that are found again by their parameters and seed, bit by bit."""
 
+import hashlib
 import zlib
 from collections.abc import Sequence
 
@@ -75,6 +76,11 @@ class Simulations:
         """Every simulation once, in the order in which they were made."""
         rows = self._rows[: self._count]
         return rows["values"].copy(), rows["seed"].copy(), rows["statistics"].copy()
+
+    @property
+    def sha256(self) -> str:
+        """Of all rows, in their order."""
+        return hashlib.sha256(self._rows[: self._count].tobytes()).hexdigest()
 
     def __len__(self) -> int:
         return self._count
