@@ -20,7 +20,7 @@ class Scattered:
     """Probabilities are of each answer: `failing` raises, `dying` takes its worker along, `losing` the scheduler.
 
     hanging: workers that are admitted and answer no more. others: arithmetic of workers that is not the usual one, by
-    address. away: calls of `reconnect` that fail.
+    address. away: calls of `reconnect` that fail. tasks: of each at once.
     """
 
     count: int
@@ -32,13 +32,14 @@ class Scattered:
     others: Mapping[str, Arithmetic] = field(default_factory=dict)
     shift: Mapping[str, float] = field(default_factory=dict)
     away: int = 0
+    tasks: int = 1
     where: str = "nowhere"
     requests: list[tuple[int, ...]] = field(default_factory=list)
     order: list[int] = field(default_factory=list)
 
     def __post_init__(self) -> None:
         self.rng, self.tickets, self.next = np.random.default_rng(self.seed), 0, 0
-        self.queues, self.made = dict[str, deque](), dict[str, dict[str, Any]]()
+        self.queues, self.made = dict[str, deque](), dict[str, dict[tuple[str, int], Any]]()
         self.deaths = self.losses = 0
 
     def workers(self) -> Mapping[str, str]:
@@ -94,16 +95,16 @@ class Scattered:
     def _done(self, worker: str, function: Callable[..., Any], arguments: tuple) -> Any:
         made = self.made.setdefault(worker, {})
         if function is admit:
-            text, _, _, _, blocks = arguments
+            text, size, _, _, blocks = arguments
             specification = Specification.read(text)
-            made[specification.digest] = specification.made()
-            rows = [made[specification.digest](*block) + self.shift.get(worker, 0.0) for block in blocks]
+            made[specification.digest, size] = simulator = specification.made()
+            rows = [simulator(*block) + self.shift.get(worker, 0.0) for block in blocks]
             arithmetic = self.others.get(worker, MINE).asdict()
-            return {"arithmetic": arithmetic, "name": worker, "tasks": 1, "rows": rows, "seconds": 0.01}
-        digest, values, seeds = arguments
-        if digest not in made:
+            return {"arithmetic": arithmetic, "name": worker, "tasks": self.tasks, "rows": rows, "seconds": 0.01}
+        digest, size, values, seeds = arguments
+        if (digest, size) not in made:
             raise NotMade(digest)
-        simulator = made[digest]
+        simulator = made[digest, size]
         self.requests.append(tuple(map(int, seeds)))
         before = simulator.problems.copy()
         rows = simulator(values, seeds) + self.shift.get(worker, 0.0)

@@ -317,7 +317,7 @@ def test_simulations_of_another_simulator_are_refused(tmp_path: Path) -> None:
         store.append(np.ones((1, 1)), np.ones(1, np.uint64), np.ones((1, 1)))
     with opened_store(path, Replicates(Shifted(0.5), 3)) as store:
         assert len(store) == 1
-    for other, told in ((Shifted(0.25), "shift 0.5, not shift 0.25"), (Told(0.5), "about is shift 0.5, not told")):
+    for other, told in ((Shifted(0.25), "shift 0.5, not shift 0.25"), (Told(0.5), "they are of shift 0.5, not told")):
         with pytest.raises(InputError, match=f"s.h5 holds other simulations: .*{told}"):
             opened_store(path, other)
 

@@ -13,10 +13,12 @@ from wobble import Wobble, proposed
 
 from yeastfit import CachedSimulator, InputError, Prior, SimulationError, Store, infer
 from yeastfit.inference.simulator import Replicates, Simulator, labels_of
-from yeastfit.inference.workers import dispatch, spread
+from yeastfit.inference.workers import dispatch, spread, worker
 from yeastfit.inference.workers.admission import Patience
 from yeastfit.inference.workers.dask_crew import STARTS, DaskCrew, local_crew
 from yeastfit.inference.workers.spread import Spread, Workers
+from yeastfit.inference.workers.worker import NotMade, admit, simulate
+from yeastfit.specification import Specification
 
 NEVER = Patience(tries=10**6, retry=0.0, look=0.0)
 ROWS = 203
@@ -183,6 +185,10 @@ def test_no_worker_is_left() -> None:
     refused, _ = by(Scattered(2, 0, others={"w0:1": other_jaxlib(), "w1:1": other_jaxlib()}))
     with pytest.raises(SimulationError, match=r"all 2 workers at nowhere were refused .*--mixed-arithmetic"):
         refused(values, seeds)
+    busy, _ = by(Scattered(2, 0, tasks=2))
+    with pytest.raises(SimulationError, match="one as it does 2 tasks at once: start it with --nthreads 1") as error:
+        busy(values, seeds)
+    assert "--mixed-arithmetic" not in str(error.value)
     nobody, _ = by(Scattered(0), patience=Patience(alone=0.0))
     with pytest.raises(SimulationError, match="there has been no worker at nowhere"):
         nobody(values, seeds)
@@ -197,7 +203,7 @@ def test_what_is_to_be_gained_is_said_before_the_first_block() -> None:
     found, said = by(crew, patience=Patience())  # two machines, on each of which one worker begins alone
     list(found.blocks(*proposed(3 * 8)))
     assert said[0].startswith("4 workers, blocks of 8: one takes 0.01 s on a worker")
-    assert said[0].endswith("times as fast is expected")
+    assert said[0].endswith("times as fast is expected where 4 blocks are asked for at once")
 
 
 @pytest.mark.parametrize("rows", [0, 1, 8, 9, 16])
@@ -256,3 +262,17 @@ def test_workers_are_started_again_where_one_dies_while_it_starts(dying: int, mo
         with pytest.raises(SimulationError, match=r"a worker process ended while it started, 3 times.*Nanny failed"):
             local_crew(2, 1)
     assert started == [2, 2, 2]
+
+
+def test_a_worker_serves_blocks_of_any_size(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One that has served a run before is admitted by the next, whatever its blocks."""
+    monkeypatch.setattr(worker, "_settled", {"threads": 1})  # this process stays what it is
+    text = Wobble().specification.text
+    digest, (values, seeds) = Specification.read(text).digest, proposed(16)
+    for size in (8, 16, 4):
+        block = values[:size], seeds[:size]
+        answer = admit(text, size, 1, False, [block])
+        assert bits(answer["rows"][0]) == bits(Wobble()(*block))
+        assert bits(simulate(digest, size, *block)["rows"]) == bits(Wobble()(*block))
+    with pytest.raises(NotMade):
+        simulate(digest, 5, values[:5], seeds[:5])

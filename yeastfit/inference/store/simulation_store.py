@@ -41,6 +41,7 @@ DATASET = "simulations"
 USER_BLOCK = 512  # bytes in front of all that is HDF5's own, the fewest that it allows
 CHECK = struct.Struct("<20s Q Q I")  # name, lengths of the bookkeeping and of the file, CRC-32 of the bookkeeping
 FLAGS = slice(20, 24)  # of the bookkeeping: HDF5 file format 3.0, section II.A, version 0
+CALLED = {"free": "parameters are", "labels": "statistics are", "about": "they are of"}  # what a file says of itself
 NAME, SIGNATURE = b"yeastfit simulations", b"\x89HDF\r\n\x1a\n"
 
 
@@ -133,7 +134,7 @@ class Store(Simulations):
         try:
             head = from_json(self._file.attrs["head"])
             said = {key: one for key, one in self._head.items() if key != "about" or (one and head[key])}
-            different = [f"{key} is {_apart(head[key], one)}" for key, one in said.items() if head[key] != one]
+            different = [f"{CALLED[key]} {_apart(head[key], one)}" for key, one in said.items() if head[key] != one]
             if different:
                 raise InputError(f"{self.path} holds other simulations: {'; '.join(different)}")
             rows = self._file[DATASET][...]
@@ -180,6 +181,8 @@ def _check(start: int, end: int, bookkeeping: bytes) -> int:
 
 def _apart(there: Any, here: Any) -> str:
     """What is there and is not what is here: of lists in words the parts that differ."""
+    if isinstance(here, list):
+        return f"{', '.join(map(str, there))}, not {', '.join(here)}"
     parts = str(there).split(", "), str(here).split(", ")
     if len(parts[0]) != len(parts[1]):
         return f"{there}, not {here}"

@@ -66,6 +66,8 @@ class Member:
         since: When it began with the first of these.
         seconds: Of the block that was timed.
         failures: Of being admitted.
+        refusal: Why it was refused, in words.
+        otherwise: Whether it was for no other reason than that it computes other bits.
     """
 
     host: str
@@ -75,6 +77,8 @@ class Member:
     since: float = field(default_factory=time.monotonic)
     seconds: float = 0.0
     failures: int = 0
+    refusal: str = ""
+    otherwise: bool = False
 
 
 def reasons_against(answer: Mapping[str, Any], reference: Reference) -> tuple[list[str], list[str]]:

@@ -239,5 +239,7 @@ def imported() -> Any:
 
 def quiet() -> None:
     """Dask's own log is not for the terminal: what matters is said in words of this package."""
-    for name in ("distributed", "tornado", "asyncio"):
+    theirs = ("distributed", "tornado", "asyncio")
+    own = [name for name in logging.root.manager.loggerDict if name.partition(".")[0] in theirs]  # have own levels
+    for name in (*theirs, *own):
         logging.getLogger(name).setLevel(logging.CRITICAL)

@@ -29,7 +29,7 @@ from yeastfit.inference.workers.worker import Block, NotMade, admit, simulate
 AHEAD = 4  # blocks a worker that may wait for an earlier one
 WAIT = 0.5  # seconds, while nothing comes
 NAMED = 3  # workers that a sentence names
-RESUME = "what has been simulated so far is kept where there is a store: repeat the run to go on"
+RESUME = "what has been simulated is kept where there is a store: repeat the run to go on, a command with --resume"
 
 
 @dataclass
@@ -142,7 +142,7 @@ class Dispatch:
             if not idle and (not busy or len(self._waiting) <= 2 * workers):
                 break
             number = self._waiting[0]
-            ticket = self._send(next(iter(idle or busy)), simulate, self.digest, *self._blocks[number])
+            ticket = self._send(next(iter(idle or busy)), simulate, self.digest, self.size, *self._blocks[number])
             self._numbers[ticket] = heapq.heappop(self._waiting)
 
     def _send(self, address: str, function: Callable[..., Any], *arguments: Any) -> int:
@@ -197,20 +197,23 @@ class Dispatch:
             if member.failures < self.patience.tries:
                 self._ask(address, member.host)
                 return
-            member.state = "refused"
-            self.say(f"worker {member.name} is refused, it cannot simulate: {_in_words(answer.error)}")
+            self._refuse(member, [f"it cannot simulate: {_in_words(answer.error)}"])
             return
         member.name, member.seconds = answer.value["name"], answer.value["seconds"]
         unfit, reasons = reasons_against(answer.value, self.reference)
         if unfit or (reasons and not self.mixed):
-            member.state = "refused"
-            self.say(f"worker {member.name} is refused: {'; '.join(unfit + reasons)}")
+            self._refuse(member, unfit + reasons, otherwise=not unfit)
             return
         member.state = "admitted"
         self._longest = max(self._longest, member.seconds)
         if reasons:
             self.unlike.append(f"{member.name}: {'; '.join(reasons)}")
             self.say(f"worker {member.name} computes otherwise: {'; '.join(reasons)}")
+
+    def _refuse(self, member: Member, reasons: list[str], otherwise: bool = False) -> None:
+        """Ask a worker nothing more. otherwise: for no other reason than that it computes other bits."""
+        member.state, member.refusal, member.otherwise = "refused", "; ".join(reasons), otherwise
+        self.say(f"worker {member.name} is refused: {member.refusal}")
 
     def _lose(self, addresses: Sequence[str]) -> None:
         """Give others what workers had that are gone. The block at hand of each counts as failed, it may be why."""
@@ -278,9 +281,12 @@ class Dispatch:
 
     def _give_up(self, seconds: float) -> None:
         if self.members:
+            members = self.members.values()
+            why = next((f", one as {one.refusal}" for one in members if one.refusal), "")
+            way = ": start this command on a machine like theirs, with the same libraries, or give --mixed-arithmetic"
             raise SimulationError(
-                f"all {len(self.members)} workers at {self.crew.where} were refused or do not answer: start this "
-                f"command on a machine like theirs, with the same libraries, or give --mixed-arithmetic. {RESUME}"
+                f"all {len(members)} workers at {self.crew.where} were refused or do not answer{why}"
+                f"{way if any(one.otherwise for one in members) else ''}. {RESUME}"
             )
         raise SimulationError(f"there has been no worker at {self.crew.where} for {seconds:.0f} s: {RESUME}")
 

@@ -28,12 +28,13 @@ from yeastfit.inference.workers.dask_crew import imported, local_crew, remote_cr
 from yeastfit.inference.workers.dispatch import Dispatch
 from yeastfit.inference.workers.worker import Block, in_full
 from yeastfit.memory import check_count
+from yeastfit.numbers import AT_LEAST_ONE
 from yeastfit.specification import Specification
 from yeastfit.text import quoted
 
 BLOCK = 8  # rows: 1.6 s where a colony takes 0.2 s, some hundred times what sending them takes
 PROCESS = 2e8  # bytes that a worker process takes at least
-ADDRESS = re.compile(r"(tcp|tls)://[^\s/]+:[0-9]{1,5}")
+ADDRESS, LAST_PORT = re.compile(r"(tcp|tls)://[^\s/]+:(?P<port>[0-9]{1,5})"), 65535
 ALONE = 120.0  # seconds without any worker on this machine, where they start within a minute
 FIRST = 2  # blocks that the asking process simulates itself
 
@@ -146,9 +147,10 @@ class Spread(Wrapper):
         """Say what is to be gained."""
         here, there = self._dispatch[0].reference.seconds, float(np.median(seconds))
         gain = sum(here / max(one, 1e-9) for one in seconds)
+        together = f" where {len(seconds)} blocks are asked for at once" if len(seconds) > 1 else ""
         self.say(
             f"{len(seconds)} worker{'' if len(seconds) == 1 else 's'}, blocks of {self.block}: one takes {there:.3g} s "
-            f"on a worker and {here:.3g} s without workers, {gain:.1f} times as fast is expected"
+            f"on a worker and {here:.3g} s without workers, {gain:.1f} times as fast is expected{together}"
         )
 
 
@@ -186,11 +188,13 @@ class Workers:
     def __post_init__(self) -> None:
         if (self.processes is None) == (self.scheduler is None):
             raise InputError("processes and scheduler: need one of the two")
-        if self.scheduler is not None and not ADDRESS.fullmatch(self.scheduler):
-            raise InputError(f"scheduler is {quoted(self.scheduler)}, it must be like tcp://host:8786")
+        if self.scheduler is not None:
+            found = ADDRESS.fullmatch(self.scheduler)
+            if not found or not 0 < int(found["port"]) <= LAST_PORT:
+                raise InputError(f"scheduler is {quoted(self.scheduler)}, it must be like tcp://host:8786")
         for name, value in (("processes", self.processes), ("block", self.block)):
-            if value is not None and value < 1:
-                raise InputError(f"{name} is {value}, it must be at least 1")
+            if value is not None:
+                check_count(name, AT_LEAST_ONE.read_whole(value, name))
         if self.processes is not None:
             check_count("processes", self.processes, PROCESS)
 

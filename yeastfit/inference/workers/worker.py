@@ -27,7 +27,7 @@ class NotMade(LookupError):
     """A simulator is asked for that this process has not made."""
 
 
-_made: dict[str, Any] = {}
+_made: dict[tuple[str, int], Any] = {}  # by digest, and rows of a block
 _settled: dict[str, Any] = {}
 
 
@@ -71,12 +71,12 @@ def admit(text: str, size: int, threads: int, double: bool, blocks: list[Block])
     from yeastfit.specification import Specification
 
     specification = Specification.read(text)
-    if specification.digest not in _made:
+    if (specification.digest, size) not in _made:
         simulator = specification.made()
         own = getattr(simulator, "in_blocks_of", None)
-        _made[specification.digest] = (simulator if own is None else own(size), size)
+        _made[specification.digest, size] = simulator if own is None else own(size)
     name, tasks = _worker()
-    found = [simulate(specification.digest, *block) for block in blocks]
+    found = [simulate(specification.digest, size, *block) for block in blocks]
     return {
         "arithmetic": Arithmetic.of_this_process().asdict(),
         "name": f"{name} on {socket.gethostname()}",
@@ -86,20 +86,21 @@ def admit(text: str, size: int, threads: int, double: bool, blocks: list[Block])
     }
 
 
-def simulate(digest: str, values: np.ndarray, seeds: np.ndarray) -> dict[str, Any]:
+def simulate(digest: str, size: int, values: np.ndarray, seeds: np.ndarray) -> dict[str, Any]:
     """One block.
 
     Arguments:
         digest: Of the simulator's specification, which `admit` has read.
+        size: Rows of every block, as `admit` has it.
         values: Parameters [row, parameter].
         seeds: One a row.
 
     Returns:
         `rows`, what they ran into (`problems`), and `seconds`.
     """
-    if digest not in _made:
+    if (digest, size) not in _made:
         raise NotMade(digest)
-    simulator, size = _made[digest]
+    simulator = _made[digest, size]
     problems: Mapping[str, int] = getattr(simulator, "problems", {})
     before, began = Counter(problems), time.perf_counter()
     rows = in_full(simulator, size, values, seeds)
