@@ -247,3 +247,21 @@ def test_value_and_derivative_are_finite_for_coincident_and_newborn_nodes(distan
             value, slope = moved_node(base, jnp.array(direction), relaxation, numerics)
             assert np.isfinite(value).all()
             assert np.isfinite(slope).all()
+
+
+def test_second_derivatives_are_finite_in_single_precision() -> None:
+    """Also where the sum of all cells is so small that its square is 0."""
+    colony = colony_of(np.array([[-0.5, 0.0], [0.5, 0.1]]), np.array([-1, 0]), np.ones(2), numerics=NUMERICS)
+
+    def area(aspect_ratio: Array) -> Array:
+        g = joined(cells_of(colony, aspect_ratio), Relaxation())
+        return jnp.sum(0.5 - 0.5 * jnp.tanh(g / 0.2))
+
+    at, h = 0.6, 1e-4
+    found = [jax.jit(jax.jacfwd(of(area)))(at) for of in (jax.jacfwd, jax.jacrev)]
+    with jax.enable_x64(True):
+        colony = jax.tree.map(lambda leaf: leaf.astype(float) if leaf.dtype == jnp.float32 else leaf, colony)
+        slope = jax.jit(jax.grad(area))
+        difference = float((slope(at + h) - slope(at - h)) / (2 * h))
+    assert abs(difference) > 1.0
+    np.testing.assert_allclose(found, difference, rtol=3e-3)  # single precision rounds them by 1e-3

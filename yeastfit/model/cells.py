@@ -134,7 +134,30 @@ def level_set(
         return grid[margin:-margin, margin:-margin]
     total = sum_of_terms(add_chunk, trips, grid, args)[margin:-margin, margin:-margin]
     reached = total > 0
-    return jnp.where(reached, -s * jnp.log(jnp.where(reached, total, 1.0)), FAR)
+    return jnp.where(reached, -s * _logarithm(jnp.where(reached, total, 1.0)), FAR)
+
+
+@jax.custom_jvp
+def _logarithm(x: Float[Array, "*shape"]) -> Float[Array, "*shape"]:
+    """log x, with finite second derivatives down to the smallest x, whose square is 0."""
+    return jnp.log(x)
+
+
+@_logarithm.defjvp
+def _(primals: tuple[Array], tangents: tuple[Array]) -> tuple[Array, Array]:
+    return _logarithm(*primals), tangents[0] * _reciprocal(*primals)
+
+
+@jax.custom_jvp
+def _reciprocal(x: Float[Array, "*shape"]) -> Float[Array, "*shape"]:
+    """1 / x. Its slope 1 / x² may overflow; times a slope of x it does not."""
+    return 1.0 / x
+
+
+@_reciprocal.defjvp
+def _(primals: tuple[Array], tangents: tuple[Array]) -> tuple[Array, Array]:
+    inverse = _reciprocal(*primals)
+    return inverse, -inverse * (tangents[0] * inverse)
 
 
 def patch_of(spacing: Scalar) -> int:
