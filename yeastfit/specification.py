@@ -6,6 +6,7 @@ function that makes the object, the arguments as JSON, and modules that have to 
 
 import hashlib
 import importlib
+import inspect
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import partial
@@ -38,10 +39,10 @@ class Specification:
         module, _, name = self.function.partition(":")
         if not module or not name:
             raise InputError(f"function is {self.function!r}, it must be a path such as 'package.module:function'")
-        for each in (module, *self.imports):
+        for each, what in ((module, name), *((one, "something that it needs") for one in self.imports)):
             if each == MAIN:
                 raise InputError(
-                    f"specification: {name} is defined in the program that runs, other processes cannot import it: "
+                    f"specification: {what} is defined in the program that runs, other processes cannot import it: "
                     "move it into a module of its own"
                 )
 
@@ -103,6 +104,14 @@ def module_outside(thing: Any) -> tuple[str, ...]:
     """The module of a function or class, unless it is one of the package."""
     module = thing.__module__
     return () if module.partition(".")[0] == "yeastfit" else (module,)
+
+
+def source_digest(thing: Any) -> str:
+    """The beginning of the SHA-256 of a function's or class's source; "unknown" where there is no file of it."""
+    try:
+        return hashlib.sha256(inspect.getsource(thing).encode()).hexdigest()[:12]
+    except (OSError, TypeError):
+        return "unknown"
 
 
 def described(function: Any) -> dict[str, Any]:

@@ -18,11 +18,13 @@ from yeastfit import (
     Numerics,
     Parameter,
     Parameters,
+    SpringRule,
     UptakeRule,
     member_keys,
     simulate,
 )
 from yeastfit.commands.generated.rules import rule_options
+from yeastfit.model.colony import Colony
 from yeastfit.model.laws.budding import TurnedBudding
 from yeastfit.model.parameters import PARAMETERS
 from yeastfit.model.rules import Rule
@@ -35,6 +37,16 @@ class OneAngle(BuddingRule):
 
     def angles(self, context: Context, parents: Array, lineages: Array) -> Array:
         return jnp.zeros(())
+
+
+class OnePull(SpringRule):
+    name = "one pull"
+
+    def pull(self, colony: Colony) -> Array:
+        return jnp.zeros(2)
+
+    def stiffness(self, colony: Colony) -> Array:
+        return jnp.ones(())
 
 
 class Sideways(ContactRule):
@@ -66,7 +78,9 @@ class Everywhere(UptakeRule):
 
 
 @pytest.mark.usefixtures("unchecked")
-@pytest.mark.parametrize("rule", [OneAngle(), Sideways(), Still(), Flat(), Everywhere()], ids=lambda rule: rule.name)
+@pytest.mark.parametrize(
+    "rule", [OneAngle(), Sideways(), OnePull(), Still(), Flat(), Everywhere()], ids=lambda rule: rule.name
+)
 def test_an_answer_of_another_shape_is_refused(rule: Rule) -> None:
     rules: dict[str, Any] = {rule.question: rule}
     said = rf"{rule.question}: rule '{rule.name}' gave an array of shape \(.*\), not \("
@@ -136,3 +150,23 @@ def test_no_two_parameters_have_one_symbol() -> None:
                     symbols.setdefault(info.symbol, set()).add(info.name)
     assert len(symbols) > 20
     assert {symbol: names for symbol, names in symbols.items() if len(names) > 1} == {}
+
+
+def test_a_rule_of_ones_own_has_a_name_of_its_own(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Files and other processes find rules by their names: they would take the package's."""
+
+    class East(OneAngle):
+        name = "uniform"
+
+    with pytest.raises(
+        InputError, match=r"budding: East is called 'uniform', as UniformBudding of yeastfit.* is: choose"
+    ):
+        Model(budding=East())
+    first = East
+    first.name = "east"
+    monkeypatch.setitem(RULES["budding"], "east", first)
+
+    class East(OneAngle):  # type: ignore[no-redef]  # a notebook's cell that is run again
+        name = "east"
+
+    assert Model(budding=East()).budding.name == "east"

@@ -37,7 +37,7 @@ from yeastfit.observable import Observable
 from yeastfit.parameter_set import ParameterSet
 from yeastfit.seeds import keys_of
 from yeastfit.simulation.simulate import SHORT, member_keys, schedule_of, simulate
-from yeastfit.specification import Specification, found_at, module_outside, path_of
+from yeastfit.specification import Specification, found_at, module_outside, path_of, source_digest
 
 DEFAULT_FREE = ("mobility", "metabolic_rate", "aspect_ratio")
 MARGIN = 3.0  # L0 between a colony and the edge of the dish: several diffusion lengths, nutrient is untouched there
@@ -181,7 +181,9 @@ class ColonySimulator:
         image = {f"image {name}": one for name, one in _plain_fields(observe).items() if isinstance(one, int | float)}
         named = {**self.fixed, **asdict(curves.numerics), **image, "area": curves.area}
         measured = "masks" if isinstance(observe, HardStatistics) else "smooth"
-        return ", ".join([*rules, measured, *(f"{name} {value}" for name, value in named.items())])
+        own = [type(part) for part in curves.model.parts if module_outside(type(part))]
+        sources = [f"{rule.__name__} {source_digest(rule)}" for rule in own]
+        return ", ".join([*rules, *sources, measured, *(f"{name} {value}" for name, value in named.items())])
 
     @property
     def specification(self) -> Specification:
@@ -276,7 +278,9 @@ def colony_simulator_of(
 ) -> ColonySimulator:
     """The simulator of a `ColonySimulator.specification`, whose arguments are plain data."""
     for rule in map(found_at, rules):
-        RULES[rule.question].setdefault(rule.name, rule)
+        known = RULES[rule.question].setdefault(rule.name, rule)
+        if path_of(known) != path_of(rule):
+            raise InputError(f"{rule.question}: {path_of(rule)} is called {rule.name!r}, as {path_of(known)} is")
     seen: dict[str, Any] = {**observe, "statistics": tuple(observe["statistics"])}
     hard = seen.pop("hard")
     if seen.get("polar"):

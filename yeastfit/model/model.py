@@ -48,6 +48,7 @@ from yeastfit.model.rules import (
     UptakeRule,
 )
 from yeastfit.parameter_set import ParameterSet
+from yeastfit.specification import path_of
 from yeastfit.text import quoted
 
 BASES: dict[str, type[Rule]] = {
@@ -117,6 +118,8 @@ class Model(eqx.Module):
                 raise InputError(f"{question} is {rule!r}, it must be of the class {BASES[question].__name__}{made}")
             if not hasattr(rule, "name"):
                 raise InputError(f"{question} is {rule!r}, which has no name: files and warnings call a rule by one")
+        for part in self.parts:
+            _check_name(part)
         for question, rule in self.rules.items():
             objection = rule.objection(self.rules)
             if objection:
@@ -261,6 +264,21 @@ def check_registered(question: str, name: str) -> None:
         raise InputError(f"{question}: rule {rule.name!r} is registered as {name!r}, register it under its own name")
     if not rule.__module__.startswith("yeastfit."):
         _check_alike(rule, [other for rules in RULES.values() for other in rules.values()], question)
+
+
+def _check_name(rule: Rule) -> None:
+    """Raise `InputError` where another rule is registered under the name of one that is not the package's.
+
+    By their names files, other processes and the command line find rules. A class defined anew, as when a notebook's
+    cell is run again, is the same rule.
+    """
+    mine, other = type(rule), RULES[rule.question].get(rule.name)
+    if other is None or mine.__module__.startswith("yeastfit.") or path_of(mine) == path_of(other):
+        return
+    raise InputError(
+        f"{rule.question}: {mine.__name__} is called {rule.name!r}, as {other.__name__} of {other.__module__} is: "
+        "choose another name"
+    )
 
 
 def _check_alike(rule: Rule | type[Rule], others: Iterable[Rule | type[Rule]], where: str) -> None:

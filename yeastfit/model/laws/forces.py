@@ -38,9 +38,9 @@ def velocity(
 ) -> Float[Array, "node 2"]:
     """dx/dt of every node; 0 in empty slots. Differentiable where the rules are."""
     colony, parameters = context.colony, context.parameters
-    pull = parameters.elasticity * springs.pull(colony)
-    drift = medium.drift(context)
-    motion = pull + contact.answered(contact.velocity(context, pull + drift), pull.shape) + drift
+    pull = parameters.elasticity * springs.answered(springs.pull(colony), colony.positions.shape)
+    drift = medium.answered(medium.drift(context), colony.positions.shape)
+    motion = pull + contact.answered(contact.velocity(context, pull + drift), colony.positions.shape) + drift
     return jnp.where(colony.alive[:, None], motion, 0.0)
 
 
