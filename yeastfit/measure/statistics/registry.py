@@ -8,6 +8,8 @@ collected here, or from outside the package by `register_statistic`.
 from collections.abc import Iterable
 from typing import Literal
 
+import jax
+
 from yeastfit.errors import InputError
 from yeastfit.measure.statistics import colonies, filaments, fractal, nodes, shape, spatial_indices
 from yeastfit.measure.statistics.statistic import Form, Statistic
@@ -37,6 +39,7 @@ def register_statistic(statistic: Statistic) -> None:
     From then on `measure` has it in its tables and pages, simulations record it, and fits and posteriors may name it
     among their statistics, in this process. Processes that `measure` starts are sent registered statistics too, where
     their functions can be pickled: those at the top level of a module. Otherwise one process measures all images.
+    A statistic whose functions are defined anew, as when a notebook's cell is run again, replaces the earlier one.
 
     Arguments:
         statistic: The entry.
@@ -45,13 +48,23 @@ def register_statistic(statistic: Statistic) -> None:
         InputError: The name is taken by another statistic or by a column of the tables.
     """
     name = statistic.name
-    if name in STATISTICS:
+    if name in STATISTICS and (name in _OWN or _defined(statistic) != _defined(STATISTICS[name])):
         raise InputError(f"statistic {name!r}: there is one of this name ({STATISTICS[name].meaning}), choose another")
     if name in OTHER_COLUMNS:
         raise InputError(f"statistic {name!r}: tables have a column of this name, choose another")
+    if name in _KNOWN:
+        jax.clear_caches()  # compiled programs hold the earlier functions
+    _KNOWN.add(name)
     STATISTICS[name] = statistic
 
 
+def _defined(statistic: Statistic) -> set[tuple[str, str]]:
+    """Where a statistic's functions are defined."""
+    forms = (form for form in (statistic.smooth, statistic.mask, statistic.nodes) if form)
+    return {(form.__module__, form.__qualname__) for form in forms}
+
+
+_OWN, _KNOWN = frozenset[str](), set[str]()
 for _topic in (shape, colonies, fractal, filaments, spatial_indices, nodes):
     for _entry in _topic.ENTRIES:
         register_statistic(_entry)
