@@ -1,6 +1,7 @@
 """A check of any function's derivatives: it passes what is right, fails what is wrong, says where it cannot tell."""
 
 from collections.abc import Callable, Iterator
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -129,3 +130,21 @@ def test_directions_of_ones_own() -> None:
 def test_inputs_without_derivatives_are_named() -> None:
     with pytest.raises(InputError, match="inputs hold 3, they must be floating-point arrays"):
         check_derivatives(lambda x: x, 3)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"function": lambda x: {}}, "function gives no output, there is nothing to compare"),
+        ({"inputs": {}}, "inputs hold no array, there is nothing to differentiate by"),
+        ({"directions": {"none": jnp.zeros(3)}}, "directions: 'none' is 0 everywhere, there is nothing to compare"),
+        ({"tolerance": 0.0}, "tolerance is 0.0, it must be a number above 0"),
+        ({"steps": ()}, r"steps is \[\], it must be numbers above 0"),
+        ({"steps": (1e-3, 0.0)}, r"steps is \[0.001, 0.0\], it must be numbers above 0"),
+    ],
+    ids=["output", "inputs", "direction", "tolerance", "no steps", "step"],
+)
+def test_a_check_of_nothing_is_none(change: dict[str, Any], words: str) -> None:
+    given = {"function": lambda x: 2.0 * x, "inputs": jnp.ones(3), **change}
+    with pytest.raises(InputError, match=words):
+        check_derivatives(given.pop("function"), given.pop("inputs"), **given)

@@ -29,6 +29,7 @@ from yeastfit import (
 from yeastfit.commands import app as cli
 from yeastfit.commands import gradcheck as command
 from yeastfit.derivatives import check_colony as gradients
+from yeastfit.measure import HardStatistics
 from yeastfit.measure.statistics.smooth_statistics import SmoothStatistics
 from yeastfit.model.colony import Colony
 from yeastfit.model.parameters import PARAMETERS
@@ -199,11 +200,14 @@ def test_rules_without_a_derivative_are_refused(relaxation: Relaxation, words: s
         ({"times": (2.0, 1.0)}, r"times is \[2, 1\], it must rise"),
         ({"parameters": Parameters(mobility=np.ones(2))}, r"mobility has shape \(2,\), a check is of one number each"),
         ({"draws": 0}, "draws is 0"),
+        ({"observe": HardStatistics(extent=8.0)}, "observe is HardStatistics, which has no derivatives: use"),
+        ({"observe": "smooth"}, "observe is 'smooth', it must be yeastfit.measure.SmoothStatistics"),
+        ({"relaxation": "hard"}, "relaxation is 'hard', it must be yeastfit.Relaxation"),
     ],
-    ids=["times", "parameters", "draws"],
+    ids=["times", "parameters", "draws", "masks", "observer", "relaxation"],
 )
 def test_what_does_not_fit_is_named(change: dict[str, Any], words: str) -> None:
-    with pytest.raises(InputError, match=words):
+    with wrong_types(), pytest.raises(InputError, match=words):
         check_gradients(numerics=TINY, **change)
 
 

@@ -27,8 +27,10 @@ from jaxtyping import Array, PyTree
 
 from yeastfit.derivatives.result import AGREES, DerivativeComparison, GradientCheck
 from yeastfit.errors import InputError
+from yeastfit.numbers import POSITIVE, array_of
 from yeastfit.progress import Progress, silent
 from yeastfit.seeds import Stream, stream_of
+from yeastfit.text import quoted
 
 STEPS = (1e-4, 1e-5, 1e-6, 1e-7, 1e-8)
 TRANSPOSE = 1e-9  # what rounding may leave between forward and reverse mode
@@ -69,9 +71,17 @@ def check_derivatives(
     Raises:
         InputError: Inputs or directions are not floating-point arrays of the same shapes.
     """
+    POSITIVE.check(tolerance, "tolerance")
+    if not len(array_of(steps, "steps").reshape(-1)) or not (array_of(steps, "steps") > 0).all():
+        raise InputError(f"steps is {quoted(steps)}, it must be numbers above 0, such as (1e-3, 1e-4)")
     with jax.enable_x64(True):
         x = double(inputs, "inputs")
         along = _random(x, seed) if directions is None else _like(x, directions)
+        for name, d in (directions or {}).items():
+            if not any(np.any(leaf) for leaf in jax.tree.leaves(d)):
+                raise InputError(f"directions: {name!r} is 0 everywhere, there is nothing to compare along it")
+        if not along:
+            raise InputError("inputs hold no array, there is nothing to differentiate by")
         pair = function if has_aux else lambda x: (function(x), ())
         with np.errstate(all="ignore"):  # what is not finite gets a verdict
             return GradientCheck(compare(pair, x, along, tolerance, steps, seed)[0], tolerance)
@@ -94,6 +104,8 @@ def compare(
         return ravel_pytree(of(outputs))[0].astype(jnp.float64), decisions
 
     labels = _labels(of(pair(x)[0]))
+    if not labels:
+        raise InputError("function gives no output, there is nothing to compare")
     value, decisions = jax.tree.map(np.asarray, flat(x))
     nudged = x
     for d in along.values():

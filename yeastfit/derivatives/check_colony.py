@@ -13,6 +13,7 @@ from yeastfit.derivatives.check import STEPS, compare, double
 from yeastfit.derivatives.result import GradientCheck
 from yeastfit.errors import InputError
 from yeastfit.kinds import check_kind
+from yeastfit.measure.statistics.model_as_mask import HardStatistics
 from yeastfit.measure.statistics.smooth_statistics import SmoothStatistics
 from yeastfit.model.model import Model
 from yeastfit.model.numerics import Numerics
@@ -73,12 +74,16 @@ def check_gradients(
         InputError: A rule has no derivative, or `simulate` raises one.
     """
     relaxation = Relaxation(contact=0.2) if relaxation is None else relaxation
-    numerics = numerics or Numerics(domain=12.0, spacing=0.2, capacity=64)
-    observe = observe or SmoothStatistics(extent=numerics.domain, spacing=numerics.spacing)
-    model = model or Model()
+    numerics = Numerics(domain=12.0, spacing=0.2, capacity=64) if numerics is None else numerics
+    model = Model() if model is None else model
     parameters = Parameters() if parameters is None else parameters
-    check_kind("parameters", parameters, Parameters)
-    check_kind("model", model, Model)
+    classes = (parameters, Parameters), (model, Model), (numerics, Numerics), (relaxation, Relaxation)
+    for given, kind in classes:
+        check_kind(kind.__name__.lower(), given, kind)
+    observe = SmoothStatistics(extent=numerics.domain, spacing=numerics.spacing) if observe is None else observe
+    check_kind("observe", observe, Observer, "yeastfit.measure.SmoothStatistics(…)")
+    if isinstance(observe, HardStatistics):
+        raise InputError("observe is HardStatistics, which has no derivatives: use yeastfit.measure.SmoothStatistics")
     values = model.complete(parameters)
     _check_scalars(values)
     _check_smooth(relaxation)

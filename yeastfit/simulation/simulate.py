@@ -84,7 +84,8 @@ def simulate(
     """Grow one colony, or an ensemble of them.
 
     Differentiable by JAX, forwards (`jax.jvp`, `jax.jacfwd`) and backwards (`jax.vjp`, `jax.grad`), in parameters,
-    widths, the start's positions, weights and nutrient, and arrays that rules of the model hold:
+    widths, the start's positions, weights and nutrient, and arrays that rules of the model hold. What has no width in
+    the relaxation, as all of `HARD`, jumps, and its derivative is 0:
 
         jax.jacfwd(lambda p: simulate(p, key, times=[5.0]).statistics["radius"])(parameters)
 
