@@ -202,3 +202,23 @@ def test_the_mean_at_the_estimate_is_corrected_for_curvature() -> None:
 
     assert mean_pull(0) < -4
     assert abs(mean_pull(96)) < 1.5  # three standard errors of the mean of four
+
+
+@dataclass
+class Failing(Logistic):
+    """One of which every fifth seed fails."""
+
+    def __call__(self, values: np.ndarray, seeds: np.ndarray) -> np.ndarray:
+        rows = super().__call__(values, seeds)
+        rows[np.asarray(seeds) % 5 == 0] = np.nan
+        return rows
+
+
+def test_simulations_that_failed_are_told_of() -> None:
+    """Also by a simulator that does not count what it ran into."""
+    found = yeastfit.sensitivity(simulator=Failing(), at=TRUTH)
+    assert any("simulations failed (not finite), or their partners" in one for one in found.warnings)
+    whole = yeastfit.sensitivity(simulator=Logistic(), at=TRUTH)
+    assert not any("failed" in one for one in whole.warnings)
+    by_fit = yeastfit.fit(replicates(TRUTH, 1), Failing(), seed=1, settings=SETTINGS)
+    assert any("simulations failed (not finite) and were left out" in one for one in by_fit.warnings)

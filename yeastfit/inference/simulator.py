@@ -117,21 +117,29 @@ def inside(simulator: Simulator) -> Simulator:
 
 @dataclass
 class Tally:
-    """How many different simulations were asked for. A batch may be filled up with copies, which do not count."""
+    """How many different simulations were asked for. A batch may be filled up with copies, which do not count.
+
+    Attributes:
+        simulated: All of them.
+        failed: Those with a value that is not finite, where somebody looks (`Counted`).
+    """
 
     simulated: int = 0
+    failed: int = 0
 
 
 @dataclass(frozen=True)
 class Counted(Wrapper):
-    """A simulator that counts the different rows of every call in `tally`."""
+    """A simulator that counts the different rows of every call in `tally`, and those that are not finite."""
 
     tally: Tally
 
     def __call__(self, values: Values, seeds: Seeds) -> Rows:
         """Rows of the simulator inside."""
         found = rows_of(self.simulator, values, seeds)
-        self.tally.simulated += len(once(values, seeds))
+        different = once(values, seeds)
+        self.tally.simulated += len(different)
+        self.tally.failed += int((~np.isfinite(found[different]).all(axis=1)).sum())
         return found
 
 

@@ -303,4 +303,10 @@ class Fitter:
             if are_different(one.theta, result.theta):
                 where, more = self.space.described(one.theta), one.cost - descents[0].cost
                 said.append(f"another start ended at {where}, where χ² is only {more:.1f} higher")
+        tally = self.ensembles.tally
+        if tally.failed and not met:
+            said.append(
+                f"{tally.failed} of {tally.simulated} simulations failed (not finite) and were left out: means are "
+                "those of the others"
+            )
         return (*said, *(f"{count} simulations of the last stage: {problem}" for problem, count in met.items()))

@@ -125,6 +125,11 @@ class Estimator:
         jacobian, error, share = self._combined(parts)
         scatter, correlation = _scatter(independent, local)
         good = centre[np.isfinite(centre).all(axis=1)]
+        if lost := len(centre) - len(good) + (0 if local is None else self.runs - 2 * local.pairs):
+            self.warnings.append(
+                f"{lost} simulations failed (not finite), or their partners in the regression did, and were left out: "
+                "means are those of the others"
+            )
         parameters = self.simulator.parameters
         return Sensitivity(
             at=named_values(self.simulator, self.values),
