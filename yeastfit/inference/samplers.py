@@ -29,6 +29,7 @@ from yeastfit.inference.store.simulation_store import opened_store
 from yeastfit.inference.store.simulations import Simulations
 from yeastfit.inference.targets import Targets
 from yeastfit.progress import Progress, progress_or_silent
+from yeastfit.storage import as_json
 from yeastfit.text import quoted
 
 SAMPLERS: dict[str, type[Sampler]] = {
@@ -97,6 +98,7 @@ def infer(
 def sample(problem: Problem, sampler: Sampler, store: Simulations, seed: int, progress: Progress) -> Posterior:
     """`infer` for a problem and a sampler that are made already."""
     check_variation(sampler, problem.variation)
+    settings = settings_of(sampler)
     began = time.perf_counter()
     posterior = sampler.run(problem, store, seed, progress)
     seconds = time.perf_counter() - began
@@ -104,7 +106,7 @@ def sample(problem: Problem, sampler: Sampler, store: Simulations, seed: int, pr
         raise InputError(
             f"method: {type(sampler).__name__}.run returned {quoted(posterior)}, it must return a Posterior"
         )
-    return replace(posterior, method=name_of(sampler), settings=settings_of(sampler), seed=int(seed), seconds=seconds)
+    return replace(posterior, method=name_of(sampler), settings=settings, seed=int(seed), seconds=seconds)
 
 
 def chosen_sampler(method: str | Sampler, settings: Mapping[str, Any]) -> Sampler:
@@ -133,6 +135,8 @@ def sampler_of(method: str, settings: Mapping[str, Any]) -> Sampler:
         raise InputError(f"method is {method!r}, it must be one of {', '.join(SAMPLERS)}")
     if not isinstance(SAMPLERS[method], type) or not is_dataclass(SAMPLERS[method]):
         raise InputError(f"method {method!r} is registered as {quoted(SAMPLERS[method])}, it must be a dataclass")
+    if not callable(getattr(SAMPLERS[method], "run", None)):
+        raise InputError(f"method {method!r} is registered as {quoted(SAMPLERS[method])}, which has no method run")
     for name in settings:
         if name not in setting_names(method):
             owners = [other for other in SAMPLERS if name in setting_names(other)]
@@ -158,8 +162,22 @@ def setting_names(method: str) -> tuple[str, ...]:
 
 
 def settings_of(sampler: Sampler) -> dict[str, Any]:
-    """A sampler's settings as plain data."""
-    return {one.name: plain(getattr(sampler, one.name)) for one in fields(sampler)}  # type: ignore[arg-type]
+    """A sampler's settings as plain data: its fields, of a sampler that is no dataclass its public attributes.
+
+    Raises:
+        InputError: A setting is something that files cannot hold.
+    """
+    given = [one.name for one in fields(sampler)] if is_dataclass(sampler) else [*getattr(sampler, "__dict__", {})]
+    found = {name: plain(getattr(sampler, name)) for name in given if not name.startswith("_")}
+    for name, value in found.items():
+        try:
+            as_json(value)
+        except (TypeError, ValueError):
+            raise InputError(
+                f"method: {name} of {type(sampler).__name__} is {quoted(value)}, which files cannot hold: take numbers "
+                "or texts"
+            ) from None
+    return found
 
 
 def name_of(sampler: Sampler) -> str:

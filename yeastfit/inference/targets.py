@@ -24,7 +24,7 @@ from yeastfit.text import quoted
 Table = Float[np.ndarray, "statistic time"]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Targets:
     """Mean curves of some statistics at some times, over several replicates or of one.
 

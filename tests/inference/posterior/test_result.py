@@ -12,8 +12,9 @@ from helpers import wrong_types
 from made_posteriors import flat_prior, made_posterior
 from scipy import stats
 from simulators import observables_named, parameters_named
+from stand_in import StandIn
 
-from yeastfit import SAMPLERS, InputError, infer
+from yeastfit import SAMPLERS, InputError, Prior, infer
 from yeastfit.inference.abc.smc import AbcSmc
 from yeastfit.inference.posterior.diagnostics import Diagnostics
 from yeastfit.inference.posterior.problem import Problem
@@ -263,3 +264,41 @@ def test_a_damaged_file_is_named_whatever_its_fault(tmp_path: Path) -> None:
         np.savez(file, **{**whole, **changed})
         with wrong_types(), pytest.raises(InputError, match=f"{file}: .*{words}"):
             Posterior.load(file)
+
+
+class Plain:
+    """A sampler that is no dataclass."""
+
+    def __init__(self, share: Any) -> None:
+        self.share = share
+
+    def run(self, problem: Problem, *rest: Any) -> Posterior:
+        values = problem.prior.sample(80, np.random.default_rng(0))[None]
+        return Posterior.of(problem, values, simulations=1)
+
+
+def test_a_sampler_that_is_no_dataclass_is_run_with_its_attributes_as_settings() -> None:
+    simulator = StandIn(free=("mobility", "aspect_ratio"))
+    prior, data = Prior.default(simulator.parameters), np.ones(len(simulator.observables))
+    with wrong_types():
+        assert infer(simulator, prior, data, method=Plain(0.5)).settings == {"share": 0.5}
+        with pytest.raises(InputError, match=r"method: share of Plain is .*, which files cannot hold"):
+            infer(simulator, prior, data, method=Plain(np.exp))
+
+
+def test_draws_outside_the_prior_are_refused() -> None:
+    simulator = StandIn(free=("mobility", "aspect_ratio"))
+    problem = Problem(simulator, Prior.default(simulator.parameters), np.ones(len(simulator.observables)))
+    low, high = problem.prior.support[1]
+    values = np.full((1, 60, 2), 0.5 * (low + high))
+    values[0, :3, 1] = high + 1.0
+    with pytest.raises(InputError, match=r"values: 3 of 60 draws lie outside the prior, aspect_ratio is .* to "):
+        Posterior.of(problem, values, simulations=1)
+
+
+def test_results_are_compared_as_objects() -> None:
+    """Not by arrays, whose comparison has no single truth."""
+    one = made_up(np.zeros((1, 8, 1)))
+    assert one == one
+    assert one != replace(one)
+    assert len({one, replace(one)}) == 2

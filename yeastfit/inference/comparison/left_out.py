@@ -35,7 +35,7 @@ OFF = 3.0  # standard errors from where predictions of a statistic are off on av
 WORDS = ("labels", "colonies", "doubts")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class LeftOut:
     """Result of `cross_validate`.
 

@@ -31,7 +31,7 @@ class FitStatus(StrEnum):
     NOT_CONVERGED = "not converged"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Condition:
     """One condition's part of a fit.
 
@@ -56,7 +56,7 @@ class Condition:
         return (self.targets.values - self.fitted[measured]) / np.sqrt(np.diag(self.covariance))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Fit:
     """Result of `fit`.
 

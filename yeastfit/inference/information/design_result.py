@@ -41,7 +41,7 @@ class Candidate:
         return {**what, **numbers, **errors}
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Design:
     """Result of `design`.
 

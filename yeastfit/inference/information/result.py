@@ -36,7 +36,7 @@ class InformationStatus(StrEnum):
     PARTLY_BLIND = "the data leave combinations of the free parameters undetermined"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Information:
     """Fisher information of log λ of the free parameters.
 

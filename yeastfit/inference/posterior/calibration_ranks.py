@@ -23,7 +23,7 @@ JOINT = "joint"
 LEVELS = (0.5, 0.9)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Calibration:
     """Ranks of true parameters in their posteriors.
 

@@ -14,7 +14,7 @@ from yeastfit.inference.prior.prior import Prior
 from yeastfit.text import quoted
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Draws:
     """Draws of λ, in chains or weighted, each with its simulated statistics.
 

@@ -34,7 +34,7 @@ FEWEST = 10  # draws of a band
 ROUNDS = 4  # of draws, until so many have succeeded
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Predictive:
     """Data sets predicted by a posterior, and the one observed.
 

@@ -28,7 +28,7 @@ LIKELIHOOD = "log_likelihood"  # an array of the file only where the method has 
 NOT_SAVED = ("backend",)
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Posterior(Draws):
     """Result of every sampler: `Draws`, and how they were made.
 
@@ -99,6 +99,15 @@ class Posterior(Draws):
             needed = (*shape, len(problem.labels)) if name == "statistics" else shape
             if array is not None and np.shape(array) != needed:
                 raise InputError(f"{name}: the shape is {np.shape(array)}, values of {values.shape} need {needed}")
+        low, high = problem.inferred_prior.support.T
+        outside = (values < low) | (values > high)
+        if outside.any():
+            k = int(np.argmax(outside.any(axis=(0, 1))))
+            raise InputError(
+                f"values: {outside.any(axis=2).sum()} of {outside.any(axis=2).size} draws lie outside the prior, "
+                f"{problem.inferred_prior.free[k]} is {values[..., k].min():.3g} to {values[..., k].max():.3g}, the "
+                f"prior goes from {low[k]:.3g} to {high[k]:.3g}"
+            )
         if acceptance is not None and np.ndim(acceptance) != 1:
             raise InputError(f"acceptance is {quoted(acceptance)}, it must be a row of numbers")
         if status is not None and not isinstance(status, Status):

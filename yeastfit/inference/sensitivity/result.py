@@ -30,7 +30,7 @@ class SensitivityStatus(StrEnum):
     DOUBTFUL = "means and derivatives are estimated, with doubts that the warnings name"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Estimate:
     """J by one estimator, and its standard errors."""
 
@@ -38,7 +38,7 @@ class Estimate:
     error: Jacobian
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Sensitivity:
     """Means of a simulator's rows and their derivatives in log λ.
 
