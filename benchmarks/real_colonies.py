@@ -136,7 +136,8 @@ def _verdicts(report: Report, folder: Path, title: str, table: str, names: tuple
 
 def _run(report: Report, folder: Path, title: str) -> list[str]:
     """One run: its figures and tables, and what they mean."""
-    posterior, predicted = Posterior.load(folder / "posterior.npz"), Predictive.load(folder / "predictive.npz")
+    posterior, kept = Posterior.load(folder / "posterior.npz"), folder / "predictive.npz"
+    predicted = Predictive.load(kept) if kept.is_file() else None  # where too few simulations succeeded
     reused = getattr(posterior.diagnostics, "reused", 0)
     made = f"{posterior.simulations} colonies" + (f", and {reused} of earlier runs (`--reuse`)" if reused else "")
     report.add(f"{title}: settled", float(posterior.settled), "", 1, note=made)
@@ -148,13 +149,19 @@ def _run(report: Report, folder: Path, title: str) -> list[str]:
             for k, name in enumerate(posterior.free)
         ],
     )
-    report.table(f"{title}: means of {predicted.replicates} colonies", predicted.rows())
-    outside = [label for label, one in zip(predicted.labels, predicted.inside(0.9), strict=True) if not one]
+    outside = list[str]()
+    if predicted is not None:
+        report.table(f"{title}: means of {predicted.replicates} colonies", predicted.rows())
+        outside = [label for label, one in zip(predicted.labels, predicted.inside(0.9), strict=True) if not one]
     said = [f"{posterior.status}."]
     how = read_json(folder / RUN)["configuration"]
     if how.get("match") == "area" and how["area"] is not None:
         said.insert(0, f"colonies of {how['area'] / 1e6:.3g} mm² beside photographed ones of {_mean_area(folder):.3g};")
-    said.append(f"Outside what its posterior predicts: {', '.join(outside)}." if outside else "It predicts its data.")
+    if predicted is None:
+        said.append("Too few simulations of it succeed for a prediction.")
+    else:
+        inside = "It predicts its data."
+        said.append(f"Outside what its posterior predicts: {', '.join(outside)}." if outside else inside)
     if VARIATION in posterior.free:
         tau = float(posterior.mean[posterior.free.index(VARIATION)])
         said += [f"To be doubted: {one}." for one in wide_scatter(Variation(**how["variation"]), tau)]

@@ -12,6 +12,8 @@ import pytest
 from infer_runs import arguments, assert_same, finished
 
 from yeastfit.commands import app as cli
+from yeastfit.inference.posterior.result import Posterior
+from yeastfit.inference.simulator import Wrapper
 from yeastfit.inference.store.simulation_store import DATASET
 
 pytestmark = pytest.mark.usefixtures("unchecked", "undrawn")
@@ -127,3 +129,31 @@ def test_problems_of_lost_simulations_are_counted_once(
         finished([*asked, "--resume"])
     first, second = ([one for one in warnings_of(tmp_path / name) if CUT in one] for name in ("whole", "lost"))
     assert first == second != []
+
+
+def test_a_posterior_is_kept_though_nothing_can_be_predicted(
+    data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The run finishes without a predictive check, and says so."""
+    sampled = Posterior.predict
+
+    def failing(posterior: Posterior, simulator: Any, **more: Any) -> Any:
+        return sampled(posterior, Failing(simulator), **more)
+
+    monkeypatch.setattr(Posterior, "predict", failing)
+    finished(arguments(data, tmp_path / "out", "emulator", "--leave-out", "2"))
+    names = {one.name for one in (tmp_path / "out").iterdir()}
+    assert {"posterior.csv", "posterior.npz", "index.html", "corner.png", "left_out.csv", "manifest.json"} <= names
+    assert not {"predictive.csv", "predictive.npz", "predictive.png", "colonies.png"} & names
+    assert "posterior predictive: 0 of 48 draws succeeded, a predictive check needs 10" in warnings_of(tmp_path / "out")
+    page = (tmp_path / "out" / "index.html").read_text()
+    assert "No prediction: too few simulations at draws of the posterior succeeded" in page
+    found = json.loads((tmp_path / "out" / "diagnostics.json").read_text())
+    assert (found["predictive_p_value"], found["observations_inside_90"]) == (None, None)
+
+
+class Failing(Wrapper):
+    """Of which every simulation fails."""
+
+    def __call__(self, values: np.ndarray, seeds: np.ndarray) -> np.ndarray:
+        return np.full((len(seeds), len(self.observables)), np.nan)

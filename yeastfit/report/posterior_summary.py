@@ -20,11 +20,11 @@ SHARES = {"q05": 0.05, "median": 0.5, "q95": 0.95}
 
 @dataclass(frozen=True)
 class Summary:
-    """A posterior with its predictive check.
+    """A posterior with its predictive check, where simulations of it succeeded.
 
     Attributes:
         posterior: The draws.
-        predicted: Data sets at some of them.
+        predicted: Data sets at some of them; None where too few could be simulated.
         truth: True parameters, where known.
         warnings: All that is to be doubted, in words.
         model: What was inferred the parameters of.
@@ -32,7 +32,7 @@ class Summary:
     """
 
     posterior: Posterior
-    predicted: Predictive
+    predicted: Predictive | None
     truth: Mapping[str, float] | None
     warnings: list[str]
     model: ForwardModel
@@ -41,7 +41,7 @@ class Summary:
     @staticmethod
     def of(
         posterior: Posterior,
-        predicted: Predictive,
+        predicted: Predictive | None,
         truth: Mapping[str, float] | None,
         doubts: Sequence[str],
         model: ForwardModel,
@@ -49,7 +49,8 @@ class Summary:
     ) -> "Summary":
         """With the warnings of posterior, predictive check and colonies left out, and further doubts."""
         said = [] if left_out is None else left_out.sentences()
-        warnings = [*posterior.sentences(), *predicted.sentences(), *said, *doubts]
+        checked = [] if predicted is None else predicted.sentences()
+        warnings = [*posterior.sentences(), *checked, *said, *doubts]
         return Summary(posterior, predicted, truth, list(dict.fromkeys(warnings)), model, left_out)
 
     @property
@@ -92,9 +93,9 @@ class Summary:
             "effective_size": dict(zip(posterior.free, posterior.effective_size.tolist(), strict=True)),
             "acceptance": posterior.acceptance,
             "chains": posterior.chains.asdict() if posterior.chains else None,
-            "predictive_p_value": predicted.p_value,
-            "observations_inside_90": int(predicted.inside(0.9).sum()),
-            "observations": len(predicted.observed),
+            "predictive_p_value": None if predicted is None else predicted.p_value,
+            "observations_inside_90": None if predicted is None else int(predicted.inside(0.9).sum()),
+            "observations": len(posterior.observed),
             **({} if self.absent is None else {"variation_absent": self.absent}),
             **({} if self.left_out is None else {"left_out": self._left_out(self.left_out)}),
             "method_own": posterior.diagnostics.asdict(),
@@ -143,10 +144,11 @@ class Summary:
             known = [f"{one:.1%}" for one in posterior.acceptance if np.isfinite(one)]
             accepted = f"; acceptance {', '.join(known)}" if known else ""
             lines.append(f"{posterior.weights.size} weighted draws{accepted}")
-        inside, count = int(predicted.inside(0.9).sum()), len(predicted.observed)
-        lines.append(
-            f"posterior predictive: {inside} of {count} observations in the 90 % band, p {predicted.p_value:.2f}"
-        )
+        if predicted is not None:
+            inside, count = int(predicted.inside(0.9).sum()), len(predicted.observed)
+            lines.append(
+                f"posterior predictive: {inside} of {count} observations in the 90 % band, p {predicted.p_value:.2f}"
+            )
         if self.absent is not None:
             lines.append(self.variation)
         return lines if self.left_out is None else [*lines, self.left_out.sentence()]

@@ -9,7 +9,7 @@ import pytest
 from known_posteriors import Drawing
 from made_posteriors import flat_prior, made_posterior
 
-from yeastfit.errors import InputError
+from yeastfit.errors import InputError, SimulationError
 from yeastfit.inference.posterior.predictive_check import Predictive
 from yeastfit.inference.simulator import Mismeasured, Replicates, Simulator, root_of
 
@@ -51,7 +51,7 @@ def test_further_draws_take_the_place_of_those_that_failed() -> None:
     assert found.failed % 12 != 0
     assert (len(found.statistics) + found.failed) % 12 == 0
     never = Drawing(("mean",), ("a", "b"), lambda value, rng: np.full(2, np.nan))
-    with pytest.raises(InputError, match="draws: 0 of 48 succeeded, a predictive check needs 10"):
+    with pytest.raises(SimulationError, match="0 of 48 draws succeeded, a predictive check needs 10"):
         predict(np.zeros(100), never, np.zeros(2), draws=12, seed=1)
 
 

@@ -19,7 +19,7 @@ from yeastfit.commands.posterior_run.leave_out import predicted_from_others, sin
 from yeastfit.commands.posterior_run.reused import REUSED, SIMULATIONS, check_reusable, take_over
 from yeastfit.commands.posterior_run.watched_simulator import Met, Watched
 from yeastfit.commands.run_folder import RunFolder, inputs_of, run_versions
-from yeastfit.errors import InputError
+from yeastfit.errors import InputError, SimulationError
 from yeastfit.inference.comparison.left_out import LeftOut
 from yeastfit.inference.curve_covariance import measurement_covariance
 from yeastfit.inference.models.forward_model import ForwardModel
@@ -38,7 +38,7 @@ from yeastfit.inference.targets import Targets
 from yeastfit.inference.workers.spread import Workers
 from yeastfit.progress import Progress, silent
 from yeastfit.report.files.fit_files import write_targets
-from yeastfit.report.files.posterior_files import photographs, with_arviz, write_results
+from yeastfit.report.files.posterior_files import Outlines, photographs, with_arviz, write_results
 from yeastfit.report.posterior_summary import Summary
 from yeastfit.results.contents import RUN, check_own
 from yeastfit.results.folder import ResultsFolder
@@ -181,7 +181,7 @@ class InferRun:
             if isinstance(error, MemoryError):
                 raise
             way = f"for other settings give another --out, with --reuse {self.folder.path}"
-            raise InputError("; ".join([str(error), *self._met(), *([way] if self.tally.simulated else [])])) from error
+            raise InputError("; ".join([str(error), *([way] if self.tally.simulated else []), *self._met()])) from error
 
     def _sampled(self, tell: Callable[[int], None], progress: Progress) -> Posterior:
         path, partial = self.folder.path, self.folder.results.partial
@@ -212,16 +212,13 @@ class InferRun:
         """All files but the manifest; the summary, and remarks."""
         with self._store(self.folder.path / SIMULATIONS) as store:
             simulator = CachedSimulator(self._watched(tell), BATCH, store)
-            predicted = posterior.predict(simulator, draws=self.request.draws, seed=self.request.seed)
+            predicted, doubts = self._predicted(posterior, simulator)
             beforehand, remarks = self._predicted_beforehand(posterior, simulator)
             left_out = self._left_out(posterior, store, progress) if self.request.leave_out else None
-        summary = Summary.of(posterior, predicted, truth, self.problems_met(), self.model, left_out)
+        summary = Summary.of(posterior, predicted, truth, [*doubts, *self.problems_met()], self.model, left_out)
         images = self.source if self.source.is_dir() else self.source.parent
         observed = photographs(self.data.rows, self.data.folder, images, self.request.condition, PICTURED)
-        shown = predicted.values[:PICTURED]
-        if self.problem.variation is not None:
-            shown = Varied(self.problem.simulator).scattered(shown, member_seeds(self.request.seed, len(shown)))
-        drawn = self.model.outlines(self.problem.simulator, shown, self.targets, self.request.seed)
+        drawn = None if predicted is None else self._drawn(predicted)
         partial = self.folder.results.partial
         remarks += write_results(partial, summary, self.targets, observed, drawn, self._made(), beforehand)
         return summary, remarks
@@ -241,13 +238,27 @@ class InferRun:
             progress=progress,
         )
 
+    def _predicted(self, posterior: Posterior, simulator: Simulator) -> tuple[Predictive | None, list[str]]:
+        """Data predicted from the posterior, and why there are none."""
+        try:
+            return posterior.predict(simulator, draws=self.request.draws, seed=self.request.seed), []
+        except SimulationError as error:
+            return None, [f"posterior predictive: {error}"]
+
+    def _drawn(self, predicted: Predictive) -> Outlines | None:
+        """Simulated outlines at the first draws of the predictive check, where the model has some."""
+        shown = predicted.values[:PICTURED]
+        if self.problem.variation is not None:
+            shown = Varied(self.problem.simulator).scattered(shown, member_seeds(self.request.seed, len(shown)))
+        return self.model.outlines(self.problem.simulator, shown, self.targets, self.request.seed)
+
     def _predicted_beforehand(self, posterior: Posterior, simulator: Simulator) -> tuple[Predictive | None, list[str]]:
         """Data predicted from the prior, and why there are none."""
         if not self.prior_draws:
             return None, []
         try:
             return posterior.predict_prior(simulator, draws=self.prior_draws, seed=self.request.seed), []
-        except InputError as error:
+        except (InputError, SimulationError) as error:
             return None, [f"posterior.nc has no prior_predictive: {error}"]
 
     def problems_met(self) -> list[str]:

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float
 
-from yeastfit.errors import InputError
+from yeastfit.errors import InputError, SimulationError
 from yeastfit.inference.posterior.draws import Draws, check_level
 from yeastfit.inference.prior.variation import simulator_of_draws
 from yeastfit.inference.simulator import Mismeasured, Replicates, Simulator, check_simulator, labels_of, root_of
@@ -139,8 +139,8 @@ def predict(
         prior: Whether λ is drawn from the prior instead.
 
     Raises:
-        InputError: There are fewer than `FEWEST` draws, or fewer succeeded, or the simulator has other
-            parameters or statistics.
+        InputError: There are fewer than `FEWEST` draws, or the simulator has other parameters or statistics.
+        SimulationError: Fewer than `FEWEST` draws succeeded.
     """
     check_simulator(simulator)
     if not isinstance(draws, int | np.integer) or draws < FEWEST:
@@ -166,6 +166,6 @@ def predict(
         if whole.sum() >= FEWEST:
             break
     else:
-        raise InputError(f"draws: {whole.sum()} of {len(whole)} succeeded, a predictive check needs {FEWEST}")
+        raise SimulationError(f"{whole.sum()} of {len(whole)} draws succeeded, a predictive check needs {FEWEST}")
     failed = int((~whole).sum())
     return Predictive(draws_of.free, labels, values[whole], statistics[whole], observed, draws_of.replicates, failed)

@@ -96,9 +96,10 @@ def write_results(
     posterior, predicted = summary.posterior, summary.predicted
     write_table(folder / "posterior.csv", summary.rows())
     write_json(folder / "diagnostics.json", summary.diagnostics())
-    rows = zip(predicted.rows(), targets.clock[np.argwhere(targets.measured)[:, 1]].tolist(), strict=True)
-    write_table(folder / "predictive.csv", [{targets.clock_label: round(time, 6), **row} for row, time in rows])
-    predicted.save(folder / "predictive.npz")
+    if predicted is not None:
+        rows = zip(predicted.rows(), targets.clock[np.argwhere(targets.measured)[:, 1]].tolist(), strict=True)
+        write_table(folder / "predictive.csv", [{targets.clock_label: round(time, 6), **row} for row, time in rows])
+        predicted.save(folder / "predictive.npz")
     if summary.left_out is not None:
         write_table(folder / "left_out.csv", summary.left_out.colony_rows())
         summary.left_out.save(folder / "left_out.npz")
@@ -128,8 +129,9 @@ def _figures(
     figures = {"corner": plot.corner(posterior, summary.truth), "traces": plot.traces(posterior)}
     if posterior.chains and posterior.chains.chains > 1:
         figures["ranks"] = plot.ranks(posterior.chains)
-    figures["predictive"] = plot.predictive(predicted, targets, summary.model.nouns)
-    if drawn is not None:
+    if predicted is not None:
+        figures["predictive"] = plot.predictive(predicted, targets, summary.model.nouns)
+    if predicted is not None and drawn is not None:
         masks, pixel = drawn
         when = f", {targets.clock[-1]:.3g} {targets.clock_label}" if summary.model.timed else ""
         simulated = [(f"{_described(predicted, k)}{when}", mask, pixel) for k, mask in enumerate(masks)]

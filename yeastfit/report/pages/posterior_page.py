@@ -35,12 +35,13 @@ def posterior_page(
         photographed: Whether there are photographs among the pictures.
     """
     posterior, predicted = summary.posterior, summary.predicted
+    inside = "no" if predicted is None else str(int(predicted.inside(0.9).sum()))
     lead = page.facts(
         [
             (posterior.method, "method"),
             (page.number(posterior.simulations), "simulations"),
             (page.number(round(float(posterior.effective_size.min()))), "independent draws, at least"),
-            (f"{int(predicted.inside(0.9).sum())} of {len(predicted.observed)}", "observations in the 90 % band"),
+            (f"{inside} of {len(posterior.observed)}", "observations in the 90 % band"),
         ]
     )
     sections = [
@@ -124,6 +125,8 @@ def _units(summary: Summary, row: Mapping[str, Any]) -> dict[str, str]:
 
 def _predicted(summary: Summary) -> str:
     predicted, (one, several) = summary.predicted, summary.model.nouns
+    if predicted is None:
+        return "<p>No prediction: too few simulations at draws of the posterior succeeded, see the doubts.</p>"
     what = f"one {one}" if predicted.replicates == 1 else f"the mean of {predicted.replicates} {several}"
     words = (
         f"At {len(predicted.values)} draws of the posterior {what} was simulated anew. Where the model is right, about "
@@ -134,6 +137,8 @@ def _predicted(summary: Summary) -> str:
 
 
 def _predictions(summary: Summary) -> str:
+    if summary.predicted is None:
+        return ""
     rows = summary.predicted.rows()
     columns = [page.Column(name, words=name in ("statistic", "inside_90")) for name in rows[0]]
     table = page.table("Observed statistics and their predictions", columns, _cells(rows), ["predictive"] * len(rows))
