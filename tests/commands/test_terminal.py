@@ -32,6 +32,8 @@ def test_the_time_that_is_left_follows_from_all_the_time_that_went_by(monkeypatc
     now[0] += 16.0
     again.grown += 64
     assert str(again) == "64 colonies, 4.0 a second, at most 0:04:00 left"
+    again.grown = 1025  # more than were foreseen: how long it takes nobody knows
+    assert str(again) == "1025 colonies, 64.1 a second"
 
 
 def test_progress_is_shown_on_a_terminal(monkeypatch: pytest.MonkeyPatch) -> None:

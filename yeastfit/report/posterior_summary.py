@@ -15,6 +15,7 @@ from yeastfit.inference.posterior.predictive_check import Predictive
 from yeastfit.inference.posterior.result import Posterior
 from yeastfit.inference.prior.variation import NAME, absent
 
+FEW = "draws in chains too short to be judged"
 SHARES = {"q05": 0.05, "median": 0.5, "q95": 0.95}
 
 
@@ -143,7 +144,7 @@ class Summary:
         else:
             known = [f"{one:.1%}" for one in posterior.acceptance if np.isfinite(one)]
             accepted = f"; acceptance {', '.join(known)}" if known else ""
-            lines.append(f"{posterior.weights.size} weighted draws{accepted}")
+            lines.append(f"{posterior.weights.size} {'weighted draws' if posterior.weighted else FEW}{accepted}")
         if predicted is not None:
             inside, count = int(predicted.inside(0.9).sum()), len(predicted.observed)
             lines.append(

@@ -116,9 +116,9 @@ class Pace:
         each = self.grown / (clock.perf_counter() - self.began)
         pace = f"{self.grown} {self.noun}, {each:.1f} a second"
         pace += f", {self.aside()}" if self.aside() else ""
-        if self.most is None:
+        if self.most is None or self.done + self.grown > self.most:  # draws that failed are made up for
             return pace
-        left = timedelta(seconds=round(max(self.most - self.done - self.grown, 0) / each))
+        left = timedelta(seconds=round((self.most - self.done - self.grown) / each))
         return f"{pace}, at most {left} left"
 
 

@@ -7,7 +7,7 @@ from yeastfit.inference.comparison.left_out import LeftOut
 from yeastfit.inference.targets import Targets
 from yeastfit.report import html as page
 from yeastfit.report.learnt import learnt_by_posterior
-from yeastfit.report.posterior_summary import Summary
+from yeastfit.report.posterior_summary import FEW, Summary
 
 WIDEST = 8  # statistics side by side in a table
 IN_UNITS = "90 % interval in units"
@@ -171,7 +171,7 @@ def _left_out(found: LeftOut) -> str:
 def _chains(summary: Summary) -> str:
     posterior, chains = summary.posterior, summary.posterior.chains
     if chains is None:
-        return f"<p>{posterior.weights.size} weighted draws.</p>"
+        return f"<p>{posterior.weights.size} {'weighted draws' if posterior.weighted else FEW}.</p>"
     columns = [
         page.Column("parameter", words=True),
         page.Column("autocorrelation_time", "draws"),
