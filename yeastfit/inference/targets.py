@@ -199,14 +199,14 @@ class Targets:
             InputError: As `Targets`; and scatter of a statistic that has no mean.
         """
         times, known = np.atleast_1d(array_of(times, "targets: times")), {} if scatter is None else scatter
-        mean = _table("means", means, 1, len(times))
+        mean = _table("means", means, len(times))
         names = tuple(means)
         check_kind("targets: scatter", known, Mapping, "curves by the names of statistics")
         for name in known:
             if name not in names:
                 raise InputError(f"targets: scatter of {name!r}, but there are means of {', '.join(names)} only")
         unknown = np.full(len(times), np.nan)
-        spread = _table("scatter", {name: known.get(name, unknown) for name in names}, 1, len(times))
+        spread = _table("scatter", {name: known.get(name, unknown) for name in names}, len(times))
         try:
             counts = np.broadcast_to(np.asarray(replicates, dtype=float), mean.shape)
         except (TypeError, ValueError):
@@ -239,7 +239,7 @@ class Targets:
             InputError: As `Targets`.
         """
         at = np.atleast_1d(array_of(times, "targets: times"))
-        stacked = np.moveaxis(_table("curves", curves, 2, len(at)), 0, 1)
+        stacked = np.moveaxis(_table("curves", curves, len(at), replicated=True), 0, 1)
         names = tuple(curves)
         known = np.isfinite(stacked)
         counts = known.sum(axis=0)
@@ -309,18 +309,16 @@ class Targets:
             raise InputError(f"targets: {what} of {self.names[statistic]} at time {at:.3g}{hours} is {value:g}, {why}")
 
 
-def _table(what: str, curves: Any, dimensions: int, times: int) -> np.ndarray:
+def _table(what: str, curves: Any, times: int, replicated: bool = False) -> np.ndarray:
     """Curves of statistics, [statistic, …, time]. Raises `InputError` where they are none, or differ in shape."""
     check_kind(f"targets: {what}", curves, Mapping, "curves by the names of statistics")
     rows = {name: np.atleast_1d(array_of(values, f"targets: {what} of {name}")) for name, values in curves.items()}
     if not rows:
         raise InputError(f"targets: {what} are empty, need those of at least one statistic")
     for name, row in rows.items():
-        if row.ndim != dimensions or row.shape[-1] != times:
-            raise InputError(
-                f"targets: {what} of {name} have the shape {row.shape}, need {'[replicate, time]' * (dimensions - 1)}"
-                f"{'one number for each time' * (2 - dimensions)}, of {times} times"
-            )
+        if row.ndim != 1 + replicated or row.shape[-1] != times:
+            need = "[replicate, time]" if replicated else "one number for each time"
+            raise InputError(f"targets: {what} of {name} have the shape {row.shape}, need {need}, of {times} times")
     if len({row.shape for row in rows.values()}) > 1:
         counts = ", ".join(f"{len(row)} of {name}" for name, row in rows.items())
         raise InputError(f"targets: {what} are of different replicates, {counts}: give nan where one is missing")
