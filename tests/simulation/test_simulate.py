@@ -231,6 +231,8 @@ def test_a_state_that_is_not_finite_is_an_error() -> None:
 class NoNumber(BiomassUptake):
     """A rule of a user that gives nan."""
 
+    name = "no number"
+
     def rate(self, context: Any, level_set: Array, nutrient: Array) -> Array:
         return jnp.full_like(level_set, jnp.nan)
 

@@ -73,6 +73,8 @@ def test_a_morphogen_rises_to_secretion_over_decay() -> None:
 class FreeBirths(NitrogenMedium):
     """Births that never ask for nitrogen."""
 
+    name = "free births"
+
     def afforded(self, context: Context, births: Births) -> tuple[Colony, Births]:
         """All."""
         return context.colony, births

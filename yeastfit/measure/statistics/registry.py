@@ -5,10 +5,9 @@ record, fits for what data may hold and how well it is measured. A statistic is 
 collected here, or from outside the package by `register_statistic`.
 """
 
+import sys
 from collections.abc import Iterable
 from typing import Literal
-
-import jax
 
 from yeastfit.errors import InputError
 from yeastfit.measure.statistics import colonies, filaments, fractal, nodes, shape, spatial_indices
@@ -52,10 +51,9 @@ def register_statistic(statistic: Statistic) -> None:
         raise InputError(f"statistic {name!r}: there is one of this name ({STATISTICS[name].meaning}), choose another")
     if name in OTHER_COLUMNS:
         raise InputError(f"statistic {name!r}: tables have a column of this name, choose another")
-    if name in _KNOWN:
+    if _KNOWN.setdefault(name, statistic) is not statistic and (jax := sys.modules.get("jax")) is not None:
         jax.clear_caches()  # compiled programs hold the earlier functions
-    _KNOWN.add(name)
-    STATISTICS[name] = statistic
+    _KNOWN[name] = STATISTICS[name] = statistic
 
 
 def _defined(statistic: Statistic) -> set[tuple[str, str]]:
@@ -64,7 +62,7 @@ def _defined(statistic: Statistic) -> set[tuple[str, str]]:
     return {(form.__module__, form.__qualname__) for form in forms}
 
 
-_OWN, _KNOWN = frozenset[str](), set[str]()
+_OWN, _KNOWN = frozenset[str](), dict[str, Statistic]()
 for _topic in (shape, colonies, fractal, filaments, spatial_indices, nodes):
     for _entry in _topic.ENTRIES:
         register_statistic(_entry)
