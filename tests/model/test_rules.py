@@ -2,7 +2,9 @@
 
 from typing import Any
 
+import jax
 import jax.numpy as jnp
+import numpy as np
 import pytest
 from jaxtyping import Array
 
@@ -170,3 +172,55 @@ def test_a_rule_of_ones_own_has_a_name_of_its_own(monkeypatch: pytest.MonkeyPatc
         name = "east"
 
     assert Model(budding=East()).budding.name == "east"
+
+
+class Counting(MotionRule):
+    """A rule that keeps an age for each node."""
+
+    name = "counting"
+    answer: Any = None
+
+    def node_state(self) -> dict[str, float]:
+        return {"age": 0.0}
+
+    def advance(self, context: Context) -> Any:
+        return self.answer
+
+    def moved(self, context: Context, velocity: Array) -> Array:
+        return context.colony.positions
+
+
+@pytest.mark.usefixtures("unchecked")
+@pytest.mark.parametrize(
+    ("answer", "said"),
+    [
+        (None, "gave NoneType, it must give its state of nodes by name: age"),
+        ({}, "gave nothing, it must give its state of nodes by name: age"),
+        ({"age": jnp.zeros(8), "size": jnp.zeros(8)}, "gave age, size, it must give its state of nodes by name: age"),
+        ({"age": jnp.zeros(2)}, r"gave an array of shape \(2,\), not \(8,\)"),
+    ],
+    ids=["none", "empty", "more", "shape"],
+)
+def test_a_state_of_another_kind_is_refused(answer: Any, said: str) -> None:
+    with pytest.raises(InputError, match=rf"motion: .*rule 'counting' {said}"):
+        simulate(Parameters(), member_keys(0, 1), times=[0.1], model=Model(motion=Counting(answer)), numerics=SMALL)
+
+
+def test_parameters_of_a_rule_are_a_tuple() -> None:
+    class Alone(OneAngle):
+        name = "alone"
+        parameters = Parameter("lean", "l", "how far buds lean", (0.1, 1.0), 0.5)  # type: ignore[assignment]
+
+    with pytest.raises(InputError, match=r"parameters of rule 'alone' are .*, with a comma after a single one"):
+        Model(budding=Alone())
+
+
+def test_a_colony_of_double_precision_goes_on_in_single() -> None:
+    keys = member_keys(0, 2)
+    with jax.enable_x64(True):
+        double = simulate(Parameters(), keys, times=[0.1], numerics=SMALL)
+    run = simulate(Parameters(), start=double.colony, times=[0.2], numerics=SMALL)
+    assert run.colony.positions.dtype == jnp.float32
+    with jax.enable_x64(True):
+        expected = simulate(Parameters(), start=double.colony, times=[0.2], numerics=SMALL).colony.positions
+    np.testing.assert_allclose(run.colony.positions, np.asarray(expected), atol=1e-5)

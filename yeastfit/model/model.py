@@ -11,7 +11,9 @@ from collections.abc import Iterable, Mapping
 from typing import Any
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from yeastfit.errors import InputError
@@ -47,7 +49,7 @@ from yeastfit.model.rules import (
     SpringRule,
     UptakeRule,
 )
-from yeastfit.parameter_set import ParameterSet
+from yeastfit.parameter_set import Parameter, ParameterSet
 from yeastfit.specification import path_of
 from yeastfit.text import quoted
 
@@ -120,6 +122,11 @@ class Model(eqx.Module):
                 raise InputError(f"{question} is {rule!r}, which has no name: files and warnings call a rule by one")
         for part in self.parts:
             _check_name(part)
+            if not (isinstance(part.parameters, tuple) and all(isinstance(one, Parameter) for one in part.parameters)):
+                raise InputError(
+                    f"{part.question}: parameters of rule {part.name!r} are {quoted(part.parameters)}, they must be a "
+                    "tuple of yeastfit.Parameter, with a comma after a single one"
+                )
         for question, rule in self.rules.items():
             objection = rule.objection(self.rules)
             if objection:
@@ -164,8 +171,22 @@ class Model(eqx.Module):
         return {name: value for rule in self.parts for name, value in rule.node_state().items()}
 
     def advance(self, context: Context) -> dict[str, Float[Array, " node"]]:
-        """The state of all nodes one time step later."""
-        return {name: value for rule in self.parts for name, value in rule.advance(context).items()}
+        """The state of all nodes one time step later.
+
+        Raises:
+            InputError: A rule answers with another state than it keeps, or one of another shape.
+        """
+        found = dict[str, Float[Array, " node"]]()
+        for rule in self.parts:
+            answer, kept = rule.advance(context), rule.node_state()
+            if not isinstance(answer, dict) or set(answer) != set(kept):
+                got = ", ".join(map(str, answer)) if isinstance(answer, dict) else type(answer).__name__
+                raise InputError(
+                    f"{rule.question}: advance of rule {rule.name!r} gave {got or 'nothing'}, it must give its state "
+                    f"of nodes by name: {', '.join(kept) or 'nothing'}"
+                )
+            found |= {name: rule.answered(value, context.colony.weights.shape) for name, value in answer.items()}
+        return found
 
     def start(self, key: Array, numerics: Numerics) -> Colony:
         """A new colony of two nodes.
@@ -207,6 +228,7 @@ class Model(eqx.Module):
                     f"{rule.question}: rule {rule.name!r} cannot go on from a colony of other {rule.question}, without "
                     f"{lacking[0]}: grow one by it from the start"
                 )
+        colony = jax.tree.map(_in_this_precision, colony)
         medium = {name: jnp.full_like(colony.nutrient, value) for name, value in self.medium.fields().items()}
         kept = {name: colony.medium.get(name, value) for name, value in medium.items()}
         for name in self.medium.keeps:
@@ -291,6 +313,14 @@ def _check_alike(rule: Rule | type[Rule], others: Iterable[Rule | type[Rule]], w
                     f"{where}: rule {rule.name!r} brings a parameter {one.name!r}, and so does {whose}, another one: "
                     "choose another name"
                 )
+
+
+def _in_this_precision(leaf: Any) -> Any:
+    """An array that was made in double precision, where that is off now, in single precision."""
+    if isinstance(leaf, jax.core.Tracer) or jax.dtypes.issubdtype(leaf.dtype, jax.dtypes.prng_key):
+        return leaf
+    dtype = jax.dtypes.canonicalize_dtype(leaf.dtype)
+    return leaf if leaf.dtype == dtype else jnp.asarray(np.asarray(leaf).astype(dtype))
 
 
 def _described(rule: Rule) -> dict[str, Any]:
