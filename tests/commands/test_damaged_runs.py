@@ -50,7 +50,7 @@ def test_a_run_does_not_go_on_with_other_simulations_than_it_took_over(
 ) -> None:
     """Wherever they lie; the path by which they came may be written otherwise, or left out."""
     finished(arguments(data, tmp_path / "first", "abc-smc"))
-    again = arguments(data, tmp_path / "then", "emulator", "--reuse", str(tmp_path / "first"))
+    again = arguments(data, tmp_path / "then", "abc-smc", "--reuse", str(tmp_path / "first"), "--seed", "5")
     stopped_after(1, again, monkeypatch)
     copy, whole = tmp_path / "then" / "reused.h5", (tmp_path / "then" / "reused.h5").read_bytes()
     with h5py.File(copy, "r+") as file:
@@ -59,9 +59,10 @@ def test_a_run_does_not_go_on_with_other_simulations_than_it_took_over(
         file[DATASET][...] = rows
     assert "reused.h5 holds other simulations than when the run began" in refused([*again, "--resume"], capsys)
     copy.write_bytes(whole)
-    assert "reuse was " in refused([*again[:-1], str(tmp_path), "--resume"], capsys)
-    finished([*again[:-1], os.path.relpath(tmp_path / "first"), "--resume"])
-    finished(arguments(data, tmp_path / "whole", "emulator", "--reuse", str(tmp_path / "first")))
+    where = again.index("--reuse") + 1
+    assert "reuse was " in refused([*again[:where], str(tmp_path), *again[where + 1 :], "--resume"], capsys)
+    finished([*again[:where], os.path.relpath(tmp_path / "first"), *again[where + 1 :], "--resume"])
+    finished(arguments(data, tmp_path / "whole", "abc-smc", "--reuse", str(tmp_path / "first"), "--seed", "5"))
     assert_same(tmp_path / "then", tmp_path / "whole")
     assert not any("last bit" in one for one in warnings_of(tmp_path / "then"))
 
@@ -71,7 +72,7 @@ def test_simulations_of_another_version_are_told_of(data: Path, tmp_path: Path) 
     began = json.loads((tmp_path / "first" / "run.json").read_text())
     began["versions"]["yeastfit"] = "0.0.1"
     (tmp_path / "first" / "run.json").write_text(json.dumps(began))
-    finished(arguments(data, tmp_path / "then", "emulator", "--reuse", str(tmp_path / "first")))
+    finished(arguments(data, tmp_path / "then", "abc-smc", "--reuse", str(tmp_path / "first")))
     told = [one for one in warnings_of(tmp_path / "then") if "not to the last bit" in one]
     assert len(told) == 1
     assert "first are not to the last bit what they would be now, as yeastfit was 0.0.1, is " in told[0]
@@ -141,9 +142,9 @@ def test_a_posterior_is_kept_though_nothing_can_be_predicted(
         return sampled(posterior, Failing(simulator), **more)
 
     monkeypatch.setattr(Posterior, "predict", failing)
-    finished(arguments(data, tmp_path / "out", "emulator", "--leave-out", "2"))
+    finished(arguments(data, tmp_path / "out", "abc-smc"))
     names = {one.name for one in (tmp_path / "out").iterdir()}
-    assert {"posterior.csv", "posterior.npz", "index.html", "corner.png", "left_out.csv", "manifest.json"} <= names
+    assert {"posterior.csv", "posterior.npz", "index.html", "corner.png", "manifest.json"} <= names
     assert not {"predictive.csv", "predictive.npz", "predictive.png", "colonies.png"} & names
     assert "posterior predictive: 0 of 48 draws succeeded, a predictive check needs 10" in warnings_of(tmp_path / "out")
     page = (tmp_path / "out" / "index.html").read_text()

@@ -32,7 +32,7 @@ from yeastfit.commands.measure_batch import measure_batch
 from yeastfit.inference.colony_simulator import ColonySimulator
 from yeastfit.inference.resolution import COARSE
 from yeastfit.inference.targets_from_table import targets_of
-from yeastfit.measure import HardStatistics, SmoothStatistics, measure_mask
+from yeastfit.measure import HardStatistics, Indicator, measure_mask
 from yeastfit.measure.measurements_table import read_measurements
 from yeastfit.measure.reading.batch_inputs import find_images
 from yeastfit.measure.statistics.registry import (
@@ -45,8 +45,7 @@ from yeastfit.measure.statistics.registry import (
     registered,
     title_of,
 )
-from yeastfit.measure.statistics.smooth_statistics import smooth_shape
-from yeastfit.model.snapshot import Snapshot
+from yeastfit.measure.statistics.smooth_statistics import measure_mask_smoothly, smooth_shape
 from yeastfit.report.files.measurement_files import OWN_COLUMNS
 
 ESTIMATORS: tuple[tuple[Estimator, float], ...] = (("smooth", 0.01), ("mask", 1e-12))
@@ -235,26 +234,24 @@ def test_bad_entries_are_refused_in_words(changed: dict[str, Any], message: str)
 
 
 def defined(factor: float, module: str = "a notebook") -> Statistic:
-    """A statistic as a cell of a notebook defines it; its functions are new ones each time."""
+    """A statistic as a cell of a notebook defines it; its function is a new one each time."""
 
-    def steps(snapshot: Snapshot) -> Array:
-        return factor * jnp.asarray(snapshot.colony.step, float)
+    def times_area(indicator: Indicator) -> Array:
+        return factor * indicator.area
 
-    steps.__module__ = module
-    return Statistic("steps", 0, "time steps", nodes=steps)
+    times_area.__module__ = module
+    return Statistic("mine", 2, "of mine", smooth=times_area)
 
 
 def test_a_statistic_that_is_defined_anew_replaces_the_earlier_one() -> None:
     """Also in programs that are compiled already; one that is defined elsewhere does not."""
-    found = []
+    found, mask = [], np.pad(np.ones((8, 8), dtype=bool), 4)
     try:
         for factor in (1.0, 3.0):
             register_statistic(defined(factor))
-            observe = SmoothStatistics(SMALL.domain, SMALL.spacing, statistics=("steps",))
-            run = simulate(Parameters(), member_keys(0, 1), times=[0.1], numerics=SMALL, observe=observe)
-            found.append(run.statistics["steps"][0, 0])
-        with pytest.raises(InputError, match=r"statistic 'steps': there is one of this name \(time steps\), choose"):
+            found.append(measure_mask_smoothly(mask, 1.0, ("mine",), spacing=1.0, smoothing=0.0)["mine"])
+        with pytest.raises(InputError, match=r"statistic 'mine': there is one of this name \(of mine\), choose"):
             register_statistic(defined(1.0, "elsewhere"))
     finally:
-        del STATISTICS["steps"]
-    assert found == [5.0, 15.0]
+        del STATISTICS["mine"]
+    np.testing.assert_allclose(found, [64.0, 192.0])
