@@ -28,6 +28,7 @@ WITHIN_NOISE = 1.0  # of χ²: a fall by less is one standard error in one direc
 CARRIED = 2  # starts that go on, at most: a second one tells of another minimum, more would cost as much again
 NOWHERE = 1e6  # a residual where simulations failed: every optimiser rejects such a step
 BENT = 1.0  # errors of a datum by which the mean of an ensemble may differ from that at its centre
+LOST = 0.01  # of the simulations: as many may fail far from the estimate, where a fit looks first, without a word
 CONVERGED = "converged"
 
 
@@ -304,7 +305,7 @@ class Fitter:
                 where, more = self.space.described(one.theta), one.cost - descents[0].cost
                 said.append(f"another start ended at {where}, where χ² is only {more:.1f} higher")
         tally = self.ensembles.tally
-        if tally.failed and not met:
+        if tally.failed > LOST * tally.simulated and not met:
             said.append(
                 f"{tally.failed} of {tally.simulated} simulations failed (not finite) and were left out: means are "
                 "those of the others"
