@@ -141,8 +141,9 @@ def test_inputs_without_derivatives_are_named() -> None:
         ({"tolerance": 0.0}, "tolerance is 0.0, it must be a number above 0"),
         ({"steps": ()}, r"steps is \[\], it must be numbers above 0"),
         ({"steps": (1e-3, 0.0)}, r"steps is \[0.001, 0.0\], it must be numbers above 0"),
+        ({"steps": 1e-3}, r"steps is 0.001, it must be numbers above 0"),
     ],
-    ids=["output", "inputs", "direction", "tolerance", "no steps", "step"],
+    ids=["output", "inputs", "direction", "tolerance", "no steps", "step", "one number"],
 )
 def test_a_check_of_nothing_is_none(change: dict[str, Any], words: str) -> None:
     given = {"function": lambda x: 2.0 * x, "inputs": jnp.ones(3), **change}

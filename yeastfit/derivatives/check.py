@@ -72,7 +72,8 @@ def check_derivatives(
         InputError: Inputs or directions are not floating-point arrays of the same shapes.
     """
     POSITIVE.check(tolerance, "tolerance")
-    if not len(array_of(steps, "steps").reshape(-1)) or not (array_of(steps, "steps") > 0).all():
+    numbers = array_of(steps, "steps")
+    if numbers.ndim != 1 or not numbers.size or not (numbers > 0).all():
         raise InputError(f"steps is {quoted(steps)}, it must be numbers above 0, such as (1e-3, 1e-4)")
     with jax.enable_x64(True):
         x = double(inputs, "inputs")
