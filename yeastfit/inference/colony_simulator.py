@@ -27,7 +27,7 @@ from yeastfit.measure.statistics.registry import STATISTICS
 from yeastfit.measure.statistics.smooth_statistics import SmoothStatistics
 from yeastfit.memory import check_memory
 from yeastfit.model.colony import PROBLEMS
-from yeastfit.model.model import RULES, Model
+from yeastfit.model.model import RULES, Model, check_name
 from yeastfit.model.numerics import POINT, Numerics, most_nodes
 from yeastfit.model.nutrient import largest_diffusivity
 from yeastfit.model.parameters import PARAMETERS, Parameters
@@ -278,9 +278,8 @@ def colony_simulator_of(
 ) -> ColonySimulator:
     """The simulator of a `ColonySimulator.specification`, whose arguments are plain data."""
     for rule in map(found_at, rules):
-        known = RULES[rule.question].setdefault(rule.name, rule)
-        if path_of(known) != path_of(rule):
-            raise InputError(f"{rule.question}: {path_of(rule)} is called {rule.name!r}, as {path_of(known)} is")
+        check_name(rule)
+        RULES[rule.question].setdefault(rule.name, rule)
     seen: dict[str, Any] = {**observe, "statistics": tuple(observe["statistics"])}
     hard = seen.pop("hard")
     if seen.get("polar"):

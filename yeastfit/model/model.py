@@ -121,7 +121,7 @@ class Model(eqx.Module):
             if not hasattr(rule, "name"):
                 raise InputError(f"{question} is {rule!r}, which has no name: files and warnings call a rule by one")
         for part in self.parts:
-            _check_name(part)
+            check_name(type(part))
             if not (isinstance(part.parameters, tuple) and all(isinstance(one, Parameter) for one in part.parameters)):
                 raise InputError(
                     f"{part.question}: parameters of rule {part.name!r} are {quoted(part.parameters)}, they must be a "
@@ -288,17 +288,17 @@ def check_registered(question: str, name: str) -> None:
         _check_alike(rule, [other for rules in RULES.values() for other in rules.values()], question)
 
 
-def _check_name(rule: Rule) -> None:
+def check_name(rule: type[Rule]) -> None:
     """Raise `InputError` where another rule is registered under the name of one that is not the package's.
 
     By their names files, other processes and the command line find rules. A class defined anew, as when a notebook's
     cell is run again, is the same rule.
     """
-    mine, other = type(rule), RULES[rule.question].get(rule.name)
-    if other is None or mine.__module__.startswith("yeastfit.") or path_of(mine) == path_of(other):
+    other = RULES[rule.question].get(rule.name)
+    if other is None or rule.__module__.startswith("yeastfit.") or path_of(rule) == path_of(other):
         return
     raise InputError(
-        f"{rule.question}: {mine.__name__} is called {rule.name!r}, as {other.__name__} of {other.__module__} is: "
+        f"{rule.question}: {rule.__name__} is called {rule.name!r}, as {other.__name__} of {other.__module__} is: "
         "choose another name"
     )
 
