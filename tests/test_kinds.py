@@ -128,6 +128,27 @@ WRONG: list[tuple[Callable[[], object], str]] = [
     ),
     (lambda: ANY.cross_validate(None, None, None, None), "posterior is null, it must be a yeastfit.Posterior"),
     (lambda: ANY.Imaging(extent="far"), "extent is 'far', it must be a finite number"),
+    (lambda: ANY.plot.corner([[1.0]]), r"posterior is \[\[1.0\]\], it must be a yeastfit.Posterior"),
+    (lambda: ANY.plot.traces(None), "posterior is null, it must be a yeastfit.Posterior"),
+    (
+        lambda: ANY.plot.ranks(made_posterior(np.zeros((1, 50, 2)))),
+        r"chains is Posterior.*, it must be Posterior.chains",
+    ),
+    (lambda: ANY.plot.predictive(3, None), "predicted is 3, it must be what Posterior.predict returns"),
+    (lambda: ANY.plot.cross_validation(3), "diagnostics is 3, it must be Posterior.diagnostics of a run of the emul"),
+    (lambda: ANY.plot.fit("fit.json"), "result is 'fit.json', it must be what yeastfit.fit returned"),
+    (lambda: ANY.plot.convergence(None), "result is null, it must be what yeastfit.fit returned"),
+    (lambda: ANY.plot.profiles([1]), r"results is \[1\], it must be what yeastfit.profiles returned, by name"),
+    (lambda: ANY.plot.profiles({}), "results are empty, need at least one: what yeastfit.profiles returned, by name"),
+    (lambda: ANY.plot.bootstrap(None, None), "result is null, it must be what Explored.bootstrap returned"),
+    (lambda: ANY.plot.spectrum(2), "result is 2, it must be what yeastfit.information returned, or Fit.information"),
+    (lambda: ANY.plot.ellipses(2), "result is 2, it must be what yeastfit.information returned, or Fit.information"),
+    (lambda: ANY.plot.design(2), "result is 2, it must be what yeastfit.design returned"),
+    (lambda: ANY.plot.left_out({"one": 2}), "runs: 'one' is 2, it must be the result of yeastfit.cross_validate"),
+    (lambda: ANY.plot.marginals(["out"]), "runs is 'out', it must be finished runs of infer"),
+    (lambda: ANY.plot.colony(2), "simulation is 2, it must be what yeastfit.simulate returned"),
+    (lambda: ANY.plot.curves(2), "simulation is 2, it must be what yeastfit.simulate returned"),
+    (lambda: ANY.plot.save(None, "fit.png"), "figure is null, it must be what a function of yeastfit.plot returned"),
 ]
 
 

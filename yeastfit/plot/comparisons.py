@@ -10,6 +10,7 @@ from scipy.stats import gaussian_kde
 from yeastfit.inference.comparison.conditions import evenly
 from yeastfit.inference.comparison.left_out import LeftOut
 from yeastfit.inference.comparison.runs import ComparedRun
+from yeastfit.kinds import check_kind, check_named
 from yeastfit.plot.style import CONDITIONS, words
 
 COLUMNS = 3
@@ -25,7 +26,11 @@ def left_out(runs: Mapping[str, LeftOut]) -> Figure:
 
     Returns:
         A figure.
+
+    Raises:
+        InputError: An argument is of another class.
     """
+    check_named("runs", runs, LeftOut, "the result of yeastfit.cross_validate")
     first = next(iter(runs.values()))
     count, several = len(first.labels), len(runs) > 1
     rows, columns = -(-count // COLUMNS), min(COLUMNS, count)
@@ -60,7 +65,13 @@ def marginals(runs: Sequence[ComparedRun]) -> Figure:
 
     Returns:
         A figure.
+
+    Raises:
+        InputError: An argument is of another class.
     """
+    check_kind("runs", runs, Sequence, "a list of finished runs")
+    for one in runs:
+        check_kind("runs", one, ComparedRun, "finished runs of infer")
     names = list(dict.fromkeys(name for one in runs for name in one.posterior.free))
     rows, columns = -(-len(names) // COLUMNS), min(COLUMNS, len(names))
     figure = Figure(figsize=(max(3.4 * columns, 6.0), 0.8 + 2.4 * rows), layout="constrained")

@@ -13,6 +13,7 @@ from scipy import stats
 from yeastfit.inference.posterior.draws import weighted_quantile
 from yeastfit.inference.posterior.result import Posterior
 from yeastfit.inference.prior.distributions import Distribution
+from yeastfit.kinds import check_kind
 from yeastfit.plot.style import COLONY, TRUTH, label_log_axis, words
 
 SHOWN = 2000  # dots, at most
@@ -38,7 +39,11 @@ def corner(posterior: Posterior, truth: Mapping[str, float] | None = None) -> Fi
 
     Returns:
         A figure.
+
+    Raises:
+        InputError: An argument is of another class.
     """
+    check_kind("posterior", posterior, Posterior, "a yeastfit.Posterior")
     free, weights = posterior.free, posterior.weights.ravel()
     count = len(free)
     figure = Figure(figsize=(1.4 + 2.1 * count, 1.2 + 2.1 * count), layout="constrained")

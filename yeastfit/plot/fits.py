@@ -9,6 +9,7 @@ from matplotlib.figure import Figure
 
 from yeastfit.inference.fit.bootstrap_profile import Bootstrap, Profile
 from yeastfit.inference.fit.result import Condition, Fit
+from yeastfit.kinds import check_kind, check_named
 from yeastfit.measure.statistics.registry import title_of
 from yeastfit.plot.information import draw_ellipse
 from yeastfit.plot.style import COLONY, CONDITIONS, label_log_axis, literal, words
@@ -26,7 +27,11 @@ def fit(result: Fit, truth: Mapping[str, float] | None = None) -> Figure:
 
     Returns:
         A figure with a column for each statistic and a colour for each condition.
+
+    Raises:
+        InputError: An argument is of another class.
     """
+    check_kind("result", result, Fit, "what yeastfit.fit returned")
     names = list(dict.fromkeys(name for each in result.conditions for name in each.targets.names))
     figure = Figure(figsize=(max(5.2 * len(names), 6.5), 5.8), layout="constrained")
     axes = figure.subplots(2, len(names), sharex=True, height_ratios=(3, 1), squeeze=False)
@@ -54,7 +59,11 @@ def convergence(result: Fit) -> Figure:
 
     Returns:
         A figure with one panel for each free parameter and one for χ².
+
+    Raises:
+        InputError: An argument is of another class.
     """
+    check_kind("result", result, Fit, "what yeastfit.fit returned")
     count = len(result.free)
     figure = Figure(figsize=(8, 2.2 + 1.3 * count), layout="constrained")
     *upper, lowest = figure.subplots(count + 1, 1, sharex=True, height_ratios=[1] * count + [1.4])
@@ -99,7 +108,11 @@ def profiles(results: Mapping[str, Profile]) -> Figure:
 
     Returns:
         A figure with one panel for each parameter.
+
+    Raises:
+        InputError: An argument is of another class.
     """
+    check_named("results", results, Profile, "what yeastfit.profiles returned")
     figure = Figure(figsize=(1.2 + 3.1 * len(results), 3.3), layout="constrained")
     for panel, (name, each) in zip(figure.subplots(1, len(results), squeeze=False)[0], results.items(), strict=True):
         panel.plot(each.values, each.rise, "o-", ms=3, color=COLONY, label="profile")
@@ -124,7 +137,12 @@ def bootstrap(result: Bootstrap, fitted: Fit) -> Figure:
 
     Returns:
         A figure with one panel for each pair.
+
+    Raises:
+        InputError: An argument is of another class.
     """
+    check_kind("result", result, Bootstrap, "what Explored.bootstrap returned")
+    check_kind("fitted", fitted, Fit, "what yeastfit.fit returned")
     count = max(1, len(fitted.free) - 1)
     figure = Figure(figsize=(1.6 + 2.2 * count, 1.0 + 2.1 * count), layout="constrained")
     axes: Any = figure.subplots(count, count, squeeze=False)

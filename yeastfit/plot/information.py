@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 from yeastfit.inference.information.design_result import Design
 from yeastfit.inference.information.identifiability import percent
 from yeastfit.inference.information.result import Information
+from yeastfit.kinds import check_kind
 from yeastfit.plot.style import words
 
 SEEN, BLIND = "#7a5230", "#b00020"
@@ -28,7 +29,11 @@ def spectrum(result: Information) -> Figure:
 
     Returns:
         A figure with two panels.
+
+    Raises:
+        InputError: An argument is of another class.
     """
+    _check_information(result)
     count = len(result.free)
     figure = Figure(figsize=(2.6 + 0.85 * count, 3.9 + 0.33 * count), layout="constrained")
     upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(2.4, 0.3 + 0.3 * count))
@@ -73,7 +78,11 @@ def ellipses(result: Information) -> Figure:
 
     Returns:
         A figure with one panel for each pair; parameters the data do not determine are named instead.
+
+    Raises:
+        InputError: An argument is of another class.
     """
+    _check_information(result)
     kept = [k for k, name in enumerate(result.free) if name not in result.undetermined]
     cells = max(1, len(kept) - 1)
     figure = Figure(figsize=(1.6 + 1.9 * cells, 1.0 + 1.75 * cells), layout="constrained")
@@ -106,7 +115,11 @@ def design(result: Design) -> Figure:
 
     Returns:
         A figure with a row for each statistic, one for whole images, and the chosen sequence as numbers.
+
+    Raises:
+        InputError: An argument is of another class.
     """
+    check_kind("result", result, Design, "what yeastfit.design returned")
     rows = [*(words(name) for name in result.statistics), "whole image"]
     table = np.vstack([100 * result.table(), np.full((1, len(result.times)), np.nan)])
     for choice in result.images:
@@ -158,6 +171,10 @@ def draw_ellipse(panel: Any, covariance: Float[np.ndarray, "2 2"]) -> None:
     panel.fill(*one, color=SEEN, alpha=0.45, lw=0)
     panel.axhline(0, color="0.7", lw=0.6)
     panel.axvline(0, color="0.7", lw=0.6)
+
+
+def _check_information(result: Any) -> None:
+    check_kind("result", result, Information, "what yeastfit.information returned, or Fit.information")
 
 
 def _write_numbers(axes: Any, table: np.ndarray, form: str, bright: Callable[[float], bool]) -> None:

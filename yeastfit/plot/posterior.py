@@ -12,6 +12,7 @@ from yeastfit.inference.posterior.chain_diagnostics import ChainDiagnostics
 from yeastfit.inference.posterior.predictive_check import Predictive
 from yeastfit.inference.posterior.result import Posterior
 from yeastfit.inference.targets import Targets
+from yeastfit.kinds import check_kind
 from yeastfit.measure.outlining.segmentation import outline
 from yeastfit.measure.statistics.registry import title_of
 from yeastfit.plot.style import COLONY, CONDITIONS, OUTLINE, literal, words
@@ -30,7 +31,11 @@ def traces(posterior: Posterior) -> Figure:
 
     Returns:
         A figure.
+
+    Raises:
+        InputError: An argument is of another class.
     """
+    check_kind("posterior", posterior, Posterior, "a yeastfit.Posterior")
     count = len(posterior.free)
     figure = Figure(figsize=(9, 0.8 + 1.6 * count), layout="constrained")
     for k, panel in enumerate(figure.subplots(count, 1, sharex=not posterior.weighted, squeeze=False)[:, 0]):
@@ -58,7 +63,11 @@ def ranks(chains: ChainDiagnostics) -> Figure:
 
     Returns:
         A figure.
+
+    Raises:
+        InputError: An argument is of another class.
     """
+    check_kind("chains", chains, ChainDiagnostics, "Posterior.chains")
     count, number, bins = chains.ranks.shape
     figure = Figure(figsize=(1.0 + 3.0 * count, 2.9), layout="constrained")
     edges, faint = np.linspace(0, 1, bins + 1), min(0.6, 6 / number)
@@ -87,7 +96,12 @@ def predictive(
 
     Returns:
         A figure.
+
+    Raises:
+        InputError: An argument is of another class.
     """
+    check_kind("predicted", predicted, Predictive, "what Posterior.predict returns")
+    check_kind("targets", targets, Targets)
     count = len(targets.names)
     figure = Figure(figsize=(max(5.2 * count, 6.5), 4.2), layout="constrained")
     wide, narrow, middle = predicted.band(0.9), predicted.band(0.5), np.median(predicted.statistics, axis=0)
@@ -167,7 +181,11 @@ def cross_validation(diagnostics: EmulatorDiagnostics) -> Figure:
 
     Returns:
         A figure.
+
+    Raises:
+        InputError: An argument is of another class.
     """
+    check_kind("diagnostics", diagnostics, EmulatorDiagnostics, "Posterior.diagnostics of a run of the emulator")
     last = diagnostics.rounds[-1].cross_validation
     chance = 2 / np.sqrt(last.rows)
     figure = Figure(figsize=(max(6.0, 0.34 * len(last.labels) + 2.5), 4.6), layout="constrained")

@@ -8,6 +8,7 @@ from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 
 from yeastfit.inference.models.grown import Grown
+from yeastfit.kinds import check_kind
 from yeastfit.measure.statistics.registry import most_telling_first, title_of
 from yeastfit.panel import Panel
 from yeastfit.plot.style import COLONY
@@ -26,7 +27,11 @@ def colony(simulation: Grown, member: int = 0, **shown: Any) -> Figure:
 
     Returns:
         A figure with a panel for each thing to be seen; the first says how wide a part is shown.
+
+    Raises:
+        InputError: An argument is of another class.
     """
+    check_kind("simulation", simulation, Grown, "what yeastfit.simulate returned")
     panels = simulation.panels(member, **shown)
     figure = Figure(figsize=(0.3 + 4.6 * len(panels), 4.4), layout="constrained")
     draw_panels(figure, panels)
@@ -51,7 +56,11 @@ def curves(simulation: Grown) -> Figure:
 
     Returns:
         A figure with one panel for each statistic.
+
+    Raises:
+        InputError: An argument is of another class.
     """
+    check_kind("simulation", simulation, Grown, "what yeastfit.simulate returned")
     statistics = simulation.statistics
     names = dict.fromkeys((*most_telling_first(statistics), *statistics))
     marker = "-" if len(simulation.clock) > 1 else "o"

@@ -12,6 +12,7 @@ from matplotlib.font_manager import FontProperties, findfont, get_font
 from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, NullFormatter
 
 from yeastfit.errors import InputError
+from yeastfit.kinds import check_kind
 from yeastfit.storage import written_whole
 from yeastfit.text import shown
 
@@ -74,8 +75,9 @@ def save(figure: Figure, path: str | Path) -> None:
         path: The file to write; folders on the way are made.
 
     Raises:
-        InputError: Its ending is that of no format of pictures.
+        InputError: It is no figure, or the ending of the file is that of no format of pictures.
     """
+    check_kind("figure", figure, Figure, "what a function of yeastfit.plot returned")
     known, ending = FigureCanvasAgg.get_supported_filetypes(), Path(path).suffix.removeprefix(".").lower()
     if ending and ending not in known:
         raise InputError(f"{path}: its ending {ending!r} is that of no picture, known are {', '.join(sorted(known))}")
