@@ -206,6 +206,26 @@ def test_a_state_of_another_kind_is_refused(answer: Any, said: str) -> None:
         simulate(Parameters(), member_keys(0, 1), times=[0.1], model=Model(motion=Counting(answer)), numerics=SMALL)
 
 
+class Own(OneAngle):
+    """A rule with a setting of any kind."""
+
+    name = "own"
+    how: Any = None
+
+
+def test_a_setting_that_no_file_can_keep_is_named() -> None:
+    assert Model(budding=Own(how=[1, "a", None])).asdict()["budding"] == {"rule": "own", "how": [1, "a", None]}
+    model = Model(budding=Own(how=np.sin))
+    with pytest.raises(InputError, match=r"budding: how of rule 'own' is .*, which no file can keep: settings are"):
+        model.asdict()
+
+
+def test_rules_in_a_list_are_refused_as_their_parameters_would_be_lost() -> None:
+    for several in ((OneAngle(),), {"first": OneAngle()}):
+        with pytest.raises(InputError, match=r"budding: how of rule 'own' is .*, expected no list of rules"):
+            Own(how=several)
+
+
 def test_parameters_of_a_rule_are_a_tuple() -> None:
     class Alone(OneAngle):
         name = "alone"

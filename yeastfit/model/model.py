@@ -34,6 +34,7 @@ from yeastfit.model.mechanisms import every_rule
 from yeastfit.model.numerics import Numerics
 from yeastfit.model.parameters import PARAMETERS, Parameters
 from yeastfit.model.relaxation import Relaxation
+from yeastfit.model.rule_settings import in_a_file
 from yeastfit.model.rules import (
     BirthRule,
     BuddingRule,
@@ -245,7 +246,11 @@ class Model(eqx.Module):
         )
 
     def asdict(self) -> dict[str, dict[str, Any]]:
-        """Names of the rules and their settings by question, for files; `Model.of` reads them."""
+        """Names of the rules and their settings by question, for files; `Model.of` reads them.
+
+        Raises:
+            InputError: A setting is nothing that a file can keep, such as a function.
+        """
         return {question: _described(rule) for question, rule in self.rules.items()}
 
     @staticmethod
@@ -324,8 +329,9 @@ def _in_this_precision(leaf: Any) -> Any:
 
 
 def _described(rule: Rule) -> dict[str, Any]:
-    settings = {each.name: getattr(rule, each.name) for each in dataclasses.fields(rule)}
-    plain = {name: _described(value) if isinstance(value, Rule) else value for name, value in settings.items()}
+    names = [each.name for each in dataclasses.fields(rule)]
+    held = {name: getattr(rule, name) for name in names}
+    plain = {name: _described(one) if isinstance(one, Rule) else in_a_file(rule, name) for name, one in held.items()}
     return {"rule": rule.name, **plain}
 
 
