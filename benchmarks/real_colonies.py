@@ -5,10 +5,10 @@ that runs out of nitrogen. This page is made from the folders of runs of `yeastf
 them is there:
 
     cd data/real
-    more="--model offlattice --variation --leave-out 4"
+    more="--model offlattice --variation --leave-out 4 --most-steps 60000"
     yeastfit infer awri796-50um $more --cells 45000 --out WORK/offlattice/awri796-50um
     yeastfit infer awri796-500um $more --cells 90000 --out WORK/offlattice/awri796-500um
-    yeastfit infer simi-white-50um $more --cells 65000 --most-steps 60000 --out WORK/offlattice/simi-white-50um
+    yeastfit infer simi-white-50um $more --cells 65000 --out WORK/offlattice/simi-white-50um
     yeastfit compare WORK/offlattice/* --out WORK/comparison
 
     three="--statistics filament_area_index,filament_radius_index,angular_index --variation --leave-out 4"
@@ -18,18 +18,19 @@ them is there:
     yeastfit infer awri796-500um $more --area 257000 --out WORK/algebraic/awri796-500um
     yeastfit infer simi-white-50um $more --area 203000 --out WORK/algebraic/simi-white-50um
     more="$three --medium nitrogen --nitrogen-per-birth 150 --nitrogen-uptake 0 --length 23.7 --rate 0.1 --spacing 0.4
-        --dt 0.025 --substeps 4 --capacity 30000 --batch 8 --simulations 4096 --first 256 --each 256 --most-steps 60000
+        --dt 0.025 --substeps 4 --capacity 30000 --batch 8 --simulations 4096 --first 256 --each 256
         --draws 20 --prior-draws 0 --prior nitrogen.toml --free mobility,metabolic_rate,aspect_ratio,nitrogen"
-    yeastfit infer awri796-50um $more --out WORK/nitrogen/awri796-50um
-    yeastfit infer awri796-500um $more --out WORK/nitrogen/awri796-500um
-    yeastfit infer simi-white-50um $more --out WORK/nitrogen/simi-white-50um
+    yeastfit infer awri796-50um --most-steps 60000 $more --out WORK/nitrogen/awri796-50um
+    yeastfit infer awri796-500um --most-steps 60000 $more --out WORK/nitrogen/awri796-500um
+    yeastfit infer simi-white-50um --most-steps 60000 $more --out WORK/nitrogen/simi-white-50um
+    more="--most-steps 260000 $more"
     yeastfit infer awri796-50um $more --births clocks --cycle-variation 0.2 --out WORK/clocks/awri796-50um
     yeastfit infer awri796-50um $more,death_rate --death starvation --out WORK/death/awri796-50um
     yeastfit infer awri796-50um $more,budding_bias --budding polar --polarity 1 --out WORK/polar/awri796-50um
-    more="$three --model offlattice"
+    more="$three --model offlattice --most-steps 60000"
     yeastfit infer awri796-50um $more --cells 45000 --out WORK/offlattice-3/awri796-50um
     yeastfit infer awri796-500um $more --cells 90000 --out WORK/offlattice-3/awri796-500um
-    yeastfit infer simi-white-50um $more --cells 65000 --most-steps 60000 --out WORK/offlattice-3/simi-white-50um
+    yeastfit infer simi-white-50um $more --cells 65000 --out WORK/offlattice-3/simi-white-50um
     for one in awri796-50um awri796-500um simi-white-50um; do  # of the folders those that are there
         yeastfit compare WORK/{algebraic,nitrogen,clocks,death,polar,offlattice-3}/$one --out WORK/models/$one
     done
