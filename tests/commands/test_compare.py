@@ -80,6 +80,19 @@ def test_models_and_conditions(tmp_path: Path, capsys: pytest.CaptureFixture[str
     assert cli.run(["compare", *runs, "--out", str(out)]) == 0  # its own results are replaced
 
 
+def test_runs_are_called_by_as_much_of_their_paths_as_tells_them_apart(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    runs = [
+        run(tmp_path / "old" / "one", "algebraic", "x", 1.0, -4.0),
+        run(tmp_path / "new" / "one", "offlattice", "x", 1.0, -3.0),
+    ]
+    assert cli.run(["compare", *runs, "--out", str(tmp_path / "out")]) == 0
+    said = " ".join(capsys.readouterr().out.split())
+    assert "new/one predicts colonies left out better than old/one, log density +8.0" in said
+    assert str(tmp_path / "old") not in said
+
+
 def test_a_posterior_that_has_not_settled(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     runs = [run(tmp_path / "a", "m", "x", 1.0), run(tmp_path / "b", "m", "y", 1.0, settled=False)]
     assert cli.run(["compare", *runs, "--out", str(tmp_path / "out")]) == 1

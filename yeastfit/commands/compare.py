@@ -1,5 +1,6 @@
 """`yeastfit compare`: runs of infer beside each other."""
 
+import itertools
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -55,12 +56,12 @@ def compare(
 
 
 def _names(runs: list[Path]) -> list[str]:
-    """Of each run, as short as tells them apart: names of folders, or whole paths."""
+    """Of each run, as short as tells them apart: the name of its folder, with as many of those above it as it takes."""
     where = [path.resolve() for path in runs]
     if len(set(where)) < len(where):
         raise InputError(f"runs: {next(one for k, one in enumerate(runs) if where[k] in where[:k])} is given twice")
-    short = [path.name for path in where]
-    return short if len(set(short)) == len(short) else list(map(str, runs))
+    ways = ([str(Path(*path.parts[-count:])) for path in where] for count in itertools.count(1))
+    return next(names for names in ways if len(set(names)) == len(names))
 
 
 def _read(path: Path, name: str) -> ComparedRun:
