@@ -68,6 +68,7 @@ from scipy import ndimage
 from scipy.stats import kurtosis
 from skimage.morphology import skeletonize
 
+from benchmarks.real_answers import answers
 from benchmarks.report import Report, command
 from yeastfit import measure_file
 from yeastfit.commands.posterior_run.run import SIMULATIONS
@@ -238,6 +239,10 @@ def _nearest(statistics: np.ndarray, observed: np.ndarray) -> str:
     )
 
 
+def _section(title: str, sentences: list[str]) -> str:
+    return f"## {title}\n\n" + "\n".join(f"- {one}" for one in sentences) + "\n\n"
+
+
 def main(arguments: list[str] | None = None) -> None:
     """Run the command: parse the option of this benchmark, then those of every benchmark."""
     parser = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
@@ -253,11 +258,12 @@ def main(arguments: list[str] | None = None) -> None:
         done = [{"run": "/".join(one), "version of yeastfit": _made(own.work.joinpath(*one))} for one in RUNS]
         report.table("runs", done)
         if report.docs is not None:
-            words = "## In words\n\n" + "\n".join(f"- {one}" for one in said) + "\n"
+            words = _section("Answers", answers(own.work))
             picture = own.work / "comparison" / "marginals.png"
             if picture.is_file():
                 shutil.copyfile(picture, report.docs / "real.png")
-                words += "\n![Posterior densities](real.png)\n\nPosterior densities of every parameter, by set.\n"
+                words += "![Posterior densities](real.png)\n\nPosterior densities of every parameter, by set.\n\n"
+            words += _section("Run by run", said)
             text = "\n".join([report.head(__doc__), "", words, *report.sections()])
             (report.docs / "real.md").write_text(text, encoding="utf-8")
 
