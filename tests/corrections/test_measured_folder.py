@@ -161,7 +161,9 @@ def test_what_cannot_be_saved_changes_nothing(copies: tuple[Path, Path]) -> None
     for mask, words in (
         (np.zeros((SIDE, SIDE), bool), "b.png: nothing is painted"),
         (disc(10, 40, 40), "b.png: the seed_point of its manifest, 90 90, is not on the colony"),
-        (np.ones((SIDE, SIDE), bool), "the colony fills the image|holds no object"),
+        (np.ones((SIDE, SIDE), bool), "b.png: the colony fills the image, need background"),
+        (np.arange(SIDE * SIDE).reshape(SIDE, SIDE) == 90 * SIDE + 90, "b.png: the colony of the mask has 1 pixels"),
+        (np.indices((SIDE, SIDE)).sum(axis=0) > SIDE // 2, "b.png: the colony covers two corners of the image or more"),
     ):
         with pytest.raises(InputError, match=words):
             folder.corrected(1, mask)

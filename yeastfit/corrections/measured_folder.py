@@ -15,7 +15,7 @@ from yeastfit.measure.outlining.doubts import BY_HAND, DOUBTS
 from yeastfit.measure.reading.batch_inputs import InputImage, dataset_images
 from yeastfit.measure.reading.dataset import read_dataset
 from yeastfit.measure.reading.images import read_image
-from yeastfit.measure.reading.outline_files import read_outline, write_mask
+from yeastfit.measure.reading.outline_files import check_outline, read_outline, write_mask
 from yeastfit.results.contents import MANIFEST, Contents, check_finished
 from yeastfit.storage import read_json, written_whole
 from yeastfit.text import short
@@ -150,6 +150,9 @@ class MeasuredFolder:
             )
         if not mask.any():
             raise InputError(f"{photograph.image.label}: nothing is painted, need the outline of a colony")
+        if mask.all():
+            raise InputError(f"{photograph.image.label}: the colony fills the image, need background")
+        check_outline(mask, photograph.image.label)
         seed_point = photograph.image.options.seed_point
         if seed_point is not None and not mask[round(seed_point[1]), round(seed_point[0])]:
             raise InputError(
@@ -160,8 +163,11 @@ class MeasuredFolder:
         file = _free_place(folder / CORRECTED, photograph)
         with written_whole(file) as temporary:
             write_mask(temporary, mask, photograph.pixel_size)
-            if not np.array_equal(read_outline(temporary, (mask.shape[0], mask.shape[1]), seed_point), mask):
-                raise InputError(f"{photograph.image.label}: the colony fills the image, need background")
+            if not np.array_equal(read_outline(temporary, (mask.shape[0], mask.shape[1])), mask):
+                raise InputError(
+                    f"{photograph.image.label}: the colony covers two corners of the image or more, where masks have "
+                    "their background: leave corners free, or take a larger part of the photograph"
+                )
         name_mask(self.manifest, photograph.image.path, file.relative_to(folder).as_posix())
         now = replace(photograph, image=replace(photograph.image, outline=file))
         return replace(self, photographs=(*self.photographs[:number], now, *self.photographs[number + 1 :]))

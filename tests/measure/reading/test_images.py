@@ -112,6 +112,10 @@ def test_jpeg_is_read_and_cmyk_refused(tmp_path):
 def test_several_pages_are_counted(tmp_path):
     tifffile.imwrite(tmp_path / "plain.tif", np.stack([GREY] * 7), photometric="minisblack")
     tifffile.imwrite(tmp_path / "stack.ome.tif", np.stack([GREY] * 7), metadata={"axes": "TYX"})
+    tifffile.imwrite(tmp_path / "long.tif", np.stack([GREY] * 7), imagej=True, truncate=True, metadata={"axes": "TYX"})
+    for frame in (None, 2):  # as of stacks beyond 4 GB, whose other images no reader of pages finds
+        with pytest.raises(InputError, match=r"holds 7 images behind one entry of its directory, .* save the one that"):
+            read_image(tmp_path / "long.tif", frame)
     tifffile.imwrite(tmp_path / "ij.tif", np.stack([GREY] * 7), imagej=True)
     Image.fromarray(GREY).save(tmp_path / "a.png", save_all=True, append_images=[Image.fromarray(GREY // 2)] * 6)
     for name in ("plain.tif", "stack.ome.tif", "ij.tif", "a.png"):

@@ -54,6 +54,50 @@ def test_the_object_at_the_seed_point_counts_else_the_largest(name: str, tmp_pat
         read_outline(path, SHAPE, (2, 3))
 
 
+@pytest.mark.parametrize("name", ["labels.tif", "cells_seg.npy", "labels.npy"])
+def test_zero_is_no_label_though_a_label_holds_most_corners(name: str, tmp_path: Path) -> None:
+    labels = np.ones(SHAPE, np.uint8)
+    labels[30:, 50:] = 0
+    labels[40:45, 60:70] = 2
+    one = labels == 1
+    if name.endswith("_seg.npy"):
+        labels[labels == 2] = 0  # there is one object only
+        np.save(tmp_path / name, {"masks": labels}, allow_pickle=True)  # type: ignore[arg-type]
+    elif name.endswith(".npy"):
+        np.save(tmp_path / name, labels)
+    else:
+        tifffile.imwrite(tmp_path / name, labels)
+    np.testing.assert_array_equal(read_outline(tmp_path / name, SHAPE), one)
+
+
+@pytest.mark.parametrize("name", ["labels.tif", "labels.png"])
+def test_labels_of_a_palette_are_its_numbers(name: str, tmp_path: Path) -> None:
+    """Whatever the colours are: these two have one luminance."""
+    labels = (LARGE + 2 * SMALL).astype(np.uint8)
+    colours = np.zeros((3, 256), np.uint16)
+    colours[:, 1], colours[:, 2] = (0, 200 << 8, 0), (0, 200 << 8, 0)
+    if name.endswith(".tif"):
+        tifffile.imwrite(tmp_path / name, labels, photometric="palette", colormap=colours)
+    else:
+        picture = Image.fromarray(labels, "P")
+        picture.putpalette((colours >> 8).astype(np.uint8).T.tobytes())
+        picture.save(tmp_path / name)
+    np.testing.assert_array_equal(read_outline(tmp_path / name, SHAPE), LARGE)
+
+
+def test_an_outline_of_few_pixels_is_refused(tmp_path: Path) -> None:
+    for count in (1, 4, 5):
+        mask = np.zeros(SHAPE, np.uint8)
+        mask[20, 20 : 20 + count] = 255
+        Image.fromarray(mask).save(tmp_path / f"{count}.png")
+    for count in (1, 4):
+        with pytest.raises(
+            InputError, match=rf"{count}\.png: the colony of the mask has {count} pixels, need at least 5"
+        ):
+            read_outline(tmp_path / f"{count}.png", SHAPE)
+    assert read_outline(tmp_path / "5.png", SHAPE).sum() == 5
+
+
 def test_a_single_region_is_filled(tmp_path: Path) -> None:
     np.testing.assert_array_equal(read_outline(written(tmp_path / "one.roi"), SHAPE), LARGE)
 

@@ -88,6 +88,21 @@ def read_image(path: str | Path, frame: int | None = None) -> Grey:
     return _read(Path(path), frame).pixels
 
 
+def read_labels(path: str | Path) -> npt.NDArray[Any]:
+    """Read a mask or a label image: as `read_image`, but of a palette the numbers of its colours, which are the labels.
+
+    Arguments:
+        path: The file.
+
+    Returns:
+        Values [rows, columns].
+
+    Raises:
+        InputError: As `read_image`.
+    """
+    return _read(Path(path), palette=False).pixels
+
+
 def read_micrograph(path: str | Path, pixel_size: float | None = None, frame: int | None = None) -> Micrograph:
     """Read an image with the size of its pixels.
 
@@ -129,7 +144,7 @@ def read_micrograph(path: str | Path, pixel_size: float | None = None, frame: in
     return Micrograph(contents.pixels, sqrt(x * y), source, path)
 
 
-def _read(path: Path, frame: int | None = None) -> ImageContents:
+def _read(path: Path, frame: int | None = None, palette: bool = True) -> ImageContents:
     if path.is_dir():
         raise InputError(f"{path}: is a directory, need a TIFF, PNG or JPEG file")
     if path.exists() and not path.is_file():  # a pipe would be waited for
@@ -142,7 +157,7 @@ def _read(path: Path, frame: int | None = None) -> ImageContents:
                 values, sizes = read_vendor(path, vendor, frame)
                 pixels, remark = _to_grey(values, path), ""
             else:
-                pixels, sizes, remark = _reader(path, start)(path, file, frame)
+                pixels, sizes, remark = _reader(path, start)(path, file, frame, palette)
     except InputError:
         raise
     except Exception as error:  # a damaged file makes readers raise anything at all
@@ -151,7 +166,7 @@ def _read(path: Path, frame: int | None = None) -> ImageContents:
     return ImageContents(_finite(pixels, path), sizes, remark)
 
 
-def _reader(path: Path, start: bytes) -> Callable[[Path, BinaryIO, int | None], ImageContents]:
+def _reader(path: Path, start: bytes) -> Callable[[Path, BinaryIO, int | None, bool], ImageContents]:
     if not start:
         raise InputError(f"{path}: is empty (0 bytes), need a TIFF, PNG or JPEG file")
     if start[:4] in (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+"):
@@ -223,7 +238,7 @@ def _to_grey(values: npt.NDArray[Any], path: Path) -> Grey:
         return values.astype(np.float32)
 
 
-def _read_tiff(path: Path, file: BinaryIO, frame: int | None = None) -> ImageContents:
+def _read_tiff(path: Path, file: BinaryIO, frame: int | None, palette: bool) -> ImageContents:
     import tifffile
 
     with tifffile.TiffFile(file) as tif:
@@ -233,6 +248,11 @@ def _read_tiff(path: Path, file: BinaryIO, frame: int | None = None) -> ImageCon
             shape = dict(zip(tif.series[0].axes, tif.series[0].shape, strict=True))
             planes = [count for axis, count in shape.items() if axis not in "YXS"]
             pages = max(pages if tif.is_imagej else len(tif.series), int(np.prod(planes)))
+        if pages > len(tif.pages):  # ImageJ writes one entry for a stack beyond 4 GB
+            raise InputError(
+                f"{path}: holds {pages} images behind one entry of its directory, of which the first alone can be "
+                "read: save the one that is needed as a file of its own"
+            )
         if frame is not None:
             page, pages = tif.pages[check_frame(frame, len(tif.pages), path)], 1
         _check_size(path, page.imagewidth, page.imagelength, pages)
@@ -241,20 +261,22 @@ def _read_tiff(path: Path, file: BinaryIO, frame: int | None = None) -> ImageCon
             raise InputError(f"{path}: is cut short at {held} bytes of {max(ends)}, need the whole file")
         _check_stored(path, page)
         sizes, remark = tiff_sizes(tif, page)
-        return ImageContents(_tiff_pixels(page, path, file), sizes, remark)
+        return ImageContents(_tiff_pixels(page, path, file, palette), sizes, remark)
 
 
-def _tiff_pixels(page: Any, path: Path, file: BinaryIO) -> Grey:
+def _tiff_pixels(page: Any, path: Path, file: BinaryIO, palette: bool) -> Grey:
     try:
         values = np.asarray(page.asarray())
     except ValueError as error:
         if "imagecodecs" not in str(error):
             raise
         file.seek(0)
-        return _read_pillow(path, file).pixels
+        return _read_pillow(path, file, None, palette).pixels
     if page.planarconfig == 2 and values.ndim == 3:
         values = np.moveaxis(values, 0, -1)
-    if page.photometric == 3:  # palette
+    if page.photometric == 3 and not palette:
+        return _to_grey(values, path)
+    if page.photometric == 3:
         colours = (page.colormap >> 8).astype(np.uint8)  # stored in 16 bits, meant in 8
         return _to_grey(np.moveaxis(colours[:, values], 0, -1), path)
     if page.photometric == 0:  # 0 is white
@@ -273,7 +295,7 @@ def _negative(values: npt.NDArray[Any], bits: int) -> npt.NDArray[Any]:
     return -values.astype(np.float64)
 
 
-def _read_pillow(path: Path, file: BinaryIO, frame: int | None = None) -> ImageContents:
+def _read_pillow(path: Path, file: BinaryIO, frame: int | None, palette: bool) -> ImageContents:
     from PIL import Image, UnidentifiedImageError
 
     with catch_warnings():
@@ -292,9 +314,9 @@ def _read_pillow(path: Path, file: BinaryIO, frame: int | None = None) -> ImageC
             frames = 1
         _check_size(path, *image.size, frames)
         sizes, remark = pillow_sizes(image)
-        if image.mode == "P":
+        if image.mode == "P" and palette:
             converted = image.convert("RGBA")
-        elif image.mode in ("1", "L", "LA", "RGB", "RGBA", "F") or image.mode.startswith("I"):
+        elif image.mode in ("1", "L", "LA", "P", "RGB", "RGBA", "F") or image.mode.startswith("I"):
             converted = image
         else:
             raise InputError(f"{path}: colour mode {image.mode}, need greyscale, palette, RGB or RGBA")

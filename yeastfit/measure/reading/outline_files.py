@@ -17,9 +17,10 @@ from jaxtyping import Bool, Shaped
 
 from yeastfit.errors import InputError
 from yeastfit.measure.reading.binary_images import recognise_binary, recognise_labels
-from yeastfit.measure.reading.images import MAX_PIXELS, SeveralImages, read_image
+from yeastfit.measure.reading.images import MAX_PIXELS, SeveralImages, read_labels
 
 MAX_BYTES = 8 * MAX_PIXELS
+FEWEST = 5  # px of a mask: the perimeter of fewer is that of no outline
 AREAS = {"polygon", "freehand", "traced", "rect", "oval"}  # ImageJ's selections that enclose something
 EDGES = 1000  # of a region that are filled together, which bounds memory
 HARMLESS = {
@@ -48,11 +49,19 @@ def read_outline(
     Raises:
         InputError: The file cannot be read, is of another size, or holds no object, or none at the seed point.
     """
-    suffix = path.suffix.lower()
-    if suffix in (".roi", ".zip"):
-        return _region(path, shape, seed_point)
+    mask = _region(path, shape, seed_point) if _holds_regions(path) else _object(_labels(path, shape), seed_point, path)
+    check_outline(mask, str(path))
+    return mask
+
+
+def _holds_regions(path: Path) -> bool:
+    return path.suffix.lower() in (".roi", ".zip")
+
+
+def _labels(path: Path, shape: tuple[int, int]) -> Labels:
+    """Values of a mask or of labels, of the size of their photograph; `InputError` where they are of another."""
     try:
-        labels = _array(path) if suffix == ".npy" else read_image(path)
+        labels = _array(path) if path.suffix.lower() == ".npy" else read_labels(path)
     except SeveralImages:
         raise InputError(f"{path}: holds several pages or planes, need an outline of one image") from None
     if labels.shape != shape:
@@ -62,9 +71,13 @@ def read_outline(
         )
     if labels.min() < 0:
         raise InputError(f"{path}: a label is {labels.min()}, labels must be whole numbers from 0 on")
-    if suffix == ".npy":
-        return object_in(labels, seed_point, path)
-    return _object(labels, seed_point, path)
+    return labels
+
+
+def check_outline(mask: Bool[np.ndarray, "row column"], name: str) -> None:
+    """Raise `InputError` where an outline that was made elsewhere is too small to be measured."""
+    if (size := int(mask.sum())) < FEWEST:
+        raise InputError(f"{name}: the colony of the mask has {size} pixels, need at least {FEWEST} to measure a shape")
 
 
 def write_mask(path: Path, mask: np.ndarray, pixel_size: float | None = None) -> None:
@@ -76,7 +89,12 @@ def write_mask(path: Path, mask: np.ndarray, pixel_size: float | None = None) ->
 
 
 def _object(image: Labels, seed_point: Sequence[float] | None, path: Path) -> Bool[np.ndarray, "row column"]:
-    """Of a mask, which lossy compression may have touched, or of a label image; `InputError` for others."""
+    """Of a mask, which lossy compression may have touched, or of a label image; `InputError` for others.
+
+    An array of a .npy holds labels, even where there is one only: 0 is none. Of truth values that is not known.
+    """
+    if path.suffix.lower() == ".npy":
+        return object_in(image, seed_point, path, None if image.dtype == bool or image.min() > 0 else 0)
     binary = recognise_binary(image)
     if binary is not None:
         return object_in(binary.mask.astype(np.uint8) if binary.doubts else image, seed_point, path)
@@ -89,20 +107,30 @@ def _object(image: Labels, seed_point: Sequence[float] | None, path: Path) -> Bo
 
 
 def background_of(labels: Labels) -> Any:
-    """The value of most of the corners."""
+    """The value of most of the corners; of several labels 0 where there is one, as it is no label."""
+    if labels.min() == 0 and len(np.unique(labels)) > 2:
+        return labels.dtype.type(0)
     corners = [labels[row, column] for row in (0, -1) for column in (0, -1)]
     values, counts = np.unique(corners, return_counts=True)
     return values[counts == counts.max()].min()
 
 
-def object_in(labels: Labels, seed_point: Sequence[float] | None, path: Path) -> Bool[np.ndarray, "row column"]:
+def object_in(
+    labels: Labels, seed_point: Sequence[float] | None, path: Path, background: int | None = None
+) -> Bool[np.ndarray, "row column"]:
     """The object of a label image at the seed point, else the largest; each value but the background's is one.
+
+    Arguments:
+        labels: A value for each object.
+        seed_point: x and y in pixels.
+        path: Of the file, for messages.
+        background: Its value; by default `background_of` the image.
 
     Raises:
         InputError: There is none, or none at the seed point.
     """
     values, counts = np.unique(labels, return_counts=True)
-    others = values != background_of(labels)
+    others = values != (background_of(labels) if background is None else background)
     values, counts = values[others], counts[others]
     if not len(values):
         raise _nothing_in(path)
