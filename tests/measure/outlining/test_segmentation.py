@@ -252,6 +252,20 @@ def test_a_mask_of_a_speck_is_refused() -> None:
     assert set(segment(mask).warnings) == {"tiny"}
 
 
+@pytest.mark.parametrize("pixels", ["a scale bar", "hot pixels"])
+@pytest.mark.parametrize("level", [150, 700])
+def test_a_dark_photograph_of_16_bits_is_no_mask(pixels: str, level: int) -> None:
+    """What is white in it is at the end of the range, and all the rest near the other."""
+    image = taken(COLONY, level=150).astype(np.uint16) * np.uint16(level // 150)
+    if pixels == "a scale bar":
+        image[190:194, 120:170] = 65535
+    else:
+        image[tuple(np.random.default_rng(1).integers(0, SIDE, (2, 30)))] = 65535
+    found = segment(image)
+    assert "not quite black and white" not in found.warnings
+    assert overlap(found.mask, COLONY) > 0.95
+
+
 def test_a_photograph_is_no_mask() -> None:
     """Not even one of full range: black core, white background, faint rim."""
     image = taken(COLONY, contrast=250, level=252).astype(int)
@@ -336,3 +350,27 @@ def test_the_benchmark_pairs_by_name(tmp_path: Path) -> None:
     assert means[2]["sampling error %"] == pytest.approx(
         100 * areas.std(ddof=1) / np.sqrt(3) * np.sqrt(11 / 14) / 573_920
     )
+
+
+@pytest.mark.parametrize("level", [150, 200, 240, 255])
+@pytest.mark.parametrize("shape", ["canvas", "page", "field of view"])
+def test_a_ground_around_a_photograph_is_left_out(level: int, shape: str) -> None:
+    """Lighter than the photograph or as light as its background, without any noise."""
+    image, colony = taken(COLONY, level=150), COLONY
+    if shape == "field of view":
+        image = np.where(np.hypot(Y - 100, X - 100) < 96, image, level).astype(np.uint8)
+    else:
+        around = 50 if shape == "canvas" else ((0, 0), (0, 120))
+        image, colony = np.pad(image, around, constant_values=level), np.pad(colony, around)
+    found = segment(image)
+    assert overlap(found.mask, colony) > 0.97
+
+
+@pytest.mark.parametrize("core", [0, 20, 60, 90])
+def test_a_colony_on_a_ground_without_noise_is_a_colony(core: int) -> None:
+    """Of a photograph that is overexposed, even where it is as round as a field of view, and darker in its middle."""
+    inside = 140 + core * disc(100, 100, 20)
+    image = 280 - ndimage.gaussian_filter(1.0 * inside * COLONY, 1.0)
+    image += 2.5 * np.random.default_rng(0).standard_normal(image.shape)
+    found = segment(np.rint(image).clip(0, 255).astype(np.uint8))
+    assert overlap(found.mask, COLONY) > 0.97

@@ -29,13 +29,17 @@ Kept = Bool[np.ndarray, " sample"]
 
 SLOPE_SCALE = (2.0, 4.0)  # px, of the derivative that finds edges: finest, and coarsest for noisy images
 LEAST_RANGE = 0.4  # of the brightest, down to the darkest: photographs have 0.9, our synthetic ones 0.43 or more
+GLARE = 2.0  # of the value that 99 % of the pixels are below; photographs of colonies reach 1.3 of it at most
+LEAST_GROUND = 0.3  # of the border, that has the value of a ground
+TRUE_SHAPE = 0.98  # of a bounding box, that is as in a rectangle or an ellipse
 REACHES = (0.05, 0.015)  # of the image's longer side
 
 
 def frame_mask(image: Field) -> Mask:
-    """Find frames that stitching leaves along the border, and two more pixels for interpolation.
+    """Find frames along the border, of stitching or of what a photograph was put on, and two more pixels.
 
     Black: below 3 % of the bright pixels. White: the brightest value there is, unless it holds over 10 % of the image.
+    Or a ground (`_ground`). The two pixels are for interpolation.
     """
     sides = [image <= 0.03 * np.percentile(image, 95), image == image.max()]
     frame = np.zeros(image.shape, dtype=bool)
@@ -45,7 +49,53 @@ def frame_mask(image: Field) -> Mask:
         touching[border_pixels(labels)] = True
         touching[0] = False
         frame |= touching[labels]
+    frame |= _ground(image)
     return scipy.ndimage.binary_dilation(frame, NEIGHBOURS, iterations=2) if frame.any() else frame
+
+
+def _ground(image: Field) -> Mask:
+    """The ground that a photograph was put on, as a page or a wider canvas; nothing where there is none.
+
+    One grey value along the border, with a rectangle or a round field of view in it: what fills its bounding box, or
+    the ellipse in that, within `TRUE_SHAPE`. Along its edge lies the brighter of the two classes of its grey values
+    (Otsu), which differ clearly: a colony on a ground without any noise, drawn or overexposed, has no background in it.
+    And that edge is sharp, while a round colony's is blurred.
+    """
+    border = border_pixels(image)
+    values, counts = np.unique(border, return_counts=True)
+    nothing = np.zeros(image.shape, dtype=bool)
+    if counts.max() < LEAST_GROUND * border.size:
+        return nothing
+    value = float(values[counts.argmax()])
+    labels = measure.label(image == value, connectivity=1)
+    ground = np.isin(labels, np.setdiff1d(border_pixels(labels), [0]))
+    rows, columns = (np.flatnonzero((~ground).any(axis=axis)) for axis in (1, 0))
+    if not rows.size:
+        return nothing
+    box = slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)
+    inner = ~ground[box]
+    row, column = (2 * (np.arange(size) + 0.5) / size - 1 for size in inner.shape)
+    ellipse = row[:, None] ** 2 + column**2 <= 1
+    if not any((inner == shape).mean() > TRUE_SHAPE for shape in (np.ones_like(inner), ellipse)):
+        return nothing
+    rim = inner & ~scipy.ndimage.binary_erosion(inner)
+    edge = scipy.ndimage.binary_erosion(inner, NEIGHBOURS, iterations=2)
+    edge &= ~scipy.ndimage.binary_erosion(inner, NEIGHBOURS, iterations=6)
+    part = image[box].astype(np.float64)
+    middle = filters.threshold_otsu(part[inner])
+    bright = part > middle
+    if not edge.any() or bright[edge].mean() < 0.9:
+        return nothing
+    clear = part[inner & ~bright].mean() < 0.8 * part[inner & bright].mean()
+    at_rim, within = np.median(part[rim]), np.median(part[edge])
+    sharp = abs(at_rim - within) <= max(0.25 * abs(value - within), part[edge].std())
+    return ground if clear and sharp else nothing
+
+
+def without_glare(image: Field) -> Field:
+    """The image with what is far brighter than its background, a scale bar or hot pixels, at `GLARE` times its 99 %."""
+    limit = GLARE * float(np.percentile(image, 99))
+    return np.minimum(image, np.float32(limit)) if 0 < limit < image.max() else image
 
 
 def pedestal_of(image: Field) -> float:

@@ -35,7 +35,7 @@ import numpy.typing as npt
 from skimage import measure
 
 from yeastfit.errors import InputError
-from yeastfit.measure.outlining.background import estimate_background, frame_mask, pedestal_of
+from yeastfit.measure.outlining.background import estimate_background, frame_mask, pedestal_of, without_glare
 from yeastfit.measure.outlining.boundary import boundary_pixels, coarse_outline, detection_limit, edge_blur, fine_mask
 from yeastfit.measure.outlining.colony_selection import object_at, select_colony
 from yeastfit.measure.outlining.doubts import BY_HAND, doubts_of_mask, doubts_of_photograph, to_be_checked
@@ -49,10 +49,8 @@ from yeastfit.measure.outlining.mask_operations import (
 )
 from yeastfit.measure.reading.binary_images import BinaryImage, recognise_binary, recognise_labels
 from yeastfit.measure.reading.images import MIN_SIDE
-from yeastfit.measure.reading.outline_files import background_of, object_in
+from yeastfit.measure.reading.outline_files import background_of, check_outline, object_in
 from yeastfit.measure.reading.segmentation_options import SegmentationOptions
-
-FEWEST = 5  # px of a ready-made mask: the perimeter of fewer is that of no outline
 
 
 @dataclass(frozen=True)
@@ -140,6 +138,7 @@ def segment(
         if not count:
             raise InputError(f"{name}: no object within roi {roi!r}, need one around it")
         one = kept != background if colonies == "all" else object_in(kept, seed_point, Path(name))
+        check_outline(one, name)
         found = given_outline(image, one)
         several = ("several objects",) if seed_point is None and colonies is None and count > 1 else ()
         doubts = (*several, *to_be_checked(found.warnings))
@@ -165,12 +164,6 @@ def outline(mask: Mask) -> list[npt.NDArray[np.float64]]:
     """Closed contours [(row, column), …] of a mask, holes included, for an overlay."""
     contours = measure.find_contours(np.pad(mask, 1).astype(np.float32), 0.5)
     return [contour - 1 for contour in contours]
-
-
-def _check_size(mask: Mask, name: str) -> None:
-    """Raise `InputError` where a mask that was made elsewhere is too small to be measured."""
-    if 0 < (size := int(mask.sum())) < FEWEST:
-        raise InputError(f"{name}: the colony of the mask has {size} pixels, need at least {FEWEST} to measure a shape")
 
 
 def _checked(pixels: npt.NDArray[Any], name: str) -> npt.NDArray[Any]:
@@ -211,7 +204,7 @@ def _segment_binary(
     doubts = list(binary.doubts)
     if options.seed_point is None and options.colonies is None and len(sizes) > 2 and sizes[-2] > 0.1 * sizes[-1]:
         doubts.append("several objects")
-    _check_size(part, name)
+    check_outline(part, name)
     doubts += doubts_of_mask(part, np.ones_like(part))
     mask = np.zeros_like(binary.mask)
     mask[window] = part
@@ -220,8 +213,9 @@ def _segment_binary(
 
 
 def _segment_photograph(photograph: Field, min_area: int, options: SegmentationOptions, name: str) -> Segmentation:
-    pedestal = np.float32(pedestal_of(photograph))
-    image = photograph - pedestal
+    image = without_glare(photograph)
+    pedestal = np.float32(pedestal_of(image))
+    image = image - pedestal
     visible = ~frame_mask(image)
     if visible.mean() < 0.1:
         raise InputError(f"{name}: {1 - visible.mean():.0%} of it is a black frame, need a bright-field photograph")

@@ -33,10 +33,10 @@ class BinaryImage(NamedTuple):
 def recognise_binary(image: npt.NDArray[Any]) -> BinaryImage | None:
     """Recognise a ready-made mask; None for a photograph.
 
-    A mask has two values; or it has the full range of 8 or 16 bits, `NEARLY` all pixels at its ends and next to none
-    between, as lossy compression leaves it. The background is the value along most of the border. Of that only a
-    quarter of each side next to the corners counts, as a round colony that fills its image, or is cut by it, touches
-    the middle of a side first.
+    A mask has two values; or it has the full range of 8 or 16 bits, `NEARLY` all pixels at its ends, of few grey levels
+    each, and next to none between, as lossy compression leaves it. The background is the value along most of the
+    border. Of that only a quarter of each side next to the corners counts, as a round colony that fills its image, or
+    is cut by it, touches the middle of a side first.
     """
     low, high = float(image.min()), float(image.max())
     exact = bool(((image == image.min()) | (image == image.max())).all())
@@ -55,9 +55,17 @@ def _nearly_two_values(image: npt.NDArray[Any], low: float, high: float) -> bool
     full = next((top for top in (255.0, 65535.0) if 0.97 * top <= high <= top), None)
     if full is None or low > 0.03 * full:
         return False
-    ends = (image <= LEVELS / 255 * full) | (image >= (1 - LEVELS / 255) * full)
+    ends = image <= LEVELS / 255 * full, image >= (1 - LEVELS / 255) * full
     between = (image > 0.25 * full) & (image < 0.75 * full)
-    return bool(ends.mean() >= NEARLY and between.mean() <= BETWEEN)
+    if ends[0].mean() + ends[1].mean() < NEARLY or between.mean() > BETWEEN:
+        return False
+    return all(_few_levels(image[end]) for end in ends)
+
+
+def _few_levels(values: npt.NDArray[Any]) -> bool:
+    """Whether `LEVELS` + 1 grey levels hold `NEARLY` all: in a dark photograph of 16 bits with hot pixels, none do."""
+    counts = np.sort(np.unique(values, return_counts=True)[1])
+    return bool(counts[-LEVELS - 1 :].sum() >= NEARLY * values.size)
 
 
 def _border_near_corners(bright: Mask) -> Bool[np.ndarray, " pixel"]:
