@@ -21,7 +21,7 @@ from yeastfit.inference.posterior.problem import Problem
 from yeastfit.inference.posterior.result import Posterior
 from yeastfit.inference.posterior.sampler import Sampler
 from yeastfit.inference.prior.prior import Prior
-from yeastfit.inference.samplers import chosen_sampler, infer
+from yeastfit.inference.samplers import chosen_sampler, infer, replicates_of
 from yeastfit.inference.simulator import Rows, Seeds, Simulator, Values, Wrapper, check_simulator, seed_of
 from yeastfit.inference.store.simulation_store import opened_store
 from yeastfit.inference.store.simulations import Simulations
@@ -94,6 +94,8 @@ def calibrate(
     prior = near.prior if near is not None else over
     if near is not None:
         replicates, noise = near.replicates, near.noise
+        # ABC of this posterior may have compared single replicates with their mean
+        settings = {**replicates_of(method, near.settings.get("replicates", 1)), **settings}
     blank = np.zeros(len(simulator.observables)) if near is None else near.observed
     one = Problem.of(simulator, prior, blank, replicates, noise)  # type: ignore[arg-type]
     make, both = one.data_sets(simulator, replicates), simulator if near is None else PairedDataSets(simulator)

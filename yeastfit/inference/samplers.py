@@ -65,7 +65,9 @@ def infer(
         observed: Statistics in the order of the simulator's observables; or one row of them for each replicate, nan
             where one is missing; or `Targets`, which bring their own replicates and errors of measurement.
         method: Name in `SAMPLERS` ("emulator", "abc-mcmc", "abc-smc"), or a sampler with its settings.
-        replicates: How many replicates `observed` is the mean of.
+        replicates: How many replicates `observed` is the mean of. Where it is above 1, ABC by name compares means of as
+            many; of targets it compares single replicates by default, which gives a wider posterior: give it here, or
+            `replicates` of its settings.
         noise: Covariance of the errors of measurement of `observed`, which replicates do not average out.
         colony_noise: Covariance of the errors of measurement that every replicate has for itself; the likelihood of
             single replicates needs it, in means the scatter of replicates holds them.
@@ -90,7 +92,8 @@ def infer(
     """
     rest: dict[str, Any] = {"colony_noise": colony_noise, "variation": variation, "limits": limits}
     problem = Problem.of(simulator, prior, observed, replicates, noise, **rest)
-    sampler, progress = chosen_sampler(method, settings), progress_or_silent(progress)
+    sampler = chosen_sampler(method, {**replicates_of(method, replicates), **settings})
+    progress = progress_or_silent(progress)
     with opened_store(store, simulator) as simulations:
         return sample(problem, sampler, simulations, seed, progress)
 
@@ -123,6 +126,12 @@ def chosen_sampler(method: str | Sampler, settings: Mapping[str, Any]) -> Sample
     if settings:
         raise InputError(f"settings {', '.join(settings)} are given beside a sampler, which has its own")
     return method
+
+
+def replicates_of(method: str | Sampler, replicates: int) -> dict[str, int]:
+    """The setting by which a method given by name compares means of so many replicates, where it has one."""
+    has = isinstance(method, str) and method in SAMPLERS and is_dataclass(SAMPLERS[method])
+    return {"replicates": replicates} if has and replicates > 1 and "replicates" in setting_names(str(method)) else {}
 
 
 def sampler_of(method: str, settings: Mapping[str, Any]) -> Sampler:

@@ -253,6 +253,20 @@ def test_simulations_are_single_ones_and_those_of_the_pilot_count() -> None:
     assert found.simulations <= settings.simulations_at_most
 
 
+def test_a_number_of_replicates_is_also_that_of_simulated_data_sets() -> None:
+    """As `infer` says of its likelihood; a sampler that is made already keeps its own."""
+    data = np.array([0.8])
+    plain: dict[str, Any] = {"population": 60, "populations": 4, "acceptance": 0.0, "simulations": 100_000, "batch": 16}
+    given = infer(GAUSSIAN.simulator, GAUSSIAN.prior, data, method="abc-smc", replicates=3, seed=15, **plain)
+    expected = infer(
+        GAUSSIAN.simulator, GAUSSIAN.prior, data, method=replace(SHORT, replicates=3), replicates=3, seed=15
+    )
+    assert given.settings["replicates"] == 3
+    assert_same(given, expected)
+    own = infer(GAUSSIAN.simulator, GAUSSIAN.prior, data, method=replace(SHORT, populations=1), replicates=3, seed=15)
+    assert own.settings["replicates"] == 1
+
+
 def test_more_populations_go_on_from_fewer() -> None:
     store = Simulations(("mean",), ("average",))
     fewer, nothing = replace(SHORT, populations=2), Interrupted(GAUSSIAN.simulator, 0)
