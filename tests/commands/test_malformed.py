@@ -247,7 +247,7 @@ CASES: list[tuple[str, str]] = [
     ("measure a.png --out OUT --seed-point nan,2", "--seed-point is 'nan,2'"),
     (
         "measure a.png --out OUT --colonies all --seed-point 5,5",
-        "--colonies and --seed-point are 'all' and [5.0, 5.0], which means one",
+        "--colonies and --seed-point are 'all' and 5,5, which means one",
     ),
     ("measure a.png --out OUT --roi 5,5,5,5", "--roi is '5,5,5,5', need x0 < x1"),
     ("measure a.png --out OUT --roi 1,2,3", "--roi is '1,2,3'"),

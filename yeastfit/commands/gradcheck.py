@@ -17,7 +17,7 @@ from yeastfit.model.model import Model
 from yeastfit.model.numerics import Numerics
 from yeastfit.model.parameters import Parameters
 from yeastfit.model.relaxation import WIDTHS, Relaxation
-from yeastfit.numbers import POSITIVE, Range
+from yeastfit.numbers import POSITIVE
 from yeastfit.results.folder import results_folder
 from yeastfit.storage import write_table
 
@@ -38,7 +38,7 @@ def gradcheck(
     capacity: Annotated[int, typer.Option(help="Largest possible number of nodes in a colony (cells + 1).")] = 64,
     contact_width: Annotated[
         float,
-        typer.Option(help="Distance over which contact forces fade in, in cell lengths L0. 0 is the exact rule."),
+        typer.Option(help="Distance over which contact forces fade in, in cell lengths L0, above 0."),
     ] = 0.2,
     tolerance: Annotated[float, typer.Option(help="Largest relative difference that counts as agreement.")] = 5e-4,
     overwrite: Overwrite = False,
@@ -55,7 +55,7 @@ def gradcheck(
     if overwrite and folder is None:
         raise InputError("--overwrite is given without --out: name the folder, or leave it out")
     POSITIVE.read(time, "--time")
-    Range(0.0, WIDTHS.high).read(contact_width, "--contact-width")
+    WIDTHS.read(contact_width, "--contact-width")
     if time < 2 * dt:
         raise InputError(f"--time is {time:g}, it must be at least two time steps, --dt {dt:g}")
     model: Model = chosen.forward.rules  # type: ignore[attr-defined]

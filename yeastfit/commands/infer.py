@@ -212,6 +212,8 @@ def infer(
     true_values = truth_of(source, request.forward_model.parameters) if truth else None
     reads = [*inputs_of(source), *([reuse / SIMULATIONS] if reuse else [])]
     with results_folder(folder, "infer", reads=reads, overwrite=overwrite, resume=resume, stored=STORED) as results:
+        if resume and not (folder / RUN_FILE).is_file() and not results.finished:
+            warn([f"--resume: there is nothing to resume in {folder}, a new run begins"])
         run = _begun(request, source, results, resume, jobs or available_processors())
         warn([*run.folder.notes, *run.data.warnings])
         settled = _finished(run, truth) if results.finished else _run(run, true_values, workers)

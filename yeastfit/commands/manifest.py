@@ -85,7 +85,8 @@ def manifest(
     if skipped:
         warn([f"passed over, no images by their names: {', '.join(path.name for path in skipped)}"])
     count = "1 image" if len(images) == 1 else f"{len(images)} images"
-    out.print(f"{count} in {place / MANIFESTS[0]}. Next: yeastfit measure {shlex.quote(str(place))} --out out/measured")
+    following = f"yeastfit measure {shlex.quote(str(place))} --out out/measured"
+    out.print(f"{count} in {place / MANIFESTS[0]}. Next: {following}", soft_wrap=True)  # a command is copied whole
 
 
 def _sizes(given: list[str]) -> dict[str, float]:

@@ -110,8 +110,7 @@ class RunFolder:
             new = tuple(name for name in stored if not os.path.lexists(path / name))
             made = {"arguments": sys.argv[1:], "versions": run_versions(), **_machine()}
             write_json(file, {"command": "infer", "seed": seed, "configuration": plain, "inputs": hashes, **made})
-            notes = ["there is nothing to resume, a new run begins"] if resume else []
-            return RunFolder(results, plain, hashes, seed, notes, new)
+            return RunFolder(results, plain, hashes, seed, [], new)
         if not results.finished and os.path.lexists(path / MANIFEST):
             raise InputError(f"--resume: {path / MANIFEST} is damaged: restore it, or give another folder")
         earlier = read_run(file)

@@ -115,7 +115,8 @@ class GradientCheck:
     @property
     def status(self) -> str:
         """Passed or not, in a line."""
-        counts = ", ".join(f"{n} {verdict}" for verdict, n in self.counts.items())
+        several = {AGREES: "agree", "differs": "differ"}
+        counts = ", ".join(f"{n} {several.get(verdict, verdict)}" for verdict, n in self.counts.items())
         return f"{'passed' if self.passed else 'not passed'}: of {len(self.comparisons)} derivatives {counts}"
 
     def __str__(self) -> str:
