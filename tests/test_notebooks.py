@@ -153,3 +153,18 @@ def test_is_committed_in_full_size(path: Path) -> None:
     assert path.stat().st_size < 3e6
     if path.name == "source_figures.ipynb":
         check_statements(notebook)
+
+
+def test_the_page_of_mechanisms_says_what_its_notebook_found() -> None:
+    """Changes by each rule, and verdicts on the source's guesses."""
+    root = Path(__file__).parents[1]
+    page = (root / "docs" / "mechanisms.md").read_text(encoding="utf-8")
+    notebook = nbformat.read(root / "notebooks" / "mechanisms.ipynb", as_version=4)
+    said = [output.get("data", {}) for cell in code_cells(notebook) for output in cell.outputs]
+    words = "\n".join(one.get("text/markdown", "") for one in said)
+    tables = "\n".join(one.get("text/html", "") for one in said)
+    changes = re.findall(r"\*\*(\w+)\*\*: (?:no change resolved|(.*?)(?:; no change.*)?, at t = 6)", words)
+    verdicts = re.findall(r"<td>([^<]*)</td><td><b>([^<]*)</b></td><td>([^<]*)</td></tr>", tables)
+    assert (len(changes), len(verdicts)) == (17, 15)
+    missing = [rule for rule, found in changes if f"`{rule}` | {found or 'none resolved'} |" not in page]
+    assert missing + [row for row in verdicts if f"| {' | '.join(row)} |" not in page] == []
