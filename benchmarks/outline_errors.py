@@ -7,9 +7,9 @@ For n colonies, each with a photograph p and a mask q made by others, a statisti
 all over |mean of S(q)|. The bias is common to all colonies and does not average out; s is what every colony has for
 itself. s over the standard deviation of S(q) between colonies of a condition says how much of what tells them apart an
 outline hides. √(b² + s²/n) is the error of a mean over these n, beside the relative error that `fit`, `infer` and
-`design` of the off-lattice model take (`yeastfit.measure.outlining.outline_errors`). The algebraic model takes what
-synthetic micrographs of growing colonies show, 2 % for compactness and 1 % for others; give `--measurement-error` for
-photographs of filamentous colonies. Neither outline is the truth: others drew the masks.
+`design` of the off-lattice model take (`yeastfit.measure.outlining.outline_errors`). So does `infer --match area`.
+Colonies of the algebraic model over time take what synthetic micrographs show, 2 % for compactness and 1 % for others;
+give `--measurement-error` for photographs of filamentous colonies. Neither outline is the truth: others drew the masks.
 
     python -m benchmarks.outline_errors RAW_DIR MASK_DIR [--docs docs]
 

@@ -57,7 +57,7 @@ MeasurementError = Annotated[
         max=1,
         help="Relative error of measuring a mean curve (0.02 is 2 %), in addition to the variation between colonies. "
         f"By default {_ERRORS} and {Statistic.measurement_error:g} for other statistics; for the off-lattice model "
-        "what outlines of photographs leave open, such as 0.044 for I_F.",
+        "and with --match area what outlines of photographs leave open, such as 0.044 for I_F.",
         show_default=False,
     ),
 ]
