@@ -205,6 +205,12 @@ def test_a_name_is_read_in_one_way_or_refused() -> None:
     ):
         assert [(one["replicate"], one["hours"]) for one in NamePattern.of(pattern).readings(name)] == of
     assert len(NamePattern.of("{objective}-{replicate}").readings("a-b-c")) == 2
+    for pattern, name in (  # between the shortest and the longest text that is not read
+        ("{}_{replicate}_{}_{hours}h", "plate_A_crop_A_edit_5h"),
+        ("{}p{replicate}{}_{hours}h", "p1xp2yp1_5h"),
+        ("{}s{replicate} {} {hours}h", "run s1 vs s2 and s1 x 5h"),
+    ):
+        assert len(NamePattern.of(pattern).readings(name)) == 2
     assert [one["hours"] for one in NamePattern.of("{replicate} {hours}").readings("7 12.5 old")] == ["12.5"]
     with pytest.raises(InputError, match="unknown"):
         NamePattern.of("{}{replicate}{colony}")

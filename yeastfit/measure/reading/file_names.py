@@ -9,7 +9,9 @@ may go on behind the pattern: "AWRI 796 500um s10 121h 4X binary" matches.
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
+from typing import Any
 
 from yeastfit.errors import InputError
 from yeastfit.measure.reading.dataset import text_in
@@ -17,16 +19,17 @@ from yeastfit.numbers import HOURS
 from yeastfit.text import quoted
 
 FIELDS = {
-    "condition": r".+?",
-    "replicate": r"[A-Za-z0-9]+?",
-    "hours": r"[0-9]+?(?:\.[0-9]+?)??",
-    "objective": r"[^ _]+?",
-    "": r".*?",
+    "condition": r".+",
+    "replicate": r"[A-Za-z0-9]+",
+    "hours": r"[0-9]+(?:\.[0-9]+)?",
+    "objective": r"[^ _]+",
+    "": r".*",
 }
-"""What each field of a pattern may be, as a regular expression that takes as little as it can."""
+"""What each field of a pattern may be, as a regular expression."""
 
+MOST_READINGS = 1000  # that are looked at; of a name that can be read in more ways than one a few are enough
 MOST_UNREAD = 4  # {} in a pattern; with more, a name that does not match takes too long to say so
-REST = r"(?P<rest>[ _-].*)?"
+REST = r"(?:[ _-].*)?"
 
 
 @dataclass(frozen=True)
@@ -90,21 +93,30 @@ class NamePattern:
         return NamePattern(plain, fields)
 
     def readings(self, name: str) -> list[dict[str, str]]:
-        """What a name can mean: nothing, one thing, or two things that differ, fields being as short or as long."""
+        """What a name can mean: nothing, one thing, or two that differ, with the first fields short and long."""
         found: dict[tuple[str, ...], dict[str, str]] = {}
-        for expression in self._expressions():
-            if match := expression.fullmatch(name):
-                texts = match.groupdict("")
-                found.setdefault(tuple(texts[field] for field in self.fields), texts)
-        return list(found.values())
+        for texts in islice(self._readings(name, 0, 0, {}, set()), MOST_READINGS):
+            found.setdefault(tuple(texts[field] for field in self.fields), texts)
+        return [*found.values()][:1] + [*found.values()][1:][-1:]
 
-    def _expressions(self) -> Iterator[re.Pattern[str]]:
-        for little in (True, False):
-            parts = re.split(r"\{([^{}]*)\}", self.text)
-            for k in range(1, len(parts), 2):
-                inside = FIELDS[parts[k]] if little else re.sub(r"([+*?])\?", r"\1", FIELDS[parts[k]])
-                parts[k] = f"(?P<{parts[k]}>{inside})" if parts[k] else inside
-            yield re.compile("".join(part if k % 2 else re.escape(part) for k, part in enumerate(parts)) + REST)
+    def _readings(
+        self, name: str, part: int, at: int, read: dict[str, str], seen: set[tuple[Any, ...]]
+    ) -> Iterator[dict[str, str]]:
+        """All readings of a name from a place and a part of the pattern on; `seen`: from where there is nothing new."""
+        parts = re.split(r"\{([^{}]*)\}", self.text)  # text, field, text, …
+        if (part, at, *read.values()) in seen or not name.startswith(parts[part], at):
+            return
+        seen.add((part, at, *read.values()))
+        at += len(parts[part])
+        if part + 1 == len(parts):
+            if re.fullmatch(REST, name[at:]):
+                yield {**read, "rest": name[at:]}
+            return
+        field, following = parts[part + 1], parts[part + 2]
+        for end in range(at, len(name) + 1):
+            if name.startswith(following, end) and re.fullmatch(FIELDS[field], name[at:end]):
+                more = {field: name[at:end]} if field else {}
+                yield from self._readings(name, part + 2, end, read | more, seen)
 
 
 def named_images(files: Sequence[Path], pattern: NamePattern, hours: float | None = None) -> list[NamedImage]:
