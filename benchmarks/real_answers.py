@@ -51,9 +51,13 @@ def _best(models: Mapping[str, Any]) -> str:
     said = []
     for name, found in models.items():
         first, *others = sorted(found["models"], key=lambda row: row["behind_best"])
+        unsettled = {
+            row["run"] for row in others if any(one.startswith(f"{row['run']}: not") for one in found["doubts"])
+        }
         behind = [
             f"{_model(row)} by {row['behind_best']:.0f} ± {row['error_of_that']:.0f}"
             + ("" if row["worse"] == "yes" else ", which may be chance")
+            + (" (not settled)" if row["run"] in unsettled else "")
             for row in others
         ]
         scored = f"log density {first['log_density']:.1f} ± {first['standard_error']:.1f}"
@@ -114,6 +118,7 @@ def _nitrogen(found: Any) -> str:
     return (
         f"{'Yes' if yes else 'No'}: {CALLED[RICH]} has {row['ratio']:.1f} times the nitrogen of {CALLED[POOR]} "
         f"({row['ratio_q05']:.1f} to {row['ratio_q95']:.1f} with 90 %)."
+        + "".join(f" To be doubted: {doubt}." for doubt in found["doubts"])
     )
 
 

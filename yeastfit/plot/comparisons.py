@@ -34,7 +34,7 @@ def left_out(runs: Mapping[str, LeftOut]) -> Figure:
     first = next(iter(runs.values()))
     count, several = len(first.labels), len(runs) > 1
     rows, columns = -(-count // COLUMNS), min(COLUMNS, count)
-    figure = Figure(figsize=(max(4.6 * columns, 6.0), 0.9 + 2.5 * rows), layout="constrained")
+    figure = Figure(figsize=(max(4.6 * columns, 6.0), 1.2 + 2.5 * rows), layout="constrained")
     panels = figure.subplots(rows, columns, squeeze=False).ravel()
     places = np.arange(len(first.colonies))
     for k, panel in enumerate(panels):
@@ -52,13 +52,14 @@ def left_out(runs: Mapping[str, LeftOut]) -> Figure:
         panel.set_xticks(places, [words(name) for name in first.colonies], fontsize=7)
         panel.tick_params(labelsize=7)
     if several:
-        panels[0].legend(fontsize=7)
+        legend = panels[0].get_legend_handles_labels()
+        figure.legend(*legend, loc="outside lower center", ncols=2 * columns, fontsize=8, frameon=False)
     figure.suptitle("colonies left out, predicted by the others: intervals of 50 and 90 %; dots: observed", fontsize=9)
     return figure
 
 
 def marginals(runs: Sequence[ComparedRun]) -> Figure:
-    """Density of every parameter in every run, one panel a parameter; the prior of the first dotted.
+    """Density of every parameter in every run, one panel a parameter, each scaled to the same height.
 
     Arguments:
         runs: Finished runs of `infer`.
