@@ -252,6 +252,7 @@ def _profile_lines(found: Mapping[str, Profile]) -> list[str]:
     for name, each in found.items():
         low, high = (f"{end:.4g}" if np.isfinite(end) else "beyond the surface" for end in each.intervals["95%"])
         lines.append(f"profile of {name}: {low} to {high} (95 %)")
+        lines += each.doubts
         lines += _unconverged_lines(f"the profile of {name}", each.unconverged, len(each.values))
     return lines
 

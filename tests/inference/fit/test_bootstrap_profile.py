@@ -7,7 +7,7 @@ import pytest
 from stand_in import FREE, QUIET, StandIn, drawn, fitted, straight
 
 from yeastfit import Fit, InputError, Parameters
-from yeastfit.inference.fit.bootstrap_profile import Bootstrap, Explored, Profile, _box, profiles
+from yeastfit.inference.fit.bootstrap_profile import Bootstrap, Explored, Profile, _box, _interval, profiles
 from yeastfit.inference.fit.response_surface import response_surface
 
 TRUTH = Parameters(mobility=2.0, metabolic_rate=0.7, aspect_ratio=0.6)
@@ -79,6 +79,21 @@ def test_what_lies_beyond_the_surface_is_told_as_such(fit: Fit) -> None:
     assert narrow.bootstrap(draws=50).at_edge > 0.5
     low, high = narrow.profile("mobility").intervals["95%"]
     assert np.isnan([low, high]).all()
+
+
+def test_all_that_a_profile_accepts_is_in_its_interval() -> None:
+    """Two valleys, of which the lower one ends with the surface; a fit that ended between them."""
+    values = np.array([0.5, 0.6, 0.65, 0.7, 0.75, 0.8])
+    rise = np.array([6.0, 1.0, 3.0, 6.2, 3.0, 0.0])
+    low, high = _interval(np.log(values), rise, 3.84)
+    assert 0.5 < low < 0.6
+    assert np.isnan(high)
+    assert Profile("n*", 0.7, 0.04, values, rise).doubts == [
+        "the profile of n* is lowest where the surface ends, at 0.8",
+        "the profile of n* has several valleys: its interval holds values that fit worse",
+        "the fitted n*, 0.7, lies outside of what its profile accepts",
+    ]
+    assert Profile("n*", 0.6, 0.04, values[:4], np.array([6.0, 0.0, 3.0, 6.2])).doubts == []
 
 
 def test_a_prior_bends_the_profile() -> None:

@@ -67,7 +67,8 @@ class Profile:
         log_standard_error: Of log λ, from the covariance.
         values: λ.
         rise: Of χ² above its least.
-        intervals: Of λ, where the rise is below `LEVELS`; nan for an end that the surface does not reach.
+        intervals: Of λ, all values whose rise is below `LEVELS` and what lies between them; nan for an end that the
+            surface does not reach.
         unconverged: Fits that ran into their limit of steps.
     """
 
@@ -78,6 +79,19 @@ class Profile:
     rise: Float[np.ndarray, " point"]
     intervals: dict[str, tuple[float, float]] = field(default_factory=dict)
     unconverged: int = 0
+
+    @property
+    def doubts(self) -> list[str]:
+        """What speaks against its intervals, in words."""
+        least, inside = int(np.argmin(self.rise)), self.rise <= LEVELS["95%"]
+        found = []
+        if least in (0, len(self.rise) - 1):
+            found.append(f"the profile of {self.name} is lowest where the surface ends, at {self.values[least]:.4g}")
+        if np.diff(np.flatnonzero(inside)).max(initial=1) > 1:
+            found.append(f"the profile of {self.name} has several valleys: its interval holds values that fit worse")
+        if np.interp(np.log(self.estimate), np.log(self.values), self.rise) > LEVELS["95%"]:
+            found.append(f"the fitted {self.name}, {self.estimate:.4g}, lies outside of what its profile accepts")
+        return found
 
 
 @dataclass(frozen=True)
@@ -226,16 +240,16 @@ def _box(fit: Fit) -> tuple[Vector, Vector]:
 
 
 def _interval(grid: np.ndarray, rise: np.ndarray, level: float) -> tuple[float, float]:
-    """Where the rise crosses a level, by linear interpolation in log λ; nan at an end that is not reached."""
-    lowest = int(np.argmin(rise))
+    """Least and largest value whose rise is not above a level, values between them included whatever theirs is.
 
-    def crossing(places: np.ndarray, heights: np.ndarray) -> float:
-        above = np.flatnonzero(heights > level)
-        if not above.size:
+    Ends are interpolated linearly in log λ; nan at one that is not reached.
+    """
+
+    def first(places: np.ndarray, heights: np.ndarray) -> float:
+        k = int(np.argmax(heights <= level))
+        if k == 0:  # the first of all, or none
             return float("nan")
-        k = int(above[0])
         share = (level - heights[k - 1]) / (heights[k] - heights[k - 1])
         return float(np.exp(places[k - 1] + share * (places[k] - places[k - 1])))
 
-    left = crossing(grid[: lowest + 1][::-1], rise[: lowest + 1][::-1])
-    return left, crossing(grid[lowest:], rise[lowest:])
+    return first(grid, rise), first(grid[::-1], rise[::-1])
