@@ -3,7 +3,7 @@
 N(t) = K / (1 + (K / N0 − 1) e^{−r t}), and each replicate has its own N0, log-normal, and noise of measurement.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -212,6 +212,24 @@ class Failing(Logistic):
         rows = super().__call__(values, seeds)
         rows[np.asarray(seeds) % 5 == 0] = np.nan
         return rows
+
+
+@dataclass
+class Bounded(Logistic):
+    """One that refuses what its parameters do not admit, as shares above 1 are refused."""
+
+    def __call__(self, values: np.ndarray, seeds: np.ndarray) -> np.ndarray:
+        most = np.array([one.largest for one in self.parameters.parameters])
+        return np.where((values <= most).all(axis=1, keepdims=True), super().__call__(values, seeds), np.nan)
+
+
+def test_pairs_beyond_the_largest_value_are_named() -> None:
+    first, *others = Logistic().parameters.parameters
+    bounded, most = Bounded(), 1.02 * TRUTH[first.name]
+    bounded.parameters = yeastfit.ParameterSet((replace(first, plausible=(0.1, most), largest=most), *others))
+    said = rf"in pairs around it, {first.name} is simulated up to .*, its largest is .*: hold it, or take a posterior"
+    with pytest.raises(yeastfit.SimulationError, match=said):
+        yeastfit.sensitivity(simulator=bounded, at=TRUTH)
 
 
 def test_simulations_that_failed_are_told_of() -> None:

@@ -26,6 +26,7 @@ from jaxtyping import Float
 from yeastfit.errors import SimulationError
 from yeastfit.inference.curve_covariance import Square
 from yeastfit.inference.simulator import Rows
+from yeastfit.parameter_set import ParameterSet
 
 Units = Float[np.ndarray, "pair entry"]
 
@@ -113,6 +114,18 @@ def paired_points(
 ) -> Float[np.ndarray, "simulation entry"]:
     """Where the simulations of all pairs are made: first one of each, then the other."""
     return centre + spread * np.concatenate([units, -units])
+
+
+def beyond_range(parameters: ParameterSet, values: Float[np.ndarray, " entry"], spread: float) -> str:
+    """In words, which parameters are simulated beyond their largest value in pairs; for errors, empty where none is."""
+    reached = np.exp(spread) * values
+    most = np.array([one.largest for one in parameters.parameters])
+    told = [
+        f"{name} is simulated up to {value:.3g}, its largest is {end:g}"
+        for name, value, end in zip(parameters.names, reached, most, strict=True)
+        if value > end
+    ]
+    return f"; in pairs around it, {' and '.join(told)}: hold it, or take a posterior, which has no pairs" * bool(told)
 
 
 def regress(rows: Rows, units: Units, spread: float) -> LocalModel:

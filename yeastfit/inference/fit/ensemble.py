@@ -31,6 +31,7 @@ from yeastfit.inference.fit.settings import FitSettings
 from yeastfit.inference.paired_regression import (
     LocalModel,
     Units,
+    beyond_range,
     hadamard_design,
     hadamard_order,
     paired_points,
@@ -184,7 +185,11 @@ class Ensembles:
             try:
                 models.append(self._joint(place, [each], spread))
             except SimulationError as error:
-                models.append(SimulationError(f"{self.space.described(place)}: {error}{self._why()}"))
+                beyond = [
+                    beyond_range(one.parameters, self.space.values(name, place[None])[0], spread)
+                    for name, one in self.simulators.items()
+                ]
+                models.append(SimulationError(f"{self.space.described(place)}: {error}{self._why()}{max(beyond)}"))
         return models
 
     def _seeds(self, condition: str, members: int) -> Shaped[np.ndarray, " member"]:

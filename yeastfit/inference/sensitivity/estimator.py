@@ -31,6 +31,7 @@ from yeastfit.errors import InputError, SimulationError
 from yeastfit.inference.paired_regression import (
     LocalModel,
     Scatter,
+    beyond_range,
     hadamard_design,
     hadamard_order,
     paired_points,
@@ -176,7 +177,11 @@ class Estimator:
         units = hadamard_design(len(seeds), len(self.values), np.random.default_rng(self.seed))
         points = paired_points(np.log(self.values), units, self.spread)
         rows = rows_of(self.simulator, np.exp(points), np.concatenate([seeds, seeds]))
-        local = regress(rows[:, : len(self.observables)], units, self.spread)
+        try:
+            local = regress(rows[:, : len(self.observables)], units, self.spread)
+        except SimulationError as error:
+            beyond = beyond_range(self.simulator.parameters, self.values, self.spread)
+            raise SimulationError(f"{error}{beyond}") from None
         self.spent["regression"], self.seconds["regression"] = self.runs, clock.perf_counter() - began
         return local
 
