@@ -186,7 +186,7 @@ def test_one_object_and_all_of_them_are_not_both_measured(tmp_path: Path, capsys
     (tmp_path / "manifest.csv").write_text("file,replicate,hours,um_per_pixel,colonies\na.png,1,2,1,all\n")
     options = ["--seed-point", "60,60", "--out", str(tmp_path / "out")]
     assert cli.run(["measure", str(tmp_path), *options]) == 2
-    assert "a.png: colonies and seed_point are 'all' and [60.0, 60.0], which means one" in capsys.readouterr().err
+    assert "a.png: colonies and seed_point are 'all' and 60,60, which means one" in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
 
 

@@ -3,6 +3,7 @@
 import csv
 import json
 import re
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -26,7 +27,7 @@ from yeastfit.measure.outlining.outline_errors import OUTLINE_ERRORS
 from yeastfit.offlattice.masks.ellipse_mask import Ellipses
 from yeastfit.offlattice.masks.li2024_mask import BinnedOutlines
 from yeastfit.offlattice.parameters import PARAMETERS
-from yeastfit.offlattice.simulation import OfflatticeSimulation
+from yeastfit.offlattice.simulation import COLUMNS, OfflatticeSimulation
 from yeastfit.offlattice.simulator import OfflatticeSimulator, known_statistics
 from yeastfit.storage import write_table
 
@@ -79,6 +80,11 @@ def test_simulate_writes_curves_over_the_number_of_cells_masks_and_pictures(grow
     assert kept.parameters["transition"] == 0.5
     assert [row["radius"] for row in kept.rows()] == pytest.approx([float(row["radius"]) for row in table])
     assert [len(each.x) for each in kept.colonies] == [1200] * 6
+    assert kept.sentence().startswith("6 colonies of 1200 cells, ")
+    first, *others = kept.colonies  # one that could bud no more
+    columns = {name: getattr(first, name)[:194] for name in COLUMNS}
+    ended = replace(kept, colonies=(replace(first, **columns), *others))
+    assert ended.sentence().startswith("6 colonies of 194 to 1200 cells, ")
     found = configuration(grown)
     assert (found["model"], found["cells"], found["parameters"]["transition"]) == ("offlattice", 1200, 0.5)  # type: ignore[index]
 

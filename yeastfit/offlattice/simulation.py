@@ -111,7 +111,9 @@ class OfflatticeSimulation:
         """What has been grown, in words."""
         count, share = len(self.colonies), np.mean([each.pseudohyphal.mean() for each in self.colonies])
         grown = "1 colony" if count == 1 else f"{count} colonies"
-        return f"{grown} of {self.cells[-1]} cells, {share:.1%} of them pseudohyphal, in {self.seconds:.1f} s"
+        sizes = [each.x.size for each in self.colonies]
+        cells = f"{min(sizes)} cells" if min(sizes) == max(sizes) else f"{min(sizes)} to {max(sizes)} cells"
+        return f"{grown} of {cells}, {share:.1%} of them pseudohyphal, in {self.seconds:.1f} s"
 
     def save(self, path: str | Path) -> None:
         """Save as a NumPy archive: curves, cells of all colonies and parameters."""
