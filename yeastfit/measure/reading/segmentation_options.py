@@ -62,7 +62,7 @@ class SegmentationOptions:
     def check_colonies(self, where: str) -> None:
         """Raise `InputError` where all objects are asked for and one of them."""
         if self.colonies == "all" and self.seed_point is not None:
-            at = ",".join(f"{one:g}" for one in self.seed_point)
+            at = ",".join(f"{one:g}" if _is_number(one) else quoted(one) for one in self.seed_point)
             raise InputError(f"{where}colonies and seed_point are 'all' and {at}, which means one: leave out either")
 
     def window(self, shape: tuple[int, int]) -> tuple[slice, slice]:
