@@ -44,13 +44,18 @@ def frame_mask(image: Field) -> Mask:
     sides = [image <= 0.03 * np.percentile(image, 95), image == image.max()]
     frame = np.zeros(image.shape, dtype=bool)
     for side in sides if sides[1].mean() < 0.1 else sides[:1]:
-        labels = measure.label(side, connectivity=1)
-        touching = np.zeros(labels.max() + 1, dtype=bool)
-        touching[border_pixels(labels)] = True
-        touching[0] = False
-        frame |= touching[labels]
+        frame |= _reaching_border(side)
     frame |= _ground(image)
     return scipy.ndimage.binary_dilation(frame, NEIGHBOURS, iterations=2) if frame.any() else frame
+
+
+def _reaching_border(mask: Mask) -> Mask:
+    """Those connected parts of a mask that reach the image's border."""
+    labels = measure.label(mask, connectivity=1)
+    touching = np.zeros(labels.max() + 1, dtype=bool)
+    touching[border_pixels(labels)] = True
+    touching[0] = False
+    return touching[labels]
 
 
 def _ground(image: Field) -> Mask:
@@ -67,8 +72,7 @@ def _ground(image: Field) -> Mask:
     if counts.max() < LEAST_GROUND * border.size:
         return nothing
     value = float(values[counts.argmax()])
-    labels = measure.label(image == value, connectivity=1)
-    ground = np.isin(labels, np.setdiff1d(border_pixels(labels), [0]))
+    ground = _reaching_border(image == value)
     rows, columns = (np.flatnonzero((~ground).any(axis=axis)) for axis in (1, 0))
     if not rows.size:
         return nothing
