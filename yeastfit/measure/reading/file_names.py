@@ -9,6 +9,7 @@ may go on behind the pattern: "AWRI 796 500um s10 121h 4X binary" matches.
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -92,6 +93,11 @@ class NamePattern:
             raise InputError(f"pattern {quoted(text)}: has no {{replicate}}, which tells colonies of a condition apart")
         return NamePattern(plain, fields)
 
+    @cached_property
+    def parts(self) -> tuple[str, ...]:
+        """Text, field, text, …"""
+        return tuple(re.split(r"\{([^{}]*)\}", self.text))
+
     def readings(self, name: str) -> list[dict[str, str]]:
         """What a name can mean: nothing, one thing, or two that differ, with the first fields short and long."""
         found: dict[tuple[str, ...], dict[str, str]] = {}
@@ -103,7 +109,7 @@ class NamePattern:
         self, name: str, part: int, at: int, read: dict[str, str], seen: set[tuple[Any, ...]]
     ) -> Iterator[dict[str, str]]:
         """All readings of a name from a place and a part of the pattern on; `seen`: from where there is nothing new."""
-        parts = re.split(r"\{([^{}]*)\}", self.text)  # text, field, text, …
+        parts = self.parts
         if (part, at, *read.values()) in seen or not name.startswith(parts[part], at):
             return
         seen.add((part, at, *read.values()))
