@@ -118,14 +118,14 @@ def paired_points(
 
 def beyond_range(parameters: ParameterSet, values: Float[np.ndarray, " entry"], spread: float) -> str:
     """In words, which parameters are simulated beyond their largest value in pairs; for errors, empty where none is."""
-    reached = np.exp(spread) * values
-    most = np.array([one.largest for one in parameters.parameters])
     told = [
-        f"{name} is simulated up to {value:.3g}, its largest is {end:g}"
-        for name, value, end in zip(parameters.names, reached, most, strict=True)
-        if value > end
+        f"{one.name} is simulated up to {reached:.3g}, its largest is {one.largest:g}"
+        for one, reached in zip(parameters.parameters, np.exp(spread) * values, strict=True)
+        if reached > one.largest
     ]
-    return f"; in pairs around it, {' and '.join(told)}: hold it, or take a posterior, which has no pairs" * bool(told)
+    if not told:
+        return ""
+    return f"; in pairs around it, {' and '.join(told)}: hold it, or take a posterior, which has no pairs"
 
 
 def regress(rows: Rows, units: Units, spread: float) -> LocalModel:
