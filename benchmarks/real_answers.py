@@ -29,20 +29,20 @@ Row = Mapping[str, Any]
 
 def answers(work: Path) -> list[str]:
     """Question and answer, as far as the runs are there."""
-    models = {name: found for name in CALLED if (found := _found(work / "models" / name))}
+    models = {name: found for name in CALLED if (found := comparison_in(work / "models" / name))}
     said = [f"**Which model predicts colonies that it has not seen?** {_best(models)}"] if models else []
     if missed := _missed(work):
         said.append(f"**What does it not explain?** {missed}")
-    if found := _found(work / "comparison"):
+    if found := comparison_in(work / "comparison"):
         media, strains = (_changes(found["conditions"], *pair) for pair in ((RICH, POOR), (OTHER, POOR)))
         said.append(f"**What differs between 500 and 50 µM of ammonium** (AWRI 796, off-lattice model)**?** {media}")
         said.append(f"**What differs between the strains** (Simi White and AWRI 796 at 50 µM)**?** {strains}")
-    if found := _found(work / "nitrogen-compared"):
+    if found := comparison_in(work / "nitrogen-compared"):
         said.append(f"**Do the media differ in the model's nitrogen by their factor of ten?** {_nitrogen(found)}")
     return said
 
 
-def _found(folder: Path) -> Any:
+def comparison_in(folder: Path) -> Any:
     """What a comparison found; None where it is not there."""
     return read_json(folder / "comparison.json") if (folder / MANIFEST).is_file() else None
 
@@ -82,13 +82,18 @@ def _missed(work: Path) -> str:
 
 def _changes(rows: Sequence[Row], first: str, second: str) -> str:
     """Parameters of `first` over those of `second`, where the data tell them apart."""
-    changes = [_turned(row, first) for row in rows if {row["first"], row["second"]} == {first, second}]
+    changes = _between(rows, first, second)
     told = [_change(row) for row in changes if row["told_apart"] == "yes"]
     rest = [_words(row["parameter"]) for row in changes if row["told_apart"] != "yes"]
     of = f"{CALLED[first]} over {CALLED[second]}: "
     return (of + "; ".join(told) + "." if told else "Nothing that these data tell.") + (
         f" Not told apart: {', '.join(rest)}." if told and rest else ""
     )
+
+
+def _between(rows: Sequence[Row], first: str, second: str) -> list[Row]:
+    """Of two conditions, one of them first."""
+    return [_turned(row, first) for row in rows if {row["first"], row["second"]} == {first, second}]
 
 
 def _turned(row: Row, first: str) -> Row:
@@ -112,8 +117,7 @@ def _change(row: Row) -> str:
 
 
 def _nitrogen(found: Any) -> str:
-    rows = [_turned(row, RICH) for row in found["conditions"] if {row["first"], row["second"]} == {RICH, POOR}]
-    (row,) = (one for one in rows if one["parameter"] == "nitrogen")
+    (row,) = (one for one in _between(found["conditions"], RICH, POOR) if one["parameter"] == "nitrogen")
     yes = row["ratio_q05"] <= MEDIA <= row["ratio_q95"]
     return (
         f"{'Yes' if yes else 'No'}: {CALLED[RICH]} has {row['ratio']:.1f} times the nitrogen of {CALLED[POOR]} "

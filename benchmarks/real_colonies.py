@@ -68,7 +68,7 @@ from scipy import ndimage
 from scipy.stats import kurtosis
 from skimage.morphology import skeletonize
 
-from benchmarks.real_answers import answers
+from benchmarks.real_answers import CALLED, answers, comparison_in
 from benchmarks.report import Report, command
 from yeastfit import measure_file
 from yeastfit.commands.posterior_run.run import SIMULATIONS
@@ -89,7 +89,7 @@ from yeastfit.plot.style import save
 from yeastfit.results.contents import MANIFEST, RUN
 from yeastfit.storage import read_json
 
-SETS = ("awri796-50um", "awri796-500um", "simi-white-50um")
+SETS = tuple(CALLED)
 DATA = Path(__file__).parents[1] / "data" / "real"
 EACH = 3  # real colonies, and simulated ones, in a row of the grid
 MODELS = ("offlattice", "offlattice-3", "algebraic", "nitrogen")
@@ -128,9 +128,8 @@ def _models(report: Report, folder: Path) -> list[str]:
 
 def _verdicts(report: Report, folder: Path, title: str, table: str, names: tuple[str, ...]) -> list[str]:
     """A table of a comparison, and in words what it means and whether it is to be doubted."""
-    if not (folder / MANIFEST).is_file():
+    if (found := comparison_in(folder)) is None:
         return [f"**{title}**: not there yet."]
-    found = read_json(folder / "comparison.json")
     report.table(title, [{name: row[name] for name in names} for row in found[table]])
     doubt = f", to be doubted ({'; '.join(found['doubts'])})" if found["doubts"] else ""
     return [f"**{title}**{doubt}: {'; '.join(found['verdicts'])}."]
