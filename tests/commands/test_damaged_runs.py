@@ -132,8 +132,13 @@ def test_problems_of_lost_simulations_are_counted_once(
     assert first == second != []
 
 
+@pytest.mark.parametrize(
+    "how",
+    [pytest.param(["abc-smc"]), pytest.param(["emulator", "--leave-out", "2"], marks=pytest.mark.thorough)],
+    ids=["abc-smc", "emulator"],
+)
 def test_a_posterior_is_kept_though_nothing_can_be_predicted(
-    data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    how: list[str], data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The run finishes without a predictive check, and says so."""
     sampled = Posterior.predict
@@ -142,8 +147,9 @@ def test_a_posterior_is_kept_though_nothing_can_be_predicted(
         return sampled(posterior, Failing(simulator), **more)
 
     monkeypatch.setattr(Posterior, "predict", failing)
-    finished(arguments(data, tmp_path / "out", "abc-smc"))
+    finished(arguments(data, tmp_path / "out", *how))
     names = {one.name for one in (tmp_path / "out").iterdir()}
+    assert ("left_out.csv" in names) == ("--leave-out" in how)
     assert {"posterior.csv", "posterior.npz", "index.html", "corner.png", "manifest.json"} <= names
     assert not {"predictive.csv", "predictive.npz", "predictive.png", "colonies.png"} & names
     assert "posterior predictive: 0 of 48 draws succeeded, a predictive check needs 10" in warnings_of(tmp_path / "out")
