@@ -105,7 +105,7 @@ def free(
                 return False
             following = cell.next
             while following != 0:
-                cell = cells[following]
+                cell = cells[Index(following)]
                 if _inside(x - cell.x, y - cell.y, FRAMES[cell.form, cell.direction & 31]):
                     return False
                 following = cell.next
