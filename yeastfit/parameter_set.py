@@ -32,6 +32,7 @@ class Parameter:
         positive: Whether `smallest` itself is inadmissible.
         powers: Of a cell's length L0 and of the growth rate μ*, by whose product it is multiplied to give it units:
             (2, 1) for µm²/h, (0, -1) for hours. (0, 0) for a number that has none.
+        exceeded: Whether derivatives at `largest` are taken from simulations on both sides of it.
     """
 
     name: str
@@ -44,6 +45,7 @@ class Parameter:
     largest: float = math.inf
     positive: bool = False
     powers: tuple[int, int] = (0, 0)
+    exceeded: bool = False
 
     def __post_init__(self) -> None:
         low, high = self.plausible

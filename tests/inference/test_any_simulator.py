@@ -223,13 +223,34 @@ class Bounded(Logistic):
         return np.where((values <= most).all(axis=1, keepdims=True), super().__call__(values, seeds), np.nan)
 
 
+def bounded(room: float) -> Bounded:
+    """With a rate of at most so many times the true one."""
+    one, most = Bounded(), room * TRUTH["rate"]
+    first, *others = one.parameters.parameters
+    one.parameters = yeastfit.ParameterSet((replace(first, plausible=(0.1, most), largest=most), *others))
+    return one
+
+
 def test_pairs_beyond_the_largest_value_are_named() -> None:
-    first, *others = Logistic().parameters.parameters
-    bounded, most = Bounded(), 1.02 * TRUTH[first.name]
-    bounded.parameters = yeastfit.ParameterSet((replace(first, plausible=(0.1, most), largest=most), *others))
-    said = rf"in pairs around it, {first.name} is simulated up to .*, its largest is .*: hold it, or take a posterior"
+    said = "in pairs around it, rate is simulated up to .*, its largest is .*: hold it, or take a posterior"
     with pytest.raises(yeastfit.SimulationError, match=said):
-        yeastfit.sensitivity(simulator=bounded, at=TRUTH)
+        yeastfit.sensitivity(simulator=bounded(1.01), at=TRUTH)
+
+
+def test_pairs_close_to_the_largest_value_go_as_far_as_that() -> None:
+    found, free = (yeastfit.sensitivity(simulator=one, at=TRUTH) for one in (bounded(1.02), Logistic()))
+    assert not found.warnings
+    apart = np.abs(found.jacobian - free.jacobian) / np.hypot(found.error, free.error)
+    assert apart.max() < 4
+    assert (free.error[:, 0] < found.error[:, 0]).all()  # that is what it costs
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_a_fit_close_to_the_largest_value_recovers_it(seed: int) -> None:
+    found = yeastfit.fit(replicates(TRUTH, seed), bounded(1.05), seed=seed, settings=SETTINGS)
+    assert found.status == "converged"
+    for name, true in TRUTH.items():
+        assert abs(np.log(found.values[name] / true)) < 4 * found.log_standard_errors[name]
 
 
 def test_simulations_that_failed_are_told_of() -> None:

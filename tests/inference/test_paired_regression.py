@@ -1,6 +1,6 @@
 """Mean curves and their derivatives from pairs of colonies: the design, the estimates and their errors."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import jax
 import numpy as np
@@ -15,9 +15,12 @@ from yeastfit.inference.paired_regression import (
     hadamard_order,
     paired_points,
     pooled_covariance,
+    reaches,
     regress,
+    regress_averaged,
     sample_scatter,
 )
+from yeastfit.parameter_set import Parameter, ParameterSet
 from yeastfit.simulation.simulate import member_keys
 
 
@@ -161,6 +164,29 @@ def test_linear_curves_are_found_exactly() -> None:
     np.testing.assert_allclose(local.mean, 2.0, atol=1e-12)
     assert np.abs(local.scatter.covariance).max() < 1e-24
     assert local.error.max() < 1e-12
+
+
+def test_pairs_go_no_farther_than_the_largest_value() -> None:
+    """Down to an eighth of the spread; derivatives are exact all the same, where curves are linear."""
+    share, values = Parameter("far", "f", "a share", (0.1, 1.0), 0.5, largest=1.0), np.array([0.5, 0.95, 0.99, 0.95])
+    others = replace(share, name="close"), replace(share, name="closer"), replace(share, name="passed", exceeded=True)
+    parameters = ParameterSet((share, *others))
+    reach = reaches(parameters, values, 0.1)
+    np.testing.assert_allclose(reach, [0.1, np.log(1 / 0.95), 0.1, 0.1], rtol=1e-8)
+    slopes = np.random.default_rng(0).normal(size=(5, 4))
+    units = hadamard_design(16, 4, np.random.default_rng(1))
+    points = paired_points(np.log(values), units, reach)
+    assert (np.exp(points[:, 1]) <= 1.0).all()
+    local = regress(points @ slopes.T, units, reach)
+    np.testing.assert_allclose(local.jacobian, slopes, atol=1e-10)
+
+
+def test_models_of_points_with_other_reaches_are_averaged() -> None:
+    slopes = np.random.default_rng(0).normal(size=(5, 2))
+    units = hadamard_design(16, 2, np.random.default_rng(1))
+    reach = [np.array([0.1, 0.1]), np.array([0.1, 0.04])]
+    rows = [paired_points(np.zeros(2), units, one) @ slopes.T for one in reach]
+    np.testing.assert_allclose(regress_averaged(rows, units, reach).jacobian, slopes, atol=1e-12)
 
 
 def test_errors_of_the_mean_are_those_of_many_repetitions() -> None:

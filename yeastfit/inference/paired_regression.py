@@ -1,8 +1,9 @@
 """Means of a simulator's rows and their derivatives from pairs of simulations around a point.
 
 Pair k is simulated with one seed at θ ± s ε_k, θ the logarithms of the free parameters, s the spread, ε_k a row of a
-randomly signed and permuted Hadamard matrix, so that all parameters vary at once and orthogonally. With c_k half the
-sum and h_k half the difference of the two rows,
+randomly signed and permuted Hadamard matrix, so that all parameters vary at once and orthogonally. A parameter close to
+its largest value has a smaller s of its own (`reaches`). With c_k half the sum and h_k half the difference of the two
+rows,
 
     m = mean of c_k,        J = least squares of h_k on s ε_k.
 
@@ -28,7 +29,10 @@ from yeastfit.inference.curve_covariance import Square
 from yeastfit.inference.simulator import Rows
 from yeastfit.parameter_set import ParameterSet
 
+NARROWEST = 1 / 8  # of the spread: derivatives have eight times the error
+
 Units = Float[np.ndarray, "pair entry"]
+Reach = Float[np.ndarray, " entry"]
 
 
 @dataclass(frozen=True)
@@ -109,32 +113,42 @@ def hadamard_order(free: int) -> int:
     return 1 << free.bit_length()
 
 
-def paired_points(
-    centre: Float[np.ndarray, " entry"], units: Units, spread: float
-) -> Float[np.ndarray, "simulation entry"]:
+def reaches(parameters: ParameterSet, values: Reach, spread: float) -> Reach:
+    """How far pairs go from a point in log λ, by parameter: the spread, but not beyond its largest value.
+
+    Where that is nearer than `NARROWEST` of the spread, and for a parameter that may be exceeded, it is the spread.
+    """
+    largest = np.array([np.inf if one.exceeded else one.largest for one in parameters.parameters])
+    room = (1 - 1e-9) * np.log(largest / values)  # what is computed from it must not be beyond by the last bit
+    return np.where(room >= NARROWEST * spread, np.minimum(room, spread), spread)
+
+
+def paired_points(centre: Reach, units: Units, reach: Reach | float) -> Float[np.ndarray, "simulation entry"]:
     """Where the simulations of all pairs are made: first one of each, then the other."""
-    return centre + spread * np.concatenate([units, -units])
+    return centre + reach * np.concatenate([units, -units])
 
 
-def beyond_range(parameters: ParameterSet, values: Float[np.ndarray, " entry"], spread: float) -> str:
+def beyond_range(parameters: ParameterSet, values: Reach, spread: float) -> str:
     """In words, which parameters are simulated beyond their largest value in pairs; for errors, empty where none is."""
     told = [
         f"{one.name} is simulated up to {reached:.3g}, its largest is {one.largest:g}"
-        for one, reached in zip(parameters.parameters, np.exp(spread) * values, strict=True)
-        if reached > one.largest
+        for one, reached in zip(
+            parameters.parameters, np.exp(reaches(parameters, values, spread)) * values, strict=True
+        )
+        if reached > one.largest and not one.exceeded
     ]
     if not told:
         return ""
     return f"; in pairs around it, {' and '.join(told)}: hold it, or take a posterior, which has no pairs"
 
 
-def regress(rows: Rows, units: Units, spread: float) -> LocalModel:
+def regress(rows: Rows, units: Units, reach: Reach | float) -> LocalModel:
     """Mean and derivative from simulations at `paired_points`.
 
     Arguments:
         rows: Of the simulations; pairs with a value that is not finite are left out.
         units: ε.
-        spread: s.
+        reach: s, one for all parameters or one for each.
 
     Raises:
         SimulationError: More than half of the pairs are left out, or those that remain do not tell all entries apart.
@@ -144,7 +158,7 @@ def regress(rows: Rows, units: Units, spread: float) -> LocalModel:
     good = np.isfinite(half).all(axis=1)
     if good.sum() < 0.5 * len(good):
         raise SimulationError(f"{(~good).sum()} of {len(good)} pairs of simulations failed (not finite)")
-    steps = spread * units[good]
+    steps = reach * units[good]
     slopes, _, rank, _ = np.linalg.lstsq(steps, half[good], rcond=None)
     if rank < units.shape[1]:
         raise SimulationError(
@@ -158,17 +172,17 @@ def regress(rows: Rows, units: Units, spread: float) -> LocalModel:
     return LocalModel(middle[good].mean(axis=0), slopes.T, error, between, within, int(good.sum()), scatter)
 
 
-def regress_averaged(rows: Sequence[Rows], units: Units, spread: float) -> LocalModel:
+def regress_averaged(rows: Sequence[Rows], units: Units, reach: Sequence[Reach]) -> LocalModel:
     """`regress` around the middle of several points close to each other, where the same pairs were simulated.
 
     The rows of a pair are averaged over the points before pairs are compared: so the errors are right whatever a pair
     has in common from point to point, and smaller than those of one point where simulations are chaotic. `scatter` is
     the mean over points, with the degrees of freedom of one.
     """
-    found = [regress(each, units, spread) for each in rows]
+    found = [regress(each, units, one) for each, one in zip(rows, reach, strict=True)]
     if len(found) == 1:
         return found[0]
-    averaged = regress(np.mean(rows, axis=0), units, spread)
+    averaged = regress(np.mean(rows, axis=0), units, np.mean(reach, axis=0))
     covariance = np.mean([local.scatter.covariance for local in found], axis=0)
     return replace(averaged, scatter=Scatter(covariance, min(local.scatter.freedom for local in found)))
 

@@ -35,13 +35,21 @@ PARAMETERS = ParameterSet(
             largest=0.5,
             positive=True,
             powers=(1, 0),
+            exceeded=True,
         ),
         Parameter(
             "mobility", "λ5", "drift along the nutrient gradient, γ c0 / (η μ* L0²)", (0.02, 20.0), 1.0, powers=(2, 1)
         ),
         Parameter("metabolic_rate", "λ6", "nutrient uptake, r / μ*", (0.05, 20.0), 1.0, powers=(0, 1)),
         Parameter(
-            "aspect_ratio", "λ7", "minor over major axis of a cell", (0.2, 1.0), 0.73, largest=1.0, positive=True
+            "aspect_ratio",
+            "λ7",
+            "minor over major axis of a cell",
+            (0.2, 1.0),
+            0.73,
+            largest=1.0,
+            positive=True,
+            exceeded=True,
         ),
     )
 )

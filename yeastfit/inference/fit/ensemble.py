@@ -30,11 +30,13 @@ from yeastfit.inference.curve_covariance import Square, mean_covariance, measure
 from yeastfit.inference.fit.settings import FitSettings
 from yeastfit.inference.paired_regression import (
     LocalModel,
+    Reach,
     Units,
     beyond_range,
     hadamard_design,
     hadamard_order,
     paired_points,
+    reaches,
     regress_averaged,
     sample_scatter,
 )
@@ -60,10 +62,11 @@ FEWEST_FINE = 4  # fine simulations that tell a covariance at all
 
 @dataclass(frozen=True)
 class EnsembleRows:
-    """Rows of one ensemble's simulations, and the rows of the design that its pairs were simulated at."""
+    """Rows of one ensemble's simulations, the rows of the design that its pairs were simulated at, and how far out."""
 
     rows: Rows
     units: Units
+    reach: Reach
 
 
 @dataclass(frozen=True)
@@ -175,15 +178,19 @@ class Ensembles:
             columns, count = self.space.columns(condition), self.pairs(condition, members, full)
             units = hadamard_design(count, len(columns), np.random.default_rng(self.seed))
             points = np.repeat(np.stack(places), 2 * count, axis=0)
-            points[:, columns] = np.concatenate([paired_points(place[columns], units, spread) for place in places])
+            values = self.space.values(condition, np.stack(places))
+            reach = [reaches(simulator.parameters, row, spread) for row in values]
+            points[:, columns] = np.concatenate(
+                [paired_points(place[columns], units, one) for place, one in zip(places, reach, strict=True)]
+            )
             seeds = np.tile(self._seeds(condition, count), 2 * len(places))
             rows = self._simulate(simulator, self.space.values(condition, points), seeds)
-            for each, some in zip(found, np.split(rows, len(places)), strict=True):
-                each[condition] = EnsembleRows(some, units)
+            for each, some, one in zip(found, np.split(rows, len(places)), reach, strict=True):
+                each[condition] = EnsembleRows(some, units, one)
         models: list[JointModel | SimulationError] = []
         for place, each in zip(places, found, strict=True):
             try:
-                models.append(self._joint(place, [each], spread))
+                models.append(self._joint(place, [each]))
             except SimulationError as error:
                 beyond = [
                     beyond_range(one.parameters, self.space.values(name, place[None])[0], spread)
@@ -199,10 +206,10 @@ class Ensembles:
         own = stream_of(self.seed, Stream.CONDITIONS, zlib.crc32(condition.encode()))
         return member_seeds(int(own.generate_state(1)[0]), members)
 
-    def averaged(self, models: Sequence[JointModel], spread: float) -> JointModel:
+    def averaged(self, models: Sequence[JointModel]) -> JointModel:
         """One model of several whose points are close to each other and whose ensembles have the same size."""
         theta = np.mean([model.theta for model in models], axis=0)
-        return self._joint(theta, [model.ensembles for model in models], spread)
+        return self._joint(theta, [model.ensembles for model in models])
 
     def correction(self, model: JointModel) -> Correction:
         """What the fine simulators change at the point of a model; nothing where there are none.
@@ -283,13 +290,13 @@ class Ensembles:
     def _simulate(self, simulator: Simulator, values: np.ndarray, seeds: np.ndarray) -> Rows:
         return Counted(simulator, self.tally)(values, seeds)
 
-    def _joint(self, theta: Vector, ensembles: Sequence[dict[str, EnsembleRows]], spread: float) -> JointModel:
+    def _joint(self, theta: Vector, ensembles: Sequence[dict[str, EnsembleRows]]) -> JointModel:
         """Of ensembles at one place, or at several close to θ."""
         entries, conditions = len(self.space.entries), dict[str, LocalModel]()
         jacobians, errors = list[np.ndarray](), list[np.ndarray]()
         for condition in self.targets:
-            columns, units = self.space.columns(condition), ensembles[0][condition].units
-            local = regress_averaged([each[condition].rows for each in ensembles], units, spread)
+            columns, made = self.space.columns(condition), [each[condition] for each in ensembles]
+            local = regress_averaged([one.rows for one in made], made[0].units, [one.reach for one in made])
             for part, whole in ((local.jacobian, jacobians), (local.error, errors)):
                 wide = np.zeros((len(part), entries))
                 wide[:, columns] = part

@@ -242,7 +242,7 @@ class Fitter:
         """The estimate from all models near the best descent's last point."""
         best, ensembles, spread = descents[0], self.ensembles, self.settings.spreads[-1]
         near = [one for one in best.seen if (np.abs(one.theta - best.theta) <= spread).all()]
-        model = ensembles.averaged(near, spread)
+        model = ensembles.averaged(near)
         sigma = self._covariance(best, model)
         known = information(
             model.jacobian,

@@ -68,8 +68,8 @@ def sensitivity(
         runs: Simulations for the regression, a multiple of 16; a quarter as many are made at λ itself.
         paths: Colonies that are differentiated; each costs six to seven plain runs of its model. "combined" takes them
             up to `PATH_NODES` nodes, "pathwise" to the end.
-        spread: Of log λ in the regression, whose bias grows as spread² and whose variance falls as 1/spread². Where
-            a parameter lies at its maximum, it goes a little beyond.
+        spread: Of log λ in the regression, whose bias grows as spread² and whose variance falls as 1/spread². Close
+            to the largest value of a parameter pairs go only as far as that; an aspect ratio goes a little beyond 1.
         seed: Of all random numbers.
         model: Rules of the colonies; by default the source's.
         numerics: Of the model that is meant, by default at Δt = 0.005.

@@ -36,6 +36,7 @@ from yeastfit.inference.paired_regression import (
     hadamard_order,
     paired_points,
     pooled_covariance,
+    reaches,
     regress,
     sample_scatter,
 )
@@ -175,10 +176,11 @@ class Estimator:
         began = clock.perf_counter()
         seeds = self._seeds(Part.REGRESSION, self.runs // 2)
         units = hadamard_design(len(seeds), len(self.values), np.random.default_rng(self.seed))
-        points = paired_points(np.log(self.values), units, self.spread)
+        reach = reaches(self.simulator.parameters, self.values, self.spread)
+        points = paired_points(np.log(self.values), units, reach)
         rows = rows_of(self.simulator, np.exp(points), np.concatenate([seeds, seeds]))
         try:
-            local = regress(rows[:, : len(self.observables)], units, self.spread)
+            local = regress(rows[:, : len(self.observables)], units, reach)
         except SimulationError as error:
             beyond = beyond_range(self.simulator.parameters, self.values, self.spread)
             raise SimulationError(f"{error}{beyond}") from None
