@@ -1,64 +1,81 @@
 """Thinning by tables of neighbourhoods, compiled by numba: of `thinning`, and of any other such algorithm."""
 
 import numpy as np
-from jaxtyping import Bool
+from jaxtyping import Bool, Shaped
 
-from yeastfit.compiled import array_kernel
+from yeastfit.compiled import Index, array_kernel
 
 
 @array_kernel
 def thin(image: Bool[np.ndarray, "row column"], removes: Bool[np.ndarray, "number code"]) -> None:
     """Thin, in place, an image with an empty margin of one pixel, until no pass in turn removes a pixel.
 
-    `pixels` holds those that a pass may remove: at first all with a neighbour that is off, later those that another
-    pass would remove and the neighbours of removed ones.
+    The neighbours of a pixel, clockwise from the north, are the bits of its code, lowest first. A pixel that is removed
+    clears its bit in the codes of its neighbours, so that a pass looks up one byte for each pixel. `pixels` lists those
+    that some pass would remove, first of all, later of those and the neighbours of removed ones.
 
     Arguments:
-        image: True on the colony.
-        removes: Whether each pass removes a pixel whose neighbours have this code, clockwise from the north, lowest bit
-            first; none removes one without a neighbour that is off.
+        image: True on the colony, in one piece of memory.
+        removes: Whether each pass removes a pixel of this code; none removes one whose neighbours are all on.
     """
-    passes = removes.shape[0]
-    removable = np.zeros(256, dtype=np.bool_)
-    for now in range(passes):
-        removable |= removes[now]
-    flat, width = image.ravel(), image.shape[1]
+    width, flat, codes = image.shape[1], image.ravel(), neighbours(image).ravel()
     around = np.array([-width, 1 - width, 1, width + 1, width, width - 1, -1, -width - 1])
-    pixels = np.flatnonzero(flat)
-    gone, listed = np.empty_like(pixels), np.zeros(flat.size, dtype=np.bool_)
+    removable = np.zeros(256, dtype=np.bool_)
+    for now in range(removes.shape[0]):
+        removable |= removes[now]
+    listed = np.zeros(flat.size, dtype=np.bool_)
     count = 0
-    for pixel in pixels:
-        for offset in around:
-            if not flat[pixel + offset] and not listed[pixel]:
-                listed[pixel] = True
-                pixels[count] = pixel
-                count += 1
+    for pixel in range(flat.size):
+        listed[Index(pixel)] = flat[Index(pixel)] and removable[codes[Index(pixel)]]
+        count += listed[Index(pixel)]
+    pixels, gone = np.empty(flat.size, dtype=np.int64), np.empty(flat.size, dtype=np.int64)
+    pixels[:count] = np.flatnonzero(listed)
     changed = True
     while changed:
         changed = False
-        for now in range(passes):
+        for now in range(removes.shape[0]):
             kept = removed = 0
             for k in range(count):
-                pixel = pixels[k]
-                code = 0
-                for bit in range(8):
-                    code |= int(flat[pixel + around[bit]]) << bit
+                pixel = pixels[Index(k)]
+                code = codes[Index(pixel)]
                 if removes[now, code]:
-                    gone[removed] = pixel
+                    gone[Index(removed)] = pixel
                     removed += 1
+                    flat[Index(pixel)] = False
                 elif removable[code]:
-                    pixels[kept] = pixel
+                    pixels[Index(kept)] = pixel
                     kept += 1
                 else:
-                    listed[pixel] = False
+                    listed[Index(pixel)] = False
             for k in range(removed):
-                flat[gone[k]] = False
-            for k in range(removed):
-                for offset in around:
-                    near = gone[k] + offset
-                    if flat[near] and not listed[near]:
-                        listed[near] = True
-                        pixels[kept] = near
-                        kept += 1
+                on = codes[Index(gone[Index(k)])]
+                for bit in range(8):
+                    if on >> np.uint8(bit) & np.uint8(1):
+                        near = Index(gone[Index(k)] + around[bit])
+                        codes[near] &= ~np.uint8(1 << (bit ^ 4))
+                        if not listed[near] and removable[codes[near]]:
+                            listed[near] = True
+                            pixels[Index(kept)] = near
+                            kept += 1
             count = kept
             changed = changed or removed > 0
+
+
+@array_kernel
+def neighbours(image: Bool[np.ndarray, "row column"]) -> Shaped[np.ndarray, "row column"]:
+    """The code of every pixel's neighbours, as bytes; 0 on the margin."""
+    codes = np.zeros(image.shape, dtype=np.uint8)
+    for row in range(1, image.shape[0] - 1):
+        above, here, below = image[row - 1], image[row], image[row + 1]
+        for column in range(1, image.shape[1] - 1):
+            codes[row, column] = (
+                np.uint8(above[column])
+                | np.uint8(above[column + 1]) << np.uint8(1)
+                | np.uint8(here[column + 1]) << np.uint8(2)
+                | np.uint8(below[column + 1]) << np.uint8(3)
+                | np.uint8(below[column]) << np.uint8(4)
+                | np.uint8(below[column - 1]) << np.uint8(5)
+                | np.uint8(here[column - 1]) << np.uint8(6)
+                | np.uint8(above[column - 1]) << np.uint8(7)
+            )
+    return codes
