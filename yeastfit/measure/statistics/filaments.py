@@ -138,10 +138,9 @@ def _branches(pixels: Pixels, inner: float) -> tuple[float, float]:
     thick = np.where(beyond, pixels.colony, distance2 >= max(inner - width - TIE, 0.0) ** 2)
     count, length, orientations = 0, 0.0, 0
     for (whole, outer), rows, columns in _quadrants((thick, beyond), pixels.centre, round(width)):
-        thin = np.pad(skeleton(whole), 1)
-        own = thin & np.pad(outer, 1)
-        own[rows + 1 :], own[:, columns + 1 :] = False, False
-        neighbours, steps = _around(thin, own)
+        thin = skeleton(whole)
+        own = np.divmod(np.flatnonzero(thin[:rows, :columns]), columns)  # ten times as fast as np.nonzero
+        neighbours, steps = _around(np.pad(thin, 1), *(places[outer[own]] for places in own))
         count += int((neighbours <= 1).sum())
         length += 0.5 * float(steps.sum())
         orientations += 1
@@ -168,13 +167,14 @@ def _quadrants(
             turned, up, left = [np.rot90(image) for image in turned], turned[0].shape[1] - 1 - left, up
 
 
-def _around(thin: Mask, own: Mask) -> tuple[Int[np.ndarray, " own"], Float[np.ndarray, " own"]]:
-    """Of every own pixel of a skeleton with an empty margin: its neighbours, and the length of the steps to them.
+def _around(
+    thin: Mask, rows: Int[np.ndarray, " own"], columns: Int[np.ndarray, " own"]
+) -> tuple[Int[np.ndarray, " own"], Float[np.ndarray, " own"]]:
+    """Of own pixels of a skeleton, which has a margin that they do not count: neighbours, and the length of steps.
 
     A step across counts only where no two steps along lead to the same place.
     """
-    rows, columns = np.divmod(np.flatnonzero(own), own.shape[1])  # few of many: np.nonzero takes ten times as long
-    near = {(i, j): thin[rows + i, columns + j] for i in (-1, 0, 1) for j in (-1, 0, 1) if i or j}
+    near = {(i, j): thin[rows + 1 + i, columns + 1 + j] for i in (-1, 0, 1) for j in (-1, 0, 1) if i or j}
     steps = np.zeros(len(rows))
     for (i, j), there in near.items():
         across = i != 0 and j != 0
