@@ -6,7 +6,7 @@ from functools import partial
 
 import numpy as np
 from jaxtyping import Bool, Float
-from scipy.stats import chi2
+from scipy.special import gammaincinv
 
 from yeastfit.errors import InputError
 from yeastfit.inference.neural_likelihood.coordinates import Values
@@ -57,7 +57,8 @@ class Neighbourhood:
         """Which rows lie where `NEAR` of normal draws do that are w times as wide."""
         off = x - self.mean
         distance = np.einsum("rf,rf->r", off, np.linalg.solve(self.covariance, off.T).T)
-        return distance <= widen**2 * chi2.ppf(NEAR, len(self.mean))
+        quantile = 2.0 * gammaincinv(0.5 * len(self.mean), NEAR)  # of χ², for every step of a chain: not scipy.stats'
+        return distance <= widen**2 * quantile
 
     def surrounds(self, draws: Float[np.ndarray, "draw free"], widen: float) -> bool:
         """Whether nearly all draws lie where proposals from it do."""
