@@ -7,6 +7,7 @@ from known_likelihoods import Known, curved, fragile, linear, simulations
 
 from yeastfit import InputError
 from yeastfit.inference.neural_likelihood import emulator as emulator_module
+from yeastfit.inference.neural_likelihood import network, training
 from yeastfit.inference.neural_likelihood.coordinates import Coordinates
 from yeastfit.inference.neural_likelihood.cross_validation import CrossValidation
 from yeastfit.inference.neural_likelihood.emulator import Emulator
@@ -119,6 +120,22 @@ def test_the_same_seed_gives_the_same_emulator() -> None:
     values = inside(linear(), 5)
     np.testing.assert_array_equal(one.moments(values)[0], two.moments(values)[0])
     assert (one.moments(values)[0] != other.moments(values)[0]).all()
+
+
+def test_members_learn_the_same_together_and_each_on_a_thread(monkeypatch: pytest.MonkeyPatch) -> None:
+    """On any number of threads to the last bit, with a probability of success, too; together but for rounding."""
+    values = inside(fragile(), 50)
+
+    def found() -> np.ndarray:
+        emulator = trained(fragile(), 256, settings=TrainingSettings(members=3, steps=200))
+        return emulator.log_likelihood(values, emulator.center)
+
+    own = found()
+    monkeypatch.setattr(network, "available_processors", lambda: 7)
+    np.testing.assert_array_equal(found(), own)
+    monkeypatch.setattr(training, "fitted", network._fitted_together)
+    together = found()
+    np.testing.assert_allclose(together, own, rtol=1e-3, atol=1e-3)
 
 
 def test_simulations_that_fail_give_a_probability_of_success() -> None:

@@ -15,6 +15,7 @@ Trained by maximum likelihood, and cross-entropy of success, with Adam, decouple
 """
 
 import math
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from typing import Any, TypeVar
 
@@ -27,6 +28,7 @@ from jaxtyping import Array, Float, Int
 
 from yeastfit.errors import InputError
 from yeastfit.inference.polynomial import monomials
+from yeastfit.processors import available_processors
 
 Table = TypeVar("Table", Array, np.ndarray)
 PLENTY = 3072  # simulations from twice as many of which training takes longer
@@ -200,7 +202,6 @@ def deal(
     return Folds(jnp.asarray(learn), jnp.asarray(test), jnp.asarray(count)), part
 
 
-@eqx.filter_jit
 def fitted(
     starts: Network,
     baselines: Float[Array, "member feature statistic"],
@@ -213,7 +214,36 @@ def fitted(
     """Trained networks, each as it was when its held-out loss was smallest, and these losses.
 
     `odds` are the coefficients of quadratics for the logit of success; None where no simulation failed.
+
+    On a CPU every network is trained by itself, on as many threads as there are processors: matrices this small are
+    dearer together, and on one thread. What one learns does not depend on the others.
     """
+    if jax.default_backend() != "cpu":
+        return _fitted_together(starts, baselines, odds, shape, data, folds, settings)
+
+    def member(k: int) -> tuple[Network, Array]:
+        start, baseline, odd, fold = jax.tree.map(
+            lambda leaf: leaf[k : k + 1] if eqx.is_array(leaf) else leaf, (starts, baselines, odds, folds)
+        )
+        return jax.block_until_ready(_fitted_together(start, baseline, odd, shape, data, fold, settings))
+
+    parts = [member(0)]  # which compiles for all
+    with ThreadPoolExecutor(available_processors()) as pool:
+        parts += pool.map(member, range(1, settings.count))
+    return jax.tree.map(lambda *leaves: jnp.concatenate(leaves) if eqx.is_array(leaves[0]) else leaves[0], *parts)
+
+
+@eqx.filter_jit
+def _fitted_together(
+    starts: Network,
+    baselines: Float[Array, "member feature statistic"],
+    odds: Float[Array, "member feature"] | None,
+    shape: Shape,
+    data: Simulated,
+    folds: Folds,
+    settings: TrainingSettings,
+) -> tuple[Network, Float[Array, "member check"]]:
+    """`fitted`, all networks in one program."""
     schedule = optax.cosine_decay_schedule(settings.rate, settings.steps or STEPS)
     optimiser = optax.adamw(schedule, weight_decay=settings.decay)
     features = monomials(data.x)
