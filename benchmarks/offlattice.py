@@ -14,6 +14,7 @@ import subprocess
 import tempfile
 import time
 from collections.abc import Callable
+from itertools import product
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -129,14 +130,20 @@ def steps(values: tuple[float, ...], cells: int, area: float, seed: int) -> dict
 
 
 def sizes(report: Report, counts: tuple[int, ...]) -> None:
-    """Fit the exponent of the time against the number of cells, and that of the attempts that the model makes."""
+    """Fit the exponent of the time against the number of cells, and that of the attempts that the model makes.
+
+    Eight colonies of each size, three times: a machine may be slow for longer than the small ones take.
+    """
     values = SETS[FIRST][0]
+    found: dict[int, list[tuple[float, int]]] = {cells: [] for cells in counts}
+    for first in (0, 8, 16):
+        for cells, seed in product(counts, range(first, first + 8)):
+            seconds, colony = timed(grow, values, cells=cells, seed=seed)
+            found[cells].append((seconds / colony.attempts, colony.attempts))
     rows: list[dict[str, Any]] = []
-    for cells in counts:
-        found = [timed(grow, values, cells=cells, seed=seed) for seed in range(24)]
-        attempts = float(np.mean([colony.attempts for _, colony in found]))
-        least = min(seconds / colony.attempts for seconds, colony in found)
-        rows.append({"cells": cells, "attempts a cell": attempts / cells, "ns an attempt": 1e9 * least})
+    for cells, grown in found.items():
+        each, attempts = np.array(grown).T
+        rows.append({"cells": cells, "attempts a cell": attempts.mean() / cells, "ns an attempt": 1e9 * each.min()})
     report.table("against the number of cells", rows)
     size = np.array([row["cells"] for row in rows], dtype=float)
     tries = size * [row["attempts a cell"] for row in rows]
