@@ -22,8 +22,7 @@ neighbours holds exactly one run of pixels, or none. Order of passes and ends re
 import numpy as np
 from jaxtyping import Bool
 
-from yeastfit.compiled import array_kernel, kernel
-from yeastfit.measure.statistics.compiled_thinning import thin
+from yeastfit.measure.statistics.compiled_thinning import neighbours, thin
 
 RING = ("N", "NE", "E", "SE", "S", "SW", "W", "NW")
 """Neighbours in the order of the bits of their code."""
@@ -49,7 +48,8 @@ def skeleton(image: Bool[np.ndarray, "row column"]) -> Bool[np.ndarray, "row col
 
 def count_ends(image: Bool[np.ndarray, "row column"]) -> int:
     """Count the ends of a skeleton."""
-    return _count(np.pad(image, 1), IS_END)
+    padded = np.pad(image, 1)
+    return int(np.count_nonzero(IS_END[neighbours(padded)[padded]]))
 
 
 def _codes() -> Bool[np.ndarray, "code neighbour"]:
@@ -74,28 +74,3 @@ def _is_end() -> Bool[np.ndarray, " code"]:
 
 
 REMOVES, IS_END = _removes(), _is_end()
-
-
-@array_kernel
-def _count(image: Bool[np.ndarray, "row column"], is_end: Bool[np.ndarray, " code"]) -> int:
-    flat = image.ravel()
-    ends = 0
-    for pixel in np.flatnonzero(flat):
-        ends += is_end[_code(flat, int(pixel), image.shape[1])]
-    return ends
-
-
-@kernel
-def _code(flat: Bool[np.ndarray, " pixel"], pixel: int, width: int) -> int:
-    """The eight neighbours as bits, in the order of `RING`."""
-    above, below = pixel - width, pixel + width
-    return (
-        int(flat[above])
-        | int(flat[above + 1]) << 1
-        | int(flat[pixel + 1]) << 2
-        | int(flat[below + 1]) << 3
-        | int(flat[below]) << 4
-        | int(flat[below - 1]) << 5
-        | int(flat[pixel - 1]) << 6
-        | int(flat[above - 1]) << 7
-    )
