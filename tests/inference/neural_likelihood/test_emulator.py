@@ -133,7 +133,7 @@ def test_members_learn_the_same_together_and_each_on_a_thread(monkeypatch: pytes
     own = found()
     monkeypatch.setattr(network, "available_processors", lambda: 7)
     np.testing.assert_array_equal(found(), own)
-    monkeypatch.setattr(training, "fitted", network._fitted_together)
+    monkeypatch.setattr(training, "fitted", network.fitted_together)
     together = found()
     np.testing.assert_allclose(together, own, rtol=1e-3, atol=1e-3)
 

@@ -17,7 +17,7 @@ Trained by maximum likelihood, and cross-entropy of success, with Adam, decouple
 import math
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import equinox as eqx
 import jax
@@ -202,30 +202,36 @@ def deal(
     return Folds(jnp.asarray(learn), jnp.asarray(test), jnp.asarray(count)), part
 
 
+class Members(NamedTuple):
+    """What is each member's own in training, with a leading axis.
+
+    Attributes:
+        starts: The networks to begin with.
+        baselines: B.
+        odds: Coefficients of quadratics for the logit of success; None where no simulation failed.
+        folds: Rows to learn from and to be tested on.
+    """
+
+    starts: Network
+    baselines: Float[Array, "member feature statistic"]
+    odds: Float[Array, "member feature"] | None
+    folds: Folds
+
+
 def fitted(
-    starts: Network,
-    baselines: Float[Array, "member feature statistic"],
-    odds: Float[Array, "member feature"] | None,
-    shape: Shape,
-    data: Simulated,
-    folds: Folds,
-    settings: TrainingSettings,
+    members: Members, shape: Shape, data: Simulated, settings: TrainingSettings
 ) -> tuple[Network, Float[Array, "member check"]]:
     """Trained networks, each as it was when its held-out loss was smallest, and these losses.
-
-    `odds` are the coefficients of quadratics for the logit of success; None where no simulation failed.
 
     On a CPU every network is trained by itself, on as many threads as there are processors: matrices this small are
     dearer together, and on one thread. What one learns does not depend on the others.
     """
     if jax.default_backend() != "cpu":
-        return _fitted_together(starts, baselines, odds, shape, data, folds, settings)
+        return fitted_together(members, shape, data, settings)
 
     def member(k: int) -> tuple[Network, Array]:
-        start, baseline, odd, fold = jax.tree.map(
-            lambda leaf: leaf[k : k + 1] if eqx.is_array(leaf) else leaf, (starts, baselines, odds, folds)
-        )
-        return jax.block_until_ready(_fitted_together(start, baseline, odd, shape, data, fold, settings))
+        one = jax.tree.map(lambda leaf: leaf[k : k + 1] if eqx.is_array(leaf) else leaf, members)
+        return jax.block_until_ready(fitted_together(one, shape, data, settings))
 
     parts = [member(0)]  # which compiles for all
     with ThreadPoolExecutor(available_processors()) as pool:
@@ -234,16 +240,11 @@ def fitted(
 
 
 @eqx.filter_jit
-def _fitted_together(
-    starts: Network,
-    baselines: Float[Array, "member feature statistic"],
-    odds: Float[Array, "member feature"] | None,
-    shape: Shape,
-    data: Simulated,
-    folds: Folds,
-    settings: TrainingSettings,
+def fitted_together(
+    members: Members, shape: Shape, data: Simulated, settings: TrainingSettings
 ) -> tuple[Network, Float[Array, "member check"]]:
     """`fitted`, all networks in one program."""
+    starts, baselines, odds, folds = members
     schedule = optax.cosine_decay_schedule(settings.rate, settings.steps or STEPS)
     optimiser = optax.adamw(schedule, weight_decay=settings.decay)
     features = monomials(data.x)

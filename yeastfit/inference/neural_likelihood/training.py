@@ -19,6 +19,7 @@ from yeastfit.inference.neural_likelihood.cross_validation import CrossValidatio
 from yeastfit.inference.neural_likelihood.emulator import Emulator
 from yeastfit.inference.neural_likelihood.ensemble import Ensemble
 from yeastfit.inference.neural_likelihood.network import (
+    Members,
     Network,
     Shape,
     Simulated,
@@ -80,7 +81,7 @@ def train(
     data = Simulated(*(jnp.asarray(_padded(one, room)) for one in (x, u, came.astype(float))))
     starts = Network.start(x.shape[1], u.shape[1], settings, rng)
     odds = None if came.all() else _odds(features, came, part, settings.count)
-    networks, _ = fitted(starts, jnp.asarray(baselines), odds, shape, data, folds, settings)
+    networks, _ = fitted(Members(starts, jnp.asarray(baselines), odds, folds), shape, data, settings)
     held_out = _held_out(networks, jnp.asarray(baselines), shape, data, jnp.asarray(_padded(part, room)))
     residuals, corrections = (np.asarray(one, dtype=float)[: len(values)] for one in held_out)
     chosen = np.ones(len(values), dtype=bool) if near is None else near
