@@ -2,12 +2,12 @@
 
 They walk in the prior's coordinates, log λ where its distribution is one of log λ, and in z where colonies scatter by
 τ(z) (`prior.variation`). Given `KERNELS` walkers per parameter, half of the steps propose each half of the walkers from
-a kernel density of the other half, which moves them along thin trails and between modes at once; the other steps are
-differential evolution (ter Braak 2006, doi:10.1007/s11222-006-8769-1), which works in any number of parameters. On the
-demo's trail 128 chains then decorrelate in 20 steps, by differential evolution alone in 110. emcee's snooker update is
-not used: as of 3.1.6 it does not leave the density invariant (of a normal one in three dimensions it makes standard
-deviations of 0.89). Chains start at simulations drawn by their posterior density, and run for a number of
-autocorrelation times: `ENOUGH` for a result, and more where R̂ is above `ALIKE`; `ROUGHLY` to see where the next
+a kernel density of the other half (`kernel_move`), which moves them along thin trails and between modes at once; the
+other steps are differential evolution (ter Braak 2006, doi:10.1007/s11222-006-8769-1), which works in any number of
+parameters. On the demo's trail 128 chains then decorrelate in 20 steps, by differential evolution alone in 110. emcee's
+snooker update is not used: as of 3.1.6 it does not leave the density invariant (of a normal one in three dimensions it
+makes standard deviations of 0.89). Chains start at simulations drawn by their posterior density, and run for a number
+of autocorrelation times: `ENOUGH` for a result, and more where R̂ is above `ALIKE`; `ROUGHLY` to see where the next
 simulations belong, within a number of steps at most: `BRIEFLY` until the posterior is found, as it may have modes then
 that are none, and `LONGER` afterwards.
 """
@@ -22,6 +22,7 @@ from jaxtyping import Float
 from threadpoolctl import threadpool_limits
 
 from yeastfit.inference.neural_likelihood.emulator import Emulator, in_pieces
+from yeastfit.inference.neural_likelihood.kernel_move import KernelMove
 from yeastfit.inference.neural_likelihood.single_colonies import likelihood_of_colonies
 from yeastfit.inference.posterior.chain_diagnostics import LONG, autocorrelation_time, split_r_hat
 from yeastfit.inference.posterior.ensemble import Ensemble
@@ -210,7 +211,7 @@ def _moves(walkers: int, free: int) -> list[tuple[emcee.moves.Move, float]]:
     evolution = [(emcee.moves.DEMove(), 0.8), (emcee.moves.DEMove(gamma0=1.0), 0.2)]
     if walkers < KERNELS * free:
         return evolution
-    return [(emcee.moves.KDEMove(), 1.0), *evolution]
+    return [(KernelMove(), 1.0), *evolution]
 
 
 def _start(
