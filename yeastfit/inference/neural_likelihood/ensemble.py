@@ -128,7 +128,7 @@ def success_error_of_rows(ensemble: Ensemble, places: Float[Array, "row place fr
     return jax.vmap(ensemble.success_error_around)(places)
 
 
-@partial(jax.jit, static_argnames="rest")
+@partial(jax.jit, static_argnames="rest", compiler_options={"xla_cpu_multi_thread_eigen": False})
 def log_likelihood_of_rows(
     arrays: list[Array],
     x: Float[Array | np.ndarray, "row free"],
@@ -138,7 +138,10 @@ def log_likelihood_of_rows(
     *,
     rest: Hashable,
 ) -> Float[Array, " row"]:
-    """`Ensemble.log_likelihood` of every row, some rows at a time, of an ensemble that is `taken_apart`."""
+    """`Ensemble.log_likelihood` of every row, some rows at a time, of an ensemble that is `taken_apart`.
+
+    Chains ask for few rows at every step: on CPUs handing such matrices to threads takes longer than multiplying them.
+    """
     ensemble = put_together(arrays, rest)
     data = [jnp.asarray(one) for one in (u, replicates, noise)]
     return jax.lax.map(lambda one: ensemble.log_likelihood(one, *data), jnp.asarray(x), batch_size=ROWS)
