@@ -275,7 +275,8 @@ def picture(sizes: Sizes, found: dict[tuple[str, str], Posterior]) -> Figure:
             panel.plot([theirs.mean[k]], [height], "ko", ms=6)
             panel.set(xlim=(0, 1), yticks=[], xlabel=f"{SYMBOLS[k]} ({NAMES[k].replace('_', ' ')})")
         row[0].set_ylabel(colonies.name)
-    panels[0, -1].legend(fontsize=8)
+    legend = panels[0, 0].get_legend_handles_labels()
+    figure.legend(*legend, loc="outside lower center", ncols=len(legend[0]), frameon=False)
     return figure
 
 
