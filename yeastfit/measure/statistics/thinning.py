@@ -13,6 +13,7 @@ the end of a line two pixels wide goes in one pass only or not at all. Here only
 looked at again, so that the cost follows the area once and not in every pass; the skeleton is the same.
 """
 
+import sys
 from functools import cache
 from importlib.util import find_spec
 
@@ -20,7 +21,7 @@ import numpy as np
 from jaxtyping import Bool
 
 LARGE = 100_000
-"""Pixels of an image from which on importing numba pays."""
+"""Pixels of an image from which on importing numba pays, where it has not been imported yet."""
 
 OTHERWISE = {
     **dict.fromkeys((24, 192), ()),
@@ -33,7 +34,7 @@ OTHERWISE = {
 
 def skeleton(image: Bool[np.ndarray, "row column"]) -> Bool[np.ndarray, "row column"]:
     """Thin an image; pixels outside it are off."""
-    if image.size < LARGE or not _numba_is_installed():
+    if not _numba_is_installed() or (image.size < LARGE and "yeastfit.compiled" not in sys.modules):
         from skimage.morphology import skeletonize
 
         return skeletonize(image)
