@@ -262,10 +262,10 @@ def test_masks_are_drawn_as_the_statistics_ask_for() -> None:
 
 def test_errors_of_the_off_lattice_model_are_those_of_outlines() -> None:
     """Unless one is given; a statistic that nobody has looked at has its own."""
-    targets = Targets.from_means({name: [1.0] for name in ("smoothed_branch_index", "fractal_dimension")}, [10.0])
+    names = ("smoothed_branch_index", "fractal_dimension")
     model = Offlattice()
-    assert model.measurement_errors(targets, None) == {"smoothed_branch_index": 0.13, "fractal_dimension": 0.01}
-    assert model.measurement_errors(targets, 0.0) == {"smoothed_branch_index": 0.0, "fractal_dimension": 0.0}
+    assert model.measurement_errors(names, None) == {"smoothed_branch_index": 0.13, "fractal_dimension": 0.01}
+    assert model.measurement_errors(names, 0.0) == {"smoothed_branch_index": 0.0, "fractal_dimension": 0.0}
     assert set(OUTLINE_ERRORS) <= set(known_statistics())
 
 

@@ -123,9 +123,9 @@ def test_the_model_takes_the_mean_area_of_the_last_images() -> None:
     colonies = seen.model.simulator(seen.targets, ("mobility",), {})
     assert isinstance(colonies, ColonySimulator)
     assert colonies.curves.area == pytest.approx(area / 7.5**2)
-    errors = seen.model.measurement_errors(seen.targets, None)
+    errors = seen.model.measurement_errors(seen.targets.names, None)
     assert errors == {name: OUTLINE_ERRORS[name] for name in names}
-    assert seen.model.measurement_errors(seen.targets, 0.01) == dict.fromkeys(names, 0.01)
+    assert seen.model.measurement_errors(seen.targets.names, 0.01) == dict.fromkeys(names, 0.01)
     smaller = Algebraic(match="area", area=1e5).seen(rows, REAL.parent, None, names)
     assert isinstance(smaller.model, Algebraic)
     assert smaller.model.area == 1e5

@@ -18,7 +18,7 @@ from yeastfit.commands.design_checks import (
 from yeastfit.commands.generated.model import ChosenModel, DesignedStatistics, Fitted, ModelOptions
 from yeastfit.commands.generated.options import flag_of, generated
 from yeastfit.commands.generated.workers import WorkerOptions, paced
-from yeastfit.commands.options import Out, Overwrite, check_once, names_in, numbers_in
+from yeastfit.commands.options import MeasurementError, Out, Overwrite, check_once, names_in, numbers_in
 from yeastfit.errors import InputError
 from yeastfit.inference.information.design import check_arguments
 from yeastfit.inference.information.design import design as make_design
@@ -80,15 +80,7 @@ def design(
             help="What to make small: mean, the mean error of log λ, or volume, the volume of the error ellipsoid."
         ),
     ] = "mean",
-    measurement_error: Annotated[
-        float,
-        typer.Option(
-            min=0,
-            max=1,
-            help="Relative error of measuring a mean curve (0.02 is 2 %), in addition to the variation between "
-            "colonies.",
-        ),
-    ] = 0.01,
+    measurement_error: MeasurementError = None,
     runs: Annotated[
         int | None,
         typer.Option(
@@ -138,7 +130,6 @@ def design(
         "steps": steps,
         "by": by,
         "criterion": criterion,
-        "measurement_error": measurement_error,
     }
     for name in ("measured_times", "measured_statistics"):
         check_once(flag_of(name), known[name] or ())
@@ -175,6 +166,7 @@ def design(
             found.save(results.partial / "sensitivity.json")
         else:
             found = earlier
+        known["measurement_error"] = chosen.forward.measurement_errors(found.statistics, measurement_error)
         result = make_design(found, free=fitted, **known)
         write_design(results.partial, result, chosen.forward, found, {**how, "free": result.free, **known})
         more: dict[str, Any] = {"configuration": {**how, "parameters": found.at, "free": result.free, **known}}

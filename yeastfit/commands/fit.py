@@ -150,7 +150,8 @@ def fit(
         both = [one.model.fit_simulators(one.targets, fitted, held) for one in seen.values()]
         coarse, fine = (dict(zip(targets, each, strict=True)) for each in zip(*both, strict=True))
         if measurement_error is None:
-            settings = replace(settings, measurement_error=model.measurement_errors(next(iter(targets.values())), None))
+            names_compared = next(iter(targets.values())).names
+            settings = replace(settings, measurement_error=model.measurement_errors(names_compared, None))
         with workers or nullcontext():
             if workers is not None:
                 coarse, fine = ({name: workers.spread(one) for name, one in each.items()} for each in (coarse, fine))

@@ -67,9 +67,11 @@ def measurement_covariance(
         relative: The error: one number, or one for each statistic.
 
     Raises:
-        InputError: An error is below 0 or above 1.
+        InputError: An error is below 0 or above 1, or a statistic has none.
     """
     statistics = [one.statistic for one in observables]
+    if isinstance(relative, Mapping) and (missing := [name for name in statistics if name not in relative]):
+        raise InputError(f"measurement_error is of {', '.join(relative) or 'nothing'}, {missing[0]} needs one, too")
     each = [relative[name] if isinstance(relative, Mapping) else relative for name in statistics]
     shares = array_of(each, "measurement_error")
     if not ((shares >= 0) & (shares <= 1)).all():

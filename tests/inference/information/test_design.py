@@ -2,9 +2,11 @@
 
 import csv
 import json
+import math
 from dataclasses import replace
 from itertools import combinations_with_replacement, pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -17,6 +19,7 @@ from yeastfit.inference.information.design import By, design
 from yeastfit.inference.information.design_result import Candidate, Criterion, Design
 from yeastfit.inference.information.result import Information
 from yeastfit.model.parameters import PARAMETERS
+from yeastfit.offlattice.parameters import PARAMETERS as OFFLATTICE
 from yeastfit.storage import write_json
 
 FREE = ("mobility", "metabolic_rate", "aspect_ratio")
@@ -201,6 +204,7 @@ def test_infinite_errors_are_kept(tmp_path: Path) -> None:
         ({"steps": 2.5}, "steps is 2.5, it must be a whole number from 1 to 1000"),
         ({"free": "speed"}, r"free is 'speed', it must be a list of names, such as \['speed'\]"),
         ({"measured_statistics": "area"}, r"statistics is 'area', it must be a list of names, such as \['area'\]"),
+        ({"measurement_error": {"area": 0.1}}, "measurement_error is of area, compactness needs one, too"),
         ({"measurement_error": "a"}, "measurement_error is .*'a'.*, it must be numbers"),
     ],
     ids=str,
@@ -219,7 +223,9 @@ def test_the_command_reads_a_sensitivity(tmp_path: Path, capsys: pytest.CaptureF
     out = tmp_path / "out"
     options = ["--measured-times", "1,2", "--measured-statistics", "area", "--by", "statistic", "--steps", "2"]
     assert cli.run(["design", "--sensitivity", str(tmp_path / "found.json"), "--out", str(out), *options]) == 0
-    expected = design(FOUND, measured_times=[1, 2], measured_statistics=["area"], by="statistic", steps=2)
+    errors = {"compactness": 0.02, "area": 0.01}
+    chosen: dict[str, Any] = {"measured_times": [1, 2], "measured_statistics": ["area"], "by": "statistic", "steps": 2}
+    expected = design(FOUND, measurement_error=errors, **chosen)
     assert Design.load(out / "design.json").sentences() == expected.sentences()
     assert Information.load(out / "information.json").sentences() == expected.before.sentences()
     with (out / "design.csv").open(newline="") as file:
@@ -230,7 +236,25 @@ def test_the_command_reads_a_sensitivity(tmp_path: Path, capsys: pytest.CaptureF
         assert (out / name).stat().st_size > 5000
     manifest = json.loads((out / "manifest.json").read_text())
     assert (manifest["command"], manifest["configuration"]["measured_times"]) == ("design", [1.0, 2.0])
+    assert manifest["configuration"]["measurement_error"] == errors
     assert "1. measure " in capsys.readouterr().out
+
+
+def test_errors_of_measurement_are_those_of_the_model(tmp_path: Path) -> None:
+    """Of the off-lattice model those of outlines, as in its fits, unless one is given."""
+    statistics = ("filament_area_index", "smoothed_branch_index")
+    free = ("transition", "fork")
+    plausible = {name: OFFLATTICE[name].plausible for name in free}
+    colonies = replace(
+        made_up(statistics, [math.nan], FREE[:2]), free=free, at=OFFLATTICE.defaults, plausible=plausible
+    )
+    colonies.save(tmp_path / "found.json")
+    for given, errors in (((), (0.044, 0.13)), (("--measurement-error", "0.5"), (0.5, 0.5))):
+        out = tmp_path / str(len(given))
+        options = ["--model", "offlattice", "--free", ",".join(free), "--replicates", "8", "--out", str(out), *given]
+        assert cli.run(["design", "--sensitivity", str(tmp_path / "found.json"), *options]) == 0
+        manifest = json.loads((out / "manifest.json").read_text())
+        assert manifest["configuration"]["measurement_error"] == dict(zip(statistics, errors, strict=True))
 
 
 @pytest.mark.slow

@@ -132,7 +132,7 @@ class InferRun:
             single_colonies(single, request.leave_out, model.nouns)
         write_targets(results.partial, {name: single})
         simulator = model.simulator(single, request.parameters.names, request.held)
-        errors = model.measurement_errors(single, request.measurement_error)
+        errors = model.measurement_errors(single.names, request.measurement_error)
         noise = measurement_covariance(single.observables, single.values, errors)
         limits = model.limits(single)
         problem = Problem.of(simulator, prior, single, noise=noise, variation=request.variation, limits=limits)

@@ -59,7 +59,7 @@ def design(
     by: By = "image",
     criterion: Criterion = "mean",
     new_replicates: bool = True,
-    measurement_error: float = 0.01,
+    measurement_error: float | Mapping[str, float] = 0.01,
     prior: Mapping[str, float] | None = None,
 ) -> Design:
     """What to measure next. Candidates are every statistic and time of a sensitivity.
@@ -75,7 +75,7 @@ def design(
         by: Whether the sequence takes whole images, all statistics of a time at once, or single statistics.
         criterion: What it minimises.
         new_replicates: Whether further replicates are measured; otherwise the same, where they have not been.
-        measurement_error: Relative, beside the scatter of replicates.
+        measurement_error: Relative, beside the scatter of replicates: one number, or one for each statistic.
         prior: Standard deviation of log λ, by name.
 
     Returns:
@@ -129,7 +129,7 @@ class _Task:
 
     sensitivity: Sensitivity
     free: tuple[str, ...]
-    measurement_error: float
+    measurement_error: float | Mapping[str, float]
     prior: dict[str, float]
     criterion: Criterion
     added: float | None

@@ -26,7 +26,7 @@ def information_of(
     statistics: Sequence[str] | None = None,
     times: Sequence[float] | np.ndarray | None = None,
     replicates: float = 10,
-    measurement_error: float = 0.0,
+    measurement_error: float | Mapping[str, float] = 0.0,
     members: float = np.inf,
     prior: Mapping[str, float] | None = None,
     limit: float = 1.0,
@@ -39,7 +39,7 @@ def information_of(
         statistics: Which are measured, by default all.
         times: Likewise, in the simulator's unit.
         replicates: Behind each mean.
-        measurement_error: Relative, beside the scatter of replicates.
+        measurement_error: Relative, beside the scatter of replicates: one number, or one for each statistic.
         members: Of the ensemble that the data are compared with.
         prior: Standard deviation of log λ, by name.
         limit: Error of log λ beyond which a direction is blind.

@@ -100,9 +100,9 @@ class Algebraic(AlgebraicSettings):
         notes += self._too_many_cells([wanted])
         return Seen(replace(self, area=wanted), replace(targets, imaging=smaller), tuple(notes))
 
-    def measurement_errors(self, targets: Targets, given: float | None) -> dict[str, float]:
+    def measurement_errors(self, names: Sequence[str], given: float | None) -> dict[str, float]:
         """The usual ones, or by default, of colonies compared at their area, those of outlines of photographs."""
-        usual = super().measurement_errors(targets, given)
+        usual = super().measurement_errors(names, given)
         if self.timed or given is not None:
             return usual
         return {name: OUTLINE_ERRORS.get(name, error) for name, error in usual.items()}

@@ -154,18 +154,18 @@ class ForwardModel(ABC):
         """
         return Seen(self, targets_in_hours(rows, condition=condition, statistics=statistics))
 
-    def measurement_errors(self, targets: Targets, given: float | None) -> dict[str, float]:
-        """Relative error of measurement of each statistic.
+    def measurement_errors(self, names: Sequence[str], given: float | None) -> dict[str, float]:
+        """Relative error of measurement of each statistic, of a fit, a posterior or a design.
 
         Arguments:
-            targets: The data.
+            names: Of the statistics.
             given: One number for all; by default each has its own.
 
         Returns:
             Errors by statistic.
         """
-        errors = {name: STATISTICS[name].measurement_error if name in STATISTICS else 0.0 for name in targets.names}
-        return errors if given is None else dict.fromkeys(targets.names, given)
+        errors = {name: STATISTICS[name].measurement_error if name in STATISTICS else 0.0 for name in names}
+        return errors if given is None else dict.fromkeys(names, given)
 
     def prior(self, parameters: ParameterSet, *, bounded: Bounded = "log-uniform") -> Prior:
         """The prior where a user gives none.

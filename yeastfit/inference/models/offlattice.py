@@ -217,12 +217,12 @@ class Offlattice(ForwardModel):
                 "tells nothing: leave it out, or give --match none"
             )
 
-    def measurement_errors(self, targets: Targets, given: float | None) -> dict[str, float]:
+    def measurement_errors(self, names: Sequence[str], given: float | None) -> dict[str, float]:
         """Those of outlines of photographs, where nothing is given."""
         from yeastfit.offlattice.simulator import known_statistics
 
         usual = {name: one.measurement_error for name, one in known_statistics().items()} | OUTLINE_ERRORS
-        return {name: usual[name] if given is None else given for name in targets.names}
+        return {name: usual[name] if given is None else given for name in names}
 
     def prior(self, parameters: ParameterSet, *, bounded: Bounded = "log-uniform") -> Prior:
         """Li et al.'s beta distributions."""
