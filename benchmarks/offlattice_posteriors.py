@@ -18,8 +18,10 @@ short that most never left the neighbourhood of their starts. Compared here, set
 
 Simulations are matched in area as theirs are, to 0.975 of the mean area of the data. Priors are their beta densities. A
 published mean is reproduced where it lies within 3 √2 of its standard error, which the scatter of the chains gives; a
-drift, from the mean of the first 100 states of all chains to that of their last, has the same sign. Seconds are of all
-sittings, by the clock and of the processors; on a machine that others use the former say little.
+drift, from the mean of the first 100 states of all chains to that of their last, has the same sign as there, or had by
+chance not: where the published drift is no larger than its error, a second run of the same chains has another sign
+every other time. The chance of the same one is that of N(published drift, sum of the squares of both errors). Seconds
+are of all sittings, by the clock and of the processors; on a machine that others use the former say little.
 
 Targets: protocol and published means within 3 √2 standard errors, acceptance rates within 3 errors of both; of an
 emulator R-hat ≤ 1.01, effective size ≥ 1000.
@@ -42,7 +44,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 from matplotlib.figure import Figure
-from scipy.stats import gaussian_kde
+from scipy.stats import gaussian_kde, norm
 
 from benchmarks.li2024_published import PUBLISHED_POSTERIORS, Published
 from benchmarks.offlattice_runs import FIVE, METHODS, SEED, Run, Sizes, real_colonies
@@ -175,7 +177,11 @@ def protocol(report: Report, run: Run, found: Posterior, long: Posterior | None)
     report.add(f"{name}: acceptance − published, in errors", apart, "", 3 if target else None, False, note)
     off = float(np.max(np.abs(found.mean - theirs.mean) / np.array(theirs.error)))
     report.add(f"{name}: means − published, in their errors, largest", off, "", ERRORS if target else None, False)
-    report.table(f"{name}: drifts of the chains", drifts(theirs, found, long))
+    rows = drifts(theirs, found, long)
+    expected = f"{sum(row['its chance, %'] for row in rows) / 100:.1f} are expected of a second run of the same chains"
+    same = sum(row["same sign"] == "yes" for row in rows)
+    report.add(f"{name}: drifts of the published sign", same, f"of {len(rows)}", note=expected)
+    report.table(f"{name}: drifts of the chains", rows)
 
 
 def drifts(theirs: Published, found: Posterior, long: Posterior | None) -> list[dict[str, Any]]:
@@ -190,6 +196,7 @@ def drifts(theirs: Published, found: Posterior, long: Posterior | None) -> list[
         row |= {"published, last": theirs.last[k], "error": theirs.last_error[k], "here, first 100": float(first[k])}
         row |= {"here, last": float(last[:, k].mean()), "error of that": float(spread[k])}
         row |= {"same sign": "yes" if before * now > 0 else "no"}
+        row["its chance, %"] = 100 * float(norm.cdf(abs(before) / np.hypot(theirs.last_error[k], spread[k])))
         rows.append(row | {"ABC-SMC, mean": None if long is None else float(long.mean[k])})
     return rows
 

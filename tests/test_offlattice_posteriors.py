@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import scipy.stats
 from known_posteriors import Killed, assert_same
 
 from benchmarks import offlattice_posteriors as page
@@ -147,6 +148,9 @@ def test_drifts_have_signs() -> None:
 
     rows = drifts(theirs, Chains(), None)  # type: ignore[arg-type]
     assert [row["same sign"] for row in rows] == ["yes", "no", "no", "no", "no"]
+    drift, error = np.array(theirs.last) - np.array(theirs.early), np.array(theirs.last_error)
+    chances = 100 * scipy.stats.norm.cdf(np.abs(drift) / error)  # all chains here end alike
+    np.testing.assert_allclose([row["its chance, %"] for row in rows], chances)
 
 
 def test_real_tables_are_those_of_the_masks(real_data: Path, tmp_path: Path) -> None:
