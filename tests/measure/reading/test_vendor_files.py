@@ -10,6 +10,7 @@ import pytest
 import tifffile
 
 from yeastfit import InputError
+from yeastfit.errors import PixelSizeError
 from yeastfit.measure.reading.images import read_image, read_micrograph
 
 STACK = np.arange(3 * 2 * 20 * 30, dtype=np.uint16).reshape(3, 2, 20, 30)
@@ -34,10 +35,16 @@ def czi(_: Path) -> Opened:
     return Opened(shape=values.shape, axes="STZYX0", asarray=lambda: values, metadata=lambda: XML)
 
 
-def nd2(_: Path) -> Opened:
-    sizes = {"T": 3, "Z": 2, "Y": 20, "X": 30}
+def nd2(_: Path, calibrated: bool | None = True) -> Opened:
+    """Without metadata where it is not known whether the file is calibrated; nd2 then takes 1 µm for a pixel."""
+    volume = SimpleNamespace(axesCalibrated=(calibrated, calibrated, False))
+    side = 0.65 if calibrated else 1.0
     return Opened(
-        shape=STACK.shape, sizes=sizes, asarray=lambda: STACK, voxel_size=lambda: SimpleNamespace(x=0.65, y=0.65, z=1)
+        shape=STACK.shape,
+        sizes={"T": 3, "Z": 2, "Y": 20, "X": 30},
+        asarray=lambda: STACK,
+        metadata=None if calibrated is None else SimpleNamespace(channels=[SimpleNamespace(volume=volume)]),
+        voxel_size=lambda: SimpleNamespace(x=side, y=side, z=1),
     )
 
 
@@ -69,6 +76,18 @@ def test_a_frame_and_its_pixel_size(suffix: str, tmp_path: Path, monkeypatch: py
     monkeypatch.setitem(sys.modules, module, None)
     with pytest.raises(InputError, match=r"is not installed: pip install 'yeastfit\[microscopes\]'"):
         read_image(path)
+
+
+@pytest.mark.parametrize("calibrated", [False, None])
+def test_nd2_without_calibration_states_no_size(
+    calibrated: bool | None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "colony.nd2"
+    path.write_bytes(FILES["nd2"][0])
+    monkeypatch.setitem(sys.modules, "nd2", SimpleNamespace(ND2File=lambda path: nd2(path, calibrated)))
+    with pytest.raises(PixelSizeError, match=r"colony\.nd2: no pixel size in the file, pass pixel_size"):
+        read_micrograph(path, frame=1)
+    assert read_micrograph(path, 0.65, frame=1).pixel_size_source == "given by the user"
 
 
 def test_a_frame_of_a_tiff(tmp_path: Path) -> None:

@@ -93,8 +93,11 @@ def _read_nd2(path: Path) -> Stack:
 
     with nd2.ND2File(path) as file:
         _check_room(path, file.shape)
+        channels = getattr(file.metadata, "channels", None) or []
+        calibrated = bool(channels) and all(channels[0].volume.axesCalibrated[:2])  # else nd2 says 1 µm
         voxel = file.voxel_size()
-        return np.asarray(file.asarray()), "".join(file.sizes), [PixelSize("ND2 voxel size", voxel.x, voxel.y)]
+        sizes = [PixelSize("ND2 voxel size", voxel.x, voxel.y)] if calibrated else []
+        return np.asarray(file.asarray()), "".join(file.sizes), sizes
 
 
 def _read_lif(path: Path) -> Stack:
