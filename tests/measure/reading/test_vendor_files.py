@@ -97,3 +97,11 @@ def test_a_frame_of_a_tiff(tmp_path: Path) -> None:
         read_image(tmp_path / "stack.tif")
     with pytest.raises(InputError, match="frame is 4, the file holds 3: need 1 to 3"):
         read_image(tmp_path / "stack.tif", frame=4)
+
+
+def test_frames_of_an_ome_tiff(tmp_path: Path) -> None:
+    tifffile.imwrite(tmp_path / "a.ome.tif", STACK[:, 0], metadata={"axes": "TYX", "PhysicalSizeX": 0.65})
+    for frame in (1, 2, 3):
+        read = read_micrograph(tmp_path / "a.ome.tif", frame=frame)
+        np.testing.assert_array_equal(read.pixels, STACK[frame - 1, 0])
+        assert read.pixel_size == 0.65

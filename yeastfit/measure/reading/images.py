@@ -254,7 +254,7 @@ def _read_tiff(path: Path, file: BinaryIO, frame: int | None, palette: bool) -> 
                 "read: save the one that is needed as a file of its own"
             )
         if frame is not None:
-            page, pages = tif.pages[check_frame(frame, len(tif.pages), path)], 1
+            page, pages = tif.pages.get(check_frame(frame, len(tif.pages), path)), 1  # by [index] OME's lack tags
         _check_size(path, page.imagewidth, page.imagelength, pages)
         ends = [start + count for start, count in zip(page.dataoffsets, page.databytecounts, strict=True)]
         if max(ends) > (held := path.stat().st_size):
