@@ -15,7 +15,7 @@ from PIL import Image
 from scipy import ndimage
 from skimage.measure import perimeter as chain_perimeter
 
-from yeastfit.errors import InputError
+from yeastfit.errors import InputError, PixelSizeError
 from yeastfit.measure.outlining.segmentation import outline, segment
 from yeastfit.measure.reading.images import MAX_PIXELS, read_image, read_micrograph
 
@@ -251,6 +251,30 @@ def test_ome_physical_size(tmp_path, size, unit):
     micrograph = read_micrograph(tmp_path / "a.ome.tif")
     assert micrograph.pixel_size == pytest.approx(0.75)
     assert micrograph.pixel_size_source == "OME PhysicalSizeX"
+
+
+def test_ome_physical_size_is_that_of_the_image(tmp_path):
+    path = tmp_path / "a.ome.tif"
+    with tifffile.TiffWriter(path, ome=True) as tif:
+        for size in ({"PhysicalSizeX": 1.6}, {"PhysicalSizeX": 0.4}, {}):
+            tif.write(np.stack([GREY] * 2), metadata={"axes": "TYX", **size})
+    for frame, expected in ((1, 1.6), (2, 1.6), (3, 0.4), (4, 0.4)):
+        assert read_micrograph(path, frame=frame).pixel_size == expected
+    with pytest.raises(PixelSizeError, match="no pixel size in the file, pass pixel_size"):
+        read_micrograph(path, frame=5)
+
+
+def test_ome_physical_sizes_of_images_that_are_not_all_found_are_not_taken(tmp_path):
+    images = "".join(
+        f'<Image ID="Image:{k}"><Pixels ID="Pixels:{k}" DimensionOrder="XYCZT" Type="uint8" SizeX="30" SizeY="20" '
+        f'SizeC="1" SizeZ="1" SizeT="1" PhysicalSizeX="{size}">{place}</Pixels></Image>'
+        for k, (size, place) in enumerate(((1.6, ""), (0.4, '<TiffData IFD="0"/>')))
+    )
+    xml = f'<OME xmlns="http://www.openmicroscopy.org/Schemas/OME/2016-06">{images}</OME>'
+    tifffile.imwrite(tmp_path / "a.ome.tif", GREY, description=xml, metadata=None)
+    with pytest.raises(PixelSizeError, match="no pixel size in the file, pass pixel_size"):
+        read_micrograph(tmp_path / "a.ome.tif")
+    assert read_micrograph(tmp_path / "a.ome.tif", 0.4).pixel_size == 0.4
 
 
 @pytest.mark.parametrize(

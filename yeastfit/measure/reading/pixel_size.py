@@ -1,6 +1,7 @@
 """Find the size of a pixel in the metadata of an image file, in µm along x and y."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from itertools import compress
 from typing import Any, NamedTuple
 from xml.etree import ElementTree
 
@@ -78,7 +79,7 @@ def _trusted(found: Iterable[tuple[bool, PixelSize]]) -> Stated:
 
 def _of_tiff(tif: Any, page: Any) -> Iterator[tuple[bool, PixelSize]]:
     tags = {tag.code: tag.value for tag in page.tags}
-    yield from ((False, size) for size in _ome_size(tif.ome_metadata or ""))
+    yield from ((False, size) for size in _ome_size(tif, page))
     density = [_ratio(tags.get(code)) for code in (282, 283)]
     unit = str((tif.imagej_metadata or {}).get("unit", "")).strip()
     if unit in MICROMETRES and unit not in ("inch", "in") and all(density):
@@ -91,16 +92,29 @@ def _of_tiff(tif: Any, page: Any) -> Iterator[tuple[bool, PixelSize]]:
         yield True, PixelSize(f"TIFF resolution per {per[0]}", *(per[1] / each for each in density))
 
 
-def _ome_size(xml: str) -> Iterator[PixelSize]:
+def _ome_size(tif: Any, page: Any) -> Iterator[PixelSize]:
+    """That of the image which holds the page; none where images differ and it is not known which that is."""
+    xml = tif.ome_metadata
     try:
         elements = list(ElementTree.fromstring(xml).iter()) if xml else []
     except ElementTree.ParseError:
         return
-    pixels = next((element.attrib for element in elements if element.tag.endswith("Pixels")), {})
+    sizes = [_of_pixels(element.attrib) for element in elements if element.tag.endswith("Pixels")]
+    if len(set(sizes)) > 1:
+        images = [series for series in tif.series if series.kind == "ome"]
+        holds = [any(it is not None and it.parent is tif and it.index == page.index for it in each) for each in images]
+        sizes = list(compress(sizes, holds)) if len(images) == len(sizes) else []
+    if len(set(sizes)) == 1 and (size := sizes[0]) is not None:
+        yield size
+
+
+def _of_pixels(pixels: Mapping[str, str]) -> PixelSize | None:
+    """What OME's element Pixels states by its attributes."""
     x, y = (_number(pixels.get(f"PhysicalSize{axis}")) for axis in "XY")
     unit_x, unit_y = (MICROMETRES.get(pixels.get(f"PhysicalSize{axis}Unit", "µm")) for axis in "XY")
-    if x and unit_x:
-        yield PixelSize("OME PhysicalSizeX", x * unit_x, y * (unit_y or unit_x) if y else x * unit_x)
+    if not x or not unit_x:
+        return None
+    return PixelSize("OME PhysicalSizeX", x * unit_x, y * (unit_y or unit_x) if y else x * unit_x)
 
 
 def _of_pillow(image: Any) -> Iterator[tuple[bool, PixelSize]]:
