@@ -8,6 +8,7 @@ from contextlib import suppress
 from functools import cache
 from typing import NamedTuple
 
+import imagecodecs
 import numpy as np
 import pytest
 import tifffile
@@ -84,6 +85,26 @@ def test_colour_modes(tmp_path, suffix, mode):
     np.testing.assert_array_equal(read_image(path), values)
 
 
+@pytest.mark.parametrize("channels", [1, 2, 3, 4])
+def test_png_of_16_bits_keeps_its_values(tmp_path, channels):
+    values = GREY.astype(np.uint16) * 257 + 3
+    opaque = [np.full_like(values, 65_535)] * (channels in (2, 4))
+    data = np.dstack([values] * (channels - len(opaque)) + opaque)
+    (tmp_path / "a.png").write_bytes(imagecodecs.png_encode(data))
+    read = read_image(tmp_path / "a.png")
+    assert read.dtype == np.uint16
+    np.testing.assert_array_equal(read, values)
+
+
+def test_a_later_frame_of_16_bits_in_colour_is_refused(tmp_path):
+    data = imagecodecs.apng_encode(np.stack([np.dstack([GREY.astype(np.uint16)] * 3)] * 2))
+    (tmp_path / "a.png").write_bytes(data)
+    np.testing.assert_array_equal(read_image(tmp_path / "a.png", 1), GREY)
+    with pytest.raises(InputError) as caught:
+        read_image(tmp_path / "a.png", 2)
+    one_line(caught, "a.png", "frame is 2", "16 bits", "need 1")
+
+
 def test_colours_become_luminance(tmp_path):
     colours = np.zeros((20, 30, 3), dtype=np.uint8)
     colours[..., 1] = 100
@@ -154,6 +175,23 @@ def test_without_imagecodecs_pillow_decodes(tmp_path):
     run = subprocess.run([sys.executable, "-c", program, *paths], capture_output=True, text=True, check=False)
     assert run.returncode == 0, run.stderr
     assert run.stdout.split() == str([int(white.sum()) * 255] * 4).split()
+
+
+def test_without_imagecodecs_colours_of_16_bits_are_refused(tmp_path, monkeypatch):
+    """Pillow would cut them to 8 bits."""
+    colours = np.dstack([GREY.astype(np.uint16) * 257] * 3)
+    (tmp_path / "a.png").write_bytes(imagecodecs.png_encode(colours))
+    tifffile.imwrite(tmp_path / "a.tif", colours, photometric="rgb", compression="lzw")
+    monkeypatch.setitem(sys.modules, "imagecodecs", None)
+    monkeypatch.setattr(tifffile.TiffPage, "asarray", no_codec)
+    for name in ("a.png", "a.tif"):
+        with pytest.raises(InputError) as caught:
+            read_image(tmp_path / name)
+        one_line(caught, name, "16 bits", "pip install imagecodecs")
+
+
+def no_codec(*_, **__):
+    raise ValueError("<COMPRESSION.LZW: 5> requires the 'imagecodecs' package")
 
 
 # -------------------------------------------------------------------------------------------------------- broken files

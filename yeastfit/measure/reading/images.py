@@ -1,7 +1,8 @@
 """Read grey values and the size of a pixel from image files; nothing else imports image readers.
 
 Readers are imported inside functions: TIFF needs `tifffile`, with `imagecodecs` for compressed files (Pillow stands in
-where it is missing), PNG and JPEG need `PIL`. A pixel size is never assumed: `read_micrograph` lists what counts.
+where it is missing), PNG and JPEG need `PIL`, PNG of 16 bits in colour `imagecodecs`, too. A pixel size is never
+assumed: `read_micrograph` lists what counts.
 """
 
 import logging
@@ -314,6 +315,9 @@ def _read_pillow(path: Path, file: BinaryIO, frame: int | None, palette: bool) -
             frames = 1
         _check_size(path, *image.size, frames)
         sizes, remark = pillow_sizes(image)
+        if image.mode in ("RGB", "RGBA", "LA") and ";16" in str(image.tile):  # of which Pillow keeps 8 bits
+            file.seek(0)
+            return ImageContents(_to_grey(_deep_png(path, file, frame), path), sizes, remark)
         if image.mode == "P" and palette:
             converted = image.convert("RGBA")
         elif image.mode in ("1", "L", "LA", "P", "RGB", "RGBA", "F") or image.mode.startswith("I"):
@@ -321,3 +325,14 @@ def _read_pillow(path: Path, file: BinaryIO, frame: int | None, palette: bool) -
         else:
             raise InputError(f"{path}: colour mode {image.mode}, need greyscale, palette, RGB or RGBA")
         return ImageContents(_to_grey(np.asarray(converted), path), sizes, remark)
+
+
+def _deep_png(path: Path, file: BinaryIO, frame: int | None) -> npt.NDArray[Any]:
+    """Values of a PNG with several channels of 16 bits."""
+    if frame not in (None, 1):
+        raise InputError(f"{path}: frame is {frame}, of PNG with channels of 16 bits need 1: save it as TIFF")
+    try:
+        import imagecodecs
+    except ImportError as error:
+        raise InputError(f"{path}: has channels of 16 bits, which need imagecodecs: pip install imagecodecs") from error
+    return np.asarray(imagecodecs.png_decode(file.read()))
