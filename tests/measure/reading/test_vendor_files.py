@@ -1,6 +1,7 @@
 """Files of microscopes. Nothing writes CZI, ND2 or LIF files: objects as the libraries have them stand in for these."""
 
 import sys
+import warnings
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -18,6 +19,7 @@ XML = (
     "<ImageDocument><Metadata><Scaling><Items><Distance Id='X'><Value>6.5e-07</Value></Distance>"
     "<Distance Id='Y'><Value>6.5e-07</Value></Distance></Items></Scaling></Metadata></ImageDocument>"
 )
+DECODERS = SimpleNamespace(DECOMPRESS={0: None, 4: None})  # of czifile's, by compression
 
 
 class Opened(SimpleNamespace):
@@ -30,9 +32,28 @@ class Opened(SimpleNamespace):
         pass
 
 
-def czi(_: Path) -> Opened:
+def czi(_: Path, compression: int = 0, fault: str = "", covered: slice = slice(None)) -> Opened:
+    """As czifile reads it: several workers hide errors, and what no tile covers is left as it was in memory."""
     values = STACK[None, ..., None]
-    return Opened(shape=values.shape, axes="STZYX0", asarray=lambda: values, metadata=lambda: XML)
+
+    def asarray(out: np.ndarray | None = None, max_workers: int = 4) -> np.ndarray:
+        out = np.full_like(values, 777) if out is None else out
+        if fault == "damaged" and max_workers == 1:
+            raise ValueError("failed to read 1200 bytes, got 300")
+        if fault == "shifted":
+            warnings.warn("could not broadcast input array", stacklevel=1)
+        out[..., covered, :] = values[..., covered, :]
+        return out
+
+    tiles = [SimpleNamespace(compression=0), SimpleNamespace(compression=compression)]
+    return Opened(
+        shape=values.shape,
+        dtype=values.dtype,
+        axes="STZYX0",
+        asarray=asarray,
+        metadata=lambda: XML,
+        filtered_subblock_directory=tiles,
+    )
 
 
 def nd2(_: Path, calibrated: bool | None = True) -> Opened:
@@ -65,7 +86,7 @@ def test_a_frame_and_its_pixel_size(suffix: str, tmp_path: Path, monkeypatch: py
     start, module, name, opened = FILES[suffix]
     path = tmp_path / f"colony.{suffix}"
     path.write_bytes(start)
-    monkeypatch.setitem(sys.modules, module, SimpleNamespace(**{name: opened}))
+    monkeypatch.setitem(sys.modules, module, SimpleNamespace(**{name: opened}, czifile=DECODERS))
     found = read_micrograph(path, frame=4)
     np.testing.assert_array_equal(found.pixels, STACK[1, 1])
     assert found.pixel_size == pytest.approx(0.65)
@@ -76,6 +97,38 @@ def test_a_frame_and_its_pixel_size(suffix: str, tmp_path: Path, monkeypatch: py
     monkeypatch.setitem(sys.modules, module, None)
     with pytest.raises(InputError, match=r"is not installed: pip install 'yeastfit\[microscopes\]'"):
         read_image(path)
+
+
+@pytest.mark.filterwarnings("default:could not broadcast")
+@pytest.mark.parametrize(
+    ("file", "words"),
+    [
+        ({"compression": 5}, r"has tiles of compression 5 \(.*Zstd\), .* need 0, 4: export it as TIFF"),
+        ({"fault": "damaged"}, r"cannot be read \(failed to read 1200 bytes"),
+        ({"fault": "shifted"}, r"cannot be read \(could not broadcast"),
+    ],
+)
+def test_czi_tiles_that_cannot_be_read_are_refused(
+    file: dict[str, Any], words: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = with_czi(tmp_path, monkeypatch, **file)
+    with pytest.raises(InputError, match=rf"colony\.czi: {words}"):
+        read_image(path, frame=1)
+
+
+def test_a_czi_is_black_between_tiles(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    read = read_image(with_czi(tmp_path, monkeypatch, covered=slice(12)), frame=2)
+    np.testing.assert_array_equal(read[:, :12], STACK[0, 1, :, :12])
+    assert not read[:, 12:].any()
+
+
+def with_czi(folder: Path, monkeypatch: pytest.MonkeyPatch, **file: Any) -> Path:
+    """A file that a stand-in for czifile opens as `czi`."""
+    path = folder / "colony.czi"
+    path.write_bytes(FILES["czi"][0])
+    module = SimpleNamespace(CziFile=lambda path: czi(path, **file), czifile=DECODERS)
+    monkeypatch.setitem(sys.modules, "czifile", module)
+    return path
 
 
 @pytest.mark.parametrize("calibrated", [False, None])

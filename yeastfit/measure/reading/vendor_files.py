@@ -10,6 +10,7 @@ from collections.abc import Callable, Sequence
 from math import prod
 from pathlib import Path
 from typing import Any
+from warnings import catch_warnings, simplefilter
 
 import numpy as np
 import numpy.typing as npt
@@ -77,15 +78,25 @@ def _read_czi(path: Path) -> Stack:
 
     with czifile.CziFile(path) as file:
         _check_room(path, file.shape)
-        values, axes = np.asarray(file.asarray()), str(file.axes).replace("S", "P").replace("0", "S")  # scenes, colours
+        known = czifile.czifile.DECOMPRESS
+        if unread := {tile.compression for tile in file.filtered_subblock_directory} - known.keys():
+            raise InputError(
+                f"{path}: has tiles of compression {min(unread)} (5 and 6 are Zstd), which czifile does not read, "
+                f"need {', '.join(map(str, sorted(known)))}: export it as TIFF"
+            )
+        with catch_warnings():
+            simplefilter("error", UserWarning)  # of tiles that do not fit
+            between = np.zeros(file.shape, file.dtype)  # black where no tile is, not what happens to be in memory
+            values = np.asarray(file.asarray(out=between, max_workers=1))  # several workers hide what goes wrong
+        axes = str(file.axes).replace("S", "P").replace("0", "S")  # scenes, colours
         document = file.metadata()
     metres = {
         item.get("Id"): float(found.text or "nan")
         for item in ElementTree.fromstring(document).iter("Distance")
         if (found := item.find("Value")) is not None
     }
-    known = {"X", "Y"} <= metres.keys()
-    return values, axes, [PixelSize("CZI Scaling", metres["X"] * MICRO, metres["Y"] * MICRO)] if known else []
+    stated = {"X", "Y"} <= metres.keys()
+    return values, axes, [PixelSize("CZI Scaling", metres["X"] * MICRO, metres["Y"] * MICRO)] if stated else []
 
 
 def _read_nd2(path: Path) -> Stack:
