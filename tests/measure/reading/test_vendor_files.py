@@ -158,3 +158,25 @@ def test_frames_of_an_ome_tiff(tmp_path: Path) -> None:
         read = read_micrograph(tmp_path / "a.ome.tif", frame=frame)
         np.testing.assert_array_equal(read.pixels, STACK[frame - 1, 0])
         assert read.pixel_size == 0.65
+
+
+OME = (
+    '<OME xmlns="http://www.openmicroscopy.org/Schemas/OME/2016-06" UUID="urn:uuid:{}"><Image ID="Image:0">'
+    '<Pixels ID="Pixels:0" DimensionOrder="XYCZT" Type="uint16" SizeX="30" SizeY="20" SizeC="1" SizeZ="1" SizeT="3" '
+    'PhysicalSizeX="0.65">{}</Pixels></Image></OME>'
+)
+PART = '<TiffData FirstT="{0}" IFD="0" PlaneCount="1"><UUID FileName="t{0}.ome.tif">urn:uuid:{0}</UUID></TiffData>'
+
+
+@pytest.mark.parametrize("alone", [False, True])
+def test_a_file_of_a_set_of_ome_tiffs(alone: bool, tmp_path: Path) -> None:
+    """Every file lists the images of all three, and holds one, whether the others are there or not."""
+    for k in [1] if alone else [0, 1, 2]:
+        xml = OME.format(k, "".join(PART.format(other) for other in range(3)))
+        tifffile.imwrite(tmp_path / f"t{k}.ome.tif", STACK[k, 0], description=xml, metadata=None)
+    for frame in (None, 1):
+        read = read_micrograph(tmp_path / "t1.ome.tif", frame=frame)
+        np.testing.assert_array_equal(read.pixels, STACK[1, 0])
+        assert read.pixel_size == 0.65
+    with pytest.raises(InputError, match="frame is 2, the file holds 1: need 1 to 1"):
+        read_image(tmp_path / "t1.ome.tif", frame=2)

@@ -8,7 +8,7 @@ assumed: `read_micrograph` lists what counts.
 import logging
 from collections.abc import Callable
 from dataclasses import dataclass
-from math import sqrt
+from math import prod, sqrt
 from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple
 from warnings import catch_warnings, simplefilter
@@ -245,15 +245,17 @@ def _read_tiff(path: Path, file: BinaryIO, frame: int | None, palette: bool) -> 
     with tifffile.TiffFile(file) as tif:
         page: Any = tif.pages.first
         pages = len(tif.pages)
-        if (tif.is_ome or tif.is_imagej) and tif.series:
-            shape = dict(zip(tif.series[0].axes, tif.series[0].shape, strict=True))
-            planes = [count for axis, count in shape.items() if axis not in "YXS"]
-            pages = max(pages if tif.is_imagej else len(tif.series), int(np.prod(planes)))
-        if pages > len(tif.pages):  # ImageJ writes one entry for a stack beyond 4 GB
-            raise InputError(
-                f"{path}: holds {pages} images behind one entry of its directory, of which the first alone can be "
-                "read: save the one that is needed as a file of its own"
-            )
+        if tif.is_imagej and tif.series:
+            shape = zip(tif.series[0].axes, tif.series[0].shape, strict=True)
+            planes = prod(count for axis, count in shape if axis not in "YXS")
+            if planes > pages:  # ImageJ writes one entry for a stack beyond 4 GB
+                raise InputError(
+                    f"{path}: holds {planes} images behind one entry of its directory, of which the first alone can be "
+                    "read: save the one that is needed as a file of its own"
+                )
+        elif tif.is_ome:  # whose images may lie in other files
+            here = {it.index for series in tif.series for it in series if it is not None and it.parent is tif}
+            pages = len(here) or pages
         if frame is not None:
             page, pages = tif.pages.get(check_frame(frame, len(tif.pages), path)), 1  # by [index] OME's lack tags
         _check_size(path, page.imagewidth, page.imagelength, pages)
