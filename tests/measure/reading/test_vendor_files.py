@@ -143,6 +143,21 @@ def test_nd2_without_calibration_states_no_size(
     assert read_micrograph(path, 0.65, frame=1).pixel_size_source == "given by the user"
 
 
+@pytest.mark.parametrize(
+    ("shape", "words"),
+    [((10_000, 10_001), "10001 x 10000 pixels, need at most 100 million"), ((1, 600), "600 x 1 .* at most 32 times")],
+)
+def test_images_of_any_maker_are_as_large_as_others_at_most(
+    shape: tuple[int, int], words: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "colony.lif"
+    path.write_bytes(FILES["lif"][0])
+    large = Opened(shape=shape, dims=("Y", "X"), coords={}, asarray=lambda: np.broadcast_to(np.uint8(7), shape))
+    monkeypatch.setitem(sys.modules, "liffile", SimpleNamespace(LifFile=lambda path: Opened(images=[large])))
+    with pytest.raises(InputError, match=rf"colony\.lif: {words}"):
+        read_image(path)
+
+
 def test_a_frame_of_a_tiff(tmp_path: Path) -> None:
     tifffile.imwrite(tmp_path / "stack.tif", STACK[:, 0], photometric="minisblack")
     np.testing.assert_array_equal(read_image(tmp_path / "stack.tif", frame=3), STACK[2, 0])

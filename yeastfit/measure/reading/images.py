@@ -156,6 +156,7 @@ def _read(path: Path, frame: int | None = None, palette: bool = True) -> ImageCo
             file.seek(0)
             if (vendor := vendor_of(start)) is not None:
                 values, sizes = read_vendor(path, vendor, frame)
+                _check_size(path, values.shape[1], values.shape[0], 1)
                 pixels, remark = _to_grey(values, path), ""
             else:
                 pixels, sizes, remark = _reader(path, start)(path, file, frame, palette)
