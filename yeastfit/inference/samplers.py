@@ -78,8 +78,9 @@ def infer(
             they are, and keeps rare ones far from all others from widening it.
         seed: Same seed, same posterior.
         store: Where simulations are kept: a path, or an open `Store`. A run that was stopped is resumed by repeating it
-            with the same store. By default they are kept in memory. A file of another simulator is refused, as far as
-            simulators say what decides over a simulation: one of your own by an attribute `about`, any text.
+            with the same store. By default they are kept in memory. A file of another simulator is refused, and so is
+            an open store that another one has used, as far as simulators say what decides over a simulation: one of
+            your own by an attribute `about`, any text.
         progress: Called with what is being done and the share that is done.
         **settings: Of the method, where it is given by name.
 

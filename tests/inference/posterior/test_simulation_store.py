@@ -6,6 +6,7 @@ import shutil
 import subprocess
 import sys
 import textwrap
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -320,6 +321,32 @@ def test_simulations_of_another_simulator_are_refused(tmp_path: Path) -> None:
     for other, told in ((Shifted(0.25), "shift 0.5, not shift 0.25"), (Told(0.5), "they are of shift 0.5, not told")):
         with pytest.raises(InputError, match=f"s.h5 holds other simulations: .*{told}"):
             opened_store(path, other)
+
+
+@pytest.mark.parametrize("about", [None, "", "shift 0.5", "colonies of 3 h"])
+def test_an_open_store_is_one_simulators(tmp_path: Path, about: str | None) -> None:
+    """Whatever its file says; and whatever wraps the simulator."""
+    kept: AbstractContextManager[Simulations] = nullcontext(Simulations("a", "s"))
+    if about is not None:
+        kept = Store(tmp_path / "s.h5", "a", "s", about)
+    with kept as store:
+        for same in (Shifted(0.5), Replicates(Shifted(0.5), 3)):
+            assert CachedSimulator(same, 4, store)(np.ones((1, 1)), np.ones(1, np.uint64)) == 1.5
+            assert opened_store(store, same).__enter__() is store
+        told = r"store holds other simulations: they are of shift 0\.5, not shift 0\.25; take another store"
+        with pytest.raises(InputError, match=told):
+            CachedSimulator(Shifted(0.25), 4, store)
+        with pytest.raises(InputError, match=told):
+            opened_store(store, Shifted(0.25))
+
+
+def test_a_file_says_of_what_it_is_after_it_has_grown(tmp_path: Path) -> None:
+    path = tmp_path / "simulations.h5"
+    Store(path, FREE, LABELS, "colonies of 3 h").close()
+    with Store(path, FREE, LABELS) as store:
+        store.append(*rows(ROOM + 1))
+    with pytest.raises(InputError, match="they are of colonies of 3 h, not colonies of 9 h"):
+        Store(path, FREE, LABELS, "colonies of 9 h")
 
 
 def test_colonies_of_other_rules_values_or_grids_are_others() -> None:

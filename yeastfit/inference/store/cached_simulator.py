@@ -24,14 +24,13 @@ class CachedSimulator:
         """Wrap a simulator; without a store, results are kept in memory.
 
         Raises:
-            InputError: `batch` is below 1, or the store holds other parameters or statistics.
+            InputError: `batch` is below 1, or the store holds other simulations.
         """
         if batch < 1:
             raise InputError(f"batch is {batch}, it must be at least 1")
         names, labels = simulator.parameters.names, labels_of(simulator)
         self.store = store if store is not None else Simulations(names, labels)
-        if (self.store.free, self.store.labels) != (names, labels):
-            raise InputError(f"store holds {self.store.free}, {self.store.labels}, the simulator {names}, {labels}")
+        self.store.check(simulator)
         self.simulator, self.batch = simulator, batch
         self.parameters, self.observables, self.labels = simulator.parameters, simulator.observables, labels
         self.asked = self.fresh = 0

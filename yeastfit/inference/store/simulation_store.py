@@ -33,7 +33,7 @@ import numpy as np
 
 from yeastfit.errors import InputError
 from yeastfit.inference.simulator import Simulator, about_of, labels_of
-from yeastfit.inference.store.simulations import Seeds, Simulations, Statistics, Values, checks
+from yeastfit.inference.store.simulations import Seeds, Simulations, Statistics, Values, apart, checks
 from yeastfit.kinds import check_kind
 from yeastfit.storage import as_json, from_json, full_disks_told, hdf5_written_whole
 
@@ -49,7 +49,7 @@ class Store(Simulations):
     """Simulations in a file, which is created where there is none. A context manager; one process at a time.
 
     Attributes:
-        about: What was simulated, in any words; a file about something else is refused. Nothing is said by "".
+        about: What was simulated, in any words; a file about something else is refused. By "" what the file says.
     """
 
     def __init__(self, path: str | Path, free: Sequence[str], labels: Sequence[str], about: str = "") -> None:
@@ -134,10 +134,10 @@ class Store(Simulations):
         try:
             head = from_json(self._file.attrs["head"])
             said = {key: one for key, one in self._head.items() if key != "about" or (one and head[key])}
-            different = [f"{CALLED[key]} {_apart(head[key], one)}" for key, one in said.items() if head[key] != one]
+            different = [f"{CALLED[key]} {apart(head[key], one)}" for key, one in said.items() if head[key] != one]
             if different:
                 raise InputError(f"{self.path} holds other simulations: {'; '.join(different)}")
-            rows = self._file[DATASET][...]
+            rows, self.about = self._file[DATASET][...], self.about or head["about"]
         except InputError:
             self.close()
             raise
@@ -156,12 +156,17 @@ class Store(Simulations):
 
 
 def opened_store(store: Simulations | str | Path | None, simulator: Simulator) -> AbstractContextManager[Simulations]:
-    """A store for a simulator: an open one as it is, one at a path, or one in memory where there is None."""
+    """A store for a simulator: an open one as it is, one at a path, or one in memory where there is None.
+
+    Raises:
+        InputError: It is of another simulator, or is no store.
+    """
     names, labels = simulator.parameters.names, labels_of(simulator)
     if isinstance(store, str | Path):
         return Store(store, names, labels, about_of(simulator))
     if store is not None:
         check_kind("store", store, Simulations, "a path, or an open yeastfit.Store")
+        store.check(simulator)
     return nullcontext(Simulations(names, labels) if store is None else store)
 
 
@@ -177,16 +182,6 @@ def _opened(path: Path) -> h5py.File:
 def _check(start: int, end: int, bookkeeping: bytes) -> int:
     """CRC-32 of the lengths and of all but the flags that HDF5 changes while the file is open."""
     return zlib.crc32(struct.pack("<Q Q", start, end) + bookkeeping[: FLAGS.start] + bookkeeping[FLAGS.stop :])
-
-
-def _apart(there: Any, here: Any) -> str:
-    """What is there and is not what is here: of lists in words the parts that differ."""
-    if isinstance(here, list):
-        return f"{', '.join(map(str, there))}, not {', '.join(here)}"
-    parts = str(there).split(", "), str(here).split(", ")
-    if len(parts[0]) != len(parts[1]):
-        return f"{there}, not {here}"
-    return ", ".join(f"{one}, not {other}" for one, other in zip(*parts, strict=True) if one != other)
 
 
 def _fill_up(path: Path) -> bool:

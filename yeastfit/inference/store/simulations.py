@@ -3,12 +3,13 @@
 import hashlib
 import zlib
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float, Shaped
 
 from yeastfit.errors import InputError
-from yeastfit.inference.simulator import row_keys
+from yeastfit.inference.simulator import Simulator, about_of, labels_of, row_keys
 
 ROOM = 1024  # rows to begin with
 
@@ -30,10 +31,24 @@ class Simulations:
     def __init__(self, free: Sequence[str], labels: Sequence[str]) -> None:
         self.free, self.labels = tuple(free), tuple(labels)
         self.notes = list[str]()
+        self._asked_for = ""  # what the first simulator is about
         self.reused: tuple[Values, Statistics] = np.zeros((0, len(free))), np.zeros((0, len(labels)))
         parts = [("seed", "<u8"), ("values", "<f8", (len(free),)), ("statistics", "<f8", (len(labels),))]
         self._type = np.dtype([*parts, ("check", "<u4")])
         self._count, self._rows, self._row_of = 0, np.zeros(ROOM, self._type), dict[bytes, int]()
+
+    def check(self, simulator: Simulator) -> None:
+        """Check that a simulator is of these parameters and statistics, and no other one than the first that asked.
+
+        Raises:
+            InputError: It is not, as far as simulators say what decides over a simulation (`about_of`).
+        """
+        names, labels, about = simulator.parameters.names, labels_of(simulator), about_of(simulator)
+        if (self.free, self.labels) != (names, labels):
+            raise InputError(f"store holds {self.free}, {self.labels}, the simulator {names}, {labels}")
+        first = self._asked_for = self._asked_for or about
+        if about and about != first:
+            raise InputError(f"store holds other simulations: they are of {apart(first, about)}; take another store")
 
     def append(self, values: Values, seeds: Seeds, statistics: Statistics) -> None:
         """Add rows, but for those that are there already."""
@@ -91,6 +106,16 @@ class Simulations:
         self._rows = np.concatenate([rows, np.zeros(room - len(rows), self._type)])
         keys = row_keys(rows["values"], rows["seed"])
         self._row_of = {key: row for row, key in enumerate(keys)}
+
+
+def apart(there: Any, here: Any) -> str:
+    """What is there and is not what is here: of lists in words the parts that differ."""
+    if isinstance(here, list):
+        return f"{', '.join(map(str, there))}, not {', '.join(here)}"
+    parts = str(there).split(", "), str(here).split(", ")
+    if len(parts[0]) != len(parts[1]):
+        return f"{there}, not {here}"
+    return ", ".join(f"{one}, not {other}" for one, other in zip(*parts, strict=True) if one != other)
 
 
 def checks(rows: np.ndarray) -> np.ndarray:
