@@ -224,6 +224,74 @@ def test_a_file_in_use_is_said_to_be(tmp_path: Path) -> None:
     Store(path, FREE, LABELS).close()
 
 
+def test_a_file_is_held_while_it_grows(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    code = """
+        import sys
+        from yeastfit.inference.store.simulation_store import Store
+        Store(sys.argv[1], ("mobility", "aspect_ratio"), ("area", "compactness", "radius"))
+    """
+    path, write, told = tmp_path / "simulations.h5", Path.write_bytes, list[str]()
+
+    def slow(temporary: Path, image: bytes) -> None:
+        write(temporary, image)
+        command = [sys.executable, "-c", textwrap.dedent(code), str(path)]
+        told.append(subprocess.run(command, capture_output=True, text=True).stderr)
+
+    with Store(path, FREE, LABELS) as store:
+        monkeypatch.setattr(Path, "write_bytes", slow)
+        store.append(*rows(ROOM + 1))
+    assert len(told) == 1
+    assert "simulations.h5 is in use by another process" in told[0]
+
+
+def test_a_file_that_another_process_replaced_is_not_written_to(tmp_path: Path) -> None:
+    """Nor one that was removed: rows would be gone with it."""
+    path, other = tmp_path / "simulations.h5", tmp_path / "other.h5"
+    for change in (lambda: shutil.copy(path, other) and other.replace(path), path.unlink):
+        with Store(path, FREE, LABELS) as store:
+            store.append(*rows(1))
+            change()
+            with pytest.raises(InputError, match=r"simulations\.h5: another process replaced or removed the file"):
+                store.append(*rows(2))
+
+
+def test_a_file_is_open_once_in_a_process(tmp_path: Path) -> None:
+    """By whatever name; until the store is closed, or nobody has it any more."""
+    path, link = tmp_path / "simulations.h5", tmp_path / "link.h5"
+    with Store(path, FREE, LABELS) as store:
+        link.symlink_to(path)
+        for name in (path, link, Path(os.path.relpath(path))):
+            with pytest.raises(InputError, match=f"{name} is open already: use that store, or close it"):
+                Store(name, FREE, LABELS)
+        store.append(*rows(ROOM + 1))
+    with Store(link, FREE, LABELS) as store:
+        store.append(*rows(2 * ROOM + 1))
+    with pytest.raises(InputError, match="holds other simulations") as refused:
+        Store(path, FREE, LABELS[::-1])
+    unclosed = Store(path, FREE, LABELS)
+    assert_same(unclosed.all(), rows(2 * ROOM + 1))
+    del unclosed, refused
+    with Store(path, FREE, LABELS) as store:
+        assert link.is_symlink()
+    with pytest.raises(InputError, match="the store is closed"):
+        store.append(*rows(1))
+
+
+def test_a_store_that_could_not_grow_tries_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(path: Path, image: bytes) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    path = tmp_path / "simulations.h5"
+    with Store(path, FREE, LABELS) as store:
+        with monkeypatch.context() as patch:
+            patch.setattr(Path, "write_bytes", full)
+            with pytest.raises(OSError, match="No space left on device"):
+                store.append(*rows(ROOM + 1))
+        store.append(*rows(1, ROOM + 1))
+    with Store(path, FREE, LABELS) as store:
+        assert_same(store.all(), rows(ROOM + 2))
+
+
 def test_files_that_are_something_else_are_refused(tmp_path: Path) -> None:
     path = tmp_path / "simulations.h5"
     with Store(path, FREE, LABELS, about="colonies of 3 h") as store:

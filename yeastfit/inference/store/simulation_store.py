@@ -20,13 +20,16 @@ open in 0.05 s; SQLite takes 272 bytes for a simulation instead of 212, and afte
 ("database disk image is malformed"), where this file gives back every row before them.
 """
 
+import os
 import struct
 import zlib
 from collections.abc import Sequence
 from contextlib import AbstractContextManager, nullcontext
+from io import BytesIO
 from pathlib import Path
 from types import TracebackType
 from typing import Any
+from weakref import WeakValueDictionary
 
 import h5py
 import numpy as np
@@ -35,7 +38,7 @@ from yeastfit.errors import InputError
 from yeastfit.inference.simulator import Simulator, about_of, labels_of
 from yeastfit.inference.store.simulations import Seeds, Simulations, Statistics, Values, apart, checks
 from yeastfit.kinds import check_kind
-from yeastfit.storage import as_json, from_json, full_disks_told, hdf5_written_whole
+from yeastfit.storage import as_json, from_json, full_disks_told, written_whole
 
 DATASET = "simulations"
 USER_BLOCK = 512  # bytes in front of all that is HDF5's own, the fewest that it allows
@@ -43,6 +46,8 @@ CHECK = struct.Struct("<20s Q Q I")  # name, lengths of the bookkeeping and of t
 FLAGS = slice(20, 24)  # of the bookkeeping: HDF5 file format 3.0, section II.A, version 0
 CALLED = {"free": "parameters are", "labels": "statistics are", "about": "they are of"}  # what a file says of itself
 NAME, SIGNATURE = b"yeastfit simulations", b"\x89HDF\r\n\x1a\n"
+
+_OPEN = WeakValueDictionary[Path, "Store"]()  # of this process, where HDF5 opens a file as often as it is asked to
 
 
 class Store(Simulations):
@@ -61,14 +66,19 @@ class Store(Simulations):
         super().__init__(free, labels)
         self.path, self.about = Path(path), about
         self._file: h5py.File | None = None
+        self._place = Path(os.path.realpath(path))  # the file itself, whatever links lead there
         if self.path.is_symlink() and not self.path.exists():
             raise InputError(f"{self.path}: is a link to nothing, need a file of simulations, or none")
         if self.path.exists() and not self.path.is_file():
             raise InputError(f"{self.path}: is no regular file, need a file of simulations, or none")
+        other = _OPEN.get(self._place)
+        if other is not None and other._file is not None:
+            raise InputError(f"{self.path} is open already: use that store, or close it")
         if self.path.exists():
             self._open()
         else:
             self._write_whole()
+        _OPEN[self._place] = self
 
     @full_disks_told()
     def append(self, values: Values, seeds: Seeds, statistics: Statistics) -> None:
@@ -80,11 +90,14 @@ class Store(Simulations):
             statistics: One row each.
 
         Raises:
+            InputError: The store is closed, or its file is another one by now.
             OSError: The disk is full, for instance.
         """
-        start, room = len(self), len(self._rows)
+        start, room = len(self), len(self._opened[DATASET])
+        if not (self._place.is_file() and os.path.samestat(self._place.stat(), self._which)):
+            raise InputError(f"{self.path}: another process replaced or removed the file, which one alone may use")
         super().append(values, seeds, statistics)
-        if len(self._rows) > room:
+        if len(self) > room:
             self._write_whole()
         else:
             self._opened[DATASET][start : len(self)] = self._rows[start : len(self)]
@@ -115,29 +128,40 @@ class Store(Simulations):
     def _head(self) -> dict[str, Any]:
         return {"free": list(self.free), "labels": list(self.labels), "about": self.about}
 
-    def _write_whole(self) -> None:
-        """Write all rows into a new file, which replaces the old one."""
-        self.close()
-        with hdf5_written_whole(self.path) as image:
-            with h5py.File(image, "w", libver=("earliest", "v108"), userblock_size=USER_BLOCK) as file:
-                file.attrs["head"] = as_json(self._head)
-                start = file.create_dataset(DATASET, data=self._rows).id.get_offset()
-            whole = image.getvalue()
-            image.seek(0)
-            image.write(CHECK.pack(NAME, start, len(whole), _check(start, len(whole), whole[USER_BLOCK:start])))
+    def _hold(self) -> h5py.File:
+        """Open the file, which no other process can do from now on."""
+        self._which = self._place.stat()
         self._file = _opened(self.path)
+        return self._file
+
+    def _write_whole(self) -> None:
+        """Write all rows into a new file, which replaces the old one; that is held until the new one is written.
+
+        Whoever opens the old one in between is told when he appends.
+        """
+        image = BytesIO()
+        with h5py.File(image, "w", libver=("earliest", "v108"), userblock_size=USER_BLOCK) as file:
+            file.attrs["head"] = as_json(self._head)
+            start = file.create_dataset(DATASET, data=self._rows).id.get_offset()
+        whole = image.getvalue()
+        image.seek(0)
+        image.write(CHECK.pack(NAME, start, len(whole), _check(start, len(whole), whole[USER_BLOCK:start])))
+        with written_whole(self._place) as temporary:
+            temporary.write_bytes(image.getvalue())
+            self.close()
+        self._hold()
 
     def _open(self) -> None:
         """Read a file, mend it where its end is torn, and check that it is the right one."""
         shorter = _fill_up(self.path)
-        self._file = _opened(self.path)
+        file = self._hold()
         try:
-            head = from_json(self._file.attrs["head"])
+            head = from_json(file.attrs["head"])
             said = {key: one for key, one in self._head.items() if key != "about" or (one and head[key])}
             different = [f"{CALLED[key]} {apart(head[key], one)}" for key, one in said.items() if head[key] != one]
             if different:
                 raise InputError(f"{self.path} holds other simulations: {'; '.join(different)}")
-            rows, self.about = self._file[DATASET][...], self.about or head["about"]
+            rows, self.about = file[DATASET][...], self.about or head["about"]
         except InputError:
             self.close()
             raise
