@@ -150,6 +150,42 @@ def test_a_second_correction_replaces_the_first_and_no_other_file(copies: tuple[
     assert read_dataset(data).frames[1].outline == data / "corrected" / "b_2.png"
 
 
+def test_an_outline_of_several_photographs_stays_that_of_the_others(copies: tuple[Path, Path]) -> None:
+    data, results = copies
+    MeasuredFolder.of(results).corrected(1, disc(20, 88, 88))
+    name_mask(data / "manifest.csv", data / "c.png", "./corrected/b.png")
+    MeasuredFolder.of(results).corrected(1, disc(21, 88, 88))
+    _, b, c = read_dataset(data).frames
+    assert (b.outline, c.outline) == (data / "corrected" / "b_2.png", data / "corrected" / "b.png")
+    np.testing.assert_array_equal(MeasuredFolder.of(results).photographs[2].outline(), disc(20, 88, 88))
+
+
+def test_a_seed_point_in_the_outer_half_of_the_last_pixel_is_on_it(copies: tuple[Path, Path]) -> None:
+    data, results = copies
+    manifest = data / "manifest.csv"
+    first, *others = manifest.read_text(encoding="utf-8-sig").split()
+    seeds = [f"{one},{SIDE - 0.3} 88" if "b.png" in one else f"{one}," for one in others]
+    manifest.write_text("\n".join([f"{first},seed_point", *seeds, ""]), encoding="utf-8")
+    folder = MeasuredFolder.of(results)
+    with pytest.raises(InputError, match=f"b.png: the seed_point of its manifest, {SIDE - 0.3:g} 88, is not on"):
+        folder.corrected(1, disc(20, 88, 88))
+    folder.corrected(1, disc(20, SIDE - 20, 88))
+    np.testing.assert_array_equal(MeasuredFolder.of(results).photographs[1].outline(), disc(20, SIDE - 20, 88))
+
+
+def test_a_photograph_that_its_manifest_has_lost_keeps_its_outline(copies: tuple[Path, Path]) -> None:
+    data, results = copies
+    manifest, first = data / "manifest.csv", MeasuredFolder.of(results)
+    folder = first.corrected(1, disc(20, 88, 88))
+    kept = [one for one in manifest.read_text(encoding="utf-8-sig").splitlines() if "b.png" not in one]
+    manifest.write_text("\n".join([*kept, ""]), encoding="utf-8")
+    for one in (first, folder):
+        with pytest.raises(InputError, match=r"has no row of .*b\.png"):
+            one.corrected(1, disc(21, 88, 88))
+    np.testing.assert_array_equal(folder.photographs[1].outline(), disc(20, 88, 88))
+    assert [one.name for one in (data / "corrected").iterdir()] == ["b.png"]
+
+
 def test_what_cannot_be_saved_changes_nothing(copies: tuple[Path, Path]) -> None:
     data, results = copies
     manifest = data / "manifest.csv"

@@ -15,7 +15,7 @@ from yeastfit.measure.outlining.doubts import BY_HAND, DOUBTS
 from yeastfit.measure.reading.batch_inputs import InputImage, dataset_images
 from yeastfit.measure.reading.dataset import read_dataset
 from yeastfit.measure.reading.images import read_image
-from yeastfit.measure.reading.outline_files import check_outline, read_outline, write_mask
+from yeastfit.measure.reading.outline_files import check_outline, pixel_at, read_outline, write_mask
 from yeastfit.results.contents import MANIFEST, Contents, check_finished
 from yeastfit.storage import read_json, written_whole
 from yeastfit.text import short
@@ -139,8 +139,8 @@ class MeasuredFolder:
             The folder, with this outline.
 
         Raises:
-            InputError: There is no manifest, the mask is empty, or the manifest names a pixel of the colony that is
-                not on it. Nothing is changed then.
+            InputError: There is no manifest, it cannot be read or written, or has lost the photograph or names a pixel
+                of the colony that is not on the mask; or the mask is empty. Nothing is changed then.
         """
         photograph = self.photographs[number]
         if self.manifest is None:
@@ -154,13 +154,14 @@ class MeasuredFolder:
             raise InputError(f"{photograph.image.label}: the colony fills the image, need background")
         check_outline(mask, photograph.image.label)
         seed_point = photograph.image.options.seed_point
-        if seed_point is not None and not mask[round(seed_point[1]), round(seed_point[0])]:
+        if seed_point is not None and not mask[pixel_at(seed_point, mask.shape)]:
             raise InputError(
                 f"{photograph.image.label}: the seed_point of its manifest, {seed_point[0]:g} {seed_point[1]:g}, is "
                 "not on the colony: paint there, or take it out of the manifest"
             )
         folder = self.manifest.parent
-        file = _free_place(folder / CORRECTED, photograph)
+        file = _free_place(folder, photograph)
+        before = file.read_bytes() if file.is_file() else None
         with written_whole(file) as temporary:
             write_mask(temporary, mask, photograph.pixel_size)
             if not np.array_equal(read_outline(temporary, (mask.shape[0], mask.shape[1])), mask):
@@ -168,7 +169,14 @@ class MeasuredFolder:
                     f"{photograph.image.label}: the colony covers two corners of the image or more, where masks have "
                     "their background: leave corners free, or take a larger part of the photograph"
                 )
-        name_mask(self.manifest, photograph.image.path, file.relative_to(folder).as_posix())
+        try:
+            name_mask(self.manifest, photograph.image.path, file.relative_to(folder).as_posix())
+        except Exception:
+            if before is None:
+                file.unlink()
+            else:
+                file.write_bytes(before)
+            raise
         now = replace(photograph, image=replace(photograph.image, outline=file))
         return replace(self, photographs=(*self.photographs[:number], now, *self.photographs[number + 1 :]))
 
@@ -203,9 +211,12 @@ def _photographs(folder: Path, images: dict[str, InputImage]) -> list[MeasuredPh
 
 
 def _free_place(folder: Path, photograph: MeasuredPhotograph) -> Path:
-    """Where to save: over the outline that was saved for it before, else where there is no file."""
-    image = photograph.image
-    if image.outline is not None and image.outline.parent == folder and image.outline.suffix == ".png":
-        return image.outline
+    """Where to save in a data set: over the outline that was saved for it alone before, else where there is no file."""
+    image, corrected = photograph.image, folder / CORRECTED
+    own = image.outline
+    if own is not None and own.parent == corrected and own.suffix == ".png":
+        rows = [one.outline for one in read_dataset(folder).frames if one.outline is not None]
+        if sum(one.resolve() == own.resolve() for one in rows) < 2:
+            return own
     names = (f"{image.name}{f'_{k}' if k > 1 else ''}.png" for k in range(1, 10_000))
-    return next(folder / name for name in names if not (folder / name).exists())
+    return next(corrected / name for name in names if not (corrected / name).exists())

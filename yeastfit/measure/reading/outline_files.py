@@ -136,15 +136,15 @@ def object_in(
         raise _nothing_in(path)
     if seed_point is None:
         return np.asarray(labels == values[counts.argmax()])
-    row, column = _at(seed_point, labels.shape)
+    row, column = pixel_at(seed_point, labels.shape)
     value = labels[row, column]
     if value not in values:
         raise _none_there(path, seed_point, len(values))
     return np.asarray(labels == value)
 
 
-def _at(seed_point: Sequence[float], shape: tuple[int, ...]) -> tuple[int, int]:
-    """Row and column of the pixel."""
+def pixel_at(seed_point: Sequence[float], shape: tuple[int, ...]) -> tuple[int, int]:
+    """Row and column of the pixel; of a point in the outer half of the last one that pixel."""
     column, row = (round(value) for value in seed_point)
     return min(row, shape[0] - 1), min(column, shape[1] - 1)
 
@@ -185,7 +185,7 @@ def _region(path: Path, shape: tuple[int, int], seed_point: Sequence[float] | No
         filled = _filled(paths, shape)
         size = int(filled.sum())
         count += size > 0
-        if seed_point is not None and filled[_at(seed_point, shape)]:
+        if seed_point is not None and filled[pixel_at(seed_point, shape)]:
             return filled
         if size > largest:
             largest, best = size, filled
