@@ -8,8 +8,10 @@ from typing import Any
 import jax
 import numpy as np
 import pytest
+from helpers import wrong_types
 
 from yeastfit import InputError, Numerics, Parameters, Simulation, member_keys, simulate
+from yeastfit.simulation.until import Until
 
 OPEN = Numerics(domain=10.0, spacing=0.4, dt=0.05)
 ROOMY = replace(OPEN, capacity=24)
@@ -154,12 +156,20 @@ def test_a_colony_that_stays_too_small_is_said_and_saved(tmp_path: Path) -> None
         ({"breadth": 3.0}, [2.0], "until is of 'breadth', expected one of nodes, cells, "),
         ({}, [2.0], "it must be a name and its value"),
         ({"area": 3.0}, [1.0, 2.0], "give one time"),
+        ({"cells": 10**400}, [2.0], r"until: cells is 10+ \.\.\. 0+, it must be a number above 0"),
+        ({"cells": True}, [2.0], "until: cells is true, it must be a number above 0"),
     ],
-    ids=str,
+    ids=lambda one: str(one)[:40],
 )
 def test_what_cannot_be_grown_until_is_named(until: dict[str, float], times: list[float], message: str) -> None:
     with pytest.raises(InputError, match=message):
         simulate(Parameters(), member_keys(3, 1), times=times, until=until, numerics=OPEN)
+
+
+@pytest.mark.parametrize("value", [np.int64(50), np.float32(50), np.float64(50)])
+def test_numbers_of_numpy_are_numbers_to_grow_until(value: Any) -> None:
+    with wrong_types():
+        assert Until.of({"cells": value}, None).values == {"cells": 50.0}
 
 
 def test_derivatives_need_a_time() -> None:

@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from math import isfinite
 from typing import Any
 
 import jax
@@ -12,6 +11,7 @@ from jaxtyping import Float, PyTree
 from yeastfit.errors import InputError
 from yeastfit.model.colony import Colony
 from yeastfit.model.numerics import Numerics
+from yeastfit.numbers import POSITIVE
 from yeastfit.simulation.large_ensemble import member_of
 
 COUNTS = {"nodes": 0, "cells": -1}  # what is counted without being observed, and its difference from the nodes
@@ -38,10 +38,7 @@ class Until:
         """
         if not isinstance(until, Mapping) or not until:
             raise InputError(f'until is {until!r}, it must be a name and its value, as in {{"area": 24500.0}}')
-        for name, value in until.items():
-            if isinstance(value, bool) or not isinstance(value, int | float) or not (isfinite(value) and value > 0):
-                raise InputError(f"until: {name} is {value!r}, it must be a number above 0")
-        return Until({name: float(value) for name, value in until.items()}, observe)
+        return Until({name: POSITIVE.check(value, f"until: {name}") for name, value in until.items()}, observe)
 
     def passed(self, colony: Colony, found: PyTree) -> bool:
         """Whether a colony, with what was observed of it, has come so far."""

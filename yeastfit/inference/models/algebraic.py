@@ -192,7 +192,8 @@ class Algebraic(AlgebraicSettings):
         """Colonies in an ensemble, seen at regular times and at the end; named statistics as `measure` takes them."""
         chosen, numerics = self.rules.complete(Parameters(**values)), self.numerics
         until = self.until
-        return run_simulation(
+        watched = () if self.until_area is None or "area" in statistics else ("area",)
+        grown = run_simulation(
             chosen,
             member_keys(seed, members),
             times=sample_times(self.time, self.time if until is not None else self.every_row, numerics),
@@ -200,10 +201,13 @@ class Algebraic(AlgebraicSettings):
             model=self.rules,
             numerics=numerics,
             relaxation=HARD if self.hard else Relaxation(),
-            observe=self._photographed(statistics) if statistics else None,
+            observe=self._photographed([*statistics, *watched]) if statistics else None,
             scales=self.scales,
             keep=self.kept,
         )
+        if not statistics:
+            return grown
+        return replace(grown, statistics={k: one for k, one in grown.statistics.items() if k not in watched})
 
     def keeping(self, folder: Path) -> "Algebraic":
         """The same, keeping colonies that grow in segments."""
