@@ -1,6 +1,7 @@
 """Rows by workers that finish in random order, fail, die and hang are the serial rows, bit by bit and in order."""
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -15,6 +16,7 @@ from yeastfit import CachedSimulator, InputError, Prior, SimulationError, Store,
 from yeastfit.inference.simulator import Replicates, Simulator, labels_of
 from yeastfit.inference.workers import dispatch, spread, worker
 from yeastfit.inference.workers.admission import Patience
+from yeastfit.inference.workers.crew import Answer
 from yeastfit.inference.workers.dask_crew import STARTS, DaskCrew, local_crew
 from yeastfit.inference.workers.spread import Spread, Workers
 from yeastfit.inference.workers.worker import NotMade, admit, simulate
@@ -196,6 +198,35 @@ def test_no_worker_is_left() -> None:
     with pytest.raises(SimulationError, match="the scheduler at nowhere has been gone"):
         gone(values, seeds)
     assert any("trying to reach it" in line for line in said)
+
+
+@dataclass
+class Late(Scattered):
+    """Its worker computes for 300 s and dies before it is admitted; the next one comes `later` seconds after that."""
+
+    now: float = 0.0
+    later: float = 100.0
+
+    def wait(self, seconds: float) -> list[Answer]:
+        self.now += 100.0
+        if self.now == 300.0:
+            self.queues.clear()
+        self.count = int(not 300.0 <= self.now < 300.0 + self.later)
+        return super().wait(seconds) if self.now > 300.0 else []
+
+
+def test_the_next_worker_is_waited_for_from_when_the_last_one_was_there(monkeypatch: pytest.MonkeyPatch) -> None:
+    values, seeds = proposed(ROWS)
+    for later in (100.0, 400.0):
+        crew = Late(1, later=later)
+        monkeypatch.setattr(dispatch, "time", SimpleNamespace(monotonic=lambda crew=crew: crew.now))
+        found, said = by(crew, patience=Patience(alone=200.0, least=1e9))
+        if later == 100.0:
+            assert bits(found(values, seeds)) == bits(Wobble()(values, seeds))
+        else:
+            with pytest.raises(SimulationError, match="there has been no worker at nowhere for 300 s"):
+                found(values, seeds)
+        assert said[0].startswith("1 of the workers gone: w0:1")
 
 
 def test_what_is_to_be_gained_is_said_before_the_first_block() -> None:

@@ -82,7 +82,8 @@ class Dispatch:
         """
         self._blocks, self._waiting, self._accepted = blocks, list(range(len(blocks))), 0
         self._done = dict[int, dict[str, Any]]()
-        self._failures, self._alone = Counter[int](), time.monotonic()
+        self._failures = Counter[int]()
+        self._started = self._alone = time.monotonic()  # of waiting for the first workers; when one was there last
         try:
             while self._accepted < len(blocks):
                 try:
@@ -113,7 +114,7 @@ class Dispatch:
             if member.tickets and now - member.since > (self.patience.admission if member.state == "asked" else limit):
                 self._overdue(address, member, now - member.since)
         if any(one.state in ("asked", "admitted") for one in self.members.values()):
-            self._alone = now if self._begun else self._alone
+            self._alone = now
         elif now - self._alone > self.patience.alone or (self.members and set(there) <= set(self.members)):
             self._give_up(now - self._alone)
 
@@ -133,7 +134,7 @@ class Dispatch:
         workers = len(self._admitted)
         if not self._begun:
             waiting = any(one.state == "asked" for one in self.members.values())
-            if not workers or (waiting and time.monotonic() - self._alone < self.patience.start):
+            if not workers or (waiting and time.monotonic() - self._started < self.patience.start):
                 return
             self._begun = True
             self.begin([self.members[address].seconds for address in self._admitted])
@@ -277,7 +278,7 @@ class Dispatch:
                 )
             time.sleep(self.patience.retry)
         self.say(f"the scheduler at {self.crew.where} is there again")
-        self._alone = time.monotonic()
+        self._started = self._alone = time.monotonic()
 
     def _give_up(self, seconds: float) -> None:
         if self.members:
