@@ -18,10 +18,10 @@ short that most never left the neighbourhood of their starts. Compared here, set
 
 Simulations are matched in area as theirs are, to 0.975 of the mean area of the data. Priors are their beta densities. A
 published mean is reproduced where it lies within 3 √2 of its standard error, which the scatter of the chains gives; a
-drift, from the mean of the first 100 states of all chains to that of their last, has the same sign as there, or had by
-chance not: where the published drift is no larger than its error, a second run of the same chains has another sign
-every other time. The chance of the same one is that of N(published drift, sum of the squares of both errors). Seconds
-are of all sittings, by the clock and of the processors; on a machine that others use the former say little.
+drift, from the mean of the first 100 states of all chains to that of their last, has the same sign, as far as errors
+let it: beside each stands the chance that a second run of the same chains has the published sign, N(published drift,
+sum of the squares of both errors) being that run's. Seconds are of all sittings, by the clock and of the processors; on
+a machine that others use the former say little.
 
 Targets: protocol and published means within 3 √2 standard errors, acceptance rates within 3 errors of both; of an
 emulator R-hat ≤ 1.01, effective size ≥ 1000.

@@ -18,7 +18,7 @@ import numpy.typing as npt
 from jaxtyping import Float32, UInt8, UInt16
 
 from yeastfit.errors import InputError, PixelSizeError
-from yeastfit.measure.reading.pixel_size import PixelSize, given_instead, pillow_sizes, tiff_sizes
+from yeastfit.measure.reading.pixel_size import PixelSize, given_instead, pages_here, pillow_sizes, tiff_sizes
 from yeastfit.measure.reading.vendor_files import check_frame, read_vendor, vendor_of
 from yeastfit.numbers import PIXEL_SIZES
 
@@ -254,9 +254,8 @@ def _read_tiff(path: Path, file: BinaryIO, frame: int | None, palette: bool) -> 
                     f"{path}: holds {planes} images behind one entry of its directory, of which the first alone can be "
                     "read: save the one that is needed as a file of its own"
                 )
-        elif tif.is_ome:  # whose images may lie in other files
-            here = {it.index for series in tif.series for it in series if it is not None and it.parent is tif}
-            pages = len(here) or pages
+        elif tif.is_ome:
+            pages = len(set().union(*(pages_here(tif, series) for series in tif.series))) or pages
         if frame is not None:
             page, pages = tif.pages.get(check_frame(frame, len(tif.pages), path)), 1  # by [index] OME's lack tags
         _check_size(path, page.imagewidth, page.imagelength, pages)

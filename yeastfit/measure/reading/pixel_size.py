@@ -101,11 +101,15 @@ def _ome_size(tif: Any, page: Any) -> Iterator[PixelSize]:
         return
     sizes = [_of_pixels(element.attrib) for element in elements if element.tag.endswith("Pixels")]
     if len(set(sizes)) > 1:
-        images = [series for series in tif.series if series.kind == "ome"]
-        holds = [any(it is not None and it.parent is tif and it.index == page.index for it in each) for each in images]
-        sizes = list(compress(sizes, holds)) if len(images) == len(sizes) else []
+        images = [pages_here(tif, series) for series in tif.series if series.kind == "ome"]
+        sizes = list(compress(sizes, [page.index in one for one in images])) if len(images) == len(sizes) else []
     if len(set(sizes)) == 1 and (size := sizes[0]) is not None:
         yield size
+
+
+def pages_here(tif: Any, series: Any) -> set[int]:
+    """Numbers of an OME image's pages in this file; others of them may lie in other files, or be missing."""
+    return {page.index for page in series if page is not None and page.parent is tif}
 
 
 def _of_pixels(pixels: Mapping[str, str]) -> PixelSize | None:
