@@ -29,7 +29,7 @@ from benchmarks.lines import append_line, read_lines
 from benchmarks.report import Report, command
 from benchmarks.variation_models import Studied, studied
 from yeastfit.inference.neural_likelihood.emulator import Emulator
-from yeastfit.inference.neural_likelihood.mcmc import LogPosterior
+from yeastfit.inference.neural_likelihood.log_posterior import LogPosterior
 from yeastfit.inference.neural_likelihood.training import train
 from yeastfit.inference.posterior.draws import weighted_quantile
 from yeastfit.inference.posterior.problem import Problem

@@ -8,14 +8,16 @@ import numpy as np
 import pytest
 from helpers import wrong_types
 from known_likelihoods import Known, Positive, curved, fragile, linear, positive, simulations
+from scipy.special import ndtr, ndtri
 from scipy.stats import multivariate_normal
 
 from benchmarks import variation as study
 from benchmarks.variation_models import ClosedForm, Studied, closed_form_prior
 from yeastfit import InputError, Posterior, infer
 from yeastfit.inference.neural_likelihood import sequential
+from yeastfit.inference.neural_likelihood.densities import densities
 from yeastfit.inference.neural_likelihood.emulator import Emulator
-from yeastfit.inference.neural_likelihood.mcmc import LogPosterior
+from yeastfit.inference.neural_likelihood.log_posterior import LogPosterior
 from yeastfit.inference.neural_likelihood.network import TrainingSettings
 from yeastfit.inference.neural_likelihood.rounds import EmulatorDiagnostics
 from yeastfit.inference.neural_likelihood.sequential import SequentialEmulator
@@ -42,6 +44,16 @@ def emulator_of(known: Known) -> Emulator:
 def plane() -> tuple[Positive, Emulator]:
     known = positive(linear())
     return known, emulator_of(known)
+
+
+def likelihood(emulator: Emulator, problem: Problem, values: np.ndarray, tau: np.ndarray) -> np.ndarray:
+    """Log p of the colonies at λ and τ(z), by z of this τ."""
+    assert problem.variation is not None
+    zero, sd = problem.variation.zero, problem.variation.sd
+    z = -ndtri((1 - zero) * 2 * ndtr(-tau / sd))
+    np.testing.assert_allclose(problem.variation.tau(z), tau, atol=1e-12)
+    rows = np.column_stack([problem.prior.coordinates(values), z])
+    return densities(likelihood_of_colonies(emulator, problem), rows)
 
 
 def dense(known: Known, emulator: Emulator, problem: Problem, values: np.ndarray, tau: float) -> float:
@@ -78,7 +90,7 @@ def test_the_likelihood_is_that_of_all_colonies_as_one_vector(plane: tuple[Posit
     problem = Problem.of(known, known.prior, rows, noise=noise, colony_noise=2 * noise, variation=Variation())
     places = np.array([[1.3, 0.8], [1.1, 1.0], [1.5, 0.7]])
     tau = np.array([0.0, 0.2, 0.5])
-    found = likelihood_of_colonies(emulator, problem)(places, tau)
+    found = likelihood(emulator, problem, places, tau)
     expected = [dense(known, emulator, problem, *each) for each in zip(places, tau.tolist(), strict=True)]
     np.testing.assert_allclose(found, expected, rtol=2e-4)
 
@@ -91,7 +103,7 @@ def test_without_scatter_it_differs_from_that_of_the_mean_by_what_their_scatter_
     rows = known(np.tile([1.3, 0.8], (7, 1)), np.arange(7))
     problem = Problem.of(known, known.prior, rows, variation=Variation())
     places = known.prior.quantile(0.35 + 0.3 * np.random.default_rng(0).random((40, 2)))
-    of_rows = likelihood_of_colonies(emulator, problem)(places, np.zeros(40))
+    of_rows = likelihood(emulator, problem, places, np.zeros(40))
     of_mean = emulator.log_likelihood(places, rows.mean(axis=0), 7)
     left = of_rows - of_mean - (of_rows - of_mean).mean()
     assert np.abs(left).max() < 0.1 * np.ptp(of_mean)
@@ -162,7 +174,7 @@ def test_colonies_that_succeed_are_those_at_scattered_parameters(tau: float) -> 
     assert np.ptp(success) > 0.3
     rows = known.moments(np.tile(values[1], (5, 1)))[0]
     problem = Problem.of(known, known.prior, rows, variation=Variation())
-    found = likelihood_of_colonies(emulator, problem)(values[1:2], np.array([tau]))
+    found = likelihood(emulator, problem, values[1:2], np.array([tau]))
     np.testing.assert_allclose(found, dense(known, emulator, problem, values[1], tau), rtol=2e-4)
 
 

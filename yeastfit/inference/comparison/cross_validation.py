@@ -17,7 +17,8 @@ from yeastfit.errors import InputError
 from yeastfit.inference.comparison.left_out import SHARES, LeftOut, scale_of
 from yeastfit.inference.comparison.predictive_mixture import PredictiveMixture
 from yeastfit.inference.neural_likelihood.emulator import Emulator
-from yeastfit.inference.neural_likelihood.mcmc import ROUGHLY, Known, LogPosterior, Walk
+from yeastfit.inference.neural_likelihood.log_posterior import Ellipsoid, LogPosterior
+from yeastfit.inference.neural_likelihood.mcmc import ROUGHLY, Walk
 from yeastfit.inference.neural_likelihood.sequential import SequentialEmulator
 from yeastfit.inference.neural_likelihood.training import Statistics, Values, train
 from yeastfit.inference.neural_likelihood.training_rounds import Neighbourhood
@@ -93,7 +94,7 @@ def cross_validate(
         progress("leaving colonies out", k / groups)
         kept = without(problem, colonies[group != k])
         posterior_of_kept = LogPosterior(emulator, kept, known)
-        walk = Walk.start(posterior_of_kept, starts, walkers=how.walkers, most_steps=how.most_steps, seed=seed)
+        walk = Walk.start(posterior_of_kept.program, starts, walkers=how.walkers, most_steps=how.most_steps, seed=seed)
         chains = walk.until(ROUGHLY)
         if chains.steps < ROUGHLY * chains.times.max():
             doubts.append(f"colonies left out: chains without group {k + 1} are too short, allow more most_steps")
@@ -146,7 +147,7 @@ def _emulator(
     simulations: tuple[Values, Statistics],
     settings: SequentialEmulator,
     seed: int,
-    known: Known | None,
+    known: Ellipsoid | None,
     neighbourhood: Neighbourhood,
 ) -> Emulator:
     """Trained on the simulations at places that are known, and checked in the neighbourhood."""
@@ -167,7 +168,7 @@ def _emulator(
 
 def _known(
     posterior: Posterior, problem: Problem, values: Values, settings: SequentialEmulator, neighbourhood: Neighbourhood
-) -> Known | None:
+) -> Ellipsoid | None:
     """The neighbourhood that an emulator is restricted to, as in the last round of a posterior that has settled."""
     x = problem.prior.coordinates(values)
     least = max(settings.round_sizes(len(problem.prior.free))[0], settings.walkers)

@@ -12,24 +12,24 @@ no ends: beyond the last simulation, at u of 10⁻³ to 10⁻⁴, there is room 
 went after posteriors there.
 """
 
-from dataclasses import dataclass
-from functools import cached_property
+from typing import TypeVar
 
+import equinox as eqx
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Array, Float
 
 from yeastfit.inference.prior.prior import Prior
 
 Values = Float[np.ndarray, "row free"]
+Table = TypeVar("Table", np.ndarray, Array)
 
 
-@dataclass(frozen=True)
-class Coordinates:
+class Coordinates(eqx.Module):
     """x, standardised: log λ where the prior is one of log λ, arcsin √u of shares, λ of others."""
 
-    prior: Prior
-    shift: Float[np.ndarray, " free"]
-    scale: Float[np.ndarray, " free"]
+    prior: Prior = eqx.field(static=True)
+    shift: Float[np.ndarray | Array, " free"]
+    scale: Float[np.ndarray | Array, " free"]
 
     @staticmethod
     def of(prior: Prior, values: Values) -> "Coordinates":
@@ -40,15 +40,12 @@ class Coordinates:
 
     def of_values(self, values: Values) -> Values:
         """x of λ."""
-        x = self.prior.coordinates(values)
-        x[:, self._shares] = np.arcsin(np.sqrt(self._within(values)[:, self._shares]))
-        return (x - self.shift) / self.scale
+        return self.of_prior(self.prior.coordinates(values))
 
-    def _within(self, values: Values) -> Values:
-        """u of shares, and 0 of other parameters."""
-        low, high = np.where(self._shares, self.prior.support.T, [[0.0], [1.0]])
-        return np.where(self._shares, np.clip((values - low) / (high - low), 0.0, 1.0), 0.0)
-
-    @cached_property
-    def _shares(self) -> Bool[np.ndarray, " free"]:
-        return np.array([one.is_share for one in self.prior.distributions.values()])
+    def of_prior(self, x: Float[Table, "*row free"]) -> Float[Table, "*row free"]:
+        """x of the prior's coordinates, by NumPy or JAX, whichever they are an array of."""
+        library = x.__array_namespace__()
+        shares = np.array([one.is_share for one in self.prior.distributions.values()])
+        low, high = np.where(shares, self.prior.support.T, [[0.0], [1.0]])
+        angle = library.asin(library.sqrt(library.clip((x - low) / (high - low), 0.0, 1.0)))
+        return (library.where(shares, angle, x) - self.shift) / self.scale

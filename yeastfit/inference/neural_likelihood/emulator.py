@@ -27,24 +27,18 @@ to first order in the logit bᵀφ + f, with its misfit δ (`success`). Networks
 Lueckmann et al. 2019, arXiv:1805.09294.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from yeastfit.inference.neural_likelihood.coordinates import Coordinates, Values
+from yeastfit.inference.neural_likelihood.coordinates import Coordinates
 from yeastfit.inference.neural_likelihood.cross_validation import CrossValidation
-from yeastfit.inference.neural_likelihood.ensemble import (
-    ROWS,
-    Ensemble,
-    log_likelihood_of_rows,
-    moments_of_rows,
-    success_error_of_rows,
-)
+from yeastfit.inference.neural_likelihood.densities import ROWS, densities, in_pieces
+from yeastfit.inference.neural_likelihood.ensemble import Ensemble, moments_of_rows, success_error_of_rows
+from yeastfit.inference.neural_likelihood.likelihood_of_means import LikelihoodOfMeans
 from yeastfit.inference.neural_likelihood.network import TrainingSettings
-from yeastfit.inference.neural_likelihood.taken_apart import taken_apart
 
 Square = Float[np.ndarray, "statistic statistic"]
 
@@ -92,25 +86,20 @@ class Emulator:
             replicates: R.
             noise: N, in the statistics' units.
         """
-        return self.likelihood(observed, replicates, noise)(values)
+        likelihood = self.likelihood(observed, replicates, noise)
+        return densities(likelihood, self.coordinates.prior.coordinates(values))
 
     def likelihood(
         self, observed: Float[np.ndarray, " statistic"], replicates: int = 1, noise: Square | None = None
-    ) -> Callable[[Values], Float[np.ndarray, " row"]]:
-        """`log_likelihood` of these data as a function of λ; what does not depend on λ is computed once."""
+    ) -> LikelihoodOfMeans:
+        """`log_likelihood` of these data, for programs that sample."""
         u = self.whiten(observed)
         white = np.zeros((len(u), len(u)))
         if noise is not None:
             white = np.linalg.solve(self.root, np.linalg.solve(self.root, noise).T)
-        data = [jnp.asarray(one) for one in (u, float(replicates), 0.5 * (white + white.T))]
-        arrays, rest = taken_apart(self.ensemble)
-        volume = np.log(np.diag(self.root)).sum()
-
-        def of_rows(values: Values) -> Float[np.ndarray, " row"]:
-            x = self.coordinates.of_values(values)
-            return np.asarray(log_likelihood_of_rows(arrays, x, *data, rest=rest), dtype=float) - volume
-
-        return of_rows
+        mean, count, covariance = (jnp.asarray(one) for one in (u, float(replicates), 0.5 * (white + white.T)))
+        volume = np.asarray(np.log(np.diag(self.root)).sum())
+        return LikelihoodOfMeans(self.ensemble, self.coordinates, mean, count, covariance, volume)
 
     def moments(
         self, values: Float[np.ndarray, "row *place free"]
@@ -174,9 +163,3 @@ class Emulator:
     def whiten(self, statistics: Float[np.ndarray, "*row statistic"]) -> Float[np.ndarray, "*row statistic"]:
         """u of s."""
         return np.linalg.solve(self.root, (statistics - self.center).T).T
-
-
-def in_pieces(rows: Float[np.ndarray, "row *any"], length: int) -> Float[np.ndarray, "piece length *any"]:
-    """Rows in pieces of one length; the last piece is filled up from the first row on."""
-    count = max(1, -(-len(rows) // length))
-    return np.resize(rows, (count, length, *rows.shape[1:]))

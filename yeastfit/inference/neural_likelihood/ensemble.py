@@ -1,19 +1,12 @@
 """The ensemble of an emulator's networks: m̄, C̄, the emulator's error, and the likelihood they make (`emulator`)."""
 
-from collections.abc import Hashable
-from functools import partial
-
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Float
 
 from yeastfit.inference.neural_likelihood.network import Network, Shape
-from yeastfit.inference.neural_likelihood.taken_apart import put_together
 from yeastfit.inference.polynomial import monomials
-
-ROWS = 128  # of λ at a time, as each needs several covariances
 
 
 class Ensemble(eqx.Module):
@@ -73,7 +66,11 @@ class Ensemble(eqx.Module):
 
     def _log_success(self, features: Float[Array, " feature"], off: Float[Array, " member"]) -> Float[Array, ""]:
         """log P where the networks correct the logit by `off`."""
-        return jnp.zeros(()) if self.odds is None else jnp.mean(jax.nn.log_sigmoid(self.odds @ features + off))
+        return (
+            jnp.zeros((), features.dtype)
+            if self.odds is None
+            else jnp.mean(jax.nn.log_sigmoid(self.odds @ features + off))
+        )
 
     def success_error_around(self, places: Float[Array, "place free"]) -> Float[Array, ""]:
         """Variance of the error of the log probability of success, of replicates as for `moments_around`.
@@ -126,22 +123,3 @@ def moments_of_rows(ensemble: Ensemble, places: Float[Array, "row place free"]) 
 def success_error_of_rows(ensemble: Ensemble, places: Float[Array, "row place free"]) -> Float[Array, " row"]:
     """`Ensemble.success_error_around` the places of every row; each number of rows and of places is compiled for."""
     return jax.vmap(ensemble.success_error_around)(places)
-
-
-@partial(jax.jit, static_argnames="rest", compiler_options={"xla_cpu_multi_thread_eigen": False})
-def log_likelihood_of_rows(
-    arrays: list[Array],
-    x: Float[Array | np.ndarray, "row free"],
-    u: Float[Array | np.ndarray, " statistic"],
-    replicates: Float[Array | np.ndarray, ""],
-    noise: Float[Array | np.ndarray, "statistic statistic"],
-    *,
-    rest: Hashable,
-) -> Float[Array, " row"]:
-    """`Ensemble.log_likelihood` of every row, some rows at a time, of an ensemble that is `taken_apart`.
-
-    Chains ask for few rows at every step: on CPUs handing such matrices to threads takes longer than multiplying them.
-    """
-    ensemble = put_together(arrays, rest)
-    data = [jnp.asarray(one) for one in (u, replicates, noise)]
-    return jax.lax.map(lambda one: ensemble.log_likelihood(one, *data), jnp.asarray(x), batch_size=ROWS)

@@ -8,7 +8,8 @@ from jaxtyping import Float
 from yeastfit.errors import InputError
 from yeastfit.inference.neural_likelihood.coordinates import Values
 from yeastfit.inference.neural_likelihood.error_share import error_share
-from yeastfit.inference.neural_likelihood.mcmc import BRIEFLY, LONGER, ROUGHLY, LogPosterior, Walk
+from yeastfit.inference.neural_likelihood.log_posterior import LogPosterior
+from yeastfit.inference.neural_likelihood.mcmc import BRIEFLY, LONGER, ROUGHLY, Walk
 from yeastfit.inference.neural_likelihood.network import TrainingSettings
 from yeastfit.inference.neural_likelihood.training import fewest, train
 from yeastfit.inference.neural_likelihood.training_rounds import FOUND, Neighbourhood, Round, Simulated, together
@@ -105,7 +106,7 @@ class Learner:
         whole = chosen & np.isfinite(statistics).all(axis=1) & self.problem.prior.contains(values)
         density = LogPosterior(emulator, self.problem, known, power)
         walk = Walk.start(
-            density,
+            density.program,
             self._with_z(x[whole]),
             walkers=self.walkers,
             most_steps=self.most_steps,

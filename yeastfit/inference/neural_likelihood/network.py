@@ -17,7 +17,7 @@ Trained by maximum likelihood, and cross-entropy of success, with Adam, decouple
 import math
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -30,7 +30,6 @@ from yeastfit.errors import InputError
 from yeastfit.inference.polynomial import monomials
 from yeastfit.processors import available_processors
 
-Table = TypeVar("Table", Array, np.ndarray)
 PLENTY = 3072  # simulations from twice as many of which training takes longer
 STEPS = 1000  # of training for up to `EASY` coordinates, and for each one more
 EASY = 3
@@ -133,7 +132,7 @@ class Network(eqx.Module):
         """1 + A."""
         pairs = self.mixing.shape[-1]
         size = (1 + math.isqrt(1 + 8 * pairs)) // 2
-        return jnp.eye(size).at[jnp.tril_indices(size, -1)].set(self.mixing)
+        return jnp.eye(size, dtype=self.mixing.dtype).at[jnp.tril_indices(size, -1)].set(self.mixing)
 
     def residual(
         self, x: Float[Array, " free"], rest: Float[Array, " statistic"], shape: "Shape"
@@ -146,7 +145,9 @@ class Network(eqx.Module):
     def moments(self, x: Float[Array, " free"], shape: "Shape") -> tuple[Array, Array, Array]:
         """f_m, P⁻¹, which is the Cholesky factor of C, and what corrects the logit of success."""
         mean, log_scale, logit = self(x)
-        unmixed = jax.scipy.linalg.solve_triangular(self.mixer(), jnp.eye(len(mean)), lower=True, unit_diagonal=True)
+        mixer = self.mixer()
+        one = jnp.eye(len(mean), dtype=mixer.dtype)
+        unmixed = jax.scipy.linalg.solve_triangular(mixer, one, lower=True, unit_diagonal=True)
         return mean, shape.inverse @ (jnp.exp(log_scale)[:, None] * (shape.root @ unmixed)), logit
 
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from yeastfit.inference.neural_likelihood.mcmc import LogPosterior
+from yeastfit.inference.neural_likelihood.log_posterior import LogPosterior
 from yeastfit.inference.neural_likelihood.rounds import EmulatorDiagnostics, RoundDiagnostics
 from yeastfit.inference.neural_likelihood.single_colonies import excess_scatter, wide_scatter
 from yeastfit.inference.neural_likelihood.training_rounds import Round, far_draws, unsettled

@@ -47,7 +47,7 @@ from yeastfit.errors import InputError
 from yeastfit.inference.neural_likelihood import search
 from yeastfit.inference.neural_likelihood.coordinates import Values
 from yeastfit.inference.neural_likelihood.learner import Learner, Statistics
-from yeastfit.inference.neural_likelihood.mcmc import LogPosterior
+from yeastfit.inference.neural_likelihood.log_posterior import LogPosterior
 from yeastfit.inference.neural_likelihood.network import TrainingSettings
 from yeastfit.inference.neural_likelihood.posterior_of_rounds import posterior_of
 from yeastfit.inference.neural_likelihood.training import fewest

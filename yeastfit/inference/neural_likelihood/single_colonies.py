@@ -20,20 +20,18 @@ Where at λ_r the mean is linear in y and the covariance C constant, V = C + τ�
 mean has squares of y, m is right, too; what the variance of one y² adds to V is taken (d − 1) / 2 times.
 """
 
-from collections.abc import Callable, Hashable
-from functools import partial
-
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.scipy.special import ndtr, ndtri
 from jaxtyping import Array, Float
 from scipy.stats import chi2
 
-from yeastfit.inference.neural_likelihood.coordinates import Values
+from yeastfit.inference.neural_likelihood.coordinates import Coordinates, Values
+from yeastfit.inference.neural_likelihood.densities import ROWS
 from yeastfit.inference.neural_likelihood.emulator import Emulator
-from yeastfit.inference.neural_likelihood.ensemble import ROWS
-from yeastfit.inference.neural_likelihood.taken_apart import put_together, taken_apart
+from yeastfit.inference.neural_likelihood.ensemble import Ensemble
 from yeastfit.inference.posterior.problem import Problem
 from yeastfit.inference.prior.variation import NAME, ColonyCoordinates, Variation
 
@@ -117,41 +115,65 @@ def _log_normal(off: Float[Array, " statistic"], covariance: Float[Array, "stati
     return -0.5 * jnp.sum(scaled**2 + jnp.log(2 * jnp.pi)) - jnp.sum(jnp.log(jnp.diag(root)))
 
 
-@partial(jax.jit, static_argnames="rest")
-def _of_rows(arrays: list[Array], places: Array, *, rest: Hashable) -> Float[Array, " row"]:
-    """log p of every row of places, by what is `taken_apart`: ensemble, errors, data."""
-    ensemble, errors, data = put_together(arrays, rest)
+class LikelihoodOfColonies(eqx.Module):
+    """Log density of single colonies, none of which failed, for programs that sample.
 
-    def one(x: Array) -> Array:
-        mean, scatter, error, success = ensemble.moments_around(x)
+    Attributes:
+        ensemble: The networks.
+        coordinates: That they see.
+        errors: What is added to their moments.
+        data: The colonies.
+        bounds: y of λ.
+        variation: That λ scatters between colonies.
+        volume: log of the units of all statistics that there are, which is taken off.
+    """
+
+    ensemble: Ensemble
+    coordinates: Coordinates
+    errors: Errors
+    data: Patterns
+    bounds: ColonyCoordinates
+    variation: Variation = eqx.field(static=True)
+    volume: Float[np.ndarray | Array, ""]
+
+    def __call__(self, rows: Float[Array, "row coordinate"]) -> Float[Array, " row"]:
+        """Of rows of the prior's coordinates and z, of which τ is a function."""
+        x, tau = rows[:, :-1], _tau(self.variation, rows[:, -1])
+        logarithmic = self.coordinates.prior.logarithmic
+        around = self.bounds.around(jnp.where(logarithmic, jnp.exp(jnp.where(logarithmic, x, 0.0)), x), tau)
+        seen = self.coordinates.of_prior(jnp.where(logarithmic, jnp.log(jnp.where(logarithmic, around, 1.0)), around))
+        return jax.lax.map(self._of_places, seen.astype(self.data.mean.dtype), batch_size=ROWS) - self.volume
+
+    def _of_places(self, places: Float[Array, "place free"]) -> Float[Array, ""]:
+        """In the networks' precision, of places around one λ."""
+        errors, data = self.errors, self.data
+        mean, scatter, error, success = self.ensemble.moments_around(places)
         spread = errors.root @ scatter @ errors.root.T + errors.single
         error = errors.root @ error @ errors.root.T + errors.common
         found = log_likelihood_of_patterns(errors.root @ mean, spread, error, data) + data.count.sum() * success
         return jnp.where(jnp.isfinite(found), found, -jnp.inf)  # so wide a scatter has no root in single precision
 
-    return jax.lax.map(one, places, batch_size=ROWS)
+
+def _tau(variation: Variation, z: Float[Array, " row"]) -> Float[Array, " row"]:
+    """`Variation.tau`."""
+    above = jnp.minimum(ndtr(-z) / (1.0 - variation.zero), 1.0)
+    return jnp.maximum(-variation.sd * ndtri(0.5 * above), 0.0)
 
 
-def likelihood_of_colonies(
-    emulator: Emulator, problem: Problem
-) -> Callable[[Values, Float[np.ndarray, " row"]], Float[np.ndarray, " row"]]:
-    """Log density of a problem's single colonies as a function of rows of λ and of τ."""
+def likelihood_of_colonies(emulator: Emulator, problem: Problem) -> LikelihoodOfColonies:
+    """That of a problem's single colonies, which scatter."""
     assert problem.colonies is not None
+    assert problem.variation is not None
     scale = np.linalg.norm(emulator.root, axis=1)
     data = Patterns.of((problem.colonies - emulator.center) / scale)
     units, zero = np.outer(scale, scale), np.zeros((len(scale), len(scale)))
     common, single = (zero if one is None else one / units for one in (problem.noise, problem.colony_noise))
     errors = Errors(*(jnp.asarray(one) for one in (emulator.root / scale[:, None], common, single)))
-    arrays, rest = taken_apart((emulator.ensemble, errors, data))
-    volume = float(np.isfinite(problem.colonies).sum(axis=0) @ np.log(scale))
-    coordinates = ColonyCoordinates.of(problem.simulator.parameters)
-
-    def of_rows(values: Values, tau: Float[np.ndarray, " row"]) -> Float[np.ndarray, " row"]:
-        places = emulator.coordinates_of_places(coordinates.around(values, tau))
-        found: np.ndarray = np.asarray(_of_rows(arrays, jnp.asarray(places), rest=rest), dtype=float)
-        return found - volume
-
-    return of_rows
+    volume = np.asarray(np.isfinite(problem.colonies).sum(axis=0) @ np.log(scale))
+    bounds = ColonyCoordinates.of(problem.simulator.parameters)
+    return LikelihoodOfColonies(
+        emulator.ensemble, emulator.coordinates, errors, data, bounds, problem.variation, volume
+    )
 
 
 def excess_scatter(emulator: Emulator, problem: Problem, values: Values) -> list[str]:

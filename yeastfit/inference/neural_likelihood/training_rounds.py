@@ -2,16 +2,16 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 from jaxtyping import Bool, Float
-from scipy.special import gammaincinv
+from scipy.stats import chi2
 
 from yeastfit.errors import InputError
 from yeastfit.inference.neural_likelihood.coordinates import Values
 from yeastfit.inference.neural_likelihood.emulator import Emulator
-from yeastfit.inference.neural_likelihood.mcmc import Chains, Known, Walk
+from yeastfit.inference.neural_likelihood.log_posterior import Ellipsoid
+from yeastfit.inference.neural_likelihood.mcmc import Chains, Walk
 from yeastfit.inference.posterior.robust_summary import covariance_of_most, far_off
 from yeastfit.inference.prior.prior import Prior
 
@@ -55,10 +55,12 @@ class Neighbourhood:
 
     def holds(self, x: Float[np.ndarray, "row free"], widen: float) -> Bool[np.ndarray, " row"]:
         """Which rows lie where `NEAR` of normal draws do that are w times as wide."""
-        off = x - self.mean
-        distance = np.einsum("rf,rf->r", off, np.linalg.solve(self.covariance, off.T).T)
-        quantile = 2.0 * gammaincinv(0.5 * len(self.mean), NEAR)  # of χ², for every step of a chain: not scipy.stats'
-        return distance <= widen**2 * quantile
+        return self.ellipsoid(widen)(x)
+
+    def ellipsoid(self, widen: float) -> Ellipsoid:
+        """Where `NEAR` of normal draws lie that are w times as wide."""
+        whitening = np.linalg.inv(np.linalg.cholesky(self.covariance)).T
+        return Ellipsoid(self.mean, whitening, np.asarray(widen**2 * chi2.ppf(NEAR, len(self.mean))))
 
     def surrounds(self, draws: Float[np.ndarray, "draw free"], widen: float) -> bool:
         """Whether nearly all draws lie where proposals from it do."""
@@ -66,7 +68,7 @@ class Neighbourhood:
 
     def kept_to(
         self, draws: Float[np.ndarray, "draw free"], simulations: Values, widen: float, least: int
-    ) -> Known | None:
+    ) -> Ellipsoid | None:
         """The neighbourhood to which an emulator may be restricted; None where it should not be.
 
         Arguments:
@@ -75,7 +77,7 @@ class Neighbourhood:
             widen: Of proposals.
             least: That many.
         """
-        known = partial(self.holds, widen=LOCAL * widen)
+        known = self.ellipsoid(LOCAL * widen)
         outside = 1.0 - float(known(draws).mean())
         return known if outside <= OUTSIDE and known(simulations).sum() >= least else None
 

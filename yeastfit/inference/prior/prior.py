@@ -63,7 +63,7 @@ class Prior:
     def log_density(self, values: Values) -> Float[np.ndarray, " draw"]:
         """Log density of λ; −inf outside the support."""
         inside, x = self._inside(values)
-        density = self._log_density(x) - x[:, self._logarithmic].sum(axis=1)
+        density = self._log_density(x) - x[:, self.logarithmic].sum(axis=1)
         return np.where(inside, density, -np.inf)
 
     def contains(self, values: Values) -> Bool[np.ndarray, " draw"]:
@@ -73,11 +73,11 @@ class Prior:
     def log_densities(self, values: Values) -> Values:
         """Log density of each λ by itself, which add up to `log_density`; −inf outside its support."""
         low, high = self.support.T
-        inside = (self._rows(values) >= low) & (values <= high) & ((values > 0) | ~self._logarithmic)
+        inside = (self._rows(values) >= low) & (values <= high) & ((values > 0) | ~self.logarithmic)
         x = self.coordinates(np.where(inside, values, self._medians))
         columns = zip(self.distributions.values(), x.T, strict=True)
         density = np.stack([one.log_density(column) for one, column in columns], axis=1)
-        return np.where(inside, density - np.where(self._logarithmic, x, 0.0), -np.inf)
+        return np.where(inside, density - np.where(self.logarithmic, x, 0.0), -np.inf)
 
     def log_density_of_coordinates(self, x: Values) -> Float[np.ndarray, " draw"]:
         """Log density of the coordinates x; −inf outside the support."""
@@ -87,14 +87,14 @@ class Prior:
     def coordinates(self, values: Values) -> Values:
         """x of λ."""
         x = np.array(self._rows(values), dtype=float)
-        x[:, self._logarithmic] = np.log(values[:, self._logarithmic])
+        x[:, self.logarithmic] = np.log(values[:, self.logarithmic])
         return x
 
     def values(self, x: Values) -> Values:
         """λ of x, the inverse of `coordinates`; inf, which is outside every support, where exp overflows."""
         values = np.array(self._rows(x), dtype=float)
         with np.errstate(over="ignore"):
-            values[:, self._logarithmic] = np.exp(x[:, self._logarithmic])
+            values[:, self.logarithmic] = np.exp(x[:, self.logarithmic])
         return values
 
     def quantile(self, unit: Values) -> Values:
@@ -246,12 +246,13 @@ class Prior:
     def _inside(self, values: Values) -> tuple[np.ndarray, Values]:
         """Which draws lie in the support, and coordinates, with medians for those that do not."""
         low, high = self.support.T
-        each = (self._rows(values) >= low) & (values <= high) & ((values > 0) | ~self._logarithmic)
+        each = (self._rows(values) >= low) & (values <= high) & ((values > 0) | ~self.logarithmic)
         inside = each.all(axis=1)
         return inside, self.coordinates(np.where(inside[:, None], values, self._medians))
 
     @cached_property
-    def _logarithmic(self) -> Bool[np.ndarray, " free"]:
+    def logarithmic(self) -> Bool[np.ndarray, " free"]:
+        """Whether the coordinate is log λ."""
         return np.array([one.logarithmic for one in self.distributions.values()])
 
     @cached_property

@@ -16,11 +16,12 @@ doi:10.1080/01621459.1988.10478694). Chains walk in z ~ N(0, 1) before the data,
 import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import Any, TypeVar
 
+import equinox as eqx
 import numpy as np
 import scipy
-from jaxtyping import Float
+from jaxtyping import Array, Float
 
 from yeastfit.errors import InputError
 from yeastfit.inference.prior.distributions import Distribution, SpikeHalfNormal
@@ -38,6 +39,8 @@ TAU = Parameter(
     (0.0, 1.0),
     0.0,
 )
+
+Table = TypeVar("Table", np.ndarray, Array)
 
 
 @dataclass(frozen=True)
@@ -77,17 +80,16 @@ class Variation:
         return SpikeHalfNormal(self.zero, self.sd).isf(scipy.special.ndtr(-np.asarray(z, dtype=float)))
 
 
-@dataclass(frozen=True)
-class ColonyCoordinates:
-    """y of λ.
+class ColonyCoordinates(eqx.Module):
+    """y of λ, by NumPy or JAX, whichever λ is an array of.
 
     Attributes:
         low: Smallest admissible λ.
         width: Of the admissible range; inf where there is no largest λ.
     """
 
-    low: Float[np.ndarray, " free"]
-    width: Float[np.ndarray, " free"]
+    low: Float[np.ndarray | Array, " free"]
+    width: Float[np.ndarray | Array, " free"]
 
     @staticmethod
     def of(parameters: ParameterSet) -> "ColonyCoordinates":
@@ -105,17 +107,14 @@ class ColonyCoordinates:
         low = np.array([one.smallest for one in parameters.values()])
         return ColonyCoordinates(low, np.array([one.largest for one in parameters.values()]) - low)
 
-    def moved(
-        self, values: Float[np.ndarray, "*row free"], step: Float[np.ndarray, "*rows free"]
-    ) -> Float[np.ndarray, "*rows free"]:
+    def moved(self, values: Float[Table, "*row free"], step: Float[Table, "*rows free"]) -> Float[Table, "*rows free"]:
         """λ of y + step; what lies on a bound stays there."""
-        above = values - self.low
-        rest = np.where(np.isinf(self.width), 1.0, 1.0 - above / self.width)
-        part = np.where(np.isinf(self.width), 0.0, above / self.width)
+        library, above = values.__array_namespace__(), values - self.low
+        part = above / self.width  # 0 where there is no largest λ
         with np.errstate(over="ignore", invalid="ignore"):  # of steps beyond 709, which no density allows
-            return self.low + above * np.exp(step) / (rest + part * np.exp(step))
+            return self.low + above * library.exp(step) / (1.0 - part + part * library.exp(step))
 
-    def around(self, values: Values, tau: Float[np.ndarray, " row"]) -> Float[np.ndarray, "row place free"]:
+    def around(self, values: Float[Table, "row free"], tau: Float[Table, " row"]) -> Float[Table, "row place free"]:
         """2 d places for each λ, over which any cubic in y has the mean that it has over colonies of this scatter.
 
         They are y ± √d τ e_k of d parameters (spherical cubature: Arasaratnam & Haykin 2009,
