@@ -35,6 +35,7 @@ from jaxtyping import Float
 
 from yeastfit.errors import InputError
 from yeastfit.inference.abc.distances import KERNELS, Distance, KernelName, log_kernel
+from yeastfit.inference.abc.ensemble import Ensemble
 from yeastfit.inference.abc.pilot import (
     DISTANCES,
     DistanceName,
@@ -48,7 +49,6 @@ from yeastfit.inference.abc.pilot import (
 from yeastfit.inference.abc.proposals import MOVES, Move, move_of
 from yeastfit.inference.abc.standstills import standstills
 from yeastfit.inference.posterior.diagnostics import Diagnostics
-from yeastfit.inference.posterior.ensemble import Ensemble
 from yeastfit.inference.posterior.problem import Problem
 from yeastfit.inference.posterior.result import Posterior
 from yeastfit.inference.posterior.settings import Setting, check_at_least, check_choice
