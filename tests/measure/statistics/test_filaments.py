@@ -9,6 +9,7 @@ from shapes import disc, masks, star, wheel
 
 from yeastfit.measure.outlining.segmentation import segment
 from yeastfit.measure.reading.images import read_image
+from yeastfit.measure.statistics import filaments
 from yeastfit.measure.statistics.filaments import RING, Filaments, csr_radius
 from yeastfit.measure.statistics.measure_mask import measure_mask
 from yeastfit.measure.statistics.pixels import Pixels
@@ -100,6 +101,33 @@ def conditions(folder: Path) -> dict[str, list[dict[str, float]]]:
         names = ("filament_area_index", "filament_radius_index", "area")
         found.setdefault(path.stem.rpartition("_")[0], []).append(dict(measure_mask(mask, 1.0, names)))
     return found
+
+
+def followed_by_hand(thin: np.ndarray, outer: np.ndarray) -> tuple[int, int, int]:
+    """Pixel by pixel, neighbour by neighbour."""
+
+    def on(row: int, column: int) -> bool:
+        return 0 <= row < thin.shape[0] and 0 <= column < thin.shape[1] and bool(thin[row, column])
+
+    ends = along = across = 0
+    for row, column in np.argwhere(thin[: outer.shape[0], : outer.shape[1]] & outer):
+        near = [(i, j) for i in (-1, 0, 1) for j in (-1, 0, 1) if (i or j) and on(row + i, column + j)]
+        ends += len(near) <= 1
+        along += sum(i == 0 or j == 0 for i, j in near)
+        across += sum(i != 0 and j != 0 and (i, 0) not in near and (0, j) not in near for i, j in near)
+    return ends, along, across
+
+
+@pytest.mark.parametrize("numba", [False, True])
+def test_ends_and_steps_are_those_counted_by_hand(numba, monkeypatch):
+    """Of noise, up to the last row and column; outer may be a part of the image."""
+    monkeypatch.setattr(filaments, "with_numba", lambda size: numba)
+    rng = np.random.default_rng(0)
+    for _ in range(60):
+        height, width = rng.integers(1, 25, size=2)
+        thin = rng.random((height, width)) < rng.uniform(0.05, 0.6)
+        outer = rng.random((rng.integers(1, height + 1), rng.integers(1, width + 1))) < 0.8
+        assert filaments._followed(thin, outer) == followed_by_hand(thin, outer)
 
 
 def test_published_means(real_data):

@@ -40,11 +40,11 @@ from math import floor, nan
 
 import numpy as np
 import scipy
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool
 
 from yeastfit.measure.statistics.pixels import TIE, Mask, PerPixel, Pixels
 from yeastfit.measure.statistics.statistic import Statistic
-from yeastfit.measure.statistics.thinning import skeleton
+from yeastfit.measure.statistics.thinning import skeleton, with_numba
 from yeastfit.numbers import Range
 
 RING = 4
@@ -123,28 +123,23 @@ def csr_radius(distance: PerPixel) -> float:
     largest = float(distance.max())
     if largest < RING:
         return nan
-    ring = np.maximum(np.ceil(distance / RING - TIE).astype(int), 1)
     rings = np.arange(1, floor(largest / RING + 0.5) + 1)
-    counts = np.bincount(ring, minlength=len(rings) + 1)[1 : len(rings) + 1]
+    counts = np.bincount((distance / RING + (1 - TIE)).astype(int), minlength=len(rings) + 1)
+    counts[1] += counts[0]  # the centre
+    counts = counts[1 : len(rings) + 1]
     excess = np.abs(1 - counts * (largest / RING) ** 2 / (len(distance) * (2 * rings - 1)))
     return float(RING * rings[np.argmax(excess <= excess.min() + TIE)])
 
 
 def _branches(pixels: Pixels, inner: float) -> tuple[float, float]:
-    row, column = np.ogrid[: pixels.colony.shape[0], : pixels.colony.shape[1]]
-    distance2 = (row - pixels.centre[0]) ** 2 + (column - pixels.centre[1]) ** 2
-    beyond = distance2 >= (inner - TIE) ** 2
-    width = max(_CORE * inner, _THICKNESS)
-    thick = np.where(beyond, pixels.colony, distance2 >= max(inner - width - TIE, 0.0) ** 2)
-    count, length, orientations = 0, 0.0, 0
+    beyond, width = pixels.square >= (inner - TIE) ** 2, max(_CORE * inner, _THICKNESS)
+    thick = (pixels.colony | ~beyond) & (pixels.square >= max(inner - width - TIE, 0.0) ** 2)
+    ends, along, across, orientations = 0, 0, 0, 0
     for (whole, outer), rows, columns in _quadrants((thick, beyond), pixels.centre, round(width)):
-        thin = skeleton(whole)
-        own = np.divmod(np.flatnonzero(thin[:rows, :columns]), columns)  # ten times as fast as np.nonzero
-        neighbours, steps = _around(np.pad(thin, 1), *(places[outer[own]] for places in own))
-        count += int((neighbours <= 1).sum())
-        length += 0.5 * float(steps.sum())
+        found = _followed(skeleton(whole), outer[:rows, :columns])
+        ends, along, across = ends + found[0], along + found[1], across + found[2]
         orientations += 1
-    return count / orientations, length / orientations
+    return ends / orientations, 0.5 * (_ALONG * along + _ACROSS * across) / orientations
 
 
 def _quadrants(
@@ -167,19 +162,23 @@ def _quadrants(
             turned, up, left = [np.rot90(image) for image in turned], turned[0].shape[1] - 1 - left, up
 
 
-def _around(
-    thin: Mask, rows: Int[np.ndarray, " own"], columns: Int[np.ndarray, " own"]
-) -> tuple[Int[np.ndarray, " own"], Float[np.ndarray, " own"]]:
-    """Of own pixels of a skeleton, which has a margin that they do not count: neighbours, and the length of steps.
+def _followed(thin: Mask, outer: Bool[np.ndarray, "row1 column1"]) -> tuple[int, int, int]:
+    """Ends of a skeleton, and its steps along and across, at the pixels that are outer, where such can be.
 
-    A step across counts only where no two steps along lead to the same place.
+    A pixel with one neighbour or none is an end. Each pixel has its own steps to its neighbours; a step across counts
+    only where no two steps along lead to the same place.
     """
-    near = {(i, j): thin[rows + 1 + i, columns + 1 + j] for i in (-1, 0, 1) for j in (-1, 0, 1) if i or j}
-    steps = np.zeros(len(rows))
-    for (i, j), there in near.items():
-        across = i != 0 and j != 0
-        steps += _ACROSS * (there & ~near[i, 0] & ~near[0, j]) if across else _ALONG * there
-    return np.sum(list(near.values()), axis=0, dtype=int), steps
+    if with_numba(thin.size):
+        from yeastfit.measure.statistics.compiled_thinning import followed
+
+        return followed(thin, np.ascontiguousarray(outer))
+    rows, columns = np.divmod(np.flatnonzero(thin[: len(outer), : outer.shape[1]] & outer), outer.shape[1])
+    held = np.pad(thin, 1)
+    near = {(i, j): held[rows + 1 + i, columns + 1 + j] for i in (-1, 0, 1) for j in (-1, 0, 1) if i or j}
+    across = sum(there & ~near[i, 0] & ~near[0, j] for (i, j), there in near.items() if i and j)
+    along = sum(there.astype(int) for (i, j), there in near.items() if not (i and j))
+    neighbours = sum(there.astype(int) for there in near.values())
+    return int((neighbours <= 1).sum()), int(along.sum()), int(np.sum(across))
 
 
 ENTRIES = (

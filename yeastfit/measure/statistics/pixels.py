@@ -73,26 +73,26 @@ class Pixels:
     @cached_property
     def indices(self) -> tuple[Int[np.ndarray, " pixel"], Int[np.ndarray, " pixel"]]:
         """Rows [pixel] and columns [pixel] of all colony pixels, a pair."""
-        rows = np.repeat(np.arange(len(self.colony)), self._in_rows)
+        rows = np.repeat(np.arange(len(self.colony)), np.count_nonzero(self.colony, axis=1))
         return rows, np.flatnonzero(self.colony) - rows * self.colony.shape[1]  # three times as fast as np.nonzero
-
-    @cached_property
-    def _in_rows(self) -> Int[np.ndarray, " row"]:
-        """Number of colony pixels in each row."""
-        return np.count_nonzero(self.colony, axis=1)
 
     @cached_property
     def centre(self) -> tuple[float, float]:
         """Row and column of the centroid."""
-        rows, columns = self.indices
-        return float(rows.mean()), float(columns.mean())
+        in_rows, in_columns = (np.count_nonzero(self.colony, axis=axis) for axis in (1, 0))
+        row, column = (int(count @ np.arange(len(count))) / self.area for count in (in_rows, in_columns))
+        return row, column
+
+    @cached_property
+    def square(self) -> Float[np.ndarray, "row column"]:
+        """[row, column], square of the distance of every pixel, of the colony or not, from the centroid."""
+        (height, width), (row, column) = self.colony.shape, self.centre
+        return ((np.arange(height) - row) ** 2)[:, None] + (np.arange(width) - column) ** 2
 
     @cached_property
     def distance(self) -> PerPixel:
         """[pixel], distance of every colony pixel from the centroid."""
-        (height, width), (row, column) = self.colony.shape, self.centre
-        down2, across2 = (np.arange(height) - row) ** 2, (np.arange(width) - column) ** 2
-        return np.sqrt(np.repeat(down2, self._in_rows) + across2[self.indices[1]])  # np.hypot takes three times as long
+        return np.sqrt(self.square[self.colony])
 
     @cached_property
     def angle(self) -> PerPixel:

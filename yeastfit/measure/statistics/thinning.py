@@ -34,7 +34,7 @@ OTHERWISE = {
 
 def skeleton(image: Bool[np.ndarray, "row column"]) -> Bool[np.ndarray, "row column"]:
     """Thin an image; pixels outside it are off."""
-    if not _numba_is_installed() or (image.size < LARGE and "yeastfit.compiled" not in sys.modules):
+    if not with_numba(image.size):
         from skimage.morphology import skeletonize
 
         return skeletonize(image)
@@ -43,6 +43,11 @@ def skeleton(image: Bool[np.ndarray, "row column"]) -> Bool[np.ndarray, "row col
     padded = np.pad(np.ascontiguousarray(image), 1)
     thin(padded, removes())
     return padded[1:-1, 1:-1]
+
+
+def with_numba(size: int) -> bool:
+    """Whether functions compiled by numba are used for an image of so many pixels."""
+    return _numba_is_installed() and (size >= LARGE or "yeastfit.compiled" in sys.modules)
 
 
 @cache
