@@ -34,10 +34,13 @@ def csr_by_hand(mask: np.ndarray) -> tuple[float, float]:
     return RING * (1 + int(np.argmin(excess))), order[1] - order[0]
 
 
+@pytest.mark.parametrize("numba", [False, True])
 @settings(max_examples=80, deadline=None)
-@given(masks)
-def test_the_csr_radius_is_its_definition(mask):
-    found = csr_radius(Pixels.of(mask).distance)
+@given(mask=masks)
+def test_the_csr_radius_is_its_definition(numba, mask):
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(filaments, "with_numba", lambda size: numba)
+        found = csr_radius(Pixels.of(mask))
     rows, columns = np.nonzero(mask)
     if np.hypot(columns - columns.mean(), rows - rows.mean()).max() < RING:
         assert np.isnan(found)
@@ -101,6 +104,20 @@ def conditions(folder: Path) -> dict[str, list[dict[str, float]]]:
         names = ("filament_area_index", "filament_radius_index", "area")
         found.setdefault(path.stem.rpartition("_")[0], []).append(dict(measure_mask(mask, 1.0, names)))
     return found
+
+
+@pytest.mark.parametrize("arms", [3, 7])
+def test_compiled_loops_find_what_numpy_finds(arms, monkeypatch):
+    """Radii, ends and lengths, to the last bit; in all four quadrants and off the centre of the image."""
+    mask = wheel(60, arms, 150, 9)
+    mask[:60] = False
+    found = []
+    for numba in (False, True):
+        monkeypatch.setattr(filaments, "with_numba", lambda size, numba=numba: numba)
+        shape = Filaments(pixels := Pixels.of(mask))
+        found.append((shape.csr_radius, *shape.branches, pixels.area))
+    assert found[0] == found[1]
+    assert found[0][1] > 0
 
 
 def followed_by_hand(thin: np.ndarray, outer: np.ndarray) -> tuple[int, int, int]:

@@ -3,7 +3,7 @@
 import numpy as np
 from jaxtyping import Bool, Shaped
 
-from yeastfit.compiled import Index, array_kernel, inlined_kernel, kernel
+from yeastfit.compiled import Index, array_kernel
 
 
 @array_kernel
@@ -79,30 +79,3 @@ def neighbours(image: Bool[np.ndarray, "row column"]) -> Shaped[np.ndarray, "row
                 | np.uint8(above[column - 1]) << np.uint8(7)
             )
     return codes
-
-
-@kernel
-def followed(thin: Bool[np.ndarray, "row column"], outer: Bool[np.ndarray, "row1 column1"]) -> tuple[int, int, int]:
-    """See `filaments._followed`."""
-    ends = along = across = 0
-    for row in range(outer.shape[0]):
-        for column in range(outer.shape[1]):
-            if thin[row, column] and outer[row, column]:
-                north, south = _on(thin, row - 1, column), _on(thin, row + 1, column)
-                west, east = _on(thin, row, column - 1), _on(thin, row, column + 1)
-                straight, diagonal = north + south + west + east, 0
-                for i in (-1, 1):
-                    for j in (-1, 1):
-                        there = _on(thin, row + i, column + j)
-                        diagonal += there
-                        beside = (north if i < 0 else south) or (west if j < 0 else east)
-                        across += there and not beside
-                along += straight
-                ends += straight + diagonal <= 1
-    return ends, along, across
-
-
-@inlined_kernel
-def _on(image: Bool[np.ndarray, "row column"], row: int, column: int) -> bool:
-    """Whether a pixel is on; outside the image none is."""
-    return 0 <= row < image.shape[0] and 0 <= column < image.shape[1] and image[row, column]

@@ -67,7 +67,7 @@ class Filaments:
     @cached_property
     def csr_radius(self) -> float:
         """r_CSR."""
-        return csr_radius(self.pixels.distance)
+        return csr_radius(self.pixels)
 
     @cached_property
     def beyond(self) -> Bool[np.ndarray, " pixel"]:
@@ -118,22 +118,34 @@ def filaments(pixels: Pixels) -> Filaments:
     return pixels.derived(Filaments)
 
 
-def csr_radius(distance: PerPixel) -> float:
-    """r_CSR from the distances of all pixels; nan where the largest is less than δ."""
-    largest = float(distance.max())
+def csr_radius(pixels: Pixels) -> float:
+    """r_CSR; nan where the farthest pixel is nearer than δ."""
+    if with_numba(pixels.colony.size):
+        from yeastfit.measure.statistics.compiled_filaments import in_rings
+
+        held, largest = in_rings(pixels.colony, *pixels.centre, RING, TIE)
+    else:
+        held = np.bincount((pixels.distance / RING + (1 - TIE)).astype(int), minlength=2)
+        largest = pixels.max_radius
     if largest < RING:
         return nan
+    held[1] += held[0]  # of the centre
     rings = np.arange(1, floor(largest / RING + 0.5) + 1)
-    counts = np.bincount((distance / RING + (1 - TIE)).astype(int), minlength=len(rings) + 1)
-    counts[1] += counts[0]  # the centre
-    counts = counts[1 : len(rings) + 1]
-    excess = np.abs(1 - counts * (largest / RING) ** 2 / (len(distance) * (2 * rings - 1)))
+    counts = held[1 : len(rings) + 1]
+    excess = np.abs(1 - counts * (largest / RING) ** 2 / (pixels.area * (2 * rings - 1)))
     return float(RING * rings[np.argmax(excess <= excess.min() + TIE)])
 
 
 def _branches(pixels: Pixels, inner: float) -> tuple[float, float]:
-    beyond, width = pixels.square >= (inner - TIE) ** 2, max(_CORE * inner, _THICKNESS)
-    thick = (pixels.colony | ~beyond) & (pixels.square >= max(inner - width - TIE, 0.0) ** 2)
+    width = max(_CORE * inner, _THICKNESS)
+    least = (inner - TIE) ** 2, max(inner - width - TIE, 0.0) ** 2
+    if with_numba(pixels.colony.size):
+        from yeastfit.measure.statistics.compiled_filaments import parted
+
+        thick, beyond = parted(pixels.colony, *pixels.centre, *least)
+    else:
+        beyond = pixels.square >= least[0]
+        thick = (pixels.colony | ~beyond) & (pixels.square >= least[1])
     ends, along, across, orientations = 0, 0, 0, 0
     for (whole, outer), rows, columns in _quadrants((thick, beyond), pixels.centre, round(width)):
         found = _followed(skeleton(whole), outer[:rows, :columns])
@@ -169,7 +181,7 @@ def _followed(thin: Mask, outer: Bool[np.ndarray, "row1 column1"]) -> tuple[int,
     only where no two steps along lead to the same place.
     """
     if with_numba(thin.size):
-        from yeastfit.measure.statistics.compiled_thinning import followed
+        from yeastfit.measure.statistics.compiled_filaments import followed
 
         return followed(thin, np.ascontiguousarray(outer))
     rows, columns = np.divmod(np.flatnonzero(thin[: len(outer), : outer.shape[1]] & outer), outer.shape[1])
