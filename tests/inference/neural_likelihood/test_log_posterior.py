@@ -18,7 +18,6 @@ from yeastfit.inference.neural_likelihood.network import TrainingSettings
 from yeastfit.inference.neural_likelihood.training import train
 from yeastfit.inference.posterior.problem import Problem
 
-EVERYWHERE = Ellipsoid(np.zeros(8), np.zeros((8, 8)), np.zeros(()))
 PRIOR = Prior.of(
     {
         "uniform": {"distribution": "uniform", "low": -1.0, "high": 3.0},
@@ -35,7 +34,7 @@ PRIOR = Prior.of(
 
 def test_the_prior_is_that_of_numpy() -> None:
     """In double precision, and −inf beyond any end; with a likelihood of 1."""
-    program = Program(PRIOR, lambda x: jnp.zeros(len(x)), EVERYWHERE, np.array(1.0))
+    program = Program(PRIOR, lambda x: jnp.zeros(len(x)), Ellipsoid.everywhere(8), np.array(1.0))
     x = PRIOR.coordinates(PRIOR.sample(1000, np.random.default_rng(0)))
     assert_allclose(densities(program, x), PRIOR.log_density_of_coordinates(x), rtol=1e-12, atol=1e-12)
     for k, (low, high) in enumerate(PRIOR.support):

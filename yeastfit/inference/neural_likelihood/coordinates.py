@@ -12,16 +12,13 @@ no ends: beyond the last simulation, at u of 10⁻³ to 10⁻⁴, there is room 
 went after posteriors there.
 """
 
-from typing import TypeVar
-
 import equinox as eqx
 import numpy as np
 from jaxtyping import Array, Float
 
-from yeastfit.inference.prior.prior import Prior
+from yeastfit.inference.prior.prior import Prior, Table
 
 Values = Float[np.ndarray, "row free"]
-Table = TypeVar("Table", np.ndarray, Array)
 
 
 class Coordinates(eqx.Module):

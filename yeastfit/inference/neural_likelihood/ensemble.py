@@ -66,11 +66,9 @@ class Ensemble(eqx.Module):
 
     def _log_success(self, features: Float[Array, " feature"], off: Float[Array, " member"]) -> Float[Array, ""]:
         """log P where the networks correct the logit by `off`."""
-        return (
-            jnp.zeros((), features.dtype)
-            if self.odds is None
-            else jnp.mean(jax.nn.log_sigmoid(self.odds @ features + off))
-        )
+        if self.odds is None:
+            return jnp.zeros((), features.dtype)
+        return jnp.mean(jax.nn.log_sigmoid(self.odds @ features + off))
 
     def success_error_around(self, places: Float[Array, "place free"]) -> Float[Array, ""]:
         """Variance of the error of the log probability of success, of replicates as for `moments_around`.

@@ -14,12 +14,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from yeastfit.inference.neural_likelihood.coordinates import Table
 from yeastfit.inference.neural_likelihood.densities import LogDensity, densities
 from yeastfit.inference.neural_likelihood.emulator import Emulator
 from yeastfit.inference.neural_likelihood.single_colonies import likelihood_of_colonies
 from yeastfit.inference.posterior.problem import Problem
-from yeastfit.inference.prior.prior import Prior
+from yeastfit.inference.prior.prior import Prior, Table
 
 FARTHEST = 30.0  # |z|, of prior probability 10⁻¹⁹⁷, from where τ(z) is soon infinite in double precision
 LOG_ROOT_2PI = np.log(np.sqrt(2.0 * np.pi))
@@ -31,6 +30,11 @@ class Ellipsoid(eqx.Module):
     middle: Float[np.ndarray | Array, " free"]
     whitening: Float[np.ndarray | Array, "free free"]
     square: Float[np.ndarray | Array, ""]
+
+    @staticmethod
+    def everywhere(size: int) -> "Ellipsoid":
+        """One that holds all rows of so many coordinates."""
+        return Ellipsoid(np.zeros(size), np.zeros((size, size)), np.zeros(()))
 
     def __call__(self, x: Float[Table, "row free"]) -> Bool[Table, " row"]:
         """Which rows lie there."""
@@ -60,13 +64,13 @@ class LogPosterior:
     @cached_property
     def program(self) -> "Program":
         """The same, for programs that sample."""
-        problem, free = self.problem, len(self.problem.prior.free)
+        problem = self.problem
         if problem.variation is None:
             likelihood: LogDensity = self.emulator.likelihood(problem.observed, problem.replicates, problem.noise)
         else:
             likelihood = likelihood_of_colonies(self.emulator, problem)
-        everywhere = Ellipsoid(np.zeros(free), np.zeros((free, free)), np.zeros(()))
-        return Program(problem.prior, likelihood, self.known or everywhere, np.asarray(self.power))
+        known = self.known or Ellipsoid.everywhere(len(problem.prior.free))
+        return Program(problem.prior, likelihood, known, np.asarray(self.power))
 
     def parts(
         self, x: Float[np.ndarray, "row coordinate"]

@@ -137,9 +137,9 @@ class Walk:
     @property
     def backend(self) -> Backend:
         """The same as emcee keeps chains."""
-        backend = Backend()
-        backend.reset(*self.chain.shape[1:])
-        backend.chain, backend.log_prob = self.chain, self._so_far(self.densities)
+        backend, chain = Backend(), self.chain
+        backend.reset(*chain.shape[1:])
+        backend.chain, backend.log_prob = chain, self._so_far(self.densities)
         backend.accepted = self._so_far(self.moved).sum(axis=0).astype(float)
         backend.iteration = self.steps
         backend.random_state = np.random.RandomState(0).get_state()  # for emcee to go on with

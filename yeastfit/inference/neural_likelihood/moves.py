@@ -125,7 +125,9 @@ def _stepped(
     return jax.lax.scan(step, (x, density), chance)[1]
 
 
-_compiled: Any = eqx.filter_jit(_stepped, **{"compiler_options": {"xla_cpu_multi_thread_eigen": False}})  # type: ignore
+_compiled: Any = eqx.filter_jit(  # type: ignore[call-overload]
+    _stepped, compiler_options={"xla_cpu_multi_thread_eigen": False}
+)
 """On CPUs handing so small matrices to further threads takes longer than multiplying them."""
 
 

@@ -33,6 +33,7 @@ from yeastfit.inference.neural_likelihood.densities import ROWS
 from yeastfit.inference.neural_likelihood.emulator import Emulator
 from yeastfit.inference.neural_likelihood.ensemble import Ensemble
 from yeastfit.inference.posterior.problem import Problem
+from yeastfit.inference.prior.prior import coordinates_of, values_of
 from yeastfit.inference.prior.variation import NAME, ColonyCoordinates, Variation
 
 WIDE = 2.0  # times the prior's width, from where τ is warned of
@@ -140,8 +141,8 @@ class LikelihoodOfColonies(eqx.Module):
         """Of rows of the prior's coordinates and z, of which τ is a function."""
         x, tau = rows[:, :-1], _tau(self.variation, rows[:, -1])
         logarithmic = self.coordinates.prior.logarithmic
-        around = self.bounds.around(jnp.where(logarithmic, jnp.exp(jnp.where(logarithmic, x, 0.0)), x), tau)
-        seen = self.coordinates.of_prior(jnp.where(logarithmic, jnp.log(jnp.where(logarithmic, around, 1.0)), around))
+        around = self.bounds.around(values_of(x, logarithmic), tau)
+        seen = self.coordinates.of_prior(coordinates_of(around, logarithmic))
         return jax.lax.map(self._of_places, seen.astype(self.data.mean.dtype), batch_size=ROWS) - self.volume
 
     def _of_places(self, places: Float[Array, "place free"]) -> Float[Array, ""]:

@@ -12,10 +12,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import Any, Literal, TypeVar, get_args
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Array, Bool, Float
 
 from yeastfit.errors import InputError
 from yeastfit.inference.prior.distributions import FAMILIES, MIXED, Distribution
@@ -27,6 +27,7 @@ from yeastfit.text_files import read_toml
 
 WIDE_BETA = {"a": 2.0, "b": 2.0}  # the widest of the beta priors of Li et al. 2024
 
+Table = TypeVar("Table", np.ndarray, Array)  # of NumPy or JAX
 Values = Float[np.ndarray, "draw free"]
 Bounded = Literal["log-uniform", "beta"]
 
@@ -86,16 +87,11 @@ class Prior:
 
     def coordinates(self, values: Values) -> Values:
         """x of λ."""
-        x = np.array(self._rows(values), dtype=float)
-        x[:, self.logarithmic] = np.log(values[:, self.logarithmic])
-        return x
+        return coordinates_of(self._rows(values), self.logarithmic)
 
     def values(self, x: Values) -> Values:
         """λ of x, the inverse of `coordinates`; inf, which is outside every support, where exp overflows."""
-        values = np.array(self._rows(x), dtype=float)
-        with np.errstate(over="ignore"):
-            values[:, self.logarithmic] = np.exp(x[:, self.logarithmic])
-        return values
+        return values_of(self._rows(x), self.logarithmic)
 
     def quantile(self, unit: Values) -> Values:
         """λ at points of the unit cube, one cumulative probability per parameter.
@@ -262,6 +258,21 @@ class Prior:
     def _log_density(self, x: Values) -> Float[np.ndarray, " draw"]:
         columns = zip(self.distributions.values(), x.T, strict=True)
         return np.sum([one.log_density(column) for one, column in columns], axis=0)
+
+
+def coordinates_of(
+    values: Float[Table, "*row free"], logarithmic: Bool[np.ndarray, " free"]
+) -> Float[Table, "*row free"]:
+    """x of λ, log λ where the coordinate is one, by NumPy or JAX, whichever λ is an array of."""
+    library = values.__array_namespace__()
+    return library.where(logarithmic, library.log(library.where(logarithmic, values, 1.0)), values)
+
+
+def values_of(x: Float[Table, "*row free"], logarithmic: Bool[np.ndarray, " free"]) -> Float[Table, "*row free"]:
+    """λ of x, the inverse of `coordinates_of`; inf where exp overflows."""
+    library = x.__array_namespace__()
+    with np.errstate(over="ignore"):
+        return library.where(logarithmic, library.exp(library.where(logarithmic, x, 0.0)), x)
 
 
 def template(prior: Prior, parameters: ParameterSet) -> str:

@@ -16,7 +16,7 @@ doi:10.1080/01621459.1988.10478694). Chains walk in z ~ N(0, 1) before the data,
 import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from typing import Any, TypeVar
+from typing import Any
 
 import equinox as eqx
 import numpy as np
@@ -25,7 +25,7 @@ from jaxtyping import Array, Float
 
 from yeastfit.errors import InputError
 from yeastfit.inference.prior.distributions import Distribution, SpikeHalfNormal
-from yeastfit.inference.prior.prior import Prior
+from yeastfit.inference.prior.prior import Prior, Table
 from yeastfit.inference.simulator import Rows, Seeds, Simulator, Values, Wrapper
 from yeastfit.parameter_set import Parameter, ParameterSet
 from yeastfit.seeds import Stream, stream_of
@@ -39,8 +39,6 @@ TAU = Parameter(
     (0.0, 1.0),
     0.0,
 )
-
-Table = TypeVar("Table", np.ndarray, Array)
 
 
 @dataclass(frozen=True)
