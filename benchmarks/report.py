@@ -15,6 +15,7 @@ target.
 
 import json as json_
 import platform
+import subprocess
 import sys
 import time
 from collections.abc import Callable, Sequence
@@ -204,8 +205,27 @@ def machine() -> dict[str, Any]:
         "device": f"{len(devices)} × {devices[0].device_kind} ({devices[0].platform})",
         "precision": "double" if jax.config.read("jax_enable_x64") else "single",
         "python": platform.python_version(),
-        **{package.__name__: package.__version__ for package in (yeastfit, jax, np)},
+        "yeastfit": commit(Path(yeastfit.__file__).parent) or yeastfit.__version__,
+        **{package.__name__: package.__version__ for package in (jax, np)},
     }
+
+
+def commit(package: Path) -> str:
+    """The commit of the checkout that holds `package`, and whether code was changed since; empty for an installed one.
+
+    The version that was installed names another commit when the environment was made from another one.
+    """
+
+    def git(*arguments: str) -> str:
+        told = subprocess.run(("git", "-C", package.parent, *arguments), capture_output=True, check=True, text=True)
+        return told.stdout.strip()
+
+    try:
+        git("ls-files", "--error-unmatch", package.name)  # fails for a package installed inside another checkout
+        changed = git("status", "--porcelain", "--", package.name, "benchmarks")
+        return f"commit {git('rev-parse', '--short=9', 'HEAD')}{' with changes' if changed else ''}"
+    except (OSError, subprocess.CalledProcessError):
+        return ""
 
 
 def command(

@@ -3,6 +3,7 @@
 import json
 import math
 import runpy
+import subprocess
 import sys
 from pathlib import Path
 
@@ -11,7 +12,7 @@ import pytest
 
 from benchmarks import contest, optimisers, recovery
 from benchmarks.programs import placed, samples
-from benchmarks.report import Figure, Report, command
+from benchmarks.report import Figure, Report, command, commit
 from yeastfit import PARAMETERS, FitSettings, InputError, Observable, Targets
 from yeastfit.inference.fit.response_surface import response_surface
 from yeastfit.inference.parameter_space import ParameterSpace
@@ -84,6 +85,27 @@ def test_what_was_measured_before_a_failure_is_shown(tmp_path: Path, capsys: pyt
         command("example", run, ["--json", str(tmp_path / "figures.json")])
     assert "speed" in capsys.readouterr().out
     assert not list(tmp_path.iterdir())
+
+
+def test_a_commit_is_that_of_the_checkout_and_says_whether_code_was_changed(tmp_path: Path) -> None:
+    def git(*arguments: str) -> str:
+        own = ("-c", "user.name=a", "-c", "user.email=a@b", "-C", str(tmp_path))
+        return subprocess.run(("git", *own, *arguments), check=True, capture_output=True, text=True).stdout.strip()
+
+    package = tmp_path / "yeastfit"
+    package.mkdir()
+    (package / "__init__.py").write_text("")
+    assert commit(package) == ""  # not a checkout
+    git("init")
+    assert commit(package) == ""  # installed inside a checkout that does not track it
+    git("add", "yeastfit")
+    git("commit", "-m", "first")
+    first = f"commit {git('rev-parse', '--short=9', 'HEAD')}"
+    assert commit(package) == first
+    (tmp_path / "page.md").write_text("written by a benchmark")
+    assert commit(package) == first
+    (package / "__init__.py").write_text("changed = True")
+    assert commit(package) == f"{first} with changes"
 
 
 @pytest.mark.parametrize(
