@@ -18,7 +18,7 @@
 4. Holes of fewer than 10 pixels, 8-connected, are filled.
 
 A quarter of a bin's 16 pixels depends on 4 × 4 bins, so a table of 2¹⁶ patterns gives its four pixels; the other
-quarters are its mirror images.
+quarters are its mirror images. Bit 4i + j of a bin's code is its pixel in row i and column j.
 """
 
 from dataclasses import dataclass
@@ -26,7 +26,7 @@ from functools import cache, reduce
 from math import ceil
 
 import numpy as np
-from jaxtyping import Bool, Float, Int, UInt8, UInt16
+from jaxtyping import Bool, Float, Int, UInt8, UInt16, UInt32
 
 from yeastfit.compiled import array_kernel, kernel
 from yeastfit.errors import InputError
@@ -43,6 +43,8 @@ UNIT = 1024
 ALL = 0xFFFF
 WEIGHTS = np.array([[-49, 987, 93, -7], [-75, 745, 399, -45]])
 """Of the bins at −1, 0, 1 and 2, for pixels at 1/8 and 3/8, times `UNIT`."""
+ROWS_OF_BINS = (np.arange(16)[:, None] >> np.arange(4) & 1).astype(bool).view(np.uint32).ravel()
+"""The four pixels of a row of a bin, by their bits, as one word."""
 
 
 @dataclass(frozen=True)
@@ -100,19 +102,20 @@ class BinnedOutlines:
 
     def mask(self, cells: int) -> Bool[np.ndarray, "x y"]:
         """The mask of so many first cells, 4 pixels a bin; of all, where fewer were born."""
-        image, mixed = enlarged(self.first <= cells)
-        fill_holes(image, SMALLEST_HOLE, mixed)
+        image, bins = enlarged(self.first <= cells)
+        fill_holes(image, SMALLEST_HOLE, bins)
         return image
 
 
 def enlarged(
     occupied: Bool[np.ndarray, "row column"],
 ) -> tuple[Bool[np.ndarray, "x y"], Int[np.ndarray, "bin 2"]]:
-    """Four times as large, by cubic convolution in 8 bits; also the bins in which every small hole begins."""
-    image = np.zeros((BIN * occupied.shape[0], BIN * occupied.shape[1]), dtype=bool)
-    mixed = np.empty((occupied.size, 2), dtype=np.int32)
-    count = _enlarge(_patterns(np.pad(occupied, 2, mode="symmetric")), _quarters(), image, mixed)
-    return image, mixed[:count]
+    """Four times as large, by cubic convolution in 8 bits; and all bins, with others, in which a small hole begins."""
+    words = np.empty((BIN * occupied.shape[0], occupied.shape[1]), dtype=np.uint32)
+    bins = np.empty((occupied.size, 2), dtype=np.int32)
+    above = np.full(occupied.shape[1], ALL)
+    count = _enlarge(_patterns(np.pad(occupied, 2, mode="symmetric")), _quarters(), ROWS_OF_BINS, above, words, bins)
+    return words.view(bool), bins[:count]
 
 
 @array_kernel
@@ -214,8 +217,8 @@ def _bin(
 def _quarters() -> UInt8[np.ndarray, "quarter pattern"]:
     """The four pixels of each quarter of a bin, upper and lower left, upper and lower right, as bits, by pattern.
 
-    Bit 4i + j of a pattern is row i and column j of the 4 × 4 bins around the quarter. Bit 2i + j of the result is row
-    i and column j of its pixels.
+    Bit 4i + j of a pattern is row i and column j of the 4 × 4 bins around the quarter, and of the result row i and
+    column j of its 2 × 2 pixels.
     """
     bits = (np.arange(1 << 16)[:, None] >> np.arange(16)) & 1
     along_rows = np.einsum("si,pij->psj", WEIGHTS, 255 * bits.reshape(-1, 4, 4))
@@ -224,11 +227,12 @@ def _quarters() -> UInt8[np.ndarray, "quarter pattern"]:
     on = np.clip((both + UNIT // 2) // UNIT, 0, 255) > 128
     lower_right = (on.reshape(-1, 4) << np.arange(4)).sum(axis=1).astype(np.uint8)
     turned = np.arange(1 << 16).reshape((2,) * 16), np.arange(16).reshape((2,) * 4)  # one axis a bit, highest first
+    spread = (np.arange(16) & 3 | (np.arange(16) & 12) << 2).astype(np.uint8)  # from bit 2i + j to bit 4i + j
     quarters = []
     for down, right in ((0, 0), (1, 0), (0, 1), (1, 1)):
         pattern, pixels = (_mirrored(one, bool(down), bool(right)) for one in turned)
-        quarters.append(pixels[lower_right[pattern]])
-    return np.stack(quarters).astype(np.uint8)
+        quarters.append(spread[pixels[lower_right[pattern]]])
+    return np.stack(quarters)
 
 
 def _mirrored(codes: Int[np.ndarray, "*bit"], down: bool, right: bool) -> Int[np.ndarray, " code"]:
@@ -251,32 +255,35 @@ def _patterns(padded: Bool[np.ndarray, "row column"]) -> UInt16[np.ndarray, "row
 def _enlarge(
     patterns: UInt16[np.ndarray, "row1 column1"],
     quarters: UInt8[np.ndarray, "quarter pattern"],
-    image: Bool[np.ndarray, "x y"],
-    mixed: Int[np.ndarray, "bin 2"],
+    rows_of_bins: UInt32[np.ndarray, " bits"],
+    above: Int[np.ndarray, " column"],
+    words: UInt32[np.ndarray, "x column"],
+    bins: Int[np.ndarray, "bin 2"],
 ) -> int:
-    """Set the pixels that are on.
+    """Set all pixels, four in a word.
 
-    Most bins lie among 5 × 5 that are all empty or all occupied. The others are listed in `mixed`; how many they are.
+    A hole begins where a pixel is off and those above it and to its left are on, or outside. Bins with such pixels are
+    listed in `bins`; how many they are.
+
+    above: Code of the bin above, column by column; first of all, of one that is on.
     """
     count = 0
-    for row in range(image.shape[0] // BIN):
-        for column in range(image.shape[1] // BIN):
-            around = (
-                patterns[row, column],
-                patterns[row + 1, column],
-                patterns[row, column + 1],
-                patterns[row + 1, column + 1],
+    for row in range(words.shape[0] // BIN):
+        upper, lower, pixels = patterns[row], patterns[row + 1], words[BIN * row : BIN * row + BIN]
+        left = np.int64(ALL)
+        for column in range(words.shape[1]):
+            code = (
+                np.int64(quarters[0, upper[column]])
+                | np.int64(quarters[1, lower[column]]) << 8
+                | np.int64(quarters[2, upper[column + 1]]) << 2
+                | np.int64(quarters[3, lower[column + 1]]) << 10
             )
-            if around[0] | around[1] | around[2] | around[3] == 0:
-                continue
-            if around[0] & around[1] & around[2] & around[3] == ALL:
-                image[BIN * row : BIN * row + BIN, BIN * column : BIN * column + BIN] = True
-                continue
-            mixed[count] = row, column
-            count += 1
-            for quarter in range(4):
-                pixels = quarters[quarter, around[quarter]]
-                i, j = BIN * row + 2 * (quarter & 1), BIN * column + 2 * (quarter >> 1)
-                for k in range(4):
-                    image[i + (k >> 1), j + (k & 1)] = pixels >> k & 1
+            for k in range(BIN):
+                pixels[k, column] = rows_of_bins[code >> 4 * k & 15]
+            on_above = code << 4 & 0xFFF0 | above[column] >> 12
+            on_left = code << 1 & 0xEEEE | left >> 3 & 0x1111
+            if ~code & on_above & on_left & ALL:
+                bins[count] = row, column
+                count += 1
+            above[column] = left = code
     return count
