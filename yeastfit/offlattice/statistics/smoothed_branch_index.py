@@ -24,8 +24,8 @@ from yeastfit.offlattice.statistics.li2024_statistics import I_B, Li2024, branch
 
 WIDTH = 2.0  # pixels, the standard deviation of the Gaussian
 REACH = 8  # pixels to which it is taken into account
-HALF = np.exp(-0.5 * (np.arange(REACH + 1) / WIDTH) ** 2)  # from its middle on
-WEIGHTS = HALF / (2 * HALF.sum() - HALF[0])
+GAUSSIAN = np.exp(-0.5 * (np.arange(REACH + 1) / WIDTH) ** 2)  # from its middle on
+WEIGHTS = GAUSSIAN / (2 * GAUSSIAN.sum() - GAUSSIAN[0])  # of a pixel and of those at a distance of 1, 2, …
 
 
 def smoothed_branch_index(colony: Bool[np.ndarray, "row column"], found: Li2024) -> float:
