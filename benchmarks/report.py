@@ -205,9 +205,15 @@ def machine() -> dict[str, Any]:
         "device": f"{len(devices)} × {devices[0].device_kind} ({devices[0].platform})",
         "precision": "double" if jax.config.read("jax_enable_x64") else "single",
         "python": platform.python_version(),
-        "yeastfit": commit(Path(yeastfit.__file__).parent) or yeastfit.__version__,
+        "yeastfit": measured(),
         **{package.__name__: package.__version__ for package in (jax, np)},
     }
+
+
+@cache
+def measured() -> str:
+    """The commit or the version of yeastfit that is measured, as it was when first asked for."""
+    return commit(Path(yeastfit.__file__).parent) or yeastfit.__version__
 
 
 def commit(package: Path) -> str:
@@ -250,6 +256,7 @@ def command(
         if len(given) != len(folders) or not all(one.is_dir() for one in given):
             got = " ".join(map(str, given)) or "nothing"
             raise typer.BadParameter(f"got {got}, need {len(folders)} folders: {' '.join(folders)}")
+        measured()  # the checkout may be at another commit when hours later a page is written
         report = Report(name, quick, docs, json and json.with_suffix(".partial"), given)
         try:
             run(report, quick)
