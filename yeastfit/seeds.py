@@ -35,6 +35,7 @@ class Stream(IntEnum):
     DIRECTIONS = 15
     WEIGHTS = 16
     CONDITIONS = 17
+    AREAS = 18
 
 
 def check_seed(seed: Any) -> int:

@@ -181,7 +181,7 @@ CASES: list[tuple[str, str]] = [
     ("simulate --out OUT --budding nothing", "--budding is 'nothing'"),
     ("simulate --out OUT --hard=1", "--hard"),
     ("simulate --out OUT --model offlattice --cells 0", "cells is 0"),
-    ("design --out OUT --model offlattice --match zz", "match is 'zz', it must be li2024 or exactly or none"),
+    ("design --out OUT --model offlattice --match zz", "match is 'zz', it must be li2024 or exactly or each"),
     ("simulate --out OUT --contact cells --repulsivity 3", "--repulsivity has no effect with --contact cells"),
     ("simulate --out OUT --contact constraint --repulsion-radius 0.3", "has no effect with --contact constraint"),
     (
@@ -189,6 +189,8 @@ CASES: list[tuple[str, str]] = [
         "--metabolic-rate has no effect with --medium walkers",
     ),
     ("design --out OUT --model offlattice --match none --area 500", "area is 500 and match none, which compares"),
+    ("infer table --out OUT --model offlattice --match each --area 500", "area is 500 and match each, which takes the"),
+    ("design --out OUT --model offlattice --match each", "match is each, which takes the areas of the data"),
     ("design --out OUT --model offlattice --masks bins --pixel-size 1", "masks are drawn by --masks bins: leave it"),
     ("design --out OUT --times 1,2 --measured-times 7", "--measured-times is 7, need some of --times, 1, 2"),
     ("simulate --out OUT --death starvation --death-rate -2", "--death-rate (h) is -2, it must be finite"),

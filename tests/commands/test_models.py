@@ -20,10 +20,12 @@ from yeastfit import (
     Targets,
 )
 from yeastfit.commands import app as cli
+from yeastfit.errors import InputError
 from yeastfit.inference.models.algebraic import Algebraic
 from yeastfit.inference.models.offlattice import Offlattice
 from yeastfit.measure.measurements_table import read_measurements
 from yeastfit.measure.outlining.outline_errors import OUTLINE_ERRORS
+from yeastfit.offlattice.masks.area_matching import match_exactly
 from yeastfit.offlattice.masks.ellipse_mask import Ellipses
 from yeastfit.offlattice.masks.li2024_mask import BinnedOutlines
 from yeastfit.offlattice.parameters import PARAMETERS
@@ -242,6 +244,30 @@ def test_indices_of_li_and_coauthors_are_measured_on_the_masks(table: Path) -> N
     assert seen.targets.curves[0, 2, 0] == expected.branch_index
     areas = [float(row["area"]) for row in rows(table)]
     assert seen.model.area == pytest.approx(np.mean(areas))  # type: ignore[attr-defined]
+
+
+def test_colonies_are_matched_to_the_area_of_each_of_the_data(table: Path) -> None:
+    """In pixels of the masks, whatever the mean; cells must cover the largest."""
+    read = read_measurements(table)
+    areas = [row["area"] for row in read]
+    seen = Offlattice(cells=1500, match="each").seen(read, table.parent, None, ("compactness", "radius"))
+    assert isinstance(seen.model, Offlattice)
+    assert (seen.model.areas, seen.model.area) == (tuple(areas), None)
+    simulator = seen.model.simulator(seen.targets, PARAMETERS.names, {})
+    assert isinstance(simulator, OfflatticeSimulator)
+    assert simulator.match is match_exactly
+    assert simulator.area == pytest.approx([area / 1.55008**2 for area in areas], rel=1e-4)
+    values = np.tile([0.5, 0.5, 0.3, 0.2, 0.1], (8, 1))
+    covered = np.array([mask.sum() for mask in seen.model.outlines(simulator, values, seen.targets, 0)[0]])
+    assert np.ptp(covered) > 0
+    assert np.abs(covered[:, None] - simulator.area).min(axis=1).max() < 60  # pixels: a cell may close a hole
+    few = Offlattice(cells=500, match="each").seen(read, table.parent, None, ("compactness", "radius"))
+    with pytest.raises(InputError, match=r"compared at \S+ µm² at most: give about --cells"):
+        few.model.simulator(few.targets, PARAMETERS.names, {})
+    with pytest.raises(InputError, match="areas are given and match is li2024: they are for match each"):
+        Offlattice(areas=(500.0,))
+    with pytest.raises(InputError, match="areas is 5.0, it must be a number of at least 40 µm²"):
+        Offlattice(areas=(5.0,), match="each")
 
 
 def test_masks_are_drawn_as_the_statistics_ask_for() -> None:

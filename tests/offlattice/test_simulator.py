@@ -45,6 +45,23 @@ def test_rows_are_theirs_by_hand() -> None:
     assert not problems_of(simulator)
 
 
+def test_each_colony_has_one_of_several_areas_by_its_seed() -> None:
+    areas, values, seeds = (15_000.0, 25_000.0), np.tile(VALUES[0], (40, 1)), np.arange(40)
+    simulator = OfflatticeSimulator.of(["area"], cells=2000, area=areas, match=match_exactly)
+    drawn = np.array([simulator.area_of(seed) for seed in range(40)])
+    assert set(drawn) == set(areas)
+    assert 10 < (drawn == 15_000.0).sum() < 30  # 4 errors are 12.6
+    found = simulator(values, seeds)
+    np.testing.assert_array_equal(found[::-1], simulator(values, seeds[::-1]))
+    np.testing.assert_allclose(found[:, 0] * 0.646**2, drawn, rtol=0.005)
+    for area in areas:
+        alone = OfflatticeSimulator.of(["area"], cells=2000, area=area, match=match_exactly)
+        np.testing.assert_array_equal(found[drawn == area], alone(values, seeds)[drawn == area])
+    assert simulator.about != alone.about
+    again = offlattice_simulator_of(**simulator.specification.arguments)
+    np.testing.assert_array_equal(again(values[:3], seeds[:3]), found[:3])
+
+
 def test_rows_are_ours_by_hand() -> None:
     names = ("compactness", "branch_length", "area")
     simulator = OfflatticeSimulator.of(names, cells=2000, area=20_000.0, draw=Ellipses.of, match=match_exactly)
@@ -91,6 +108,7 @@ def test_a_colony_that_the_frame_cuts_is_told_of() -> None:
         ({"statistics": ["cell_count"]}, "got 'cell_count'"),
         ({"statistics": []}, "need at least one"),
         ({"statistics": "area"}, r"statistics is 'area', it must be a list of names, such as \['area'\]"),
+        ({"area": ()}, "area: got none, need at least one, or None for whole colonies"),
         ({"limits": ((0.0, 1.0), (0.0, 1.0))}, "limits are 2 pairs, each of the 1 statistics needs one"),
         ({"free": ("forks",)}, "free names 'forks', which is unknown"),
         ({"fixed": {"fork": 0.5}}, "'fork' is free"),

@@ -1,7 +1,7 @@
 """Colonies of the off-lattice model as a forward model that fits and samplers can ask: one colony a row, measured.
 
 A colony of N cells grows; a mask of its first n ≤ N is drawn and measured. n is chosen so that the mask has a given
-area: colonies are compared at one size.
+area: colonies are compared at one size, or each at one of several, drawn by its seed.
 """
 
 from collections import Counter
@@ -27,6 +27,7 @@ from yeastfit.offlattice.statistics.li2024_statistics import ENTRIES
 from yeastfit.offlattice.statistics.smoothed_branch_index import SMOOTHED
 from yeastfit.offlattice.status import Status
 from yeastfit.parameter_set import ParameterSet
+from yeastfit.seeds import Stream, stream_of
 from yeastfit.specification import Specification, described, module_outside, path_of, undescribed
 
 OF_BINS = (*ENTRIES, SMOOTHED)
@@ -54,7 +55,7 @@ class OfflatticeSimulator:
         fixed: Values of the others.
         observables: The columns.
         cells: N.
-        area: Of the mask that is measured, pixels; None for the mask of all cells.
+        area: Of the mask that is measured, pixels; of several each colony has one; None for the mask of all cells.
         draw: The pictures of a colony: `BinnedOutlines.whole`, `BinnedOutlines.of` with Li et al.'s frame, or
             `Ellipses.of`.
         match: How the area is matched: Li et al.'s `search_from_below` or `match_exactly`.
@@ -70,7 +71,7 @@ class OfflatticeSimulator:
     fixed: Mapping[str, float]
     observables: tuple[Observable, ...]
     cells: int
-    area: float | None = None
+    area: float | tuple[float, ...] | None = None
     draw: Callable[[OfflatticeColony], Picture] = BinnedOutlines.whole
     match: Callable[[MaskOf, int, float], MatchedMask] = search_from_below
     delay: float = DELAY
@@ -84,7 +85,7 @@ class OfflatticeSimulator:
         statistics: Sequence[str],
         *,
         cells: int,
-        area: float | None = None,
+        area: float | Sequence[float] | None = None,
         free: Sequence[str] = PARAMETERS.names,
         fixed: Mapping[str, float] | None = None,
         draw: Callable[[OfflatticeColony], Picture] = BinnedOutlines.whole,
@@ -94,7 +95,7 @@ class OfflatticeSimulator:
         threads: int | None = None,
         limits: Sequence[tuple[float, float]] | None = None,
     ) -> "OfflatticeSimulator":
-        """Colonies of N cells that are compared at one area.
+        """Colonies of N cells that are compared at one area, or at several.
 
         Arguments:
             statistics: Names: those of `li2024_statistics.ENTRIES`, and all that `measure` has for masks.
@@ -119,6 +120,8 @@ class OfflatticeSimulator:
             raise InputError(f"statistics: got {unknown[0]!r}, need some of {', '.join(known_statistics())}")
         if not statistics:
             raise InputError("statistics: got none, need at least one")
+        if isinstance(area, Sequence) and not area:
+            raise InputError("area: got none, need at least one, or None for whole colonies")
         chosen = PARAMETERS.subset(free)
         given = dict(fixed or {})
         PARAMETERS.check(given)
@@ -130,7 +133,7 @@ class OfflatticeSimulator:
             fixed=held,
             observables=tuple(map(Observable, statistics)),
             cells=cells,
-            area=area,
+            area=tuple(area) if isinstance(area, Sequence) else area,
             draw=draw,
             match=match,
             delay=delay,
@@ -218,13 +221,27 @@ class OfflatticeSimulator:
         jobs = [(row, int(seed)) for row, seed in zip(values.tolist(), seeds, strict=True)]
         return np.array(in_threads(one, jobs, self.threads))
 
-    def seen(self, colony: OfflatticeColony) -> tuple[Bool[np.ndarray, "row column"], float, str]:
-        """The mask of a colony that is measured, µm per pixel, and what its area ran into; empty for nothing."""
-        picture = self.draw(colony)
-        if self.area is None:
+    def area_of(self, seed: int) -> float | None:
+        """At which the colony of a seed is compared, in pixels."""
+        if not isinstance(self.area, tuple):
+            return self.area
+        return self.area[np.random.default_rng(stream_of(seed, Stream.AREAS, 0)).integers(len(self.area))]
+
+    def seen(self, colony: OfflatticeColony, seed: int) -> tuple[Bool[np.ndarray, "row column"], float, str]:
+        """What of a colony is measured.
+
+        Arguments:
+            colony: One of `colony`.
+            seed: Of its row, which decides over its area where there are several.
+
+        Returns:
+            Its mask, µm per pixel, and what its area ran into; empty for nothing.
+        """
+        picture, area = self.draw(colony), self.area_of(seed)
+        if area is None:
             mask, problem = picture.mask(colony.x.size), ""
         else:
-            matched = self.match(picture.mask, colony.x.size, self.area)
+            matched = self.match(picture.mask, colony.x.size, area)
             mask, problem = matched.mask, "" if matched.match is Match.MATCHED else matched.match.value
         cut = mask[[0, -1]].any() or mask[:, [0, -1]].any()
         return mask, picture.pixel_size, problem or (CUT if cut else "")
@@ -234,7 +251,7 @@ class OfflatticeSimulator:
         colony = self.colony(*job)
         if colony.status is not Status.GROWN:
             return [np.nan] * len(self.observables), f"{colony.status.value}; left out"
-        mask, pixel_size, problem = self.seen(colony)
+        mask, pixel_size, problem = self.seen(colony, job[1])
         found = statistics_of(mask, pixel_size, [one.statistic for one in self.observables])
         row = np.array([found[one.statistic] for one in self.observables])
         return (row if self.limits is None else np.clip(row, *np.transpose(self.limits))).tolist(), problem

@@ -1,7 +1,8 @@
 """The off-lattice model of Li et al. 2024, as commands see it; numba is imported where colonies grow.
 
 It has no time. Colonies are compared in one image each, at one area: N cells grow, and so many of them are drawn as
-cover the mean area of the data.
+cover the mean area of the data. Where colonies of the data differ in size, and so in how far their filaments
+have grown, each may be drawn at the area of one of them, taken at random (`match` each).
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -51,7 +52,7 @@ TRIED = 16  # colonies that show whether the cells cover the area of the data
 COVERED = 0.75  # share of it that is enough; below 1 a warning counts the colonies that do not cover it
 ROOM = 1.1  # times as many cells as cover it: Li et al. took as many
 Masks = Literal["li2024", "bins", "ellipses"]
-Match = Literal["li2024", "exactly", "none"]
+Match = Literal["li2024", "exactly", "each", "none"]
 
 
 @dataclass(frozen=True)
@@ -87,11 +88,18 @@ class Offlattice(ForwardModel):
     match: Annotated[
         Match,
         Setting(
-            "How many cells are drawn: as Li et al. search for the area, within 5 %; exactly as many as cover it; or "
-            "all, whatever the area (none).",
+            "How many cells are drawn: as Li et al. search for the area, within 5 %; exactly as many as cover it; as "
+            "many as cover the area of one of the data's colonies, each drawn at random (each); or all, whatever the "
+            "area (none).",
             commands=COMPARED,
         ),
     ] = "li2024"
+    areas: Annotated[
+        tuple[float, ...],
+        Setting(
+            "With match each: areas in µm² that colonies have, by default those of the data.", commands=("python",)
+        ),
+    ] = ()
     masks: Annotated[
         Masks | None,
         Setting(
@@ -117,6 +125,12 @@ class Offlattice(ForwardModel):
             COVERED_AREAS.read(self.area, "area")
             if self.match == "none":
                 raise InputError(f"area is {self.area:g} and match none, which compares whole colonies: leave out one")
+            if self.match == "each":
+                raise InputError(f"area is {self.area:g} and match each, which takes the data's areas: leave out one")
+        for area in self.areas:
+            COVERED_AREAS.read(area, "areas")
+        if self.areas and self.match != "each":
+            raise InputError(f"areas are given and match is {self.match}: they are for match each, leave them out")
         if self.pixel_size is not None:
             PIXEL_SIZES.read(self.pixel_size, "pixel_size")
         for name, value, known in (("match", self.match, Match), ("masks", self.masks, Masks)):
@@ -181,7 +195,8 @@ class Offlattice(ForwardModel):
         curves = {name: np.array([[value[name]] for value in values]) for name in statistics}
         check_some(curves, len(chosen))
         targets = Targets.from_replicates(curves, [hours], colonies=[str(row["replicate"]) for row in chosen])
-        area = mean_area(chosen, [value["area"] for value in values]) if self.area is None else self.area
+        areas = [value["area"] for value in values]
+        area = mean_area(chosen, areas) if self.area is None else self.area
         pixel = float(np.mean([row["um_per_pixel"] for row in chosen])) if self.pixel_size is None else self.pixel_size
         if self.pixel_size is not None and self._masks(statistics) != "ellipses":
             notes.append(
@@ -192,7 +207,11 @@ class Offlattice(ForwardModel):
                 f"{chosen[0]['file']}: colonies cover {area:.3g} µm² in the mean, which must be {COVERED_AREAS}, as a "
                 f"cell does: is um_per_pixel {pixel:g}?"
             )
-        seen = replace(self, area=None if self.match == "none" else area, pixel_size=pixel)
+        seen = replace(self, pixel_size=pixel)
+        if self.match == "each":
+            seen = replace(seen, areas=self.areas or tuple(areas))
+        elif self.match != "none":
+            seen = replace(seen, area=area)
         return Seen(seen, replace(targets, time_label="hours", length_unit="µm"), tuple(notes))
 
     def check(self, largest: Mapping[str, float], hours: Sequence[float]) -> None:
@@ -234,7 +253,7 @@ class Offlattice(ForwardModel):
         """The masks that are measured, of one colony at each row."""
         seeds = member_seeds(seed, len(values))
         colonies = [simulator.colony(row, int(one)) for row, one in zip(values.tolist(), seeds, strict=True)]
-        seen = [simulator.seen(colony) for colony in colonies]
+        seen = [simulator.seen(colony, int(one)) for colony, one in zip(colonies, seeds, strict=True)]
         return [mask for mask, _, _ in seen], seen[0][1]
 
     def sensitivity(self, statistics: Sequence[str], values: Mapping[str, float], **how: Any) -> Sensitivity:
@@ -279,27 +298,33 @@ class Offlattice(ForwardModel):
 
         self.check({}, ())
         draw, pixel = self._drawn(statistics)
-        area = None if self.area is None or self.match == "none" else self.area / pixel**2
-        match = match_exactly if self.match == "exactly" else search_from_below
+        area: float | tuple[float, ...] | None = None if self.area is None else self.area / pixel**2
+        if self.match == "each":
+            if not self.areas:
+                raise InputError("match is each, which takes the areas of the data, and there are none: give another")
+            area = tuple(one / pixel**2 for one in self.areas)
+        match = search_from_below if self.match == "li2024" else match_exactly
         return OfflatticeSimulator.of(
             statistics, cells=self.cells, area=area, free=free, fixed=fixed, draw=draw, match=match, delay=self.delay
         )
 
     def _check_reach(self, simulator: "OfflatticeSimulator") -> None:
         """Raise `InputError` where the median of some colonies of the prior is far from covering the area."""
-        if self.area is None or self.match == "none":
+        largest = max(self.areas, default=self.area)
+        if largest is None:
             return
         values = self.prior(simulator.parameters).sample(TRIED, np.random.default_rng(0))
         covered = simulator.covered(values, member_seeds(0, TRIED))
         reached = float(np.median(covered[np.isfinite(covered)])) if np.isfinite(covered).any() else np.inf
-        if reached >= COVERED * self.area:
+        if reached >= COVERED * largest:
             return
-        enough = ROOM * self.cells * self.area / reached
+        at_most = " at most" if self.areas else ""
+        enough = ROOM * self.cells * largest / reached
         rounded = ceil(enough / (step := 10 ** max(0, floor(log10(enough) - 1)))) * step
         raise InputError(
             f"--cells is {self.cells}, which cover {reached:.3g} µm² (median of {TRIED} colonies of the prior), and "
-            f"colonies are compared at {self.area:.3g} µm²: give about --cells {rounded}, or --match none to compare "
-            "whole colonies of any area"
+            f"colonies are compared at {largest:.3g} µm²{at_most}: give about --cells {rounded}, or --match none to "
+            "compare whole colonies of any area"
         )
 
     def _masks(self, statistics: Sequence[str]) -> Masks:
