@@ -7,6 +7,7 @@ from shapes import disc
 from yeastfit.errors import InputError
 from yeastfit.measure import measure_mask
 from yeastfit.measure.outlining.segmentation import segment
+from yeastfit.measure.statistics.registry import STATISTICS
 
 NAMES = ("object_count", "largest_share", "largest_area", "largest_compactness", "largest_radius")
 
@@ -27,6 +28,19 @@ def test_the_largest_of_several_objects_is_measured_by_itself() -> None:
     assert both.compactness > 1.5 * own.compactness
     # of one object the largest is all
     assert [own[name] for name in NAMES] == [1, 1.0, own.area, own.compactness, own.radius]
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (1, 2), (2, 2), (1, 4), (2, 3), (3, 3)], ids=str)
+def test_statistics_of_tiny_objects_can_be_read_back(shape: tuple[int, int]) -> None:
+    """Cells beside each other are a colony of many objects, of a few pixels each."""
+    mask = np.zeros((30, 30), dtype=bool)
+    for corner in range(0, 30, 5):
+        mask[corner : corner + shape[0], corner : corner + shape[1]] = True
+    found = measure_mask(mask, 0.5)
+    assert found.largest_area == pytest.approx(0.25 * shape[0] * shape[1])
+    for name, entry in STATISTICS.items():
+        if entry.mask is not None and np.isfinite(found[name]):
+            assert found[name] in entry.admissible, name
 
 
 def test_of_several_largest_objects_the_same_is_taken_however_the_image_is_turned() -> None:

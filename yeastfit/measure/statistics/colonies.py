@@ -16,11 +16,12 @@ import numpy as np
 import scipy
 
 from yeastfit.measure.statistics.pixels import Pixels
-from yeastfit.measure.statistics.shape import COMPACTNESS
 from yeastfit.measure.statistics.statistic import Statistic
 from yeastfit.numbers import Range
 
 TOUCHING = np.ones((3, 3), dtype=bool)
+OF_OBJECT = Range(0.5, 1e9)
+"""Compactness of an object of any size: of a single pixel 0.57."""
 
 
 def largest_object(pixels: Pixels) -> Pixels:
@@ -57,12 +58,13 @@ ENTRIES = (
         "compactness of the largest object",
         mask=_largest_compactness,
         measurement_error=0.02,
-        possible=COMPACTNESS,
+        possible=OF_OBJECT,
     ),
     Statistic(
         "largest_radius",
         1,
         "mean distance of the largest object from its centroid",
         mask=lambda p: float(p.derived(largest_object).distance.mean()),
+        possible=Range(0.0),
     ),
 )
