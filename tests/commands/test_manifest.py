@@ -56,6 +56,15 @@ def test_beside_the_images(folder: Path, tmp_path: Path) -> None:
     assert not (folder / "manifest.csv").exists()
 
 
+def test_in_a_folder_that_is_a_link(folder: Path, tmp_path: Path) -> None:
+    """To one that lies at another depth."""
+    elsewhere = tmp_path / "some" / "where" / "else"
+    elsewhere.mkdir(parents=True)
+    (tmp_path / "link").symlink_to(elsewhere)
+    assert cli.run(["manifest", str(folder), "--pattern", PATTERN, *SIZES, "--out", str(tmp_path / "link")]) == 0
+    assert all(frame.path.is_file() for frame in read_dataset(elsewhere).frames)
+
+
 def test_a_name_that_a_spreadsheet_would_compute_is_written_as_a_path(tmp_path: Path) -> None:
     (tmp_path / "=1+1 s1 24h 4X.tif").touch()
     assert cli.run(["manifest", str(tmp_path), "--pattern", PATTERN, *SIZES[:2]]) == 0
@@ -179,7 +188,7 @@ def test_a_full_disk_leaves_no_half_manifest(
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
     monkeypatch.setattr("yeastfit.commands.manifest.os.path.relpath", full)
-    for place in (folder, folder / "new"):
+    for place in (folder, folder / "new" / "and" / "another"):
         assert cli.run(["manifest", str(folder), "--pattern", PATTERN, *SIZES, "--out", str(place)]) == 2
         assert capsys.readouterr().err == f"error: {place / 'manifest.csv'}: No space left on device\n"
         assert not (place / "manifest.csv").exists()

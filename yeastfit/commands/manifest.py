@@ -106,22 +106,23 @@ def _sizes(given: list[str]) -> dict[str, float]:
 
 def _write(path: Path, images: list[NamedImage], sizes: list[float | None]) -> None:
     """Write the manifest, and take it away again unless it can be read."""
-    made = not path.parent.exists()
+    made = [one for one in (path.parent, *path.parent.parents) if not one.exists()]
     path.parent.mkdir(parents=True, exist_ok=True)
-    file = path.open("x", newline="", encoding="utf-8")
+    file, place = path.open("x", newline="", encoding="utf-8"), os.path.realpath(path.parent)
     try:
         with file:
             table = csv.writer(file, lineterminator="\n")
             table.writerow(COLUMNS)
             for image, size in zip(images, sizes, strict=True):
-                name = in_tables(Path(os.path.relpath(image.path, path.parent)).as_posix())
+                folder = os.path.relpath(os.path.realpath(image.path.parent), place)
+                name = Path(folder, image.path.name).as_posix()
                 written = "" if size is None else f"{size:.15g}"
-                table.writerow([name, image.replicate, f"{image.hours:.15g}", written, image.condition])
+                table.writerow([in_tables(name), image.replicate, f"{image.hours:.15g}", written, image.condition])
         read_dataset(path.parent)
     except BaseException as error:  # a full disk, which names no file, and Ctrl-C among others
         path.unlink()
-        if made:
-            path.parent.rmdir()
+        for one in made:
+            one.rmdir()
         if isinstance(error, OSError) and error.errno:
             error.filename = error.filename or path
         raise
