@@ -132,6 +132,12 @@ def test_times_that_do_not_rise_are_named(times: tuple) -> None:
         schedule_of(times, SMALL)
 
 
+@pytest.mark.parametrize("times", [None, ["a"], [1 + 2j], [[1.0], [2.0, 3.0]]], ids=str)
+def test_times_that_are_no_numbers_are_named(times: Any, unchecked: None) -> None:
+    with pytest.raises(InputError, match=r"times is .*, it must be numbers"):
+        schedule_of(times, SMALL)
+
+
 @pytest.mark.parametrize("times", [(), (np.nan,), (1.0, np.inf)], ids=str)
 def test_times_that_are_missing_or_not_finite_are_named(times: tuple) -> None:
     with pytest.raises(InputError, match="times is"):

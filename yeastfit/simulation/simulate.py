@@ -26,6 +26,7 @@ from yeastfit.model.parameters import Parameters, Scales
 from yeastfit.model.relaxation import Relaxation
 from yeastfit.model.simulate import Schedule, trajectory
 from yeastfit.model.snapshot import Snapshot
+from yeastfit.numbers import array_of
 from yeastfit.seeds import key_of
 from yeastfit.simulation.ensemble_in_segments import grown_in_segments
 from yeastfit.simulation.result import Simulation
@@ -244,8 +245,8 @@ def schedule_of(times: Sequence[Any] | np.ndarray | Array, numerics: Numerics, s
 
 
 def _steps_of(times: Sequence[Any] | np.ndarray | Array, numerics: Numerics) -> np.ndarray:
-    """Step numbers; none where times are not finite numbers in a row."""
-    values = np.atleast_1d(np.asarray(times, dtype=float))
+    """Step numbers; none where times are not finite numbers in a row. Raises `InputError` where they are no numbers."""
+    values = np.atleast_1d(array_of(times, "times"))
     sound = values.ndim == 1 and bool(np.isfinite(values).all())
     if sound and values.size:
         numerics.check_steps(float(values.max()))
