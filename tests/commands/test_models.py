@@ -266,7 +266,7 @@ def test_colonies_are_matched_to_the_area_of_each_of_the_data(table: Path) -> No
         few.model.simulator(few.targets, PARAMETERS.names, {})
     with pytest.raises(InputError, match="areas are given and match is li2024: they are for match each"):
         Offlattice(areas=(500.0,))
-    with pytest.raises(InputError, match="areas is 5.0, it must be a number of at least 40 µm²"):
+    with pytest.raises(InputError, match=r"areas is 5\.0, it must be a number of at least 40 µm²"):
         Offlattice(areas=(5.0,), match="each")
 
 
