@@ -17,7 +17,9 @@ from stand_in import ROOT, SETTINGS, STATISTICS, TIMES, StandIn, bent, fitted, l
 from yeastfit import ColonySimulator, Fit, FitSettings, FitStatus, Parameters, Scales, Targets, read_truth
 from yeastfit.commands import app as cli
 from yeastfit.commands import fit as cli_fit
+from yeastfit.commands.measured_source import Measurements
 from yeastfit.commands.options import named_pairs_in
+from yeastfit.errors import SimulationError
 from yeastfit.inference.fit.bootstrap_profile import Explored, _box
 from yeastfit.inference.fit.response_surface import response_surface
 from yeastfit.measure.measurements_table import NEEDED, TABLE
@@ -114,6 +116,40 @@ def test_a_table_becomes_a_fit_with_tables_pictures_and_a_manifest(
     said = " ".join(capsys.readouterr().out.split())
     for part in ("bootstrap of replicates: mobility", "profile of aspect_ratio", "converged", "true", "fixed"):
         assert part in said
+
+
+@pytest.mark.usefixtures("undrawn", "quick")
+def test_a_fit_is_kept_whose_profile_fails(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def explore(*fit: object, **fine: object) -> None:
+        raise SimulationError("40 of 64 simulations around the estimate failed (not finite)")
+
+    monkeypatch.setattr(cli_fit, "explore", explore)
+    arguments = ["fit", str(table(tmp_path, {"": TRUTH})), "--statistics", ",".join(STATISTICS), "--profile"]
+    assert cli.run([*arguments, "--out", str(tmp_path / "out")]) == 1
+    assert "no bootstrap and no profile: 40 of 64 simulations around" in capsys.readouterr().out
+    assert Fit.load(tmp_path / "out" / "fit.json").converged
+    assert "no bootstrap and no profile" in (tmp_path / "out" / "index.html").read_text()
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_a_bootstrap_of_one_colony_that_is_measured_ends_before_the_fit(
+    quick: list[dict[str, Any]], tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The manifest names six: five cannot be read."""
+    seen = Measurements.seen
+
+    def one_left(data: Measurements, *arguments: Any) -> Any:
+        rows = [row for row in data.rows if str(row["replicate"]) == "1"]
+        return seen(replace(data, rows=rows), *arguments)
+
+    monkeypatch.setattr(Measurements, "seen", one_left)
+    arguments = ["fit", str(table(tmp_path, {"": TRUTH})), "--statistics", ",".join(STATISTICS), "--bootstrap", "20"]
+    assert cli.run([*arguments, "--out", str(tmp_path / "out")]) == 2
+    assert "--bootstrap is 20 and a condition has one colony, need at least two" in capsys.readouterr().err
+    assert not quick
+    assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.usefixtures("undrawn")

@@ -27,7 +27,7 @@ from yeastfit.commands.options import (
     names_in,
 )
 from yeastfit.commands.run_folder import inputs_of
-from yeastfit.errors import InputError
+from yeastfit.errors import InputError, SimulationError
 from yeastfit.inference.fit.bootstrap_profile import Bootstrap, Profile, explore, profiles
 from yeastfit.inference.fit.least_squares import check_search
 from yeastfit.inference.fit.least_squares import fit as run_fit
@@ -115,7 +115,8 @@ def fit(
 
     Micrographs are measured first, as `yeastfit measure` does; give its measurements.csv instead to skip that. One
     photograph of each colony is enough. Writes one page of everything (index.html), parameters.csv, fit.json, which
-    yeastfit.Fit.load reads in Python, and pictures of the fit. Ends with exit code 1 where the fit did not converge.
+    yeastfit.Fit.load reads in Python, and pictures of the fit. Ends with exit code 1 where the fit did not converge, or
+    --bootstrap or --profile failed.
     """
     model = chosen.forward
     names, fitted = model.statistics_named(names_in(statistics) or model.statistics), names_in(free) or model.fitted
@@ -138,7 +139,8 @@ def fit(
         model.check_images(images[name], names)
     if workers is not None:
         workers.check()
-    _check_bootstrap(bootstrap, min(len({row["replicate"] for row in one}) for one in images.values()), model.nouns)
+    nouns = model.nouns
+    _check_bootstrap(bootstrap, min(len({row["replicate"] for row in one}) for one in images.values()), nouns)
     known = truth_of(source, model.parameters) if truth else None
     with results_folder(folder, "fit", reads=inputs_of(source), overwrite=overwrite) as results:
         with shown_progress("measuring micrographs") as progress:
@@ -146,6 +148,8 @@ def fit(
         seen = data.seen(model, condition or (), names)
         warn(data.warnings + list(dict.fromkeys(note for one in seen.values() for note in one.notes)))
         targets = {"" if len(seen) == 1 else name: one.targets for name, one in seen.items()}
+        fewest = min(1 if one.curves is None else len(one.curves) for one in targets.values())
+        _check_bootstrap(bootstrap, fewest, nouns)
         write_targets(results.partial, {name: one.targets for name, one in seen.items()})
         both = [one.model.fit_simulators(one.targets, fitted, held) for one in seen.values()]
         coarse, fine = (dict(zip(targets, each, strict=True)) for each in zip(*both, strict=True))
@@ -156,10 +160,13 @@ def fit(
             if workers is not None:
                 coarse, fine = ({name: workers.spread(one) for name, one in each.items()} for each in (coarse, fine))
             with shown_progress("fitting") as shown:
-                progress = paced(shown, workers, model.nouns[1])
+                progress = paced(shown, workers, nouns[1])
                 result = run_fit(targets, coarse, fine=fine, seed=seed, settings=settings, progress=progress, **options)
             write_fit(results.partial, result, known)
-            lines = _explored(results.partial, result, bootstrap, profile, coarse, fine)
+            try:
+                lines, explored = _explored(results.partial, result, bootstrap, profile, coarse, fine), True
+            except SimulationError as error:  # which must not cost the fit
+                lines, explored = [f"no bootstrap and no profile: {error}"], False
         configuration = {**chosen.configuration("fit"), "parameters": held, "free": fitted, **options}
         said = {"condition": ", ".join(filter(None, seen)) or None, **configuration}
         _write_page(results.partial, result, next(iter(seen.values())).model, data, said, known, lines)
@@ -173,10 +180,10 @@ def fit(
         out.print(line, highlight=False)
     out.print(
         f"{result.message}; chi-square {result.chi_square:.1f} on {result.degrees_of_freedom} degrees of freedom; "
-        f"{result.simulations} simulated {model.nouns[1]} in {result.seconds:.0f} s. Results in {folder}, on one page: "
+        f"{result.simulations} simulated {nouns[1]} in {result.seconds:.0f} s. Results in {folder}, on one page: "
         "index.html"
     )
-    if not result.converged:
+    if not (result.converged and explored):
         raise typer.Exit(1)
 
 
