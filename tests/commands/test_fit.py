@@ -191,6 +191,7 @@ def test_a_fit_that_did_not_converge_is_exit_code_1(
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
+        (["--prior", "1:0.1"], ["--prior is '1:0.1'", "mobility=1:0.1"]),
         (["--prior", "mobility"], ["--prior is 'mobility'", "mobility=1:0.1"]),
         (["--prior", "mobility=1:wide"], ["--prior is 'mobility=1:wide'"]),
         (["--prior", "elasticity=5:0.1"], ["--prior names 'elasticity'", "not free"]),
@@ -267,6 +268,8 @@ def test_names_and_numbers_are_read() -> None:
     assert found == {"mobility": (0.1, 10.0), "aspect_ratio": (0.3, 0.9)}
     found = named_pairs_in("--prior", ["aspect-ratio of low-N=1:0.1"], "its centre and width")
     assert found == {"aspect_ratio of low-N": (1.0, 0.1)}, "conditions keep their names"
+    found = named_pairs_in("--prior", ["mobility of pH=5=1.5:0.1"], "its centre and width")
+    assert found == {"mobility of pH=5": (1.5, 0.1)}
 
 
 def test_the_truth_lies_beside_the_table_or_in_the_folder(tmp_path: Path) -> None:

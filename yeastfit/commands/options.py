@@ -120,9 +120,9 @@ def named_pairs_in(
     """
     found = dict[str, tuple[float, float]]()
     for text in texts:
-        name, _, pair = text.partition("=")
+        name, sign, pair = text.rpartition("=")  # names of conditions may hold one, too
         numbers = [number_of(part) for part in pair.split(":")]
-        if len(numbers) != 2 or not all(map(math.isfinite, numbers)):
+        if not sign or len(numbers) != 2 or not all(map(math.isfinite, numbers)):
             raise InputError(f"{option} is {quoted(text)}, it must be a name and {what}, such as {example}")
         parameter, of, condition = name.strip().partition(" of ")  # whose names may have a minus
         key = parameter.replace("-", "_") + of + condition
