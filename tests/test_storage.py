@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from yeastfit import Fit, InputError, Posterior, Sensitivity, Simulation
 from yeastfit.commands.posterior_run.watched_simulator import Met
-from yeastfit.commands.run_folder import read_run
+from yeastfit.commands.run_folder import hashes_of, read_run
 from yeastfit.inference.comparison.left_out import LeftOut
 from yeastfit.inference.information.design_result import Design
 from yeastfit.inference.information.result import Information
@@ -26,6 +26,26 @@ PLAIN = st.recursive(
     st.none() | st.booleans() | st.integers() | st.floats(allow_nan=False) | st.text(alphabet="abc"),
     lambda within: st.lists(within) | st.dictionaries(st.text(), within),
 )
+
+
+@pytest.mark.parametrize("text", ["NaN", "Infinity", "-Infinity", "'NaN", "''-Infinity", "'", "'mine'", "nan"])
+def test_texts_that_look_like_numbers_stay_texts(text: str) -> None:
+    """The name of a condition, say."""
+    assert from_json(as_json({text: [text, {"name": text}]})) == {text: [text, {"name": text}]}
+
+
+def test_files_below_a_folder_have_the_same_names_however_it_is_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    data, elsewhere = tmp_path / "data", tmp_path / "b.png"
+    data.mkdir()
+    for file in (data / "manifest.csv", data / "a.png", elsewhere):
+        file.write_text(file.name)
+    monkeypatch.chdir(tmp_path)
+    for base in (Path("data"), data, Path("data/../data")):
+        found = hashes_of([base / "manifest.csv", data / "a.png", base / "a.png", elsewhere])
+        assert list(found) == ["manifest.csv", "a.png", str(elsewhere)]
+    assert list(hashes_of([Path("data/manifest.csv"), Path("data/../b.png")])) == ["manifest.csv", "../b.png"]
 
 
 @given(PLAIN)

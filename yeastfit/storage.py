@@ -25,6 +25,7 @@ from yeastfit.text import short, shown
 
 PACKAGES = ("yeastfit", "jax", "equinox", "optimistix", "numpy", "scipy", "scikit-image", "matplotlib", "tifffile")
 NOT_FINITE = {"NaN": math.nan, "Infinity": math.inf, "-Infinity": -math.inf}
+MARK = "'"  # before a text such as NaN, the name of a condition, say
 LARGEST = 10**11  # bytes of a file that is hashed: a minute or two
 WORK = ".yeastfit"  # folder inside that of a run's results, for what is on its way (`results.folder`)
 Options = ParamSpec("Options")
@@ -238,7 +239,7 @@ def _plain(data: Any) -> Any:
         return _plain(np.asarray(data).tolist())
     if isinstance(data, float) and not math.isfinite(data):
         return "NaN" if math.isnan(data) else "Infinity" if data > 0 else "-Infinity"
-    return data
+    return MARK + data if _like_a_number(data) else data
 
 
 def _restored(data: Any) -> Any:
@@ -247,4 +248,11 @@ def _restored(data: Any) -> Any:
         return {key: _restored(value) for key, value in data.items()}
     if isinstance(data, list):
         return [_restored(value) for value in data]
-    return NOT_FINITE.get(data, data) if isinstance(data, str) else data
+    if _like_a_number(data):
+        return NOT_FINITE.get(data, data[1:])
+    return data
+
+
+def _like_a_number(data: Any) -> bool:
+    """Whether it is a text that `_plain` writes for a number, or one that is marked as none."""
+    return isinstance(data, str) and data.lstrip(MARK) in NOT_FINITE

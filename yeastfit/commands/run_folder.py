@@ -190,9 +190,15 @@ def inputs_of(source: Path) -> list[Path]:
 
 
 def hashes_of(inputs: Sequence[Path]) -> dict[str, str]:
-    """SHA-256 by path below the first one's folder."""
+    """SHA-256 by path below the first one's folder, however that is written; of others by the whole path."""
     base = inputs[0].parent
-    return {str(path.relative_to(base)) if path.is_relative_to(base) else str(path): sha256_of(path) for path in inputs}
+    return {_below(path, base): sha256_of(path) for path in inputs}
+
+
+def _below(path: Path, base: Path) -> str:
+    whole, of = Path(os.path.abspath(path)), Path(os.path.abspath(base))
+    pairs = ((path, base), (whole, of))
+    return str(next((one.relative_to(other) for one, other in pairs if one.is_relative_to(other)), whole))
 
 
 def run_versions() -> dict[str, str]:
