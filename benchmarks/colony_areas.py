@@ -41,7 +41,7 @@ from yeastfit.results.contents import MANIFEST
 CELLS = {"awri796-50um": 56_000, "awri796-500um": 127_000, "simi-white-50um": 88_000}
 STATISTICS = "filament_area_index,filament_radius_index,angular_index"
 HOW = "--model offlattice --variation --leave-out 4 --most-steps 60000 --draws 20 --prior-draws 0"
-QUICK = "--model offlattice --variation --leave-out 2 --most-steps 500 --walkers 32 --simulations 128 --draws 8"
+QUICK = "--model offlattice --variation --leave-out 2 --most-steps 500 --walkers 32 --simulations 128 --draws 10"
 MATCHES = {"each": "each at its area", "exactly": "all at the mean area"}
 RUNS = [
     *((name, match, 0) for name in ("awri796-500um", "simi-white-50um", "awri796-50um") for match in MATCHES),
