@@ -9,6 +9,8 @@ Vigna 2021, "Scrambled linear pseudorandom number generators", ACM Trans. Math. 
 colony has a generator of its own, whose state comes from its seed alone: the same seed gives the same colony on any
 number of threads and in any batch.
 
+Numbers are made many at a time, as an attempt looks ahead and goes back (`growth`), and waits less for the generator.
+
 A given stream makes colonies comparable with other programs': MATLAB's `rand` after `rng(s)` gives the numbers of
 `numpy.random.RandomState(s).random_sample()`.
 """
@@ -19,26 +21,30 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, Int, UInt64
 
-from yeastfit.compiled import kernel
+from yeastfit.compiled import Index, kernel
 from yeastfit.errors import InputError
 from yeastfit.text import quoted
 
 MOST_SEED = 2**64
+KEPT = 128  # a power of two
 Words = tuple[np.uint64, np.uint64, np.uint64, np.uint64]
-Place = tuple[Words, int]
 
 
 class Numbers(NamedTuple):
     """Where uniform numbers come from.
 
     Attributes:
-        state: The generator's four words; changed by every draw.
+        state: The generator's four words; it runs ahead of what was drawn.
         stream: The numbers themselves, in place of the generator; empty where there is none.
+        ahead: Numbers made, `KEPT` of them in a ring: those that come next, and those drawn last.
+        made: How many were made, one element.
         drawn: How many were drawn, one element. Beyond the end of a stream they are 0, and are counted all the same.
     """
 
     state: UInt64[np.ndarray, " 4"]
     stream: Float[np.ndarray, " number"]
+    ahead: Float[np.ndarray, " kept"]
+    made: Int[np.ndarray, " 1"]
     drawn: Int[np.ndarray, " 1"]
 
 
@@ -51,7 +57,7 @@ def seeded(seed: int) -> Numbers:
     if not (isinstance(seed, Integral) and 0 <= seed < MOST_SEED):
         raise InputError(f"seed is {quoted(seed)}, it must be a whole number of at least 0 and below 2^64")
     state = np.random.SeedSequence(int(seed)).generate_state(4, np.uint64)
-    return Numbers(state, np.empty(0), np.zeros(1, dtype=np.int64))
+    return _numbers(state, np.empty(0))
 
 
 def streamed(stream: Float[np.ndarray, " number"]) -> Numbers:
@@ -67,7 +73,11 @@ def streamed(stream: Float[np.ndarray, " number"]) -> Numbers:
     if given.ndim != 1 or wrong.any():
         found = f"has the shape {given.shape}" if given.ndim != 1 else f"holds {given[wrong][0]:g}"
         raise InputError(f"stream {found}, it must be a sequence of numbers of at least 0 and below 1")
-    return Numbers(np.zeros(4, dtype=np.uint64), given, np.zeros(1, dtype=np.int64))
+    return _numbers(np.zeros(4, dtype=np.uint64), given)
+
+
+def _numbers(state: UInt64[np.ndarray, " 4"], stream: Float[np.ndarray, " number"]) -> Numbers:
+    return Numbers(state, stream, np.zeros(KEPT), np.zeros(1, dtype=np.int64), np.zeros(1, dtype=np.int64))
 
 
 @kernel
@@ -75,12 +85,7 @@ def uniform(numbers: Numbers) -> float:
     """The next number."""
     position = numbers.drawn[0]
     numbers.drawn[0] = position + 1
-    if numbers.stream.size == 0:
-        state = numbers.state
-        words = state[0], state[1], state[2], state[3]
-        state[0], state[1], state[2], state[3] = _moved_on(words)
-        return _number(words)
-    return numbers.stream[position] if position < numbers.stream.size else 0.0
+    return _number_at(numbers, position)
 
 
 @kernel
@@ -91,27 +96,44 @@ def below(numbers: Numbers, count: int) -> int:
 
 @kernel
 def foreseen(numbers: Numbers, skipped: int) -> tuple[float, float]:
-    """Two numbers of the generator that come after so many others, without drawing them."""
-    state = numbers.state
-    words = state[0], state[1], state[2], state[3]
-    for _ in range(skipped):
-        words = _moved_on(words)
-    return _number(words), _number(_moved_on(words))
+    """Two numbers that come after so many others, without drawing them."""
+    position = numbers.drawn[0] + skipped
+    return _number_at(numbers, position), _number_at(numbers, position + 1)
 
 
 @kernel
-def place(numbers: Numbers) -> Place:
+def place(numbers: Numbers) -> int:
     """How far drawing has come."""
-    state = numbers.state
-    return (state[0], state[1], state[2], state[3]), numbers.drawn[0]
+    return numbers.drawn[0]
 
 
 @kernel
-def return_to(place: Place, numbers: Numbers) -> None:
-    """What was drawn since then will be drawn again."""
-    words, numbers.drawn[0] = place
-    state = numbers.state
+def return_to(place: int, numbers: Numbers) -> None:
+    """What was drawn since then will be drawn again: half of `KEPT` at most, with what was foreseen."""
+    numbers.drawn[0] = place
+
+
+@kernel
+def _number_at(numbers: Numbers, position: int) -> float:
+    if position >= numbers.made[0]:
+        _make(numbers)
+    return numbers.ahead[Index(position & (KEPT - 1))]
+
+
+@kernel
+def _make(numbers: Numbers) -> None:
+    """The next half of a ring of numbers, in place of those drawn longest ago."""
+    state, made = numbers.state, numbers.made[0]
+    words = state[0], state[1], state[2], state[3]
+    for position in range(made, made + KEPT // 2):
+        number = 0.0
+        if numbers.stream.size == 0:
+            number, words = _number(words), _moved_on(words)
+        elif position < numbers.stream.size:
+            number = numbers.stream[position]
+        numbers.ahead[Index(position & (KEPT - 1))] = number
     state[0], state[1], state[2], state[3] = words
+    numbers.made[0] = made + KEPT // 2
 
 
 @kernel
