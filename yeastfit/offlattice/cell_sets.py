@@ -30,7 +30,7 @@ class Sets(NamedTuple):
 def empty_sets(cells: int, by_birth: bool) -> Sets:
     """For so many cells."""
     lists, nodes = (0, 1 << (cells - 1).bit_length()) if by_birth else (cells, 0)
-    member, place = (np.empty((3, lists), dtype=np.int32) for _ in range(2))
+    member, place = (np.zeros((3, lists), dtype=np.int32) for _ in range(2))
     return Sets(np.zeros(3, dtype=np.int64), member, place, np.zeros((3, nodes), dtype=np.int32))
 
 

@@ -21,7 +21,7 @@ import numpy as np
 from jaxtyping import Shaped
 
 from yeastfit.compiled import inlined_kernel, kernel
-from yeastfit.offlattice.cell_sets import CHILDLESS, ELIGIBLE_PSEUDOHYPHAL, ELIGIBLE_SATED, Sets, add
+from yeastfit.offlattice.cell_sets import CHILDLESS, ELIGIBLE_PSEUDOHYPHAL, ELIGIBLE_SATED, Sets, add, eligible
 from yeastfit.offlattice.mothers import after_transition, any_eligible, bear_pseudohyphal, count_on, fetch_next
 from yeastfit.offlattice.overlap import PSEUDOHYPHAL, SATED, bins_around, free, insert
 from yeastfit.offlattice.parameters import Rates
@@ -100,15 +100,17 @@ def _attempt(
     rates: Rates,
 ) -> tuple[int, int, int, float, float]:
     """Draw a mother, and her daughter's form, angle and place; the mother is a negative code where there is none."""
-    form = SATED
-    mother = any_eligible(sets, numbers)
-    if number > sated and mother >= 0:
+    rank = any_eligible(sets, numbers)
+    if rank < 0:
+        return rank, SATED, 0, 0.0, 0.0
+    if number <= sated:
+        mother, form = eligible(sets, rank), SATED
+    else:
         u = uniform(numbers), uniform(numbers), uniform(numbers)
-        mother = after_transition(cells, sets, numbers, mother, u, number < late, rates)
-        if mother >= 0:
-            form = daughters_form(cells[mother].form, cells[mother].bears, u[0], rates)
-    if mother < 0:
-        return mother, form, 0, 0.0, 0.0
+        mother = after_transition(cells, sets, numbers, rank, u, number < late, rates)
+        if mother < 0:
+            return mother, SATED, 0, 0.0, 0.0
+        form = daughters_form(cells[mother].form, cells[mother].bears, u[0], rates)
     angle = below(numbers, 4)
     if number >= late:
         fetch_next(cells, sets, numbers)

@@ -42,9 +42,9 @@ NO_CHILDLESS = -CODES[Status.NO_CHILDLESS_MOTHER]
 
 @kernel
 def any_eligible(sets: Sets, numbers: Numbers) -> int:
-    """Step 1; a negative code where there is none."""
+    """Step 1, by rank (`eligible`), as step 2 most often comes in its place; a negative code where there is none."""
     count = sets.size[ELIGIBLE_SATED] + sets.size[ELIGIBLE_PSEUDOHYPHAL]
-    return eligible(sets, below(numbers, count)) if count > 0 else NO_MOTHER
+    return below(numbers, count) if count > 0 else NO_MOTHER
 
 
 @kernel
@@ -52,16 +52,18 @@ def after_transition(
     cells: Shaped[np.ndarray, " cell"],
     sets: Sets,
     numbers: Numbers,
-    mother: int,
+    rank: int,
     u: tuple[float, float, float],
     delayed: bool,
     rates: Rates,
 ) -> int:
-    """Steps 2 and 3 after step 1 drew `mother`; a negative code where there is none. delayed: before (n* + delay) N."""
+    """Steps 2 and 3 after step 1 drew `rank`; a negative code where there is none. delayed: before (n* + delay) N."""
     if not delayed and u[2] >= rates.any_mother:
         mother = _one_of(sets, ELIGIBLE_PSEUDOHYPHAL, numbers, NO_PSEUDOHYPHAL)
     elif delayed and u[2] < rates.any_mother:
         mother = _one_of(sets, ELIGIBLE_SATED, numbers, NO_SATED)
+    else:
+        mother = eligible(sets, rank)
     # the cell, which may have to come from memory, is asked last
     if mother >= 0 and u[1] > rates.fork and u[0] > rates.sated_from_pseudohyphal and cells[mother].bears:
         mother = _one_of(sets, CHILDLESS, numbers, NO_CHILDLESS)
