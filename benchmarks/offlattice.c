@@ -97,10 +97,14 @@ static inline int32_t one_of(int set)
     return members[set][below(size[set])];
 }
 
-static inline int32_t eligible(void)
+static inline int32_t any_eligible(void)
 {
     if (size[SATED] + size[PSEUDOHYPHAL] == 0) exit(1);
-    int32_t rank = below(size[SATED] + size[PSEUDOHYPHAL]);
+    return below(size[SATED] + size[PSEUDOHYPHAL]);
+}
+
+static inline int32_t eligible(int32_t rank)
+{
     return rank < size[SATED] ? members[SATED][rank] : members[PSEUDOHYPHAL][rank - size[SATED]];
 }
 
@@ -127,11 +131,14 @@ typedef struct { int32_t mother; int form, angle; double x, y; } Attempt;
 static inline Attempt next_attempt(int late, int after, const double *rates)
 {
     int form = SATED;
-    int32_t mother = eligible();
-    if (after) {
+    int32_t mother, rank = any_eligible();
+    if (!after) {
+        mother = eligible(rank);
+    } else {
         double u1 = uniform(), u2 = uniform(), u3 = uniform(), p_ps = rates[1], p_sp = rates[2];
         if (late && u3 >= rates[4]) mother = one_of(PSEUDOHYPHAL);
         else if (!late && u3 < rates[4]) mother = one_of(SATED);
+        else mother = eligible(rank);
         if (u2 > rates[3] && u1 > p_ps && cells[mother].bears) mother = one_of(CHILDLESS);
         if (cells[mother].form == SATED) form = u1 < p_sp ? PSEUDOHYPHAL : SATED;
         else form = u1 < p_ps && cells[mother].bears ? SATED : PSEUDOHYPHAL;
