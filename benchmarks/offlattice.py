@@ -55,13 +55,14 @@ def run(report: Report, quick: bool) -> None:
 
 
 def growth(report: Report, repeats: int, program: Path | None) -> None:
-    """Measure the seconds a colony takes, here and in C in turn."""
+    """Measure the seconds a colony takes, here and in C in turn, each the least of two times."""
     rows: list[dict[str, Any]] = []
     for name, (values, cells, _) in SETS.items():
         grow(values, cells=cells)
         ours, theirs = [], []
         for seed in range(repeats):
-            seconds, colony = timed(grow, values, cells=cells, seed=seed)
+            (first, colony), (second, _) = (timed(grow, values, cells=cells, seed=seed) for _ in range(2))
+            seconds = min(first, second)
             ours.append((seconds, 1e9 * seconds / colony.attempts))
             theirs.append(in_c(program, colony, seed) if program else np.nan)
         least, nanoseconds = np.min(ours, axis=0)
