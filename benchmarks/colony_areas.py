@@ -23,6 +23,7 @@ nothing: the page is of what is there. --quick: one set, 128 simulations, no tar
 
 import argparse
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -43,8 +44,10 @@ STATISTICS = "filament_area_index,filament_radius_index,angular_index"
 HOW = "--model offlattice --variation --leave-out 4 --most-steps 60000 --draws 20 --prior-draws 0"
 QUICK = "--model offlattice --variation --leave-out 2 --most-steps 500 --walkers 32 --simulations 128 --draws 10"
 MATCHES = {"each": "each at its area", "exactly": "all at the mean area"}
+QUICKLY = [("awri796-50um", match, 0) for match in MATCHES]
 RUNS = [
-    *((name, match, 0) for name in ("awri796-500um", "simi-white-50um", "awri796-50um") for match in MATCHES),
+    *((name, match, 0) for name in ("awri796-500um", "simi-white-50um") for match in MATCHES),
+    *QUICKLY,
     *(("awri796-500um", match, seed) for seed in (1, 2) for match in MATCHES),
 ]
 INSIDE = (0.8, 0.97)
@@ -74,6 +77,11 @@ class Run:
         """Whether it is finished."""
         return (self.folder / MANIFEST).is_file()
 
+    @cached_property
+    def left_out(self) -> LeftOut:
+        """Of a finished one."""
+        return LeftOut.load(self.folder / "left_out.npz")
+
     def infer(self, how: str) -> None:
         """Begin it, or go on."""
         given = f"--cells {CELLS[self.name]} --match {self.match} --seed {self.seed} --resume {how}".split()
@@ -83,7 +91,7 @@ class Run:
 
     def row(self) -> dict[str, Any]:
         """Of the table."""
-        posterior, found = Posterior.load(self.folder / "posterior.npz"), LeftOut.load(self.folder / "left_out.npz")
+        posterior, found = Posterior.load(self.folder / "posterior.npz"), self.left_out
         tau = posterior.free.index(VARIATION)
         transition = posterior.free.index("transition")
         return {
@@ -103,7 +111,7 @@ def judge(report: Report, runs: list[Run]) -> list[str]:
     """Figures and the table of what is there, and in words what it means."""
     done = [one for one in runs if one.there]
     for one in done:
-        inside = LeftOut.load(one.folder / "left_out.npz").coverage(0.9)
+        inside = one.left_out.coverage(0.9)
         wanted = one.match == "each" and not report.quick
         report.add(f"{one.title}: left out, inside 90 %", inside, "", INSIDE[0] if wanted else None)
         report.add(f"{one.title}: the same, at most", inside, "", INSIDE[1] if wanted else None, False)
@@ -115,11 +123,7 @@ def _compared(name: str, runs: list[Run]) -> str:
     """Which way of matching predicts colonies left out better, seed by seed."""
     said = list[str]()
     for seed in sorted({one.seed for one in runs if one.name == name}):
-        left_out = {
-            MATCHES[one.match]: LeftOut.load(one.folder / "left_out.npz")
-            for one in runs
-            if (one.name, one.seed) == (name, seed)
-        }
+        left_out = {MATCHES[one.match]: one.left_out for one in runs if (one.name, one.seed) == (name, seed)}
         if len(left_out) == len(MATCHES):
             best, other = ModelComparison.of(left_out).runs
             chance = "" if other.told_apart else ", which may be chance"
@@ -137,7 +141,7 @@ def main(arguments: list[str] | None = None) -> None:
 
     def run(report: Report, quick: bool) -> None:
         folder = own.work / ("quick" if quick else "full")
-        runs = [Run(*one, folder) for one in (RUNS[-6:-4] if quick else RUNS)]
+        runs = [Run(*one, folder) for one in (QUICKLY if quick else RUNS)]
         for one in runs:
             if not own.page and not one.there:
                 report.stage(one.title)
