@@ -4,16 +4,18 @@ Growth is timed at the means of Li et al.'s published posteriors for each of the
 a C program of the same algorithm and random numbers (`offlattice.c`, compiled if there is a `cc`). Both must produce
 the same colony, and the shortest of several times counts. Measurement is that of Li et al.: bins, the search for the
 area with about six masks, and the statistics. Times are processor time of one core; those of threads are wall-clock
-times and need an idle machine.
+times and need an idle machine: how much faster two threads compute checksums, which share nothing, stands beside.
 
     python -m benchmarks.offlattice [--quick] [--json FILE]
 """
 
+import hashlib
 import shutil
 import subprocess
 import tempfile
 import time
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from itertools import product
 from pathlib import Path
 from typing import Any, TypeVar
@@ -35,6 +37,8 @@ SETS = {  # posterior means, cells and area in pixels: Li et al. 2024
 }
 FIRST = "AWRI 796, 50 µM"
 SIZES = (1_000, 10_000, 100_000, 1_000_000)
+MANY = 8  # colonies, or checksums, on two threads
+BLOCK = 4_000_000  # bytes of a checksum, which takes about as long as a colony
 Result = TypeVar("Result")
 FLAGS = ("-O3", "-march=native", "-ffp-contract=off", "-std=c11")  # no fused operations: the same bits
 
@@ -163,17 +167,24 @@ def slope(x: np.ndarray, y: np.ndarray) -> float:
 def threads(report: Report, repeats: int) -> None:
     """Measure how much faster two threads grow colonies than one, in short runs: some may find an idle machine."""
     values, cells, _ = SETS[FIRST]
-    rows, seeds = np.tile(values, (8, 1)), range(8)
-    clock: dict[int, list[float]] = {1: [], 2: []}
+    rows, seeds, block = np.tile(values, (MANY, 1)), range(MANY), bytes(BLOCK)
+    clock: dict[str, list[float]] = {f"{what} {count}": [] for what in ("colonies", "checksums") for count in (1, 2)}
     work: dict[int, list[float]] = {1: [], 2: []}
     for _ in range(repeats):
-        for count in clock:
+        for count in work:
             began, worked = time.perf_counter(), time.process_time()
             grow_many(rows, seeds, cells=cells, threads=count)
-            clock[count].append(time.perf_counter() - began)
+            clock[f"colonies {count}"].append(time.perf_counter() - began)
             work[count].append(time.process_time() - worked)
-    note = f"8 colonies, by the clock, the least of {repeats} times; takes two idle cores"
-    report.add("two threads over one", min(clock[1]) / min(clock[2]), "×", 1.8, note=note)
+            with ThreadPoolExecutor(count) as pool:
+                began = time.perf_counter()
+                list(pool.map(hashlib.sha256, [block] * MANY))
+                clock[f"checksums {count}"].append(time.perf_counter() - began)
+    least = {name: min(times) for name, times in clock.items()}
+    note = f"{MANY} colonies, by the clock, the least of {repeats} times; takes two idle cores"
+    report.add("two threads over one", least["colonies 1"] / least["colonies 2"], "×", 1.8, note=note)
+    note = f"{MANY} checksums (SHA-256), likewise: what this machine gives two threads"
+    report.add("the same of checksums", least["checksums 1"] / least["checksums 2"], "×", note=note)
     note = "what two threads cost more in all, waiting apart"
     report.add("processor time of two threads over that of one", min(work[2]) / min(work[1]), "×", note=note)
 
