@@ -270,6 +270,20 @@ def test_colonies_are_matched_to_the_area_of_each_of_the_data(table: Path) -> No
         Offlattice(areas=(5.0,), match="each")
 
 
+def test_colonies_that_differ_much_in_area_are_told_of(table: Path) -> None:
+    read = read_measurements(table)
+    for larger, warns in ((1.49, False), (1.51, True)):
+        unequal = [{**row, "area": 2e4 * (larger if at else 1.0)} for at, row in enumerate(read)]
+
+        def notes(unequal: list = unequal, **settings: Any) -> tuple[str, ...]:
+            return Offlattice(**settings).seen(unequal, table.parent, None, ("compactness",)).notes
+
+        told = f"colonies cover 2e+04 to {2e4 * larger:.3g} µm², and simulated ones are all drawn at their mean: "
+        told += "with --match each they are drawn at the areas of these"
+        assert notes() == notes(match="exactly") == ((told,) if warns else ())
+        assert notes(match="each") == notes(match="none") == notes(area=2e4) == ()
+
+
 def test_masks_are_drawn_as_the_statistics_ask_for() -> None:
     """As Li et al. do for their three indices, without the frame for others of theirs, else as ellipses, or as said."""
     whole = Offlattice(cells=100).statistics

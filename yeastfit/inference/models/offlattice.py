@@ -50,6 +50,7 @@ COMPARED = ("fit", "infer", "design")
 CELL_LENGTH, COVERED_AREAS = 8.4, Range(40.0, unit="µm²")  # µm, of a cell in yeast form, which covers 40 µm²
 TRIED = 16  # colonies that show whether the cells cover the area of the data
 COVERED = 0.75  # share of it that is enough; below 1 a warning counts the colonies that do not cover it
+UNEQUAL = 1.5  # times as large as the smallest is the largest colony of data whose areas differ much
 ROOM = 1.1  # times as many cells as cover it: Li et al. took as many
 Masks = Literal["li2024", "bins", "ellipses"]
 Match = Literal["li2024", "exactly", "each", "none"]
@@ -212,7 +213,18 @@ class Offlattice(ForwardModel):
             seen = replace(seen, areas=self.areas or tuple(areas))
         elif self.match != "none":
             seen = replace(seen, area=area)
+            notes += self._unequal(areas)
         return Seen(seen, replace(targets, time_label="hours", length_unit="µm"), tuple(notes))
+
+    def _unequal(self, areas: Sequence[float]) -> list[str]:
+        """What is to be said of colonies that differ much in area."""
+        smallest, largest = min(areas), max(areas)
+        if self.area is not None or largest < UNEQUAL * smallest:
+            return []
+        return [
+            f"colonies cover {smallest:.3g} to {largest:.3g} µm², and simulated ones are all drawn at their mean: "
+            "with --match each they are drawn at the areas of these"
+        ]
 
     def check(self, largest: Mapping[str, float], hours: Sequence[float]) -> None:
         """Raise `InputError` where so many cells are no colony, or more than memory holds."""
