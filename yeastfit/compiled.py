@@ -1,9 +1,12 @@
 """Functions compiled by numba, an optional dependency: where it is missing, calling one says how to install it.
 
-Importing this module imports numba, which takes half a second.
+Numba keeps what it has compiled in files, of which none is needed: where they cannot be written, or are damaged, the
+functions are compiled again. Importing this module imports numba, which takes half a second.
 """
 
+import warnings
 from collections.abc import Callable
+from contextlib import suppress
 from functools import cache, wraps
 from hashlib import sha256
 from inspect import unwrap
@@ -17,8 +20,9 @@ from yeastfit.errors import InputError
 MISSING = "numba, which is not installed: pip install 'yeastfit[offlattice]'"
 try:
     from numba import config, njit
+    from numba.core.caching import FunctionCache, NullCache
 except ImportError:
-    njit = None  # type: ignore[assignment]
+    njit, FunctionCache, NullCache = None, object, object  # type: ignore[assignment, misc]
 else:
     if config.DISABLE_JIT:  # type: ignore[attr-defined]
         njit = None  # type: ignore[assignment]
@@ -64,7 +68,56 @@ def _compiled(function: Callable[Arguments, Result], **options: Any) -> Callable
     plain = unwrap(function)  # of the tests' type checks, which numba cannot compile
     if njit is None:
         return _missing(plain)
-    return njit(**options, cache=True, nogil=True, error_model="numpy")(named_by_sources(plain))
+    dispatcher = njit(**options, nogil=True, error_model="numpy")(named_by_sources(plain))
+    keep_compiled(dispatcher, plain)
+    return dispatcher
+
+
+def keep_compiled(compiled: Any, function: Callable[..., Any]) -> None:
+    """Keep on disk what numba compiles of a function, as far as possible.
+
+    Arguments:
+        compiled: Numba's object, which has not compiled anything yet; this is what its `enable_caching` does.
+        function: That it compiles.
+    """
+    try:
+        compiled._cache = _Files(function)
+    except RuntimeError:  # numba has found no folder that can be written
+        compiled._cache = _NoFiles()
+
+
+class _Files(FunctionCache):
+    """Numba's files of a function."""
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        """What was kept, or nothing where that cannot be read."""
+        try:
+            return super().load_overload(sig, target_context)
+        except Exception:  # what is damaged makes pickle and numba fail in any way
+            with suppress(Exception):
+                self.flush()  # else nothing new could be kept
+            return None
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        """Keep it, or say why not."""
+        try:
+            super().save_overload(sig, data)
+        except OSError as error:
+            _tell_nothing_kept(f"cannot be kept in {self.cache_path} ({error.strerror or error})")
+
+
+class _NoFiles(NullCache):
+    """Where there is no place for files."""
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        """Say so."""
+        _tell_nothing_kept("cannot be kept: neither the folder of the package nor numba's own can be written")
+
+
+@cache  # once
+def _tell_nothing_kept(why: str) -> None:
+    advice = "every run compiles it again, which may take a minute; NUMBA_CACHE_DIR names another folder"
+    warnings.warn(f"what numba compiles {why}; {advice}", RuntimeWarning, stacklevel=2)
 
 
 def named_by_sources(function: Callable[Arguments, Result]) -> Callable[Arguments, Result]:

@@ -17,10 +17,11 @@ from typing import Any
 
 import jax
 import numpy as np
-from numba import carray, cfunc, types
+from numba import carray, types
+from numba.core.ccallback import CFunc
 from numba.extending import intrinsic
 
-from yeastfit.compiled import array_kernel, named_by_sources
+from yeastfit.compiled import array_kernel, keep_compiled, named_by_sources
 
 FRAME = types.CPointer(types.int64)
 Call = Callable[[Any], int]  # of a frame
@@ -29,7 +30,10 @@ NULL = 0  # what a foreign function returns that has not failed
 
 def register(name: str, function: Call) -> None:
     """Register a function of a frame, which it hands on to `argument` and `result`, for `jax.ffi.ffi_call`."""
-    compiled = cfunc(types.int64(FRAME), cache=True)(named_by_sources(unwrap(function)))
+    plain = named_by_sources(unwrap(function))
+    compiled = CFunc(plain, ((FRAME,), types.int64), locals={}, options={})
+    keep_compiled(compiled, plain)
+    compiled.compile()
     _KEPT.append(compiled)  # as long as programs call it
     jax.ffi.register_ffi_target(name, jax.ffi.pycapsule(compiled.address), platform="cpu")
 
