@@ -195,6 +195,22 @@ def test_a_full_disk_leaves_no_half_manifest(
     assert not (folder / "new").exists()
 
 
+def test_a_manifest_has_its_name_only_when_it_is_whole(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """After a kill there is none, or all of it."""
+    there, relpath = [], os.path.relpath
+
+    def looked(*arguments: str) -> str:
+        there.append((folder / "manifest.csv").exists())
+        return relpath(*arguments)
+
+    monkeypatch.setattr("yeastfit.commands.manifest.os.path.relpath", looked)
+    assert cli.run(["manifest", str(folder), "--pattern", PATTERN, *SIZES]) == 0
+    assert there
+    assert not any(there)
+    assert (folder / "manifest.csv").exists()
+    assert not list(folder.glob(".*"))
+
+
 def test_any_text_behind_any_text_takes_no_time() -> None:
     assert NamePattern.of("{}" * 30 + "{replicate}{hours}").readings("a" * 100) == []
 

@@ -18,6 +18,7 @@ from yeastfit.measure.reading.dataset import MANIFESTS, find_manifest, read_data
 from yeastfit.measure.reading.file_names import NamedImage, NamePattern, named_images, pixel_sizes_of
 from yeastfit.measure.reading.images import read_micrograph
 from yeastfit.numbers import HOURS, PIXEL_SIZES
+from yeastfit.storage import written_whole
 from yeastfit.text import quoted, shown
 
 COLUMNS = ("file", "replicate", "hours", "um_per_pixel", "condition")
@@ -108,9 +109,9 @@ def _write(path: Path, images: list[NamedImage], sizes: list[float | None]) -> N
     """Write the manifest, and take it away again unless it can be read."""
     made = [one for one in (path.parent, *path.parent.parents) if not one.exists()]
     path.parent.mkdir(parents=True, exist_ok=True)
-    file, place = path.open("x", newline="", encoding="utf-8"), os.path.realpath(path.parent)
+    place = os.path.realpath(path.parent)
     try:
-        with file:
+        with written_whole(path) as whole, whole.open("w", newline="", encoding="utf-8") as file:
             table = csv.writer(file, lineterminator="\n")
             table.writerow(COLUMNS)
             for image, size in zip(images, sizes, strict=True):
@@ -119,12 +120,10 @@ def _write(path: Path, images: list[NamedImage], sizes: list[float | None]) -> N
                 written = "" if size is None else f"{size:.15g}"
                 table.writerow([in_tables(name), image.replicate, f"{image.hours:.15g}", written, image.condition])
         read_dataset(path.parent)
-    except BaseException as error:  # a full disk, which names no file, and Ctrl-C among others
-        path.unlink()
+    except BaseException:  # a full disk and Ctrl-C among others
+        path.unlink(missing_ok=True)
         for one in made:
             one.rmdir()
-        if isinstance(error, OSError) and error.errno:
-            error.filename = error.filename or path
         raise
 
 
