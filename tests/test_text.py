@@ -2,6 +2,7 @@
 
 import unicodedata
 from datetime import date
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ from hypothesis import strategies as st
 
 from yeastfit import InputError
 from yeastfit.text import HIDDEN, JOINERS, LONGEST, LONGEST_NAME, as_html, file_name, quoted, shown
-from yeastfit.text_files import check_look_alikes
+from yeastfit.text_files import check_look_alikes, read_csv
 
 # any text, surrogates of file names that are not UTF-8 included
 TEXTS = st.text(st.characters(exclude_categories=()), max_size=40)
@@ -106,3 +107,19 @@ def test_names_that_look_alike_are_refused() -> None:
     for first, second in (*alike, *(("a", f"a{hidden}") for hidden in "\ufe0f\u034f\u3164")):
         with pytest.raises(InputError, match=r"^t\.csv: conditions '.*' and '.*' look alike"):
             check_look_alikes([first, "other", second], "t.csv: conditions")
+
+
+@pytest.mark.parametrize("end", ["", "  "])
+def test_a_table_that_ends_within_its_last_line_is_told_of(tmp_path: Path, end: str) -> None:
+    """Of a table that was cut off within a number nothing else tells."""
+    path = tmp_path / "table.csv"
+    path.write_text("file,hours\na.png,12.5\nb.png,1" + end, encoding="utf-8")
+    with pytest.warns(UserWarning, match=r"table\.csv, line 3: the file ends within this line: was its end cut off\?"):
+        assert read_csv(path)[1][1][1] == {"file": "b.png", "hours": "1"}
+
+
+@pytest.mark.parametrize("end", ["\n", "\r\n", "\r", "\n\n", "\n  "])
+def test_a_table_whose_last_line_has_an_end_is_read_without_a_word(tmp_path: Path, end: str) -> None:
+    path = tmp_path / "table.csv"
+    path.write_text("file,hours\na.png,12.5" + end, encoding="utf-8", newline="")
+    assert read_csv(path)[1][0][1] == {"file": "a.png", "hours": "12.5"}

@@ -5,7 +5,8 @@ import csv
 import re
 import tomllib
 import unicodedata
-from collections.abc import Callable, Iterable
+import warnings
+from collections.abc import Callable, Iterable, Sequence
 from io import StringIO
 from pathlib import Path
 from typing import Any
@@ -70,13 +71,15 @@ def read_csv(
 
     Returns:
         The names of the columns; and for each row, but empty ones, where it stands ("table.csv, line 2") and its cells
-        by column, without those that are empty. Space around names and cells is left out.
+        by column, without those that are empty. Space around names and cells is left out. A last line without its end,
+        which may have been cut off within a number, is warned of.
 
     Raises:
         InputError: It is no text file, no CSV, a column appears twice, or a row has more or fewer cells than there are
             columns.
     """
-    reader = csv.reader(StringIO(read_text(path), newline=""), strict=True)
+    text = read_text(path)
+    reader = csv.reader(StringIO(text, newline=""), strict=True)
     rows = []
     try:
         names = [name.strip() for name in next(reader, [])]
@@ -93,7 +96,16 @@ def read_csv(
             rows += [(where, row)] if row else []
     except csv.Error as error:
         raise InputError(f"{path}, line {reader.line_num}: not CSV ({error})") from None
+    if rows and not text.rstrip(" \t").endswith(("\n", "\r")):
+        where = rows[-1][0]
+        warnings.warn(f"{where}: the file ends within this line: was its end cut off?", UserWarning, stacklevel=2)
     return names, rows
+
+
+def instead_of_commas(names: Sequence[str]) -> str:
+    """What else the columns of a table are separated by, as its first line looks, in words for an error; or nothing."""
+    other = next((word for mark, word in ((";", "semicolons"), ("\t", "tabs")) if mark in "".join(names)), None)
+    return f", separated by commas and not by {other}" if other else ""
 
 
 def read_toml(path: str | Path) -> dict[str, Any]:

@@ -13,7 +13,7 @@ from yeastfit.measure.statistics.registry import STATISTICS, names_in_tables, na
 from yeastfit.numbers import HOURS, PIXEL_SIZES, Range
 from yeastfit.results.contents import check_finished
 from yeastfit.text import quoted, shown
-from yeastfit.text_files import check_look_alikes, read_csv
+from yeastfit.text_files import check_look_alikes, instead_of_commas, read_csv
 
 TABLE = "measurements.csv"
 OF_ANYTHING = ("file", "replicate", "hours")  # columns that every table has
@@ -54,11 +54,16 @@ def read_measurements(path: str | Path, needed: Sequence[str] = NEEDED) -> list[
     check_finished(path.parent)
     if not path.is_file():
         raise InputError(f"{path}: no table there, need the {TABLE} of `yeastfit measure`")
-    names, cells = read_csv(path)
-    missing = [name for name in needed if name not in names]
-    if missing or not cells:
-        what = f"no column {', '.join(missing)}" if names and missing else "no rows"
-        raise InputError(f"{path}: {what}, need the {TABLE} of `yeastfit measure`")
+    wanted = f"need the {TABLE} of `yeastfit measure`"
+
+    def check(names: list[str]) -> None:
+        missing = [name for name in needed if name not in names]
+        if names and missing:
+            raise InputError(f"{path}: no column {', '.join(missing)}, {wanted}{instead_of_commas(names)}")
+
+    names, cells = read_csv(path, check)
+    if not cells:
+        raise InputError(f"{path}: no rows, {wanted}")
     numbers = KNOWN | {name: STATISTICS[name].admissible for name in names_in_tables()}
     rows = []
     for where, row in cells:

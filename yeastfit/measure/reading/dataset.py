@@ -31,7 +31,7 @@ from yeastfit.measure.reading.segmentation_options import AUTOMATIC, Segmentatio
 from yeastfit.numbers import HOURS, PIXEL_SIZES
 from yeastfit.results.contents import check_finished
 from yeastfit.text import quoted, short, shown
-from yeastfit.text_files import check_look_alikes, read_csv, read_toml
+from yeastfit.text_files import check_look_alikes, instead_of_commas, read_csv, read_toml
 
 MANIFESTS = ("manifest.csv", "manifest.toml")
 NEEDED = ("file", "replicate", "hours")
@@ -162,9 +162,8 @@ def _csv_rows(manifest: Path) -> list[tuple[str, dict[str, str]]]:
 def _check_columns(names: list[str], manifest: Path) -> None:
     missing = [name for name in COLUMNS if name not in names]
     if missing:
-        other = next((word for mark, word in ((";", "semicolons"), ("\t", "tabs")) if mark in "".join(names)), None)
-        commas = f", separated by commas and not by {other}" if other else ""
-        raise InputError(f"{manifest}: no column {missing[0]!r}, expected {', '.join(COLUMNS)}{commas}")
+        expected = f"{', '.join(COLUMNS)}{instead_of_commas(names)}"
+        raise InputError(f"{manifest}: no column {missing[0]!r}, expected {expected}")
     _check_names(names, KNOWN, f"{manifest}, line 1: column")
 
 
