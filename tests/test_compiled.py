@@ -16,7 +16,7 @@ numba = pytest.importorskip("numba")
 def files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """The folder of numba's files; what was said is said again."""
     monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path))
-    compiled._tell_nothing_kept.cache_clear()
+    compiled._TOLD.clear()
     return tmp_path
 
 

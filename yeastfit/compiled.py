@@ -11,6 +11,7 @@ from functools import cache, wraps
 from hashlib import sha256
 from inspect import unwrap
 from pathlib import Path
+from threading import Event
 from typing import Any, ParamSpec, TypeVar
 
 import numpy as np
@@ -114,8 +115,14 @@ class _NoFiles(NullCache):
         _tell_nothing_kept("cannot be kept: neither the folder of the package nor numba's own can be written")
 
 
-@cache  # once
+_TOLD = Event()
+
+
 def _tell_nothing_kept(why: str) -> None:
+    """Warn, once in a process: functions are kept in several folders."""
+    if _TOLD.is_set():
+        return
+    _TOLD.set()
     advice = "every run compiles it again, which may take a minute; NUMBA_CACHE_DIR names another folder"
     warnings.warn(f"what numba compiles {why}; {advice}", RuntimeWarning, stacklevel=2)
 
