@@ -47,11 +47,12 @@ def page_of(work: Path) -> tuple[int, str]:
 
 def test_the_page_says_what_is_better_and_what_is_missing(tmp_path: Path) -> None:
     run_in(tmp_path, "each-0", -4.0, outside=1)
+    assert "- **AWRI 796, 500 µM**: of no seed are both runs there." in page_of(tmp_path)[1]
     run_in(tmp_path, "exactly-0", -5.0, outside=4)
     code, page = page_of(tmp_path)
     assert code == 0
     assert "predicted better each at its area by 8.0 ± 0.0 (seed 0)." in page
-    assert "Not there yet: Simi White, 50 µM, each at its area, seed 0; AWRI 796, 50 µM, each" in page
+    assert "Not there yet: AWRI 796, 500 µM, each at its area, seed 1; AWRI 796, 500 µM, each" in page
     assert "| AWRI 796, 500 µM, each at its area, seed 0: left out, inside 90 % | 0.938 |  | ≥ 0.8 | yes |" in page
     row = "yes | 100 | 94 | 94 | -31.7 ± 0.1 | 0.15 ± 0.15 | 0.5 | 0.60 ± 0.00 |"
     assert f"| AWRI 796, 500 µM, each at its area, seed 0 | {row}" in page
