@@ -114,9 +114,9 @@ def fit(
     """Fit the model's parameters to the colonies of a data set, with standard errors.
 
     Micrographs are measured first, as `yeastfit measure` does; give its measurements.csv instead to skip that. One
-    photograph of each colony is enough. Writes one page of everything (index.html), parameters.csv, fit.json, which
-    yeastfit.Fit.load reads in Python, and pictures of the fit. Ends with exit code 1 where the fit did not converge, or
-    --bootstrap or --profile failed.
+    photograph of each colony is enough with fewer free parameters or more statistics. Writes one page of everything
+    (index.html), parameters.csv, fit.json, which yeastfit.Fit.load reads in Python, and pictures of the fit. Ends with
+    exit code 1 where the fit did not converge, or --bootstrap or --profile failed.
     """
     model = chosen.forward
     names, fitted = model.statistics_named(names_in(statistics) or model.statistics), names_in(free) or model.fitted

@@ -15,8 +15,8 @@
                     cellpose's _seg.npy; optional
     note            a remark for people, not read; optional
 
-Condition and replicate together identify a colony. At the top of `manifest.toml`, everything but the first three and
-the note may be given once, for all images that do not say otherwise.
+Condition and replicate together identify a colony. At the top of `manifest.toml`, everything but the first three, the
+mask and the note may be given once, for all images that do not say otherwise.
 """
 
 import os
