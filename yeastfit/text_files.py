@@ -61,18 +61,19 @@ def read_text(path: str | Path) -> str:
 
 
 def read_csv(
-    path: str | Path, check: Callable[[list[str]], None] = lambda names: None
+    path: str | Path, check: Callable[[list[str]], None] = lambda names: None, *, ended: bool = False
 ) -> tuple[list[str], list[tuple[str, dict[str, str]]]]:
     """Read a CSV table with commas and a header.
 
     Arguments:
         path: The file.
         check: Called with the names of the columns, before any other line is looked at.
+        ended: Whether the last line has an end, as in all tables that yeastfit writes. One without may have been cut
+            off within a number, and is warned of.
 
     Returns:
         The names of the columns; and for each row, but empty ones, where it stands ("table.csv, line 2") and its cells
-        by column, without those that are empty. Space around names and cells is left out. A last line without its end,
-        which may have been cut off within a number, is warned of.
+        by column, without those that are empty. Space around names and cells is left out.
 
     Raises:
         InputError: It is no text file, no CSV, a column appears twice, or a row has more or fewer cells than there are
@@ -96,7 +97,7 @@ def read_csv(
             rows += [(where, row)] if row else []
     except csv.Error as error:
         raise InputError(f"{path}, line {reader.line_num}: not CSV ({error})") from None
-    if rows and not text.rstrip(" \t").endswith(("\n", "\r")):
+    if ended and rows and not text.rstrip(" \t").endswith(("\n", "\r")):
         where = rows[-1][0]
         warnings.warn(f"{where}: the file ends within this line: was its end cut off?", UserWarning, stacklevel=2)
     return names, rows

@@ -61,7 +61,7 @@ def read_measurements(path: str | Path, needed: Sequence[str] = NEEDED) -> list[
         if names and missing:
             raise InputError(f"{path}: no column {', '.join(missing)}, {wanted}{instead_of_commas(names)}")
 
-    names, cells = read_csv(path, check)
+    names, cells = read_csv(path, check, ended=True)
     if not cells:
         raise InputError(f"{path}: no rows, {wanted}")
     numbers = KNOWN | {name: STATISTICS[name].admissible for name in names_in_tables()}
