@@ -15,7 +15,6 @@ import subprocess
 import tempfile
 import time
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from itertools import product
 from pathlib import Path
 from typing import Any, TypeVar
@@ -23,7 +22,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from benchmarks.report import Report, command
-from yeastfit.offlattice.colony import DELAY, OfflatticeColony, grow, grow_many
+from yeastfit.offlattice.colony import DELAY, OfflatticeColony, grow, grow_many, in_threads
 from yeastfit.offlattice.masks.area_matching import match_exactly, search_from_below
 from yeastfit.offlattice.masks.ellipse_mask import Ellipses
 from yeastfit.offlattice.masks.li2024_mask import BinnedOutlines
@@ -168,23 +167,22 @@ def threads(report: Report, repeats: int) -> None:
     """Measure how much faster two threads grow colonies than one, in short runs: some may find an idle machine."""
     values, cells, _ = SETS[FIRST]
     rows, seeds, block = np.tile(values, (MANY, 1)), range(MANY), bytes(BLOCK)
-    clock: dict[str, list[float]] = {f"{what} {count}": [] for what in ("colonies", "checksums") for count in (1, 2)}
     work: dict[int, list[float]] = {1: [], 2: []}
+    clock: dict[tuple[str, int], list[float]] = {key: [] for key in product(("colonies", "checksums"), work)}
     for _ in range(repeats):
         for count in work:
             began, worked = time.perf_counter(), time.process_time()
             grow_many(rows, seeds, cells=cells, threads=count)
-            clock[f"colonies {count}"].append(time.perf_counter() - began)
+            clock["colonies", count].append(time.perf_counter() - began)
             work[count].append(time.process_time() - worked)
-            with ThreadPoolExecutor(count) as pool:
-                began = time.perf_counter()
-                list(pool.map(hashlib.sha256, [block] * MANY))
-                clock[f"checksums {count}"].append(time.perf_counter() - began)
-    least = {name: min(times) for name, times in clock.items()}
+            began = time.perf_counter()
+            in_threads(hashlib.sha256, [block] * MANY, count)
+            clock["checksums", count].append(time.perf_counter() - began)
+    least = {key: min(times) for key, times in clock.items()}
     note = f"{MANY} colonies, by the clock, the least of {repeats} times; takes two idle cores"
-    report.add("two threads over one", least["colonies 1"] / least["colonies 2"], "×", 1.8, note=note)
+    report.add("two threads over one", least["colonies", 1] / least["colonies", 2], "×", 1.8, note=note)
     note = f"{MANY} checksums (SHA-256), likewise: what this machine gives two threads"
-    report.add("the same of checksums", least["checksums 1"] / least["checksums 2"], "×", note=note)
+    report.add("the same of checksums", least["checksums", 1] / least["checksums", 2], "×", note=note)
     note = "what two threads cost more in all, waiting apart"
     report.add("processor time of two threads over that of one", min(work[2]) / min(work[1]), "×", note=note)
 
