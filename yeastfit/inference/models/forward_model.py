@@ -52,8 +52,8 @@ class Seen:
 class ForwardModel(ABC):
     """A forward model of measured colonies, or of anything else, with its settings.
 
-    `free`, `parameters` and `simulator` are enough for `fit` and `infer`, where it has the default statistics; `design`
-    asks for `sensitivity`, `simulate` for `grow`.
+    `free`, `parameters` and `simulator` are enough for `fit` and `infer`, and `statistics` where it has no compactness
+    and radius; `design` asks for `sensitivity`, `simulate` for `grow`.
 
     Attributes:
         free: Names of the parameters that `infer` infers by default.
