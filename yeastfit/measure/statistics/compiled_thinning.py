@@ -23,15 +23,15 @@ def thin(image: Bool[np.ndarray, "row column"], removes: Bool[np.ndarray, "numbe
     removable = np.zeros(256, dtype=np.bool_)
     for now in range(removes.shape[0]):
         removable |= removes[now]
-    listed = np.zeros(flat.size, dtype=np.bool_)
+    listed = flat & (codes != 255)
     pixels, gone = np.empty(flat.size, dtype=np.int32), np.empty(flat.size, dtype=np.int32)
     count = 0
-    words = flat[: flat.size // 8 * 8].view(np.uint64)  # of eight pixels, most of them off
+    words = listed[: flat.size // 8 * 8].view(np.uint64)  # of eight pixels, most of them off or inside
     for word in range(words.size + 1):
         if word < words.size and words[word] == 0:
             continue
         for pixel in range(8 * word, min(8 * word + 8, flat.size)):
-            listed[Index(pixel)] = flat[Index(pixel)] & removable[codes[Index(pixel)]]
+            listed[Index(pixel)] &= removable[codes[Index(pixel)]]
             pixels[Index(count)] = pixel
             count += listed[Index(pixel)]
     changed = True

@@ -27,20 +27,20 @@ of the skeleton there is 0.948 n + 1.343 m for n steps along rows or columns and
 1987, "Length estimators for digitized contours", Comput. Vis. Graph. Image Process. 40:311,
 doi:10.1016/S0734-189X(87)80145-7: unbiased over directions, −5 to +3 % in one). Both are means over the four quadrants
 around the centroid, hence a quarter of the colony's. Thinning treats the sides of a shape in turn. So that turning by
-90° or mirroring a colony changes nothing, every quadrant is thinned in the same orientation, as it is and mirrored.
+90° or mirroring a colony changes nothing, every quadrant is thinned as the upper left one would be, both of the image
+and of its mirror image.
 Li et al. 2024 count the ends of MATLAB's `bwmorph` skeleton in one quadrant, those at the cuts included: counts by two
 algorithms cannot be compared. Ends are not pruned: a disc may keep up to two spurs a quadrant, and an edge rough by
 more than a pixel (a mask enlarged by repeating its pixels) grows more, so compare masks made in one way.
 """
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from math import floor, nan
 
 import numpy as np
 import scipy
-from jaxtyping import Bool
+from jaxtyping import Bool, Int
 
 from yeastfit.measure.statistics.pixels import TIE, Mask, PerPixel, Pixels
 from yeastfit.measure.statistics.statistic import Statistic
@@ -55,6 +55,7 @@ SKELETON = "Zhang & Suen 1984 (scikit-image skeletonize)"
 
 _ALONG, _ACROSS = 0.948, 1.343
 _CORE = 1 / 8  # width of the ring in place of the core over r_CSR
+_LOWER, _RIGHT = {2, 3, 6, 7}, {1, 2, 4, 7}  # turns that put a lower quadrant, or one to the right, to the upper left
 _THICKNESS = 8  # and the least such width, pixels: a thinner ring has ends wherever the edge is rough
 
 
@@ -138,44 +139,50 @@ def csr_radius(pixels: Pixels) -> float:
 
 def _branches(pixels: Pixels, inner: float) -> tuple[float, float]:
     width = max(_CORE * inner, _THICKNESS)
-    least = (inner - TIE) ** 2, max(inner - width - TIE, 0.0) ** 2
-    if with_numba(pixels.colony.size):
-        from yeastfit.measure.statistics.compiled_filaments import parted
-
-        thick, beyond = parted(pixels.colony, *pixels.centre, *least)
-    else:
-        beyond = pixels.square >= least[0]
-        thick = (pixels.colony | ~beyond) & (pixels.square >= least[1])
-    ends, along, across, orientations = 0, 0, 0, 0
-    for (whole, outer), rows, columns in _quadrants((thick, beyond), pixels.centre, round(width)):
-        found = _followed(skeleton(whole), outer[:rows, :columns])
-        ends, along, across = ends + found[0], along + found[1], across + found[2]
-        orientations += 1
-    return ends / orientations, 0.5 * (_ALONG * along + _ACROSS * across) / orientations
+    squares = max(inner - width - TIE, 0.0) ** 2, (inner - TIE) ** 2
+    found = [_in_quadrant(pixels, squares, round(width), turn) for turn in range(8)]
+    ends, along, across = (sum(counts) / len(found) for counts in zip(*found, strict=True))
+    return ends, 0.5 * (_ALONG * along + _ACROSS * across)
 
 
-def _quadrants(
-    images: tuple[Mask, Mask], centre: tuple[float, float], seam: int
-) -> Iterator[tuple[list[Mask], int, int]]:
-    """Each quadrant of two images as it is and mirrored, turned to the upper left; its height and width.
+def _in_quadrant(pixels: Pixels, squares: tuple[float, float], seam: int, turn: int) -> tuple[int, int, int]:
+    """Ends and steps of the skeleton in the quadrant that a turn puts to the upper left (`thinning.turned`).
 
-    The images reach `seam` pixels into the next quadrants, where the cut between them would show in a skeleton. A
+    The image reaches `seam` pixels into the next quadrants, where the cut between them would show in a skeleton. A
     pixel on an axis belongs to one quadrant of the four.
+
+    squares: Of the two radii of the ring in place of the core.
     """
-    row, column = centre
-    for mirrored, middle in (
-        (images, column),
-        ([image[:, ::-1] for image in images], images[0].shape[1] - 1 - column),
-    ):
-        turned, up, left = list(mirrored), row, middle
-        for _ in range(4):
-            height, width = int(np.ceil(up - TIE)), floor(left + TIE) + 1
-            yield [image[: height + seam, : width + seam] for image in turned], height, width
-            turned, up, left = [np.rot90(image) for image in turned], turned[0].shape[1] - 1 - left, up
+    (row, column), (height, width), upright = pixels.centre, pixels.colony.shape, turn % 2 == 0
+    rows, columns = _half(row, height, turn in _LOWER, upright), _half(column, width, turn in _RIGHT, not upright)
+    top, left = max(rows.start - seam, 0), max(columns.start - seam, 0)
+    part = pixels.colony[top : rows.stop + seam, left : columns.stop + seam]
+    thin = skeleton(_with_ring(part, row - top, column - left, *squares), turn)
+    own = thin[rows.start - top : rows.stop - top, columns.start - left : columns.stop - left]
+    i, j = np.divmod(np.flatnonzero(own), own.shape[1])
+    i, j = i + rows.start, j + columns.start
+    outer = (i - row) ** 2 + (j - column) ** 2 >= squares[1]
+    return _followed(thin, i[outer] - top, j[outer] - left)
 
 
-def _followed(thin: Mask, outer: Bool[np.ndarray, "row1 column1"]) -> tuple[int, int, int]:
-    """Ends of a skeleton, and its steps along and across, at the pixels that are outer, where such can be.
+def _half(centre: float, size: int, after: bool, strict: bool) -> slice:
+    """The pixels of a line before or after its centre, strictly or with it."""
+    first, beyond = int(np.ceil(centre - TIE)), floor(centre + TIE) + 1
+    return slice(beyond if strict else first, size) if after else slice(0, first if strict else beyond)
+
+
+def _with_ring(colony: Mask, row: float, column: float, inner: float, outer: float) -> Mask:
+    """A part of a colony with a full ring in place of the core; its centre, and squares of the two radii."""
+    if with_numba(colony.size):
+        from yeastfit.measure.statistics.compiled_filaments import with_ring
+
+        return with_ring(colony, row, column, inner, outer)
+    square = ((np.arange(colony.shape[0]) - row) ** 2)[:, None] + (np.arange(colony.shape[1]) - column) ** 2
+    return (colony | (square < outer)) & (square >= inner)
+
+
+def _followed(thin: Mask, rows: Int[np.ndarray, " pixel"], columns: Int[np.ndarray, " pixel"]) -> tuple[int, int, int]:
+    """Ends of a skeleton, and its steps along and across, at some of its pixels.
 
     A pixel with one neighbour or none is an end. Each pixel has its own steps to its neighbours; a step across counts
     only where no two steps along lead to the same place.
@@ -183,8 +190,7 @@ def _followed(thin: Mask, outer: Bool[np.ndarray, "row1 column1"]) -> tuple[int,
     if with_numba(thin.size):
         from yeastfit.measure.statistics.compiled_filaments import followed
 
-        return followed(thin, np.ascontiguousarray(outer))
-    rows, columns = np.divmod(np.flatnonzero(thin[: len(outer), : outer.shape[1]] & outer), outer.shape[1])
+        return followed(thin, rows, columns)
     held = np.pad(thin, 1)
     near = {(i, j): held[rows + 1 + i, columns + 1 + j] for i in (-1, 0, 1) for j in (-1, 0, 1) if i or j}
     across = sum(there & ~near[i, 0] & ~near[0, j] for (i, j), there in near.items() if i and j)

@@ -32,17 +32,33 @@ OTHERWISE = {
 """Passes, counted from 0, that remove a pixel with such a code of its neighbours."""
 
 
-def skeleton(image: Bool[np.ndarray, "row column"]) -> Bool[np.ndarray, "row column"]:
-    """Thin an image; pixels outside it are off."""
+def skeleton(image: Bool[np.ndarray, "row column"], turn: int = 0) -> Bool[np.ndarray, "row column"]:
+    """Thin an image; pixels outside it are off.
+
+    Arguments:
+        image: What is thinned.
+        turn: As which the passes see it: `turned` so. The sides of a shape are worn off in another order then.
+    """
     if not with_numba(image.size):
         from skimage.morphology import skeletonize
 
-        return skeletonize(image)
+        return turned_back(skeletonize(turned(image, turn)), turn)
     from yeastfit.measure.statistics.compiled_thinning import thin
 
-    padded = np.pad(np.ascontiguousarray(image), 1)
-    thin(padded, removes())
+    padded = np.pad(image, 1)
+    thin(padded, removes(turn))
     return padded[1:-1, 1:-1]
+
+
+def turned(image: Bool[np.ndarray, "row column"], turn: int) -> Bool[np.ndarray, "row1 column1"]:
+    """An image turned left by 90°, 0 to 3 times; from 4 on as many times less 4, mirrored left to right before."""
+    return np.rot90(image if turn < 4 else image[:, ::-1], turn)
+
+
+def turned_back(image: Bool[np.ndarray, "row column"], turn: int) -> Bool[np.ndarray, "row1 column1"]:
+    """Undo `turned`."""
+    upright = np.rot90(image, -turn)
+    return upright if turn < 4 else upright[:, ::-1]
 
 
 def with_numba(size: int) -> bool:
@@ -56,8 +72,11 @@ def _numba_is_installed() -> bool:
 
 
 @cache
-def removes() -> Bool[np.ndarray, "number code"]:
-    """Whether each pass removes a pixel whose neighbours have this code, clockwise from the north, lowest bit first."""
+def removes(turn: int = 0) -> Bool[np.ndarray, "number code"]:
+    """Whether each pass removes a pixel whose neighbours have this code, clockwise from the north, lowest bit first.
+
+    turn: Where it sees the image `turned` so. A turn puts the east in the north's place, mirroring the west.
+    """
     on = ((np.arange(256)[:, None] >> np.arange(8)) & 1).astype(bool)
     count, runs = on.sum(axis=1), (~on & np.roll(on, -1, axis=1)).sum(axis=1)
     north, east, south, west = on[:, ::2].T
@@ -66,4 +85,5 @@ def removes() -> Bool[np.ndarray, "number code"]:
     table = (count >= 2) & (count <= 6) & (runs == 1) & np.stack([first, second])
     for code, passes in OTHERWISE.items():
         table[:, code] = [number in passes for number in (0, 1)]
-    return table
+    seen = np.roll(on if turn < 4 else on[:, -np.arange(8)], -2 * turn, axis=1)
+    return np.take(table, seen @ (1 << np.arange(8)), axis=1)
