@@ -161,18 +161,20 @@ def test_a_colony_without_cells_is_not_drawn() -> None:
         Ellipses.of(grow((2.0, 0.5, 0.5, 0.5, 0.5), cells=10))
 
 
-def test_search_from_below_by_hand(small: OfflatticeColony) -> None:
+@pytest.mark.parametrize(("target", "steps"), [(91_000.0, 2), (86_000.0, 3), (70_000.0, 4), (30_000.0, 9)])
+def test_search_from_below_by_hand(target: float, steps: int, small: OfflatticeColony) -> None:
+    """Mask after mask, of matches after more steps and after fewer."""
     binned = BinnedOutlines.of(small)
-    found = search_from_below(binned.mask, 5000, 60_000.0)
-    share, kept = 60_000 / 91_342 - 0.1, []
+    found = search_from_below(binned.mask, 5000, target)
+    share, kept = target / 91_342 - 0.1, []
     while True:
         kept.append(round(share * 5000))
         area = binned.mask(kept[-1]).sum()
-        if 57_000 < area < 63_000:
+        if 0.95 * target < area < 1.05 * target:
             break
         share += 0.025
     assert (found.cells, found.area, found.match) == (kept[-1], area, Match.MATCHED)
-    assert len(kept) > 2
+    assert len(kept) == steps + 1
     np.testing.assert_array_equal(found.mask, binned.mask(found.cells))
 
 
@@ -184,8 +186,11 @@ def test_an_area_out_of_reach_keeps_all_cells(small: OfflatticeColony) -> None:
         assert "all are kept" in found.match.value
 
 
-def test_a_search_that_misses() -> None:
+def test_a_search_that_misses(small: OfflatticeColony) -> None:
     """Areas that jump over the target; the mask last made is kept."""
+    missed = search_from_below(BinnedOutlines.of(small).mask, 5000, 12_000.0)
+    last = round((12_000 / 91_342 - 0.1 + 38 * 0.025) * 5000)
+    assert (missed.cells, missed.area, missed.match) == (last, 89_417, Match.MISSED)
     found = search_from_below(lambda n: np.arange(1000)[None] < (100 if n < 900 else 1000), 1000, 500.0)
     assert (found.cells, found.area, found.match) == (975, 1000, Match.MISSED)
 
