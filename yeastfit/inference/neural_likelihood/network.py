@@ -234,9 +234,8 @@ def fitted(
         one = jax.tree.map(lambda leaf: leaf[k : k + 1] if eqx.is_array(leaf) else leaf, members)
         return jax.block_until_ready(fitted_together(one, shape, data, settings))
 
-    parts = [member(0)]  # which compiles for all
     with ThreadPoolExecutor(available_processors()) as pool:
-        parts += pool.map(member, range(1, settings.count))
+        parts = list(pool.map(member, range(settings.count)))
     return jax.tree.map(lambda *leaves: jnp.concatenate(leaves) if eqx.is_array(leaves[0]) else leaves[0], *parts)
 
 
