@@ -77,7 +77,8 @@ def li2024_statistics(mask: Bool[np.ndarray, "row column"]) -> Li2024:
     csr = RING * (1 + int(np.argmin(np.abs(1 - counts[rings] / (pi * density * RING**2 * (2 * rings - 1))))))
     middle = floor(row + 0.5), floor(column + 0.5)
     beyond = mask.copy()
-    share = cut_core(beyond, *middle, csr) / area
+    cut_core(beyond, *middle, csr)
+    share = int(np.count_nonzero(beyond)) / area
     ends = count_ends(skeleton(beyond[: middle[0] + 1, : middle[1] + 1]))
     return Li2024(area, max_radius, csr, share / 0.65, (max_radius / csr - 1.1) / 1.7, branch_index(ends), ends)
 
@@ -171,15 +172,12 @@ def _rings(mask: Bool[np.ndarray, "row column"], row: float, column: float) -> t
 
 
 @kernel
-def cut_core(mask: Bool[np.ndarray, "row column"], row: int, column: int, radius: int) -> int:
-    """Turn off, in place, all pixels nearer than `radius` to the one at (row, column); how many are left on."""
-    left = 0
-    for i in range(mask.shape[0]):
-        for j in range(mask.shape[1]):
-            if (i - row) ** 2 + (j - column) ** 2 < radius**2:
-                mask[i, j] = False
-            left += mask[i, j]
-    return left
+def cut_core(mask: Bool[np.ndarray, "row column"], row: int, column: int, radius: int) -> None:
+    """Turn off, in place, all pixels nearer than `radius` to the one at (row, column)."""
+    for i in range(max(row - radius + 1, 0), min(row + radius, mask.shape[0])):
+        reach = int(np.ceil(np.sqrt(radius**2 - (i - row) ** 2)))
+        for j in range(max(column - reach + 1, 0), min(column + reach, mask.shape[1])):
+            mask[i, j] = False
 
 
 def _value(name: str, pixels: Pixels) -> float:
