@@ -51,7 +51,7 @@ class Sizes:
     """
 
     sets: dict[str, Li2024Colonies] = field(default_factory=lambda: LI2024)
-    emulator: SequentialEmulator = field(default_factory=lambda: SequentialEmulator(batch=64, most_steps=60_000))
+    emulator: SequentialEmulator = field(default_factory=lambda: SequentialEmulator(batch=128, most_steps=60_000))
     smc: AbcSmc = field(
         default_factory=lambda: AbcSmc(population=500, simulations=60_000, batch=64, distance="li", adjust=False)
     )
