@@ -19,10 +19,9 @@ from dataclasses import dataclass
 from math import ceil, floor, isfinite
 
 import numpy as np
-import scipy
 from jaxtyping import Bool, Float, Int
 
-from yeastfit.compiled import kernel
+from yeastfit.compiled import array_kernel, inlined_kernel, kernel
 from yeastfit.errors import InputError
 from yeastfit.offlattice.colony import NO_CELL, OfflatticeColony
 from yeastfit.offlattice.placing import PIXELS_PER_UM, SEMI_AXES
@@ -91,9 +90,40 @@ class Ellipses:
 
 def _opened(first: Int[np.ndarray, "row column"], radius: float) -> Int[np.ndarray, "row column"]:
     """The largest of the least within a disc."""
-    reach = np.arange(-floor(radius), floor(radius) + 1)
-    disc = reach[:, None] ** 2 + reach**2 <= radius**2
-    return scipy.ndimage.grey_opening(first, footprint=disc) if disc.size > 1 else first
+    up = np.arange(floor(radius) + 1)
+    reaches = np.floor(np.sqrt(radius**2 - up**2)).astype(np.int64)
+    return -_least_within(-_least_within(first, reaches), reaches) if radius >= 1 else first
+
+
+@array_kernel
+def _least_within(
+    image: Int[np.ndarray, "row column"], reaches: Int[np.ndarray, " up"]
+) -> Int[np.ndarray, "row column"]:
+    """The least around each pixel, in a shape that reaches so far left and right of it in its row and each further one.
+
+    The further a row is, the less far the shape reaches in it.
+    """
+    rows = image.shape[0]
+    found = image.copy()
+    for i in range(rows):
+        here, line, reach = image[i], image[i].copy(), 0  # the least within this reach
+        for up in range(len(reaches) - 1, -1, -1):
+            while reach < reaches[up]:
+                reach += 1
+                _lower(line[: line.size - reach], here[reach:])
+                _lower(line[reach:], here)
+            if i >= up:
+                _lower(found[i - up], line)
+            if i + up < rows:
+                _lower(found[i + up], line)
+    return found
+
+
+@inlined_kernel
+def _lower(line: Int[np.ndarray, " column"], to: Int[np.ndarray, " column2"]) -> None:
+    """Where the other is less, take it."""
+    for j in range(line.size):
+        line[j] = min(line[j], to[j])
 
 
 @kernel
