@@ -26,7 +26,7 @@ from yeastfit.inference.models.offlattice import Offlattice
 from yeastfit.measure.measurements_table import read_measurements
 from yeastfit.measure.outlining.outline_errors import OUTLINE_ERRORS
 from yeastfit.offlattice.masks.area_matching import match_exactly
-from yeastfit.offlattice.masks.ellipse_mask import Ellipses
+from yeastfit.offlattice.masks.ellipse_mask import PIXEL, Ellipses
 from yeastfit.offlattice.masks.li2024_mask import BinnedOutlines
 from yeastfit.offlattice.parameters import PARAMETERS
 from yeastfit.offlattice.simulation import COLUMNS, OfflatticeSimulation
@@ -250,7 +250,7 @@ def test_colonies_are_matched_to_the_area_of_each_of_the_data(table: Path) -> No
     """In pixels of the masks, whatever the mean; cells must cover the largest."""
     read = read_measurements(table)
     areas = [row["area"] for row in read]
-    seen = Offlattice(cells=1500, match="each").seen(read, table.parent, None, ("compactness", "radius"))
+    seen = Offlattice(cells=1500, match="each", gap=6.0).seen(read, table.parent, None, ("compactness", "radius"))
     assert isinstance(seen.model, Offlattice)
     assert (seen.model.areas, seen.model.area) == (tuple(areas), None)
     simulator = seen.model.simulator(seen.targets, PARAMETERS.names, {})
@@ -298,6 +298,23 @@ def test_masks_are_drawn_as_the_statistics_ask_for() -> None:
     assert drawn(whole) == drawn(theirs, "bins") == BinnedOutlines.whole
     assert drawn((*theirs, "compactness")) == drawn(theirs, "ellipses") == Ellipses.of
     assert drawn((*whole, "compactness"), "li2024") == BinnedOutlines.of
+
+
+def test_ellipses_are_drawn_with_gaps_of_a_width_closed() -> None:
+    """By default as outlines of photographs close them; elsewhere a width is of no use, and said."""
+    targets = Targets.from_means({"compactness": [1.0]}, [10.0])
+
+    def closed(gap: float | None) -> Any:
+        model = Offlattice(cells=100, gap=gap)
+        return model.simulator(targets, model.parameters.names, {}).draw.keywords  # type: ignore[attr-defined]
+
+    assert closed(None) == {"pixel_size": PIXEL, "gap": 12.0}
+    assert closed(0.0) == {"pixel_size": PIXEL, "gap": 0.0}
+    for width in (-1.0, np.nan, 101.0):
+        with pytest.raises(InputError, match=r"gap is \S+, it must be a number from 0 to 100 µm"):
+            Offlattice(gap=width)
+    with pytest.raises(InputError, match="--gap is that of ellipses and not used, masks are drawn by --masks bins"):
+        Offlattice(gap=6.0, masks="bins").sensitivity(("compactness",), {})
 
 
 def test_errors_of_the_off_lattice_model_are_those_of_outlines() -> None:

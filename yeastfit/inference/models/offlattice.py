@@ -48,6 +48,7 @@ Photographing a mask leaves them alone. Without the last a posterior may be of c
 """
 COMPARED = ("fit", "infer", "design")
 CELL_LENGTH, COVERED_AREAS = 8.4, Range(40.0, unit="µm²")  # µm, of a cell in yeast form, which covers 40 µm²
+GAPS = Range(0.0, 100.0, unit="µm")
 TRIED = 16  # colonies that show whether the cells cover the area of the data
 COVERED = 0.75  # share of it that is enough; below 1 a warning counts the colonies that do not cover it
 UNEQUAL = 1.5  # times as large as the smallest is the largest colony of data whose areas differ much
@@ -114,6 +115,14 @@ class Offlattice(ForwardModel):
         float | None,
         Setting("µm per pixel of ellipses; by default that of the data, or 1.55.", commands=COMPARED),
     ] = None
+    gap: Annotated[
+        float | None,
+        Setting(
+            "Gaps of ellipses that are narrower than this are closed, µm, as outlines of photographs close them; by "
+            "default 12.",
+            commands=COMPARED,
+        ),
+    ] = None
     delay: Annotated[
         float,
         Setting("Share of all cells by which pseudohyphal mothers come to be preferred later than the transition."),
@@ -134,6 +143,8 @@ class Offlattice(ForwardModel):
             raise InputError(f"areas are given and match is {self.match}: they are for match each, leave them out")
         if self.pixel_size is not None:
             PIXEL_SIZES.read(self.pixel_size, "pixel_size")
+        if self.gap is not None:
+            GAPS.read(self.gap, "gap")
         for name, value, known in (("match", self.match, Match), ("masks", self.masks, Masks)):
             if value is not None and value not in get_args(known):
                 raise InputError(f"{name} is {value!r}, it must be {' or '.join(get_args(known))}")
@@ -199,10 +210,7 @@ class Offlattice(ForwardModel):
         areas = [value["area"] for value in values]
         area = mean_area(chosen, areas) if self.area is None else self.area
         pixel = float(np.mean([row["um_per_pixel"] for row in chosen])) if self.pixel_size is None else self.pixel_size
-        if self.pixel_size is not None and self._masks(statistics) != "ellipses":
-            notes.append(
-                f"--pixel-size is that of ellipses and not used: masks are drawn by --masks {self._masks(statistics)}"
-            )
+        notes += [f"{one}: leave it out" for one in self._unused(statistics)]
         if area not in COVERED_AREAS:
             raise InputError(
                 f"{chosen[0]['file']}: colonies cover {area:.3g} µm² in the mean, which must be {COVERED_AREAS}, as a "
@@ -270,10 +278,8 @@ class Offlattice(ForwardModel):
 
     def sensitivity(self, statistics: Sequence[str], values: Mapping[str, float], **how: Any) -> Sensitivity:
         """By regression along all parameters above 0."""
-        if self.pixel_size is not None and self._masks(statistics) != "ellipses":
-            raise InputError(
-                f"--pixel-size is that of ellipses, masks are drawn by --masks {self._masks(statistics)}: leave it out"
-            )
+        for one in self._unused(statistics):
+            raise InputError(f"{one}: leave it out")
         if self.area is not None:
             self._check_matched(statistics)
         at = {**PARAMETERS.defaults, **values}
@@ -350,9 +356,20 @@ class Offlattice(ForwardModel):
             return "li2024"
         return "bins" if {*COMPARABLE, *(entry.name for entry in OF_BINS)}.issuperset(statistics) else "ellipses"
 
+    def _unused(self, statistics: Sequence[str]) -> list[str]:
+        """Settings of ellipses that are given where none are drawn, in words."""
+        if (masks := self._masks(statistics)) == "ellipses":
+            return []
+        given = {"--pixel-size": self.pixel_size, "--gap": self.gap}
+        return [
+            f"{flag} is that of ellipses and not used, masks are drawn by --masks {masks}"
+            for flag, value in given.items()
+            if value is not None
+        ]
+
     def _drawn(self, statistics: Sequence[str]) -> tuple[Callable[[Any], Any], float]:
         """How a colony is drawn, and µm per pixel."""
-        from yeastfit.offlattice.masks.ellipse_mask import PIXEL, Ellipses
+        from yeastfit.offlattice.masks.ellipse_mask import GAP, PIXEL, Ellipses
         from yeastfit.offlattice.masks.li2024_mask import BinnedOutlines
         from yeastfit.offlattice.placing import PIXELS_PER_UM
 
@@ -360,7 +377,8 @@ class Offlattice(ForwardModel):
         if masks == "ellipses":
             pixel = PIXEL if self.pixel_size is None else self.pixel_size
             check_pixel(pixel, CELL_LENGTH, "pixel_size")
-            return partial(Ellipses.of, pixel_size=pixel), pixel
+            gap = GAP if self.gap is None else self.gap
+            return partial(Ellipses.of, pixel_size=pixel, gap=gap), pixel
         return BinnedOutlines.of if masks == "li2024" else BinnedOutlines.whole, 1 / PIXELS_PER_UM
 
 
