@@ -76,10 +76,10 @@ def drawn(name: str, areas: Float[np.ndarray, " colony"]) -> Float[np.ndarray, "
 
 
 def width_at(found: Float[np.ndarray, " width"], wanted: float) -> float:
-    """Where a statistic that falls with the width is as wanted; nan where it nowhere is."""
-    rising = np.log(found[::-1])
-    inside = rising[0] <= np.log(wanted) <= rising[-1]
-    return float(np.interp(np.log(wanted), rising, WIDTHS[::-1])) if inside else float("nan")
+    """Where a statistic that falls with the width is as wanted; nan where it nowhere is, or has no logarithm."""
+    if not (0 < found[-1] <= wanted <= found[0]):
+        return float("nan")
+    return float(np.interp(np.log(wanted), np.log(found[::-1]), WIDTHS[::-1]))
 
 
 if __name__ == "__main__":
