@@ -25,6 +25,7 @@ from yeastfit.inference.models.algebraic import Algebraic
 from yeastfit.inference.models.offlattice import Offlattice
 from yeastfit.measure.measurements_table import read_measurements
 from yeastfit.measure.outlining.outline_errors import OUTLINE_ERRORS
+from yeastfit.offlattice.masks import ellipse_mask
 from yeastfit.offlattice.masks.area_matching import match_exactly
 from yeastfit.offlattice.masks.ellipse_mask import PIXEL, Ellipses
 from yeastfit.offlattice.masks.li2024_mask import BinnedOutlines
@@ -268,6 +269,19 @@ def test_colonies_are_matched_to_the_area_of_each_of_the_data(table: Path) -> No
         Offlattice(areas=(500.0,))
     with pytest.raises(InputError, match=r"areas is 5\.0, it must be a number of at least 40 µm²"):
         Offlattice(areas=(5.0,), match="each")
+
+
+def test_outlines_are_of_colonies_that_an_image_holds(monkeypatch: pytest.MonkeyPatch) -> None:
+    targets, model = Targets.from_means({"compactness": [1.0]}, [10.0]), Offlattice(cells=300)
+    simulator = model.simulator(targets, model.parameters.names, {})
+    values = np.array([[1.0, 0.5, 0.5, 0.5, 0.5], [0.1, 0.05, 0.9, 0.05, 0.05]])
+    drawn, pixel_size = model.outlines(simulator, values, targets, 0)
+    assert len(drawn) == 2
+    monkeypatch.setattr(ellipse_mask, "MOST_PIXELS", drawn[0].size)
+    held, same = model.outlines(simulator, values, targets, 0)
+    assert len(held) == 1
+    np.testing.assert_array_equal(held[0], drawn[0])
+    assert same == pixel_size == PIXEL
 
 
 def test_colonies_that_differ_much_in_area_are_told_of(table: Path) -> None:

@@ -10,6 +10,7 @@ from yeastfit.inference.simulator import Replicates, Simulator, labels_of, probl
 from yeastfit.measure.statistics.measure_mask import measure_mask
 from yeastfit.measure.statistics.registry import STATISTICS, register_statistic
 from yeastfit.offlattice.colony import grow
+from yeastfit.offlattice.masks import ellipse_mask
 from yeastfit.offlattice.masks.area_matching import match_exactly, search_from_below
 from yeastfit.offlattice.masks.ellipse_mask import Ellipses
 from yeastfit.offlattice.masks.li2024_mask import BinnedOutlines
@@ -91,6 +92,19 @@ def test_what_came_to_nothing_is_nan_and_told() -> None:
         "not simulated: a parameter lies outside [0, 1]; left out": 1,
         "no pseudohyphal cell could bud any more; left out": 1,
     }
+
+
+def test_a_colony_too_wide_for_an_image_is_left_out_and_told_of(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Others of the same call are measured."""
+    simulator = OfflatticeSimulator.of(["area"], cells=500, draw=Ellipses.of)
+    values = np.array([[1.0, 0.5, 0.5, 0.5, 0.5], [0.1, 0.05, 0.9, 0.05, 0.05]])
+    sides = [len(Ellipses.of(simulator.colony(row, 0)).first) for row in values.tolist()]
+    assert sides[0] < sides[1]
+    monkeypatch.setattr(ellipse_mask, "MOST_PIXELS", sides[0] ** 2)
+    seeds = np.zeros(2, dtype=np.uint64)
+    assert np.isnan(simulator(values, seeds)[:, 0]).tolist() == [False, True]
+    assert np.isnan(simulator.covered(values, seeds)).tolist() == [False, True]
+    assert simulator.problems == {"its filaments reach so far that an image of it would be enormous; left out": 1}
 
 
 def test_a_colony_that_the_frame_cuts_is_told_of() -> None:

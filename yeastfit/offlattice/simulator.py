@@ -21,6 +21,7 @@ from yeastfit.measure.statistics.statistic import Statistic
 from yeastfit.observable import Observable
 from yeastfit.offlattice.colony import DELAY, MOST_ATTEMPTS, OfflatticeColony, grow, in_threads
 from yeastfit.offlattice.masks.area_matching import MaskOf, Match, MatchedMask, search_from_below
+from yeastfit.offlattice.masks.ellipse_mask import TooWide
 from yeastfit.offlattice.masks.li2024_mask import BinnedOutlines
 from yeastfit.offlattice.parameters import PARAMETERS, rates_of
 from yeastfit.offlattice.statistics.li2024_statistics import ENTRIES
@@ -32,6 +33,7 @@ from yeastfit.specification import Specification, described, module_outside, pat
 
 OF_BINS = (*ENTRIES, SMOOTHED)
 """What is measured on masks as Li et al. draw them."""
+WIDE = "its filaments reach so far that an image of it would be enormous; left out"
 CUT = "the frame of Li et al.'s masks cuts the colony off (--masks bins shows all of it)"
 
 
@@ -63,8 +65,8 @@ class OfflatticeSimulator:
         most_attempts: See `grow`.
         threads: How many colonies grow at a time; None for as many as there are processors to use.
         limits: Least and largest value of each column, to which those beyond are set (`posterior.limits`).
-        problems: What colonies ran into, in words. A row is nan where its colony did not grow to the end; one whose
-            area was missed is measured all the same.
+        problems: What colonies ran into, in words. A row is nan where its colony did not grow to the end, or is too
+            wide for an image; one whose area was missed is measured all the same.
     """
 
     parameters: ParameterSet
@@ -208,14 +210,17 @@ class OfflatticeSimulator:
             seeds: Of the rows.
 
         Returns:
-            Areas in µm²; nan where a colony did not grow to the end.
+            Areas in µm²; nan where a colony did not grow to the end, or is too wide for an image.
         """
 
         def one(job: tuple[list[float], int]) -> float:
             colony = self.colony(*job)
             if colony.status is not Status.GROWN:
                 return np.nan
-            picture = self.draw(colony)
+            try:
+                picture = self.draw(colony)
+            except TooWide:
+                return np.nan
             return np.count_nonzero(picture.mask(colony.x.size)) * picture.pixel_size**2
 
         jobs = [(row, int(seed)) for row, seed in zip(values.tolist(), seeds, strict=True)]
@@ -251,7 +256,10 @@ class OfflatticeSimulator:
         colony = self.colony(*job)
         if colony.status is not Status.GROWN:
             return [np.nan] * len(self.observables), f"{colony.status.value}; left out"
-        mask, pixel_size, problem = self.seen(colony, job[1])
+        try:
+            mask, pixel_size, problem = self.seen(colony, job[1])
+        except TooWide:
+            return [np.nan] * len(self.observables), WIDE
         found = statistics_of(mask, pixel_size, [one.statistic for one in self.observables])
         row = np.array([found[one.statistic] for one in self.observables])
         return (row if self.limits is None else np.clip(row, *np.transpose(self.limits))).tolist(), problem

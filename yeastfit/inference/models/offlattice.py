@@ -6,6 +6,7 @@ have grown, each may be drawn at the area of one of them, taken at random (`matc
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from math import ceil, floor, log10
@@ -270,11 +271,14 @@ class Offlattice(ForwardModel):
     def outlines(
         self, simulator: "OfflatticeSimulator", values: Float[np.ndarray, "row free"], targets: Targets, seed: int
     ) -> Outlines:
-        """The masks that are measured, of one colony at each row."""
-        seeds = member_seeds(seed, len(values))
-        colonies = [simulator.colony(row, int(one)) for row, one in zip(values.tolist(), seeds, strict=True)]
-        seen = [simulator.seen(colony, int(one)) for colony, one in zip(colonies, seeds, strict=True)]
-        return [mask for mask, _, _ in seen], seen[0][1]
+        """The masks that are measured, of one colony at each row; none of those that are too wide for an image."""
+        from yeastfit.offlattice.masks.ellipse_mask import TooWide
+
+        masks, pixel_size = [], self._drawn([one.statistic for one in simulator.observables])[1]
+        for row, one in zip(values.tolist(), member_seeds(seed, len(values)).tolist(), strict=True):
+            with suppress(TooWide):
+                masks.append(simulator.seen(simulator.colony(row, one), one)[0])
+        return masks, pixel_size
 
     def sensitivity(self, statistics: Sequence[str], values: Mapping[str, float], **how: Any) -> Sensitivity:
         """By regression along all parameters above 0."""

@@ -35,6 +35,10 @@ GAP = 12.0
 MOST_PIXELS = 100_000_000
 
 
+class TooWide(InputError):
+    """A colony reaches so far that an image of pixels of the size asked for would be enormous."""
+
+
 @dataclass(frozen=True)
 class Ellipses:
     """Where the cells lie.
@@ -60,8 +64,8 @@ class Ellipses:
             What `mask` needs for any number of cells.
 
         Raises:
-            InputError: The colony has no cells; the pixel size is not above 0, or so small that the image is enormous;
-                the gap is negative.
+            InputError: The colony has no cells; the pixel size is not above 0; the gap is negative.
+            TooWide: The image would have more than `MOST_PIXELS`.
         """
         if not isfinite(pixel_size) or pixel_size <= 0 or not isfinite(gap) or gap < 0:
             raise InputError(
@@ -74,9 +78,7 @@ class Ellipses:
         radius = gap / (2 * pixel_size)
         half += ceil(radius)
         if (2 * half) ** 2 > MOST_PIXELS:
-            raise InputError(
-                f"pixel_size is {pixel_size} µm: an image of {2 * half} pixels a side, choose a larger one"
-            )
+            raise TooWide(f"pixel_size is {pixel_size} µm: an image of {2 * half} pixels a side, choose a larger one")
         first = np.full((2 * half, 2 * half), NO_CELL, dtype=np.int32)
         shapes = SEMI_AXES[colony.pseudohyphal.astype(int)] / unit
         centres = np.stack([half - 0.5 - colony.y / unit, half - 0.5 + colony.x / unit], axis=1)
