@@ -94,7 +94,7 @@ def search_from_below(mask_of: MaskOf, cells: int, area: float) -> MatchedMask:
 
 
 def match_exactly(mask_of: MaskOf, cells: int, area: float) -> MatchedMask:
-    """Keep the first cells with which the area reaches A*: it is off by less than a cell.
+    """Keep the first cells with which the area reaches A*: it is off by less than the last cell adds, gaps included.
 
     Arguments:
         mask_of: The mask of so many first cells.
