@@ -73,7 +73,7 @@ def test_a_trail_is_walked_along_and_back() -> None:
 @pytest.mark.parametrize("most_steps", [20_000, 600])
 def test_chains_go_on_where_diagnostics_find_them_short(most_steps: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """Both estimates of an autocorrelation time differ by chance; here the first one is content far too early."""
-    monkeypatch.setattr(mcmc, "ENOUGH", 0.4 * LONG)
+    monkeypatch.setattr(mcmc, "ENOUGH", 0.2 * LONG)
     places = np.random.default_rng(0).normal(size=(300, 3))
 
     def started() -> Walk:
