@@ -165,7 +165,9 @@ def test_a_colony_without_cells_is_not_drawn() -> None:
         Ellipses.of(grow((2.0, 0.5, 0.5, 0.5, 0.5), cells=10))
 
 
-@pytest.mark.parametrize(("target", "steps"), [(91_000.0, 2), (86_000.0, 3), (70_000.0, 4), (30_000.0, 9)])
+@pytest.mark.parametrize(
+    ("target", "steps"), [(91_000.0, 2), (86_000.0, 3), (70_000.0, 4), (60_000.0, 5), (30_000.0, 9)]
+)
 def test_search_from_below_by_hand(target: float, steps: int, small: OfflatticeColony) -> None:
     """Mask after mask, of matches after more steps and after fewer."""
     binned = BinnedOutlines.of(small)
