@@ -211,7 +211,7 @@ class Offlattice(ForwardModel):
         areas = [value["area"] for value in values]
         area = mean_area(chosen, areas) if self.area is None else self.area
         pixel = float(np.mean([row["um_per_pixel"] for row in chosen])) if self.pixel_size is None else self.pixel_size
-        notes += [f"{one}: leave it out" for one in self._unused(statistics)]
+        notes += self._unused(statistics)
         if area not in COVERED_AREAS:
             raise InputError(
                 f"{chosen[0]['file']}: colonies cover {area:.3g} µm² in the mean, which must be {COVERED_AREAS}, as a "
@@ -282,8 +282,8 @@ class Offlattice(ForwardModel):
 
     def sensitivity(self, statistics: Sequence[str], values: Mapping[str, float], **how: Any) -> Sensitivity:
         """By regression along all parameters above 0."""
-        for one in self._unused(statistics):
-            raise InputError(f"{one}: leave it out")
+        if unused := self._unused(statistics):
+            raise InputError(unused[0])
         if self.area is not None:
             self._check_matched(statistics)
         at = {**PARAMETERS.defaults, **values}
@@ -366,7 +366,7 @@ class Offlattice(ForwardModel):
             return []
         given = {"--pixel-size": self.pixel_size, "--gap": self.gap}
         return [
-            f"{flag} is that of ellipses and not used, masks are drawn by --masks {masks}"
+            f"{flag} is that of ellipses and not used, masks are drawn by --masks {masks}: leave it out"
             for flag, value in given.items()
             if value is not None
         ]
