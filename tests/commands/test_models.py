@@ -23,6 +23,7 @@ from yeastfit.commands import app as cli
 from yeastfit.errors import InputError
 from yeastfit.inference.models.algebraic import Algebraic
 from yeastfit.inference.models.offlattice import Offlattice
+from yeastfit.inference.prior.distributions import Distribution
 from yeastfit.measure.measurements_table import read_measurements
 from yeastfit.measure.outlining.outline_errors import OUTLINE_ERRORS
 from yeastfit.offlattice.masks import ellipse_mask
@@ -222,7 +223,7 @@ def test_design_without_times(tmp_path: Path, capsys: pytest.CaptureFixture[str]
     assert configuration(tmp_path)["area"] == 30000.0
     saved = ["design", "--sensitivity", str(tmp_path / "sensitivity.json"), "--out", str(tmp_path / "again")]
     for more, words in (
-        ([], "any_mother, not mobility, metabolic_rate"),
+        ([], "any_mother, gap, not mobility, metabolic_rate"),
         (["--scheduler", "tcp://localhost:1"], "--workers or --scheduler"),
     ):
         capsys.readouterr()
@@ -251,10 +252,10 @@ def test_colonies_are_matched_to_the_area_of_each_of_the_data(table: Path) -> No
     """In pixels of the masks, whatever the mean; cells must cover the largest."""
     read = read_measurements(table)
     areas = [row["area"] for row in read]
-    seen = Offlattice(cells=1500, match="each", gap=6.0).seen(read, table.parent, None, ("compactness", "radius"))
+    seen = Offlattice(cells=1500, match="each").seen(read, table.parent, None, ("compactness", "radius"))
     assert isinstance(seen.model, Offlattice)
     assert (seen.model.areas, seen.model.area) == (tuple(areas), None)
-    simulator = seen.model.simulator(seen.targets, PARAMETERS.names, {})
+    simulator = seen.model.simulator(seen.targets, PARAMETERS.names, {"gap": 6.0})
     assert isinstance(simulator, OfflatticeSimulator)
     assert simulator.match is match_exactly
     assert simulator.area == pytest.approx([area / 1.55008**2 for area in areas], rel=1e-4)
@@ -273,7 +274,7 @@ def test_colonies_are_matched_to_the_area_of_each_of_the_data(table: Path) -> No
 
 def test_outlines_are_of_colonies_that_an_image_holds(monkeypatch: pytest.MonkeyPatch) -> None:
     targets, model = Targets.from_means({"compactness": [1.0]}, [10.0]), Offlattice(cells=300)
-    simulator = model.simulator(targets, model.parameters.names, {})
+    simulator = model.simulator(targets, PARAMETERS.names, {})
     values = np.array([[1.0, 0.5, 0.5, 0.5, 0.5], [0.1, 0.05, 0.9, 0.05, 0.05]])
     drawn, pixel_size = model.outlines(simulator, values, targets, 0)
     assert len(drawn) == 2
@@ -305,7 +306,7 @@ def test_masks_are_drawn_as_the_statistics_ask_for() -> None:
 
     def drawn(names: tuple[str, ...], masks: Any = None) -> Any:
         targets, model = Targets.from_means({name: [1.0] for name in names}, [10.0]), Offlattice(cells=100, masks=masks)
-        draw = model.simulator(targets, model.parameters.names, {}).draw
+        draw = model.simulator(targets, PARAMETERS.names, {}).draw
         return draw.func if isinstance(draw, partial) else draw
 
     assert drawn(theirs) == BinnedOutlines.of
@@ -318,17 +319,46 @@ def test_ellipses_are_drawn_with_gaps_of_a_width_closed() -> None:
     """By default as outlines of photographs close them; elsewhere a width is of no use, and said."""
     targets = Targets.from_means({"compactness": [1.0]}, [10.0])
 
-    def closed(gap: float | None) -> Any:
-        model = Offlattice(cells=100, gap=gap)
-        return model.simulator(targets, model.parameters.names, {}).draw.keywords  # type: ignore[attr-defined]
+    def closed(fixed: dict[str, float]) -> Any:
+        return Offlattice(cells=100).simulator(targets, PARAMETERS.names, fixed).draw.keywords  # type: ignore[attr-defined]
 
-    assert closed(None) == {"pixel_size": PIXEL, "gap": 12.0}
-    assert closed(0.0) == {"pixel_size": PIXEL, "gap": 0.0}
+    assert closed({}) == {"pixel_size": PIXEL, "gap": 12.0}
+    assert closed({"gap": 0.0}) == {"pixel_size": PIXEL, "gap": 0.0}
     for width in (-1.0, np.nan, 101.0):
-        with pytest.raises(InputError, match=r"gap is \S+, it must be a number from 0 to 100 µm"):
-            Offlattice(gap=width)
-    with pytest.raises(InputError, match="--gap is that of ellipses and not used, masks are drawn by --masks bins"):
-        Offlattice(gap=6.0, masks="bins").sensitivity(("compactness",), {})
+        with pytest.raises(InputError, match=r"gap \(w\) is \S+, it must be in \[0, 100\]"):
+            Offlattice().parameters.check({"gap": width})
+    binned, not_used = (
+        Offlattice(masks="bins"),
+        "--gap is that of ellipses and not used, masks are drawn by --masks bins",
+    )
+    with pytest.raises(InputError, match=not_used):
+        binned.sensitivity(("compactness",), {"gap": 6.0})
+    with pytest.raises(InputError, match=not_used):
+        binned.simulator(targets, PARAMETERS.names, {"gap": 6.0})
+    with pytest.raises(InputError, match="--free: gap is that of ellipses, and masks are drawn by --masks bins"):
+        binned.simulator(targets, (*PARAMETERS.names, "gap"), {})
+
+
+def test_the_width_of_closed_gaps_may_be_free() -> None:
+    """Colonies are the same, and have fewer holes the wider it is; its prior is log-uniform, the others Li et al.'s."""
+    targets = Targets.from_means({"hole_count": [100.0], "compactness": [1.0]}, [10.0])
+    model = Offlattice(cells=5000, match="none")
+    free = model.simulator(targets, ("transition", "gap"), {})
+    values, seeds = np.array([[0.5, 6.0], [0.5, 12.0], [0.5, 24.0]]), np.full(3, 7, dtype=np.uint64)
+    found = free(values, seeds)
+    assert (np.diff(found, axis=0) < 0).all()
+    for row, gap in zip(found, values[:, 1].tolist(), strict=True):
+        held = model.simulator(targets, ("transition",), {"gap": gap})
+        np.testing.assert_array_equal(held(values[:1, :1], seeds[:1])[0], row)
+        assert held.about != free.about
+    (first, *_), _ = model.outlines(free, values, targets, 0)
+    assert first.any()
+    prior = model.prior(free.parameters)
+    assert prior.distributions["transition"] == Distribution("beta", {"a": 5.0, "b": 2.0})
+    assert prior.distributions["gap"] == Distribution("log-uniform", {"low": 6.0, "high": 30.0})
+    moved = model.sensitivity(("compactness", "radius"), {"gap": 10.0}, runs=32, seed=0)
+    assert moved.at["gap"] == 10.0
+    assert moved.free == (*PARAMETERS.names, "gap")
 
 
 def test_errors_of_the_off_lattice_model_are_those_of_outlines() -> None:

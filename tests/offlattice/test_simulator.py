@@ -124,6 +124,7 @@ def test_a_colony_that_the_frame_cuts_is_told_of() -> None:
         ({"statistics": "area"}, r"statistics is 'area', it must be a list of names, such as \['area'\]"),
         ({"area": ()}, "area: got none, need at least one, or None for whole colonies"),
         ({"limits": ((0.0, 1.0), (0.0, 1.0))}, "limits are 2 pairs, each of the 1 statistics needs one"),
+        ({"free": ("fork", "gap")}, r"free names 'gap', which is that of ellipses, and draw is BinnedOutlines\.whole"),
         ({"free": ("forks",)}, "free names 'forks', which is unknown"),
         ({"fixed": {"fork": 0.5}}, "'fork' is free"),
         ({"free": ("fork",), "fixed": {"any_mother": 2.0}}, "any_mother"),

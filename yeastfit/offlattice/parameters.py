@@ -1,4 +1,4 @@
-"""The five parameters of the off-lattice model, all of them shares or probabilities.
+"""The five parameters of the off-lattice model, all of them shares or probabilities, and one of how it is drawn.
 
 Symbols and rules are those of Li et al. 2024 (see `growth`). Plausible is what their prior holds, all but 0.1 % at
 either end: Beta(5, 2) for n*, Beta(2, 2) for p_ps and p_sp, Beta(2, 5) for γ and p_a. Defaults are the means of their
@@ -70,6 +70,20 @@ PARAMETERS = ParameterSet(
         ),
     )
 )
+
+GAP = Parameter(
+    "gap",
+    "w",
+    "width below which gaps between cells, drawn as ellipses, are closed, as outlines of photographs close them",
+    (6.0, 30.0),
+    12.0,
+    unit="µm",
+    largest=100.0,
+)
+"""Of drawing, not of growth. Two cells in yeast form are 12 µm wide together."""
+
+DRAWN = ParameterSet((*PARAMETERS.parameters, GAP))
+"""All that decide over what is seen of a colony."""
 
 PRIOR = {
     "transition": (5.0, 2.0),

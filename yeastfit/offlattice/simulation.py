@@ -20,7 +20,7 @@ from yeastfit.memory import check_count
 from yeastfit.offlattice.colony import BYTES_PER_CELL, DELAY, OfflatticeColony, grow, in_threads
 from yeastfit.offlattice.masks.ellipse_mask import PIXEL, Ellipses
 from yeastfit.offlattice.masks.li2024_mask import BinnedOutlines
-from yeastfit.offlattice.parameters import PARAMETERS, Rates
+from yeastfit.offlattice.parameters import DRAWN, GAP, PARAMETERS, Rates
 from yeastfit.offlattice.simulator import OF_BINS, Picture, known_statistics, statistics_of
 from yeastfit.offlattice.statistics.li2024_statistics import PUBLISHED
 from yeastfit.offlattice.status import Status
@@ -43,7 +43,7 @@ class OfflatticeSimulation:
         cells: n of the samples.
         statistics: Of the first n cells, by name; nan where a colony has fewer.
         colonies: All members.
-        parameters: The five values by name.
+        parameters: The five values, and the width of gaps that are closed, by name.
         seconds: What it took, compiling included.
     """
 
@@ -68,6 +68,11 @@ class OfflatticeSimulation:
         """Of the statistics."""
         return "µm"
 
+    @property
+    def gap(self) -> float:
+        """Narrower gaps are closed where colonies are drawn as ellipses, µm."""
+        return self.parameters.get(GAP.name, GAP.default)  # older files have none
+
     def rows(self) -> list[dict[str, Any]]:
         """Tidy table: one row per member and sample."""
         return [
@@ -78,7 +83,7 @@ class OfflatticeSimulation:
 
     def masks(self) -> tuple[list[Bool[np.ndarray, "row column"]], float]:
         """All cells of each colony as a camera would see them, and µm per pixel."""
-        return [Ellipses.of(colony).mask(colony.x.size) for colony in self.colonies], PIXEL
+        return [Ellipses.of(colony, gap=self.gap).mask(colony.x.size) for colony in self.colonies], PIXEL
 
     def panels(self, member: int = 0, cells: int | None = None) -> list[Panel]:
         """Cells of one colony by form, and the outline that is measured.
@@ -94,7 +99,7 @@ class OfflatticeSimulation:
         count = colony.x.size if cells is None else cells
         seen = Ellipses.of(colony, gap=0.0).first
         forms = np.append(1 + colony.pseudohyphal, 0).astype(int)[np.where(seen <= count, seen, 0) - 1]
-        mask, share = Ellipses.of(colony).mask(count), colony.pseudohyphal[:count].mean()
+        mask, share = Ellipses.of(colony, gap=self.gap).mask(count), colony.pseudohyphal[:count].mean()
         left = "" if cells is None else f", {1 - count / colony.cells:.0%} of the nutrient left"
         title = f"{count} cells, {share:.1%} of them pseudohyphal"
         return [
@@ -136,7 +141,7 @@ class OfflatticeSimulation:
         with Path(path).open("rb") as opened, np.load(opened) as archive:
             arrays = {name: archive[name] for name in archive.files}
         about = from_json(str(arrays["about"]))
-        rates = Rates(**about["parameters"])
+        rates = Rates(*(about["parameters"][name] for name in PARAMETERS))
         colonies = tuple(
             OfflatticeColony(
                 rates=rates,
@@ -177,7 +182,7 @@ def simulate_offlattice(
         InputError: A name or value is not admissible, or numba is missing.
         SimulationError: So many cells do not fit into memory.
     """
-    PARAMETERS.check(parameters)
+    DRAWN.check(parameters)
     if cells < 1:
         raise InputError(f"cells is {cells}, it must be at least 1")
     check_count("cells", cells, BYTES_PER_CELL)
@@ -185,15 +190,15 @@ def simulate_offlattice(
     names = [*(one for one in recorded("mask") if one in entries), *PUBLISHED] if statistics is None else statistics
     if unknown := [name for name in names if name not in entries]:
         raise InputError(f"statistics: got {unknown[0]!r}, need some of {', '.join(entries)}")
-    values, between = PARAMETERS.defaults | dict(parameters), max(1, cells // 20) if every is None else every
+    values, between = DRAWN.defaults | dict(parameters), max(1, cells // 20) if every is None else every
     if not 1 <= between <= cells:
         raise InputError(f"every is {between}, it must be at least 1 and at most the number of cells, {cells}")
     regular = np.arange(between, cells + 1, between)
     samples = regular if regular[-1] == cells else np.append(regular, cells)
 
     def one(seed: int) -> tuple[OfflatticeColony, dict[str, np.ndarray]]:
-        colony = grow(values, cells=cells, seed=seed, delay=delay)
-        return colony, _measured(colony, samples, names)
+        colony = grow({name: values[name] for name in PARAMETERS}, cells=cells, seed=seed, delay=delay)
+        return colony, _measured(colony, samples, names, values[GAP.name])
 
     began = clock.perf_counter()
     grown = in_threads(one, [int(seed) for seed in seeds], None)
@@ -203,7 +208,7 @@ def simulate_offlattice(
 
 
 def _measured(
-    colony: OfflatticeColony, samples: Int[np.ndarray, " sample"], names: Sequence[str]
+    colony: OfflatticeColony, samples: Int[np.ndarray, " sample"], names: Sequence[str], gap: float
 ) -> dict[str, np.ndarray]:
     """Statistics of the first cells; nan where there are not as many."""
     if not colony.x.size:
@@ -212,7 +217,7 @@ def _measured(
     ours = [name for name in names if name not in theirs]
     pictures: list[tuple[Picture, list[str]]] = []
     if ours:
-        pictures.append((Ellipses.of(colony), ours))
+        pictures.append((Ellipses.of(colony, gap=gap), ours))
     if theirs:
         pictures.append((BinnedOutlines.whole(colony), theirs))
     found = {name: np.full(len(samples), np.nan) for name in (*ours, *theirs, SHARE)}

@@ -8,7 +8,8 @@ from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import Any, Protocol
+from inspect import signature
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Bool, Float, Shaped
@@ -23,7 +24,7 @@ from yeastfit.offlattice.colony import DELAY, MOST_ATTEMPTS, OfflatticeColony, g
 from yeastfit.offlattice.masks.area_matching import MaskOf, Match, MatchedMask, search_from_below
 from yeastfit.offlattice.masks.ellipse_mask import TooWide
 from yeastfit.offlattice.masks.li2024_mask import BinnedOutlines
-from yeastfit.offlattice.parameters import PARAMETERS, rates_of
+from yeastfit.offlattice.parameters import DRAWN, GAP, PARAMETERS, rates_of
 from yeastfit.offlattice.statistics.li2024_statistics import ENTRIES
 from yeastfit.offlattice.statistics.smoothed_branch_index import SMOOTHED
 from yeastfit.offlattice.status import Status
@@ -37,6 +38,7 @@ WIDE = "its filaments reach so far that an image of it would be enormous; left o
 CUT = "the frame of Li et al.'s masks cuts the colony off (--masks bins shows all of it)"
 
 
+@runtime_checkable
 class Picture(Protocol):
     """Masks of a colony's first cells, such as `BinnedOutlines` and `Ellipses`."""
 
@@ -53,13 +55,13 @@ class OfflatticeSimulator:
     """Grows one colony for each row and measures it. Made by `of`.
 
     Attributes:
-        parameters: The free ones.
+        parameters: The free ones, with which a colony grows; and `gap`, with which it is drawn.
         fixed: Values of the others.
         observables: The columns.
         cells: N.
         area: Of the mask that is measured, pixels; of several each colony has one; None for the mask of all cells.
         draw: The pictures of a colony: `BinnedOutlines.whole`, `BinnedOutlines.of` with Li et al.'s frame, or
-            `Ellipses.of`.
+            `Ellipses.of`, to which `gap` is given where it is free.
         match: How the area is matched: Li et al.'s `search_from_below` or `match_exactly`.
         delay: See `grow`.
         most_attempts: See `grow`.
@@ -74,7 +76,7 @@ class OfflatticeSimulator:
     observables: tuple[Observable, ...]
     cells: int
     area: float | tuple[float, ...] | None = None
-    draw: Callable[[OfflatticeColony], Picture] = BinnedOutlines.whole
+    draw: Callable[..., Picture] = BinnedOutlines.whole
     match: Callable[[MaskOf, int, float], MatchedMask] = search_from_below
     delay: float = DELAY
     most_attempts: int = MOST_ATTEMPTS
@@ -90,7 +92,7 @@ class OfflatticeSimulator:
         area: float | Sequence[float] | None = None,
         free: Sequence[str] = PARAMETERS.names,
         fixed: Mapping[str, float] | None = None,
-        draw: Callable[[OfflatticeColony], Picture] = BinnedOutlines.whole,
+        draw: Callable[..., Picture] = BinnedOutlines.whole,
         match: Callable[[MaskOf, int, float], MatchedMask] = search_from_below,
         delay: float = DELAY,
         most_attempts: int = MOST_ATTEMPTS,
@@ -113,7 +115,7 @@ class OfflatticeSimulator:
             limits: See above.
 
         Raises:
-            InputError: A statistic or parameter is unknown, or a value not admissible.
+            InputError: A statistic or parameter is unknown, a value not admissible, or `gap` free where none is drawn.
         """
         check_list("statistics", statistics)
         if limits is not None and len(limits) != len(statistics):
@@ -124,7 +126,9 @@ class OfflatticeSimulator:
             raise InputError("statistics: got none, need at least one")
         if isinstance(area, Sequence) and not area:
             raise InputError("area: got none, need at least one, or None for whole colonies")
-        chosen = PARAMETERS.subset(free)
+        chosen = DRAWN.subset(free)
+        if GAP.name in chosen and GAP.name not in signature(draw).parameters:
+            raise InputError(f"free names {GAP.name!r}, which is that of ellipses, and draw is {_name_of(draw)}")
         given = dict(fixed or {})
         PARAMETERS.check(given)
         if twice := [name for name in given if name in chosen]:
@@ -197,7 +201,8 @@ class OfflatticeSimulator:
         Returns:
             All its cells.
         """
-        rates = rates_of({**self.fixed, **dict(zip(self.parameters.names, values, strict=True))})
+        given = {**self.fixed, **dict(zip(self.parameters.names, values, strict=True))}
+        rates = rates_of({name: value for name, value in given.items() if name in PARAMETERS})
         return grow(rates, cells=self.cells, seed=seed, delay=self.delay, most_attempts=self.most_attempts)
 
     def covered(
@@ -218,7 +223,7 @@ class OfflatticeSimulator:
             if colony.status is not Status.GROWN:
                 return np.nan
             try:
-                picture = self.draw(colony)
+                picture = self.picture(colony, job[0])
             except TooWide:
                 return np.nan
             return np.count_nonzero(picture.mask(colony.x.size)) * picture.pixel_size**2
@@ -226,23 +231,42 @@ class OfflatticeSimulator:
         jobs = [(row, int(seed)) for row, seed in zip(values.tolist(), seeds, strict=True)]
         return np.array(in_threads(one, jobs, self.threads))
 
+    def picture(self, colony: OfflatticeColony, values: Sequence[float]) -> Picture:
+        """The masks of a colony.
+
+        Arguments:
+            colony: One of `colony`.
+            values: Free parameters of its row.
+
+        Returns:
+            Of its first cells, however many.
+
+        Raises:
+            TooWide: The image would be enormous.
+        """
+        given = dict(zip(self.parameters.names, values, strict=True))
+        return self.draw(colony, **{name: value for name, value in given.items() if name == GAP.name})
+
     def area_of(self, seed: int) -> float | None:
         """At which the colony of a seed is compared, in pixels."""
         if not isinstance(self.area, tuple):
             return self.area
         return self.area[np.random.default_rng(stream_of(seed, Stream.AREAS, 0)).integers(len(self.area))]
 
-    def seen(self, colony: OfflatticeColony, seed: int) -> tuple[Bool[np.ndarray, "row column"], float, str]:
+    def seen(
+        self, colony: OfflatticeColony, values: Sequence[float], seed: int
+    ) -> tuple[Bool[np.ndarray, "row column"], float, str]:
         """What of a colony is measured.
 
         Arguments:
             colony: One of `colony`.
+            values: Free parameters of its row.
             seed: Of its row, which decides over its area where there are several.
 
         Returns:
             Its mask, µm per pixel, and what its area ran into; empty for nothing.
         """
-        picture, area = self.draw(colony), self.area_of(seed)
+        picture, area = self.picture(colony, values), self.area_of(seed)
         if area is None:
             mask, problem = picture.mask(colony.x.size), ""
         else:
@@ -257,7 +281,7 @@ class OfflatticeSimulator:
         if colony.status is not Status.GROWN:
             return [np.nan] * len(self.observables), f"{colony.status.value}; left out"
         try:
-            mask, pixel_size, problem = self.seen(colony, job[1])
+            mask, pixel_size, problem = self.seen(colony, *job)
         except TooWide:
             return [np.nan] * len(self.observables), WIDE
         found = statistics_of(mask, pixel_size, [one.statistic for one in self.observables])

@@ -33,7 +33,7 @@ from yeastfit.measure.measurements_table import NEEDED, check_same_size, checked
 from yeastfit.measure.outlining.outline_errors import OUTLINE_ERRORS
 from yeastfit.memory import check_count
 from yeastfit.numbers import PIXEL_SIZES, Range
-from yeastfit.offlattice.parameters import PARAMETERS, PRIOR
+from yeastfit.offlattice.parameters import DRAWN, GAP, PARAMETERS, PRIOR
 from yeastfit.panel import Panel
 from yeastfit.parameter_set import ParameterSet
 
@@ -49,7 +49,6 @@ Photographing a mask leaves them alone. Without the last a posterior may be of c
 """
 COMPARED = ("fit", "infer", "design")
 CELL_LENGTH, COVERED_AREAS = 8.4, Range(40.0, unit="µm²")  # µm, of a cell in yeast form, which covers 40 µm²
-GAPS = Range(0.0, 100.0, unit="µm")
 TRIED = 16  # colonies that show whether the cells cover the area of the data
 COVERED = 0.75  # share of it that is enough; below 1 a warning counts the colonies that do not cover it
 UNEQUAL = 1.5  # times as large as the smallest is the largest colony of data whose areas differ much
@@ -116,14 +115,6 @@ class Offlattice(ForwardModel):
         float | None,
         Setting("µm per pixel of ellipses; by default that of the data, or 1.55.", commands=COMPARED),
     ] = None
-    gap: Annotated[
-        float | None,
-        Setting(
-            "Gaps of ellipses that are narrower than this are closed, µm, as outlines of photographs close them; by "
-            "default 12.",
-            commands=COMPARED,
-        ),
-    ] = None
     delay: Annotated[
         float,
         Setting("Share of all cells by which pseudohyphal mothers come to be preferred later than the transition."),
@@ -144,8 +135,6 @@ class Offlattice(ForwardModel):
             raise InputError(f"areas are given and match is {self.match}: they are for match each, leave them out")
         if self.pixel_size is not None:
             PIXEL_SIZES.read(self.pixel_size, "pixel_size")
-        if self.gap is not None:
-            GAPS.read(self.gap, "gap")
         for name, value, known in (("match", self.match, Match), ("masks", self.masks, Masks)):
             if value is not None and value not in get_args(known):
                 raise InputError(f"{name} is {value!r}, it must be {' or '.join(get_args(known))}")
@@ -158,8 +147,8 @@ class Offlattice(ForwardModel):
 
     @property
     def parameters(self) -> ParameterSet:
-        """The five."""
-        return PARAMETERS
+        """The five of growth, and the width of gaps that are closed in ellipses."""
+        return DRAWN
 
     def statistics_named(self, names: Sequence[str]) -> tuple[str, ...]:
         """Those of `measure`, and those of Li et al.: li2024 stands for the three that they compare colonies in."""
@@ -265,8 +254,10 @@ class Offlattice(ForwardModel):
         return {name: usual[name] if given is None else given for name in names}
 
     def prior(self, parameters: ParameterSet, *, bounded: Bounded = "log-uniform") -> Prior:
-        """Li et al.'s beta distributions."""
-        return Prior({name: Distribution("beta", dict(zip("ab", PRIOR[name], strict=True))) for name in parameters})
+        """Li et al.'s beta distributions; of the width of gaps a log-uniform one."""
+        theirs = {name: Distribution("beta", dict(zip("ab", ab, strict=True))) for name, ab in PRIOR.items()}
+        usual = Prior.default(parameters).distributions
+        return Prior({name: theirs.get(name, one) for name, one in usual.items()})
 
     def outlines(
         self, simulator: "OfflatticeSimulator", values: Float[np.ndarray, "row free"], targets: Targets, seed: int
@@ -277,7 +268,7 @@ class Offlattice(ForwardModel):
         masks, pixel_size = [], self._drawn([one.statistic for one in simulator.observables])[1]
         for row, one in zip(values.tolist(), member_seeds(seed, len(values)).tolist(), strict=True):
             with suppress(TooWide):
-                masks.append(simulator.seen(simulator.colony(row, one), one)[0])
+                masks.append(simulator.seen(simulator.colony(row, one), row, one)[0])
         return masks, pixel_size
 
     def sensitivity(self, statistics: Sequence[str], values: Mapping[str, float], **how: Any) -> Sensitivity:
@@ -286,9 +277,10 @@ class Offlattice(ForwardModel):
             raise InputError(unused[0])
         if self.area is not None:
             self._check_matched(statistics)
-        at = {**PARAMETERS.defaults, **values}
-        free = [name for name, value in at.items() if value > 0]
-        held = {name: value for name, value in at.items() if value == 0}
+        acting = DRAWN if self._masks(statistics) == "ellipses" else PARAMETERS
+        at = {**acting.defaults, **values}
+        free = [name for name, value in at.items() if value > 0 and name in acting]
+        held = {name: value for name, value in at.items() if name not in free}
         simulator, moved = self._simulator(statistics, free, held), {name: at[name] for name in free}
         return estimate_sensitivity(simulator=simulator, at=moved, **how)
 
@@ -319,7 +311,7 @@ class Offlattice(ForwardModel):
         from yeastfit.offlattice.simulator import OfflatticeSimulator
 
         self.check({}, ())
-        draw, pixel = self._drawn(statistics)
+        draw, pixel = self._drawn(statistics, free, fixed)
         area: float | tuple[float, ...] | None = None if self.area is None else self.area / pixel**2
         if self.match == "each":
             if not self.areas:
@@ -327,7 +319,14 @@ class Offlattice(ForwardModel):
             area = tuple(one / pixel**2 for one in self.areas)
         match = search_from_below if self.match == "li2024" else match_exactly
         return OfflatticeSimulator.of(
-            statistics, cells=self.cells, area=area, free=free, fixed=fixed, draw=draw, match=match, delay=self.delay
+            statistics,
+            cells=self.cells,
+            area=area,
+            free=free,
+            fixed={name: value for name, value in fixed.items() if name in PARAMETERS},
+            draw=draw,
+            match=match,
+            delay=self.delay,
         )
 
     def _check_reach(self, simulator: "OfflatticeSimulator") -> None:
@@ -361,29 +360,42 @@ class Offlattice(ForwardModel):
         return "bins" if {*COMPARABLE, *(entry.name for entry in OF_BINS)}.issuperset(statistics) else "ellipses"
 
     def _unused(self, statistics: Sequence[str]) -> list[str]:
-        """Settings of ellipses that are given where none are drawn, in words."""
-        if (masks := self._masks(statistics)) == "ellipses":
+        """What is to be said of a setting of ellipses where none are drawn."""
+        masks = self._masks(statistics)
+        if masks == "ellipses":
             return []
-        given = {"--pixel-size": self.pixel_size, "--gap": self.gap}
-        return [
-            f"{flag} is that of ellipses and not used, masks are drawn by --masks {masks}: leave it out"
-            for flag, value in given.items()
-            if value is not None
-        ]
+        return [] if self.pixel_size is None else [_of_ellipses("--pixel-size", masks)]
 
-    def _drawn(self, statistics: Sequence[str]) -> tuple[Callable[[Any], Any], float]:
-        """How a colony is drawn, and µm per pixel."""
-        from yeastfit.offlattice.masks.ellipse_mask import GAP, PIXEL, Ellipses
+    def _drawn(
+        self, statistics: Sequence[str], free: Sequence[str] = (), fixed: Mapping[str, float] | None = None
+    ) -> tuple[Callable[..., Any], float]:
+        """How a colony is drawn, and µm per pixel.
+
+        Raises:
+            InputError: A width of gaps is given, or free, where none are closed.
+        """
+        from yeastfit.offlattice.masks.ellipse_mask import PIXEL, Ellipses
         from yeastfit.offlattice.masks.li2024_mask import BinnedOutlines
         from yeastfit.offlattice.placing import PIXELS_PER_UM
 
-        masks = self._masks(statistics)
+        masks, gap = self._masks(statistics), (fixed or {}).get(GAP.name, GAP.default)
         if masks == "ellipses":
             pixel = PIXEL if self.pixel_size is None else self.pixel_size
             check_pixel(pixel, CELL_LENGTH, "pixel_size")
-            gap = GAP if self.gap is None else self.gap
-            return partial(Ellipses.of, pixel_size=pixel, gap=gap), pixel
+            draw = partial(Ellipses.of, pixel_size=pixel)
+            return (draw if GAP.name in free else partial(draw, gap=gap)), pixel
+        if gap != GAP.default:
+            raise InputError(_of_ellipses("--gap", masks))
+        if GAP.name in free:
+            raise InputError(
+                f"--free: gap is that of ellipses, and masks are drawn by --masks {masks}: leave it out, or give "
+                "--masks ellipses"
+            )
         return BinnedOutlines.of if masks == "li2024" else BinnedOutlines.whole, 1 / PIXELS_PER_UM
+
+
+def _of_ellipses(flag: str, masks: Masks) -> str:
+    return f"{flag} is that of ellipses and not used, masks are drawn by --masks {masks}: leave it out"
 
 
 def _expanded(name: str, published: tuple[str, ...]) -> tuple[str, ...]:

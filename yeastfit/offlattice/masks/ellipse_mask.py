@@ -23,14 +23,14 @@ from jaxtyping import Bool, Float, Int
 
 from yeastfit.compiled import array_kernel, inlined_kernel, kernel
 from yeastfit.errors import InputError
+from yeastfit.offlattice import parameters
 from yeastfit.offlattice.colony import NO_CELL, OfflatticeColony
 from yeastfit.offlattice.placing import PIXELS_PER_UM, SEMI_AXES
 
 PIXEL = 1.55008
 """Of the real photographs, µm."""
 
-GAP = 12.0
-"""Width of two sated cells, µm: narrower gaps are closed."""
+GAP = parameters.GAP.default
 
 MOST_PIXELS = 100_000_000
 
