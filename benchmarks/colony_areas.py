@@ -23,26 +23,19 @@ nothing: the page is of what is there. --quick: one set, 128 simulations, no tar
 
 import argparse
 from dataclasses import dataclass
-from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 from benchmarks.real_answers import CALLED
-from benchmarks.real_colonies import DATA
+from benchmarks.real_run import RealRun
 from benchmarks.report import Report, command
-from yeastfit.commands import app
-from yeastfit.errors import SimulationError
-from yeastfit.inference.comparison.left_out import LeftOut
 from yeastfit.inference.comparison.models import ModelComparison
-from yeastfit.inference.posterior.result import Posterior
 from yeastfit.inference.prior.variation import NAME as VARIATION
 from yeastfit.inference.prior.variation import absent
-from yeastfit.results.contents import MANIFEST
 
-CELLS = {"awri796-50um": 56_000, "awri796-500um": 127_000, "simi-white-50um": 88_000}
-STATISTICS = "filament_area_index,filament_radius_index,angular_index"
-HOW = "--model offlattice --variation --leave-out 4 --most-steps 60000 --draws 20 --prior-draws 0"
-QUICK = "--model offlattice --variation --leave-out 2 --most-steps 500 --walkers 32 --simulations 128 --draws 10"
+OPTIONS = "--model offlattice --variation --statistics filament_area_index,filament_radius_index,angular_index"
+HOW = f"{OPTIONS} --leave-out 4 --most-steps 60000 --draws 20 --prior-draws 0"
+QUICK = f"{OPTIONS} --leave-out 2 --most-steps 500 --walkers 32 --simulations 128 --draws 10"
 MATCHES = {"each": "each at its area", "exactly": "all at the mean area"}
 QUICKLY = [("awri796-50um", match, 0) for match in MATCHES]
 SEEDS = {"awri796-500um": (0, 1, 2), "simi-white-50um": (0,), "awri796-50um": (0,)}
@@ -51,44 +44,20 @@ INSIDE = (0.8, 0.97)
 
 
 @dataclass(frozen=True)
-class Run:
-    """One posterior, in a folder of `yeastfit infer`."""
+class Run(RealRun):
+    """One posterior, by one way of matching."""
 
-    name: str
     match: str
     seed: int
-    work: Path
-
-    @property
-    def folder(self) -> Path:
-        """Where it is kept."""
-        return self.work / self.name / f"{self.match}-{self.seed}"
 
     @property
     def title(self) -> str:
         """In words."""
         return f"{CALLED[self.name]}, {MATCHES[self.match]}, seed {self.seed}"
 
-    @property
-    def there(self) -> bool:
-        """Whether it is finished."""
-        return (self.folder / MANIFEST).is_file()
-
-    @cached_property
-    def left_out(self) -> LeftOut:
-        """Of a finished one."""
-        return LeftOut.load(self.folder / "left_out.npz")
-
-    def infer(self, how: str) -> None:
-        """Begin it, or go on."""
-        given = f"--cells {CELLS[self.name]} --match {self.match} --seed {self.seed} --resume {how}".split()
-        where = ["infer", str(DATA / self.name), "--out", str(self.folder), "--statistics", STATISTICS]
-        if (ended := app.run([*where, *given])) > 1:
-            raise SimulationError(f"{self.folder}: yeastfit infer ended with exit code {ended}")
-
     def row(self) -> dict[str, Any]:
         """Of the table."""
-        posterior, found = Posterior.load(self.folder / "posterior.npz"), self.left_out
+        posterior, found = self.posterior, self.left_out
         tau = posterior.free.index(VARIATION)
         transition = posterior.free.index("transition")
         return {
@@ -139,11 +108,14 @@ def main(arguments: list[str] | None = None) -> None:
 
     def run(report: Report, quick: bool) -> None:
         folder = own.work / ("quick" if quick else "full")
-        runs = [Run(*one, folder) for one in (QUICKLY if quick else RUNS)]
+        runs = [
+            Run(name, folder / name / f"{match}-{seed}", match, seed)
+            for name, match, seed in (QUICKLY if quick else RUNS)
+        ]
         for one in runs:
             if not own.page and not one.there:
                 report.stage(one.title)
-                one.infer(QUICK if quick else HOW)
+                one.infer(f"{QUICK if quick else HOW} --match {one.match} --seed {one.seed}")
         said = judge(report, runs)
         missing = [one.title for one in runs if not one.there]
         said += [f"Not there yet: {'; '.join(missing)}."] if missing else []
