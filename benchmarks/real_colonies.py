@@ -48,12 +48,7 @@ that the run has simulated where its posterior is (in the central 80 % of every 
 statistics of one colony for normally distributed; excess kurtosis, 0 then, and the largest colony beside the 95 %
 quantile say whether they are.
 
-    python -m benchmarks.real_colonies --work WORK --docs docs [--images IMAGES --grid FILE]
-
-With the masks or photographs that `data/real` was measured on, which are no part of the project, in a folder IMAGES, a
-picture is written besides: for each set three of them and three colonies of the off-lattice model at draws of its
-posterior, mixed, all at one scale. Which is which is printed (can you tell?), and how thick hairs are: quartiles of the
-distance to the edge, along the skeleton of what lies beyond 1.05 r_CSR.
+    python -m benchmarks.real_colonies --work WORK --docs docs
 """
 
 import argparse
@@ -63,16 +58,11 @@ from typing import Any
 
 import h5py
 import numpy as np
-from matplotlib.figure import Figure
-from scipy import ndimage
 from scipy.stats import kurtosis
-from skimage.morphology import skeletonize
 
 from benchmarks.real_answers import CALLED, answers, comparison_in
 from benchmarks.report import Report, command
-from yeastfit import measure_file
 from yeastfit.commands.posterior_run.run import SIMULATIONS
-from yeastfit.errors import InputError
 from yeastfit.inference.comparison.left_out import LeftOut
 from yeastfit.inference.neural_likelihood.single_colonies import wide_scatter
 from yeastfit.inference.posterior.predictive_check import Predictive
@@ -80,18 +70,11 @@ from yeastfit.inference.posterior.result import Posterior
 from yeastfit.inference.prior.variation import NAME as VARIATION
 from yeastfit.inference.prior.variation import Variation
 from yeastfit.measure.measurements_table import TABLE, read_measurements
-from yeastfit.offlattice.colony import grow
-from yeastfit.offlattice.masks.area_matching import search_from_below
-from yeastfit.offlattice.masks.li2024_mask import BinnedOutlines
-from yeastfit.offlattice.parameters import PARAMETERS
-from yeastfit.offlattice.statistics.li2024_statistics import centroid, li2024_statistics
-from yeastfit.plot.style import save
 from yeastfit.results.contents import MANIFEST, RUN
 from yeastfit.storage import read_json
 
 SETS = tuple(CALLED)
 DATA = Path(__file__).parents[1] / "data" / "real"
-EACH = 3  # real colonies, and simulated ones, in a row of the grid
 MODELS = ("offlattice", "offlattice-3", "algebraic", "nitrogen")
 TRIED = ("clocks", "death", "polar")  # with nitrogen, on the first set
 RUNS = [*((model, name) for model in MODELS for name in SETS), *((rule, SETS[0]) for rule in TRIED)]
@@ -246,11 +229,7 @@ def main(arguments: list[str] | None = None) -> None:
     """Run the command: parse the option of this benchmark, then those of every benchmark."""
     parser = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
     parser.add_argument("--work", type=Path, default=Path("out/real"))
-    parser.add_argument("--images", type=Path)
-    parser.add_argument("--grid", type=Path)
     own, others = parser.parse_known_args(arguments)
-    if (own.images is None) != (own.grid is None):
-        raise InputError("--images holds what --grid shows: give both, or neither")
 
     def run(report: Report, quick: bool) -> None:
         said = judge(report, own.work)
@@ -266,59 +245,7 @@ def main(arguments: list[str] | None = None) -> None:
             text = "\n".join([report.head(__doc__), "", words, *report.sections()])
             (report.docs / "real.md").write_text(text, encoding="utf-8")
 
-        if own.grid is not None:
-            drawn, real = mixed(report, own.work / "offlattice", own.images)
-            save(drawn, own.grid)
-            report.stage(f"{own.grid}: real are {real}")
-
     command("real_colonies", run, others)
-
-
-def mixed(report: Report, work: Path, images: Path) -> tuple[Figure, str]:
-    """Real and simulated colonies of each set, and which are real; a table of their hairs."""
-    hairs = []
-    rng, masks, said = np.random.default_rng(0), dict[tuple[int, int], np.ndarray](), list[str]()
-    for line, name in enumerate(SETS):
-        rows = read_measurements(DATA / name / TABLE)[:EACH]
-        real = [measure_file(images / str(row["file"]), float(row["um_per_pixel"])).segmentation.mask for row in rows]
-        found, known = Posterior.load(work / name / "posterior.npz"), read_json(work / name / RUN)["configuration"]
-        draws = found.flat[rng.integers(len(found.flat), size=EACH)]
-        values = [dict(zip(found.free, row.tolist(), strict=True)) for row in draws]
-        area = float(np.mean([mask.sum() for mask in real]))
-        simulated = [_simulated(one, int(known["cells"]), seed, area) for seed, one in enumerate(values)]
-        for kind, those in (("real", real), ("simulated", simulated)):
-            widths = np.percentile(np.concatenate([half_widths(mask) for mask in those]), (25, 50, 75))
-            hairs.append({"set": name, "colonies": kind, **dict(zip(("25 %", "50 %", "75 %"), widths, strict=True))})
-        order = rng.permutation(2 * EACH)
-        masks |= {(line, place): [*real, *simulated][which] for place, which in enumerate(order)}
-        said.append(f"{name}: {', '.join(str(place + 1) for place, which in enumerate(order) if which < EACH)}")
-    report.table("half width of hairs, pixels", hairs)
-    side = max(max(np.ptp(one) for one in np.nonzero(mask)) for mask in masks.values())
-    figure = Figure(figsize=(12, 6.2), layout="constrained")
-    panels = figure.subplots(len(SETS), 2 * EACH)
-    for place, mask in masks.items():
-        row, column = (0.5 * (one.min() + one.max()) for one in np.nonzero(mask))
-        panels[place].imshow(mask, cmap="Greys", interpolation="antialiased")
-        reach = 0.52 * side
-        panels[place].set(xlim=(column - reach, column + reach), ylim=(row + reach, row - reach), xticks=[], yticks=[])
-    for line, name in enumerate(SETS):
-        panels[line, 0].set_ylabel(name)
-    return figure, "; ".join(said)
-
-
-def half_widths(mask: np.ndarray) -> np.ndarray:
-    """Distances to the edge along the skeleton of a colony's hairs, in pixels."""
-    mask = np.pad(mask, 1)
-    row, column = centroid(mask)
-    away = np.hypot(np.arange(mask.shape[0])[:, None] - row, np.arange(mask.shape[1]) - column)
-    hairs = skeletonize(mask) & (away > 1.05 * li2024_statistics(mask).csr_radius)
-    return ndimage.distance_transform_edt(mask)[hairs]
-
-
-def _simulated(values: dict[str, float], cells: int, seed: int, area: float) -> np.ndarray:
-    """A colony's mask of an area in pixels."""
-    colony = grow({name: value for name, value in values.items() if name in PARAMETERS.names}, cells=cells, seed=seed)
-    return search_from_below(BinnedOutlines.whole(colony).mask, cells, area).mask
 
 
 def _made(folder: Path) -> str:

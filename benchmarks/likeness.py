@@ -1,0 +1,212 @@
+"""Do simulated colonies look like real ones, where texture is asked for and gaps are closed as wide as it takes?
+
+Posteriors of the off-lattice model by three indices of shape predict hairs that are more and thinner than real ones
+are, with rougher outlines and more holes. Here six statistics are asked for, three of texture among them: compactness,
+the length of skeletons and smoothed I_B. How wide gaps an outline closes is a parameter, `gap`, as the five of growth
+are:
+
+    cd data/real
+    more="--model offlattice --match each --variation --leave-out 4 --most-steps 60000 --draws 20 --prior-draws 0
+        --free transition,sated_from_pseudohyphal,pseudohyphal_from_sated,fork,any_mother,gap --statistics
+        filament_area_index,filament_radius_index,angular_index,compactness,branch_length,smoothed_branch_index"
+    yeastfit infer simi-white-50um $more --cells 88000 --out WORK/simi-white-50um
+
+and so on. Colonies are simulated from each posterior, each at the area of one of the real ones, and compared with these
+in the six statistics and in four that were not asked for: holes, ends of the skeleton, fractal dimension, solidity.
+
+Target: 80 to 97 % of what colonies left out have shown lies in the predicted interval of 90 %.
+
+    python -m benchmarks.likeness [--quick] [--json FILE] [--docs DIR] [--work DIR] [--page] [--images DIR --grid FILE]
+
+Runs are kept in the folder given by --work, out/likeness by default; an interrupted one goes on there. --page computes
+no posterior: the page is of what is there. --quick: one set, 160 simulations, no target.
+
+With the masks or photographs that `data/real` was measured on, which are no part of the project, in the folder given by
+--images, a picture of 3 × 6 colonies is written besides: of each set three of them and three simulated ones, mixed,
+all at one scale. Which are real is printed (can you tell?), and how thick hairs are: quartiles of the distance to the
+edge, along the skeleton of what lies beyond 1.05 r_CSR.
+"""
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Bool, Float
+from matplotlib.figure import Figure
+from scipy import ndimage
+from skimage.morphology import skeletonize
+
+from benchmarks.offlattice_runs import real_colonies
+from benchmarks.real_answers import CALLED
+from benchmarks.real_colonies import DATA
+from benchmarks.real_run import CELLS, RealRun
+from benchmarks.report import Report, command
+from yeastfit import measure_file
+from yeastfit.errors import InputError
+from yeastfit.inference.models.offlattice import Offlattice
+from yeastfit.inference.prior.variation import Varied
+from yeastfit.inference.simulator import member_seeds
+from yeastfit.measure.measurements_table import TABLE, read_measurements
+from yeastfit.offlattice.parameters import DRAWN
+from yeastfit.offlattice.statistics.li2024_statistics import centroid, li2024_statistics
+from yeastfit.plot.style import save
+
+ASKED = (
+    "filament_area_index",
+    "filament_radius_index",
+    "angular_index",
+    "compactness",
+    "branch_length",
+    "smoothed_branch_index",
+)
+FURTHER = ("hole_count", "branch_count", "fractal_dimension", "solidity")
+OPTIONS = f"--model offlattice --match each --variation --free {','.join(DRAWN)} --statistics {','.join(ASKED)}"
+HOW = f"{OPTIONS} --leave-out 4 --most-steps 60000 --draws 20 --prior-draws 0"
+QUICK = f"{OPTIONS} --leave-out 2 --most-steps 500 --walkers 32 --simulations 160 --draws 10"
+INSIDE = (0.8, 0.97)
+COLONIES = 100  # simulated from each posterior
+EACH = 3  # real colonies of a set, and simulated ones, in the picture
+
+
+def judge(report: Report, runs: list[RealRun]) -> None:
+    """Figures and tables of what is there."""
+    rows: list[dict[str, Any]] = []
+    for one in (each for each in runs if each.there):
+        name, inside = CALLED[one.name], one.left_out.coverage(0.9)
+        low, high = (None, None) if report.quick else INSIDE
+        report.add(f"{name}: left out, inside 90 %", inside, "", low)
+        report.add(f"{name}: the same, at most", inside, "", high, False)
+        compared = compare(one, 10 if report.quick else COLONIES)
+        for title, names in (("asked for", ASKED), ("not asked for", FURTHER)):
+            shares = [row["inside 90 %"] for row in compared if row["statistic"] in names]
+            report.add(f"{name}: real colonies inside predicted 90 %, statistics {title}", float(np.mean(shares)), "")
+        report.table(f"{name}: real and simulated colonies", compared)
+        rows.append(_row(one))
+    if rows:
+        report.table("Runs", rows)
+
+
+def _row(run: RealRun) -> dict[str, Any]:
+    """Of the table of runs."""
+    posterior, found = run.posterior, run.left_out
+    ends = posterior.interval(0.9)
+    return {
+        "set": CALLED[run.name],
+        "settled": "yes" if posterior.settled else "no",
+        "simulations": posterior.simulations,
+        "inside 50 %": f"{100 * found.coverage(0.5):.0f}",
+        "inside 90 %": f"{100 * found.coverage(0.9):.0f}",
+        "log density": f"{found.total:.1f} ± {found.standard_error:.1f}",
+        **{
+            name.replace("_", " "): f"{mean:.2g} ({low:.2g} to {high:.2g})"
+            for name, mean, (low, high) in zip(posterior.free, posterior.mean.tolist(), ends.tolist(), strict=True)
+        },
+    }
+
+
+def compare(run: RealRun, colonies: int) -> list[dict[str, Any]]:
+    """Statistics of the real colonies of a set, and of colonies simulated from its posterior."""
+    names = (*ASKED, *FURTHER)
+    simulator, _, values = _drawn(run, names, colonies)
+    predicted, real = simulator(values, member_seeds(0, colonies)), real_colonies(run.name, names)
+    predicted = predicted[np.isfinite(predicted).all(axis=1)]
+    low, middle, high = np.quantile(predicted, (0.05, 0.5, 0.95), axis=0)
+    return [
+        {
+            "statistic": name,
+            "real, median": float(np.median(real[:, k])),
+            "least": float(real[:, k].min()),
+            "largest": float(real[:, k].max()),
+            "simulated, median": float(middle[k]),
+            "5 %": float(low[k]),
+            "95 %": float(high[k]),
+            "inside 90 %": float(np.mean((real[:, k] >= low[k]) & (real[:, k] <= high[k]))),
+        }
+        for k, name in enumerate(names)
+    ]
+
+
+def _drawn(run: RealRun, names: tuple[str, ...], colonies: int) -> tuple[Varied, Any, Float[np.ndarray, "colony free"]]:
+    """The simulator of colonies that differ, the data that it is made for, and draws of a posterior."""
+    model = Offlattice(cells=CELLS[run.name], match="each", masks="ellipses")
+    table = DATA / run.name / TABLE
+    seen = model.seen(read_measurements(table), table.parent, None, names)
+    inside = seen.model.simulator(seen.targets, [name for name in run.posterior.free if name in DRAWN], {})
+    draws = run.posterior.flat
+    return Varied(inside), seen, draws[np.random.default_rng(0).integers(len(draws), size=colonies)]
+
+
+def grid(report: Report, runs: list[RealRun], images: Path) -> tuple[Figure, str]:
+    """Real and simulated colonies of each set, and which are real; a table of their hairs."""
+    rng, said, hairs = np.random.default_rng(0), list[str](), list[dict[str, Any]]()
+    masks = dict[tuple[int, int], Bool[np.ndarray, "row column"]]()
+    for line, run in enumerate(runs):
+        rows = read_measurements(DATA / run.name / TABLE)[:EACH]
+        real = [measure_file(images / str(row["file"]), float(row["um_per_pixel"])).segmentation.mask for row in rows]
+        simulator, seen, values = _drawn(run, ASKED, EACH)
+        scattered = simulator.scattered(values, member_seeds(0, EACH))
+        simulated = seen.model.outlines(simulator.simulator, scattered, seen.targets, 0)[0]
+        for kind, those in (("real", real), ("simulated", simulated)):
+            widths = np.percentile(np.concatenate([half_widths(mask) for mask in those]), (25, 50, 75)).tolist()
+            row = dict(zip(("25 %", "50 %", "75 %"), widths, strict=True))
+            hairs.append({"set": CALLED[run.name], "colonies": kind, **row})
+        order = rng.permutation(EACH + len(simulated)).tolist()
+        masks |= {(line, place): [*real, *simulated][which] for place, which in enumerate(order)}
+        said.append(f"{CALLED[run.name]}: {', '.join(str(k + 1) for k, which in enumerate(order) if which < EACH)}")
+    report.table("half width of hairs, pixels", hairs)
+    reach = 0.52 * max(max(np.ptp(one) for one in np.nonzero(mask)) for mask in masks.values())
+    figure = Figure(figsize=(18, 9.3), layout="constrained")
+    panels = figure.subplots(len(runs), 2 * EACH, squeeze=False)
+    for panel in panels.flat:
+        panel.set_axis_off()
+    for place, mask in masks.items():
+        row, column = (0.5 * (one.min() + one.max()) for one in np.nonzero(mask))
+        panels[place].imshow(mask, cmap="Greys", interpolation="antialiased")
+        panels[place].set(xlim=(column - reach, column + reach), ylim=(row + reach, row - reach))
+    return figure, "; ".join(said)
+
+
+def half_widths(mask: Bool[np.ndarray, "row column"]) -> Float[np.ndarray, " pixel"]:
+    """Distances to the edge along the skeleton of a colony's hairs, in pixels."""
+    mask = np.pad(mask, 1)
+    row, column = centroid(mask)
+    away = np.hypot(np.arange(mask.shape[0])[:, None] - row, np.arange(mask.shape[1]) - column)
+    hairs = skeletonize(mask) & (away > 1.05 * li2024_statistics(mask).csr_radius)
+    return np.asarray(ndimage.distance_transform_edt(mask)[hairs])
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Run the command: parse the options of this benchmark, then those of every benchmark."""
+    parser = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
+    parser.add_argument("--work", type=Path, default=Path("out/likeness"))
+    parser.add_argument("--page", action="store_true")
+    parser.add_argument("--images", type=Path)
+    parser.add_argument("--grid", type=Path)
+    own, others = parser.parse_known_args(arguments)
+    if (own.images is None) != (own.grid is None):
+        raise InputError("--images holds what --grid shows: give both, or neither")
+
+    def run(report: Report, quick: bool) -> None:
+        folder = own.work / "quick" if quick else own.work
+        runs = [RealRun(name, folder / name) for name in (list(CELLS)[:1] if quick else CELLS)]
+        for one in runs:
+            if not own.page and not one.there:
+                report.stage(CALLED[one.name])
+                one.infer(QUICK if quick else HOW)
+        judge(report, runs)
+        if own.grid is not None:
+            drawn, real = grid(report, [one for one in runs if one.there], own.images)
+            save(drawn, own.grid)
+            report.stage(f"{own.grid}: real are {real}")
+        if report.docs is not None:
+            report.docs.mkdir(parents=True, exist_ok=True)
+            missing = [f"Not there yet: {CALLED[one.name]}." for one in runs if not one.there]
+            page = "\n\n".join([report.head(__doc__), *missing, *report.sections()])
+            (report.docs / "likeness.md").write_text(page, encoding="utf-8")
+
+    command("likeness", run, others)
+
+
+if __name__ == "__main__":
+    main()

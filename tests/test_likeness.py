@@ -1,0 +1,79 @@
+"""Simulated colonies beside real ones: how far they agree, how thick hairs are, and which are real in the picture."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from made_posteriors import flat_prior, made_posterior
+from PIL import Image
+from test_colony_areas import left_out
+
+from benchmarks import likeness
+from benchmarks.real_run import CELLS, RealRun
+from yeastfit.measure.measurements_table import TABLE, read_measurements
+from yeastfit.offlattice import Ellipses, grow, match_exactly
+from yeastfit.offlattice.parameters import DRAWN
+from yeastfit.results.contents import MANIFEST
+
+NAME = "awri796-50um"
+AT = (0.7, 0.8, 0.24, 0.15, 0.08, 14.0, 0.0)
+
+
+@pytest.fixture
+def work(tmp_path: Path) -> Path:
+    """A finished run of one set, all of whose draws are the same."""
+    folder = tmp_path / NAME
+    folder.mkdir()
+    prior = flat_prior(*DRAWN, "colony_variation")
+    made_posterior(np.tile(AT, (4, 10, 1)), prior=prior).save(folder / "posterior.npz")
+    left_out(-4.0, outside=1).save(folder / "left_out.npz")
+    (folder / MANIFEST).write_text("{}")
+    return tmp_path
+
+
+def test_hairs_are_as_thick_as_they_are_drawn() -> None:
+    mask = np.zeros((301, 301), dtype=bool)
+    mask[np.hypot(*np.mgrid[-150:151, -150:151]) < 60] = True
+    mask[146:155, 10:291] = True  # 9 pixels wide: the middle is 5 from the nearest pixel outside
+    assert np.median(likeness.half_widths(mask)) == 5.0
+
+
+def test_real_colonies_are_compared_with_simulated_ones_in_all_statistics(
+    work: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Here the real ones are simulated ones themselves, of the same parameters: most are inside."""
+    names = (*likeness.ASKED, *likeness.FURTHER)
+    run = RealRun(NAME, work / NAME)
+    simulator, _, values = likeness._drawn(run, names, 8)
+    drawn = simulator(values, np.arange(100, 108).astype(np.uint64))
+    monkeypatch.setattr(likeness, "real_colonies", lambda name, which: drawn)
+    rows = likeness.compare(run, 12)
+    assert tuple(row["statistic"] for row in rows) == names
+    assert [row["real, median"] for row in rows] == pytest.approx(np.median(drawn, axis=0).tolist())
+    assert np.mean([row["inside 90 %"] for row in rows]) > 0.5
+    monkeypatch.setattr(likeness, "real_colonies", lambda name, which: 3 * drawn)
+    assert np.mean([row["inside 90 %"] for row in likeness.compare(run, 12)]) < 0.2
+
+
+def test_the_page_and_the_picture_are_of_what_is_there(
+    work: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(likeness, "COLONIES", 4)
+    for seed, row in enumerate(read_measurements(likeness.DATA / NAME / TABLE)[: likeness.EACH]):
+        picture = Ellipses.of(grow(AT[:5], cells=CELLS[NAME], seed=seed), gap=14.0)
+        mask = match_exactly(picture.mask, CELLS[NAME], row["area"] / picture.pixel_size**2).mask
+        Image.fromarray(np.where(np.pad(mask, 20), 0, 255).astype(np.uint8)).save(work / str(row["file"]))
+    more = ["--images", str(work), "--grid", str(work / "grid.png")]
+    with pytest.raises(SystemExit) as ended:
+        likeness.main(["--page", "--work", str(work), "--docs", str(work), *more])
+    assert ended.value.code == 0
+    page = (work / "likeness.md").read_text(encoding="utf-8")
+    assert "Not there yet: AWRI 796, 500 µM." in page
+    assert "| AWRI 796, 50 µM: left out, inside 90 % | 0.938 |  | ≥ 0.8 | yes |" in page
+    assert "| AWRI 796, 50 µM | yes | 100 | 94 | 94 | -31.7 ± 0.1 | 0.7 (0.7 to 0.7) |" in page
+    with Image.open(work / "grid.png") as image:
+        assert image.width > 1000
+    (told,) = (line for line in capsys.readouterr().err.splitlines() if "real are" in line)
+    real = {int(one) for one in told.rpartition(": ")[2].split(", ")}
+    assert len(real) == likeness.EACH
+    assert real < set(range(1, 7))
