@@ -283,6 +283,8 @@ def test_outlines_are_of_colonies_that_an_image_holds(monkeypatch: pytest.Monkey
     assert len(held) == 1
     np.testing.assert_array_equal(held[0], drawn[0])
     assert same == pixel_size == PIXEL
+    none, _ = model.outlines(simulator, np.array([[0.5, 0.5, 0.0, 0.5, 0.0]]), targets, 0)  # no cell could bud any more
+    assert none == []
 
 
 def test_colonies_that_differ_much_in_area_are_told_of(table: Path) -> None:

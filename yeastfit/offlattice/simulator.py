@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from inspect import signature
-from typing import Any, Protocol, runtime_checkable
+from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Bool, Float, Shaped
@@ -48,6 +48,20 @@ class Picture(Protocol):
 
     def mask(self, cells: int) -> Bool[np.ndarray, "row column"]:
         """The mask of so many."""
+
+
+class Drawn(NamedTuple):
+    """What of a colony is measured.
+
+    Attributes:
+        mask: None where there is none.
+        pixel_size: µm.
+        problem: What the colony ran into, in words; empty for nothing.
+    """
+
+    mask: Bool[np.ndarray, "row column"] | None
+    pixel_size: float
+    problem: str
 
 
 @dataclass(frozen=True)
@@ -217,35 +231,14 @@ class OfflatticeSimulator:
         Returns:
             Areas in µm²; nan where a colony did not grow to the end, or is too wide for an image.
         """
+        whole = replace(self, area=None)
 
         def one(job: tuple[list[float], int]) -> float:
-            colony = self.colony(*job)
-            if colony.status is not Status.GROWN:
-                return np.nan
-            try:
-                picture = self.picture(colony, job[0])
-            except TooWide:
-                return np.nan
-            return np.count_nonzero(picture.mask(colony.x.size)) * picture.pixel_size**2
+            drawn = whole.drawn(*job)
+            return np.nan if drawn.mask is None else np.count_nonzero(drawn.mask) * drawn.pixel_size**2
 
         jobs = [(row, int(seed)) for row, seed in zip(values.tolist(), seeds, strict=True)]
         return np.array(in_threads(one, jobs, self.threads))
-
-    def picture(self, colony: OfflatticeColony, values: Sequence[float]) -> Picture:
-        """The masks of a colony.
-
-        Arguments:
-            colony: One of `colony`.
-            values: Free parameters of its row.
-
-        Returns:
-            Of its first cells, however many.
-
-        Raises:
-            TooWide: The image would be enormous.
-        """
-        given = dict(zip(self.parameters.names, values, strict=True))
-        return self.draw(colony, **{name: value for name, value in given.items() if name == GAP.name})
 
     def area_of(self, seed: int) -> float | None:
         """At which the colony of a seed is compared, in pixels."""
@@ -253,40 +246,40 @@ class OfflatticeSimulator:
             return self.area
         return self.area[np.random.default_rng(stream_of(seed, Stream.AREAS, 0)).integers(len(self.area))]
 
-    def seen(
-        self, colony: OfflatticeColony, values: Sequence[float], seed: int
-    ) -> tuple[Bool[np.ndarray, "row column"], float, str]:
-        """What of a colony is measured.
+    def drawn(self, values: Sequence[float], seed: int) -> Drawn:
+        """What of the colony of one row is measured.
 
         Arguments:
-            colony: One of `colony`.
-            values: Free parameters of its row.
-            seed: Of its row, which decides over its area where there are several.
+            values: Free parameters.
+            seed: Of the row, which decides over its area, too, where there are several.
 
         Returns:
-            Its mask, µm per pixel, and what its area ran into; empty for nothing.
+            Its mask, or why there is none.
         """
-        picture, area = self.picture(colony, values), self.area_of(seed)
-        if area is None:
+        colony = self.colony(values, seed)
+        if colony.status is not Status.GROWN:
+            return Drawn(None, np.nan, f"{colony.status.value}; left out")
+        given = dict(zip(self.parameters.names, values, strict=True))
+        try:
+            picture = self.draw(colony, **{name: value for name, value in given.items() if name == GAP.name})
+        except TooWide:
+            return Drawn(None, np.nan, WIDE)
+        if (area := self.area_of(seed)) is None:
             mask, problem = picture.mask(colony.x.size), ""
         else:
             matched = self.match(picture.mask, colony.x.size, area)
             mask, problem = matched.mask, "" if matched.match is Match.MATCHED else matched.match.value
         cut = mask[[0, -1]].any() or mask[:, [0, -1]].any()
-        return mask, picture.pixel_size, problem or (CUT if cut else "")
+        return Drawn(mask, picture.pixel_size, problem or (CUT if cut else ""))
 
     def _measured(self, job: tuple[tuple[float, ...], int]) -> tuple[list[float], str]:
         """One row, and what the colony ran into; empty where it was nothing."""
-        colony = self.colony(*job)
-        if colony.status is not Status.GROWN:
-            return [np.nan] * len(self.observables), f"{colony.status.value}; left out"
-        try:
-            mask, pixel_size, problem = self.seen(colony, *job)
-        except TooWide:
-            return [np.nan] * len(self.observables), WIDE
-        found = statistics_of(mask, pixel_size, [one.statistic for one in self.observables])
+        drawn = self.drawn(*job)
+        if drawn.mask is None:
+            return [np.nan] * len(self.observables), drawn.problem
+        found = statistics_of(drawn.mask, drawn.pixel_size, [one.statistic for one in self.observables])
         row = np.array([found[one.statistic] for one in self.observables])
-        return (row if self.limits is None else np.clip(row, *np.transpose(self.limits))).tolist(), problem
+        return (row if self.limits is None else np.clip(row, *np.transpose(self.limits))).tolist(), drawn.problem
 
 
 def offlattice_simulator_of(

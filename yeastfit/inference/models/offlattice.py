@@ -6,7 +6,6 @@ have grown, each may be drawn at the area of one of them, taken at random (`matc
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from math import ceil, floor, log10
@@ -262,14 +261,11 @@ class Offlattice(ForwardModel):
     def outlines(
         self, simulator: "OfflatticeSimulator", values: Float[np.ndarray, "row free"], targets: Targets, seed: int
     ) -> Outlines:
-        """The masks that are measured, of one colony at each row; none of those that are too wide for an image."""
-        from yeastfit.offlattice.masks.ellipse_mask import TooWide
-
-        masks, pixel_size = [], self._drawn([one.statistic for one in simulator.observables])[1]
-        for row, one in zip(values.tolist(), member_seeds(seed, len(values)).tolist(), strict=True):
-            with suppress(TooWide):
-                masks.append(simulator.seen(simulator.colony(row, one), row, one)[0])
-        return masks, pixel_size
+        """The masks that are measured, of one colony at each row, as far as it has one."""
+        seeds = member_seeds(seed, len(values)).tolist()
+        masks = [simulator.drawn(row, one).mask for row, one in zip(values.tolist(), seeds, strict=True)]
+        pixel_size = self._drawn([one.statistic for one in simulator.observables])[1]
+        return [mask for mask in masks if mask is not None], pixel_size
 
     def sensitivity(self, statistics: Sequence[str], values: Mapping[str, float], **how: Any) -> Sensitivity:
         """By regression along all parameters above 0."""
