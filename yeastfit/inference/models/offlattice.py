@@ -5,9 +5,8 @@ cover the mean area of the data. Where colonies of the data differ in size, and 
 have grown, each may be drawn at the area of one of them, taken at random (`match` each).
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from math import ceil, floor, log10
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, get_args
@@ -18,8 +17,9 @@ from jaxtyping import Float
 from yeastfit.errors import InputError
 from yeastfit.inference.models.forward_model import ForwardModel, Row, Seen
 from yeastfit.inference.models.grown import Outlines
-from yeastfit.inference.models.image_checks import check_comparable, check_images, check_pixel
+from yeastfit.inference.models.image_checks import check_comparable, check_images
 from yeastfit.inference.models.last_images import last_images, mean_area, measured
+from yeastfit.inference.models.offlattice_drawing import CELL_LENGTH, COMPARABLE, Drawing, Masks
 from yeastfit.inference.posterior.settings import Setting
 from yeastfit.inference.prior.distributions import Distribution
 from yeastfit.inference.prior.prior import Bounded, Prior
@@ -32,7 +32,7 @@ from yeastfit.measure.measurements_table import NEEDED, check_same_size, checked
 from yeastfit.measure.outlining.outline_errors import OUTLINE_ERRORS
 from yeastfit.memory import check_count
 from yeastfit.numbers import PIXEL_SIZES, Range
-from yeastfit.offlattice.parameters import DRAWN, GAP, PARAMETERS, PRIOR
+from yeastfit.offlattice.parameters import DRAWN, PARAMETERS, PRIOR
 from yeastfit.panel import Panel
 from yeastfit.parameter_set import ParameterSet
 
@@ -41,18 +41,12 @@ if TYPE_CHECKING:
     from yeastfit.offlattice.simulator import OfflatticeSimulator
 
 THEIRS = "li2024"
-COMPARABLE = ("li2024_filament_area_index", "li2024_filament_radius_index", "smoothed_branch_index", "angular_index")
-"""What photographs and simulations are compared in: I_F, I_R, I_B of smoothed outlines, and the angular index.
-
-Photographing a mask leaves them alone. Without the last a posterior may be of colonies of a few tufts.
-"""
 COMPARED = ("fit", "infer", "design")
-CELL_LENGTH, COVERED_AREAS = 8.4, Range(40.0, unit="µm²")  # µm, of a cell in yeast form, which covers 40 µm²
+COVERED_AREAS = Range(40.0, unit="µm²")  # what a cell in yeast form covers
 TRIED = 16  # colonies that show whether the cells cover the area of the data
 COVERED = 0.75  # share of it that is enough; below 1 a warning counts the colonies that do not cover it
 UNEQUAL = 1.5  # times as large as the smallest is the largest colony of data whose areas differ much
 ROOM = 1.1  # times as many cells as cover it: Li et al. took as many
-Masks = Literal["li2024", "bins", "ellipses"]
 Match = Literal["li2024", "exactly", "each", "none"]
 
 
@@ -149,6 +143,11 @@ class Offlattice(ForwardModel):
         """The five of growth, and the width of gaps that are closed in ellipses."""
         return DRAWN
 
+    @property
+    def drawing(self) -> Drawing:
+        """How colonies are drawn."""
+        return Drawing(self.masks, self.pixel_size)
+
     def statistics_named(self, names: Sequence[str]) -> tuple[str, ...]:
         """Those of `measure`, and those of Li et al.: li2024 stands for the three that they compare colonies in."""
         from yeastfit.offlattice.simulator import known_statistics
@@ -199,7 +198,7 @@ class Offlattice(ForwardModel):
         areas = [value["area"] for value in values]
         area = mean_area(chosen, areas) if self.area is None else self.area
         pixel = float(np.mean([row["um_per_pixel"] for row in chosen])) if self.pixel_size is None else self.pixel_size
-        notes += self._unused(statistics)
+        notes += self.drawing.unused(statistics)
         if area not in COVERED_AREAS:
             raise InputError(
                 f"{chosen[0]['file']}: colonies cover {area:.3g} µm² in the mean, which must be {COVERED_AREAS}, as a "
@@ -234,7 +233,7 @@ class Offlattice(ForwardModel):
     def check_images(self, images: Sequence[Row], statistics: Sequence[str]) -> None:
         """Raise `InputError` where a statistic tells nothing, or pixels are of no size for cells, or of two sizes."""
         self._check_matched(statistics)
-        self._drawn(statistics)
+        self.drawing.of(statistics)
         check_images(last_images(images)[0], CELL_LENGTH, alike=True)
 
     def _check_matched(self, statistics: Sequence[str]) -> None:
@@ -264,16 +263,16 @@ class Offlattice(ForwardModel):
         """The masks that are measured, of one colony at each row, as far as it has one."""
         seeds = member_seeds(seed, len(values)).tolist()
         masks = [simulator.drawn(row, one).mask for row, one in zip(values.tolist(), seeds, strict=True)]
-        pixel_size = self._drawn([one.statistic for one in simulator.observables])[1]
+        pixel_size = self.drawing.of([one.statistic for one in simulator.observables])[1]
         return [mask for mask in masks if mask is not None], pixel_size
 
     def sensitivity(self, statistics: Sequence[str], values: Mapping[str, float], **how: Any) -> Sensitivity:
         """By regression along all parameters above 0."""
-        if unused := self._unused(statistics):
+        if unused := self.drawing.unused(statistics):
             raise InputError(unused[0])
         if self.area is not None:
             self._check_matched(statistics)
-        acting = DRAWN if self._masks(statistics) == "ellipses" else PARAMETERS
+        acting = DRAWN if self.drawing.kind(statistics) == "ellipses" else PARAMETERS
         at = {**acting.defaults, **values}
         free = [name for name, value in at.items() if value > 0 and name in acting]
         held = {name: value for name, value in at.items() if name not in free}
@@ -307,7 +306,7 @@ class Offlattice(ForwardModel):
         from yeastfit.offlattice.simulator import OfflatticeSimulator
 
         self.check({}, ())
-        draw, pixel = self._drawn(statistics, free, fixed)
+        draw, pixel = self.drawing.of(statistics, free, fixed)
         area: float | tuple[float, ...] | None = None if self.area is None else self.area / pixel**2
         if self.match == "each":
             if not self.areas:
@@ -343,55 +342,6 @@ class Offlattice(ForwardModel):
             f"colonies are compared at {largest:.3g} µm²{at_most}: give about --cells {rounded}, or --match none to "
             "compare whole colonies of any area"
         )
-
-    def _masks(self, statistics: Sequence[str]) -> Masks:
-        """How colonies are drawn for these."""
-        from yeastfit.offlattice.simulator import OF_BINS
-        from yeastfit.offlattice.statistics.li2024_statistics import PUBLISHED
-
-        if self.masks is not None:
-            return self.masks
-        if set(statistics) == set(PUBLISHED):
-            return "li2024"
-        return "bins" if {*COMPARABLE, *(entry.name for entry in OF_BINS)}.issuperset(statistics) else "ellipses"
-
-    def _unused(self, statistics: Sequence[str]) -> list[str]:
-        """What is to be said of a setting of ellipses where none are drawn."""
-        masks = self._masks(statistics)
-        if masks == "ellipses":
-            return []
-        return [] if self.pixel_size is None else [_of_ellipses("--pixel-size", masks)]
-
-    def _drawn(
-        self, statistics: Sequence[str], free: Sequence[str] = (), fixed: Mapping[str, float] | None = None
-    ) -> tuple[Callable[..., Any], float]:
-        """How a colony is drawn, and µm per pixel.
-
-        Raises:
-            InputError: A width of gaps is given, or free, where none are closed.
-        """
-        from yeastfit.offlattice.masks.ellipse_mask import PIXEL, Ellipses
-        from yeastfit.offlattice.masks.li2024_mask import BinnedOutlines
-        from yeastfit.offlattice.placing import PIXELS_PER_UM
-
-        masks, gap = self._masks(statistics), (fixed or {}).get(GAP.name, GAP.default)
-        if masks == "ellipses":
-            pixel = PIXEL if self.pixel_size is None else self.pixel_size
-            check_pixel(pixel, CELL_LENGTH, "pixel_size")
-            draw = partial(Ellipses.of, pixel_size=pixel)
-            return (draw if GAP.name in free else partial(draw, gap=gap)), pixel
-        if gap != GAP.default:
-            raise InputError(_of_ellipses("--gap", masks))
-        if GAP.name in free:
-            raise InputError(
-                f"--free: gap is that of ellipses, and masks are drawn by --masks {masks}: leave it out, or give "
-                "--masks ellipses"
-            )
-        return BinnedOutlines.of if masks == "li2024" else BinnedOutlines.whole, 1 / PIXELS_PER_UM
-
-
-def _of_ellipses(flag: str, masks: Masks) -> str:
-    return f"{flag} is that of ellipses and not used, masks are drawn by --masks {masks}: leave it out"
 
 
 def _expanded(name: str, published: tuple[str, ...]) -> tuple[str, ...]:
