@@ -8,20 +8,34 @@ from made_posteriors import flat_prior, made_posterior
 from PIL import Image
 from test_colony_areas import left_out
 
-from benchmarks import likeness
+from benchmarks import likeness, offlattice_runs
 from benchmarks.real_run import CELLS, RealRun
-from yeastfit.measure.measurements_table import TABLE, read_measurements
-from yeastfit.offlattice import Ellipses, grow, match_exactly
+from yeastfit.measure.measurements_table import TABLE
+from yeastfit.offlattice import Ellipses, grow
+from yeastfit.offlattice.masks.ellipse_mask import PIXEL
 from yeastfit.offlattice.parameters import DRAWN
+from yeastfit.offlattice.simulator import statistics_of
 from yeastfit.results.contents import MANIFEST
+from yeastfit.storage import write_table
 
 NAME = "awri796-50um"
+NAMES = (*likeness.ASKED, *likeness.FURTHER)
 AT = (0.7, 0.8, 0.24, 0.15, 0.08, 14.0, 0.0)
 
 
 @pytest.fixture
-def work(tmp_path: Path) -> Path:
-    """A finished run of one set, all of whose draws are the same."""
+def work(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A finished run of one set, all of whose draws are those that its small colonies were made with."""
+    rows = []
+    for seed in range(8):
+        mask = Ellipses.of(grow(AT[:5], cells=2500, seed=seed), gap=AT[5]).mask(2000 + 50 * seed)
+        Image.fromarray(np.where(np.pad(mask, 20), 0, 255).astype(np.uint8)).save(tmp_path / f"{seed}.png")
+        known = {"file": f"{seed}.png", "condition": "", "replicate": seed, "hours": 233.0, "um_per_pixel": PIXEL}
+        rows.append({**known, "mask": "", **statistics_of(mask, PIXEL, ("max_radius", "area", *NAMES))})
+    write_table(tmp_path / "data" / NAME / TABLE, rows)
+    for one in (likeness, offlattice_runs):
+        monkeypatch.setattr(one, "DATA", tmp_path / "data")
+    monkeypatch.setitem(CELLS, NAME, 2500)
     folder = tmp_path / NAME
     folder.mkdir()
     prior = flat_prior(*DRAWN, "colony_variation")
@@ -41,28 +55,20 @@ def test_hairs_are_as_thick_as_they_are_drawn() -> None:
 def test_real_colonies_are_compared_with_simulated_ones_in_all_statistics(
     work: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Here the real ones are simulated ones themselves, of the same parameters: most are inside."""
-    names = (*likeness.ASKED, *likeness.FURTHER)
     run = RealRun(NAME, work / NAME)
-    simulator, _, values = likeness._drawn(run, names, 8)
-    drawn = simulator(values, np.arange(100, 108).astype(np.uint64))
-    monkeypatch.setattr(likeness, "real_colonies", lambda name, which: drawn)
-    rows = likeness.compare(run, 12)
-    assert tuple(row["statistic"] for row in rows) == names
-    assert [row["real, median"] for row in rows] == pytest.approx(np.median(drawn, axis=0).tolist())
-    assert np.mean([row["inside 90 %"] for row in rows]) > 0.5
-    monkeypatch.setattr(likeness, "real_colonies", lambda name, which: 3 * drawn)
-    assert np.mean([row["inside 90 %"] for row in likeness.compare(run, 12)]) < 0.2
+    real = offlattice_runs.real_colonies(NAME, NAMES)
+    rows = likeness.compare(run, 40)
+    assert tuple(row["statistic"] for row in rows) == NAMES
+    assert [row["real, median"] for row in rows] == pytest.approx(np.median(real, axis=0).tolist())
+    assert np.mean([row["inside 90 %"] for row in rows]) > 0.75
+    monkeypatch.setattr(likeness, "real_colonies", lambda name, which: 3 * real)
+    assert np.mean([row["inside 90 %"] for row in likeness.compare(run, 40)]) < 0.2
 
 
 def test_the_page_and_the_picture_are_of_what_is_there(
     work: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(likeness, "COLONIES", 4)
-    for seed, row in enumerate(read_measurements(likeness.DATA / NAME / TABLE)[: likeness.EACH]):
-        picture = Ellipses.of(grow(AT[:5], cells=CELLS[NAME], seed=seed), gap=14.0)
-        mask = match_exactly(picture.mask, CELLS[NAME], row["area"] / picture.pixel_size**2).mask
-        Image.fromarray(np.where(np.pad(mask, 20), 0, 255).astype(np.uint8)).save(work / str(row["file"]))
     more = ["--images", str(work), "--grid", str(work / "grid.png")]
     with pytest.raises(SystemExit) as ended:
         likeness.main(["--page", "--work", str(work), "--docs", str(work), *more])
