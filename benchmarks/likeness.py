@@ -6,9 +6,10 @@ the length of skeletons and smoothed I_B. How wide gaps an outline closes is a p
 are:
 
     cd data/real
-    more="--model offlattice --match each --variation --leave-out 4 --most-steps 60000 --draws 20 --prior-draws 0
-        --free transition,sated_from_pseudohyphal,pseudohyphal_from_sated,fork,any_mother,gap --statistics
-        filament_area_index,filament_radius_index,angular_index,compactness,branch_length,smoothed_branch_index"
+    six=filament_area_index,filament_radius_index,angular_index,compactness,branch_length,smoothed_branch_index
+    more="--model offlattice --match each --variation --leave-out 4 --each 1024 --most-steps 60000 --draws 20
+        --prior-draws 0 --free transition,sated_from_pseudohyphal,pseudohyphal_from_sated,fork,any_mother,gap
+        --statistics $six"
     yeastfit infer simi-white-50um $more --cells 88000 --out WORK/simi-white-50um
 
 and so on. Colonies are simulated from each posterior, each at the area of one of the real ones, and compared with these
@@ -51,6 +52,8 @@ from yeastfit.measure.measurements_table import TABLE, read_measurements
 from yeastfit.offlattice.parameters import DRAWN
 from yeastfit.offlattice.statistics.li2024_statistics import centroid, li2024_statistics
 from yeastfit.plot.style import save
+from yeastfit.results.contents import RUN
+from yeastfit.storage import read_json
 
 ASKED = (
     "filament_area_index",
@@ -62,7 +65,7 @@ ASKED = (
 )
 FURTHER = ("hole_count", "branch_count", "fractal_dimension", "solidity")
 OPTIONS = f"--model offlattice --match each --variation --free {','.join(DRAWN)} --statistics {','.join(ASKED)}"
-HOW = f"{OPTIONS} --leave-out 4 --most-steps 60000 --draws 20 --prior-draws 0"
+HOW = f"{OPTIONS} --leave-out 4 --each 1024 --most-steps 60000 --draws 20 --prior-draws 0"
 QUICK = f"{OPTIONS} --leave-out 2 --most-steps 500 --walkers 32 --simulations 160 --draws 10"
 INSIDE = (0.8, 0.97)
 COLONIES = 100  # simulated from each posterior
@@ -95,6 +98,7 @@ def _row(run: RealRun) -> dict[str, Any]:
         "set": CALLED[run.name],
         "settled": "yes" if posterior.settled else "no",
         "simulations": posterior.simulations,
+        "of a round": read_json(run.folder / RUN)["configuration"]["settings"]["each"],
         "inside 50 %": f"{100 * found.coverage(0.5):.0f}",
         "inside 90 %": f"{100 * found.coverage(0.9):.0f}",
         "log density": f"{found.total:.1f} ± {found.standard_error:.1f}",

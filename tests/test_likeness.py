@@ -15,8 +15,8 @@ from yeastfit.offlattice import Ellipses, grow
 from yeastfit.offlattice.masks.ellipse_mask import PIXEL
 from yeastfit.offlattice.parameters import DRAWN
 from yeastfit.offlattice.simulator import statistics_of
-from yeastfit.results.contents import MANIFEST
-from yeastfit.storage import write_table
+from yeastfit.results.contents import MANIFEST, RUN
+from yeastfit.storage import write_json, write_table
 
 NAME = "awri796-50um"
 NAMES = (*likeness.ASKED, *likeness.FURTHER)
@@ -42,6 +42,7 @@ def work(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     made_posterior(np.tile(AT, (4, 10, 1)), prior=prior).save(folder / "posterior.npz")
     left_out(-4.0, outside=1).save(folder / "left_out.npz")
     (folder / MANIFEST).write_text("{}")
+    write_json(folder / RUN, {"configuration": {"settings": {"each": 512}}})
     return tmp_path
 
 
@@ -76,7 +77,7 @@ def test_the_page_and_the_picture_are_of_what_is_there(
     page = (work / "likeness.md").read_text(encoding="utf-8")
     assert "Not there yet: AWRI 796, 500 µM." in page
     assert "| AWRI 796, 50 µM: left out, inside 90 % | 0.938 |  | ≥ 0.8 | yes |" in page
-    assert "| AWRI 796, 50 µM | yes | 100 | 94 | 94 | -31.7 ± 0.1 | 0.7 (0.7 to 0.7) |" in page
+    assert "| AWRI 796, 50 µM | yes | 100 | 512 | 94 | 94 | -31.7 ± 0.1 | 0.7 (0.7 to 0.7) |" in page
     with Image.open(work / "grid.png") as image:
         assert image.width > 1000
     (told,) = (line for line in capsys.readouterr().err.splitlines() if "real are" in line)
