@@ -160,7 +160,7 @@ def grid(report: Report, runs: list[RealRun], images: Path) -> tuple[Figure, str
         said.append(f"{CALLED[run.name]}: {', '.join(str(k + 1) for k, which in enumerate(order) if which < EACH)}")
     report.table("half width of hairs, pixels", hairs)
     reach = 0.52 * max(max(np.ptp(one) for one in np.nonzero(mask)) for mask in masks.values())
-    figure = Figure(figsize=(18, 9.3), layout="constrained")
+    figure = Figure(figsize=(18, 3.1 * len(runs)), layout="constrained")
     panels = figure.subplots(len(runs), 2 * EACH, squeeze=False)
     for panel in panels.flat:
         panel.set_axis_off()
