@@ -29,6 +29,7 @@ edge, along the skeleton of what lies beyond 1.05 r_CSR.
 """
 
 import argparse
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 
@@ -45,6 +46,7 @@ from benchmarks.real_run import CELLS, RealRun
 from benchmarks.report import Report, command
 from yeastfit import measure_file
 from yeastfit.errors import InputError
+from yeastfit.inference.comparison.conditions import ConditionComparison
 from yeastfit.inference.models.offlattice import Offlattice
 from yeastfit.inference.prior.variation import Varied
 from yeastfit.inference.simulator import member_seeds
@@ -88,6 +90,15 @@ def judge(report: Report, runs: list[RealRun]) -> None:
         rows.append(_row(one))
     if rows:
         report.table("Runs", rows)
+
+
+def differences(runs: list[RealRun]) -> list[str]:
+    """Which parameters differ between the sets that are there, in words."""
+    found = [
+        ConditionComparison.of(CALLED[a.name], a.posterior, CALLED[b.name], b.posterior)
+        for a, b in combinations([one for one in runs if one.there], 2)
+    ]
+    return [said for one in found for said in one.sentences()]
 
 
 def _row(run: RealRun) -> dict[str, Any]:
@@ -206,7 +217,9 @@ def main(arguments: list[str] | None = None) -> None:
         if report.docs is not None:
             report.docs.mkdir(parents=True, exist_ok=True)
             missing = [f"Not there yet: {CALLED[one.name]}." for one in runs if not one.there]
-            page = "\n\n".join([report.head(__doc__), *missing, *report.sections()])
+            told = [f"- {one}." for one in differences(runs)]
+            words = ["\n".join(["## What differs between the sets\n", *told])] if told else []
+            page = "\n\n".join([report.head(__doc__), *missing, *words, *report.sections()])
             (report.docs / "likeness.md").write_text(page, encoding="utf-8")
 
     command("likeness", run, others)

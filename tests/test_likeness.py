@@ -84,3 +84,20 @@ def test_the_page_and_the_picture_are_of_what_is_there(
     real = {int(one) for one in told.rpartition(": ")[2].split(", ")}
     assert len(real) == likeness.EACH
     assert real < set(range(1, 7))
+
+
+def test_what_differs_between_sets_is_said(work: Path) -> None:
+    """Here the width of gaps, 14 µm in one and 20 in the other."""
+    other = work / "simi-white-50um"
+    other.mkdir()
+    rng = np.random.default_rng(0)
+    for folder, gap in ((work / NAME, 14.0), (other, 20.0)):
+        draws = np.tile([*AT[:5], gap, 0.0], (4, 100, 1)) * rng.uniform(0.95, 1.05, (4, 100, 7))
+        made_posterior(draws, prior=flat_prior(*DRAWN, "colony_variation")).save(folder / "posterior.npz")
+        (folder / MANIFEST).write_text("{}")
+    first, *rest = likeness.differences([RealRun(one, work / one) for one in (NAME, "awri796-500um", other.name)])
+    assert first.startswith("gap is smaller in AWRI 796, 50 µM than in Simi White, 50 µM by a factor of 0.7")
+    (same,) = rest
+    assert same.startswith(
+        "transition, sated from pseudohyphal, pseudohyphal from sated, fork, any mother, colony variation do"
+    )
