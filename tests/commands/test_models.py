@@ -287,6 +287,15 @@ def test_outlines_are_of_colonies_that_an_image_holds(monkeypatch: pytest.Monkey
     assert none == []
 
 
+def test_simulate_says_what_to_change_where_filaments_reach_too_far(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(ellipse_mask, "MOST_PIXELS", 40**2)
+    assert cli.run(["simulate", "--model", "offlattice", "--cells", "300", "--out", str(tmp_path / "out")]) == 2
+    told = " ".join(capsys.readouterr().err.split())
+    assert "cells is 300, of which filaments reach too far for an image: give fewer, or a larger transition" in told
+
+
 def test_colonies_that_differ_much_in_area_are_told_of(table: Path) -> None:
     read = read_measurements(table)
     for larger, warns in ((1.49, False), (1.51, True)):

@@ -18,7 +18,7 @@ from yeastfit.errors import InputError, SimulationError
 from yeastfit.measure.statistics.registry import recorded
 from yeastfit.memory import check_count
 from yeastfit.offlattice.colony import BYTES_PER_CELL, DELAY, OfflatticeColony, grow, in_threads
-from yeastfit.offlattice.masks.ellipse_mask import PIXEL, Ellipses
+from yeastfit.offlattice.masks.ellipse_mask import PIXEL, Ellipses, TooWide
 from yeastfit.offlattice.masks.li2024_mask import BinnedOutlines
 from yeastfit.offlattice.parameters import DRAWN, GAP, PARAMETERS, Rates
 from yeastfit.offlattice.simulator import OF_BINS, Picture, known_statistics, statistics_of
@@ -83,7 +83,7 @@ class OfflatticeSimulation:
 
     def masks(self) -> tuple[list[Bool[np.ndarray, "row column"]], float]:
         """All cells of each colony as a camera would see them, and µm per pixel."""
-        return [Ellipses.of(colony, gap=self.gap).mask(colony.x.size) for colony in self.colonies], PIXEL
+        return [_ellipses(colony, self.gap).mask(colony.x.size) for colony in self.colonies], PIXEL
 
     def panels(self, member: int = 0, cells: int | None = None) -> list[Panel]:
         """Cells of one colony by form, and the outline that is measured.
@@ -97,9 +97,9 @@ class OfflatticeSimulation:
         """
         colony = self.colonies[member]
         count = colony.x.size if cells is None else cells
-        seen = Ellipses.of(colony, gap=0.0).first
+        seen = _ellipses(colony, 0.0).first
         forms = np.append(1 + colony.pseudohyphal, 0).astype(int)[np.where(seen <= count, seen, 0) - 1]
-        mask, share = Ellipses.of(colony, gap=self.gap).mask(count), colony.pseudohyphal[:count].mean()
+        mask, share = _ellipses(colony, self.gap).mask(count), colony.pseudohyphal[:count].mean()
         left = "" if cells is None else f", {1 - count / colony.cells:.0%} of the nutrient left"
         title = f"{count} cells, {share:.1%} of them pseudohyphal"
         return [
@@ -179,7 +179,7 @@ def simulate_offlattice(
         All of it; show its `warnings()` to users.
 
     Raises:
-        InputError: A name or value is not admissible, or numba is missing.
+        InputError: A name or value is not admissible, filaments reach too far for an image, or numba is missing.
         SimulationError: So many cells do not fit into memory.
     """
     DRAWN.check(parameters)
@@ -207,6 +207,16 @@ def simulate_offlattice(
     return OfflatticeSimulation(samples, measured, colonies, values, clock.perf_counter() - began)
 
 
+def _ellipses(colony: OfflatticeColony, gap: float) -> Ellipses:
+    try:
+        return Ellipses.of(colony, gap=gap)
+    except TooWide:
+        raise InputError(
+            f"cells is {colony.cells}, of which filaments reach too far for an image: give fewer, or a larger "
+            "transition"
+        ) from None
+
+
 def _measured(
     colony: OfflatticeColony, samples: Int[np.ndarray, " sample"], names: Sequence[str], gap: float
 ) -> dict[str, np.ndarray]:
@@ -217,7 +227,7 @@ def _measured(
     ours = [name for name in names if name not in theirs]
     pictures: list[tuple[Picture, list[str]]] = []
     if ours:
-        pictures.append((Ellipses.of(colony, gap=gap), ours))
+        pictures.append((_ellipses(colony, gap), ours))
     if theirs:
         pictures.append((BinnedOutlines.whole(colony), theirs))
     found = {name: np.full(len(samples), np.nan) for name in (*ours, *theirs, SHARE)}

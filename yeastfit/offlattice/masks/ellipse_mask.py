@@ -16,7 +16,7 @@ commute.
 """
 
 from dataclasses import dataclass
-from math import ceil, floor, isfinite
+from math import ceil, floor, isfinite, isqrt
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -78,7 +78,10 @@ class Ellipses:
         radius = gap / (2 * pixel_size)
         half += ceil(radius)
         if (2 * half) ** 2 > MOST_PIXELS:
-            raise TooWide(f"pixel_size is {pixel_size} µm: an image of {2 * half} pixels a side, choose a larger one")
+            raise TooWide(
+                f"pixel_size is {pixel_size} µm: an image of {2 * half} pixels a side, at most "
+                f"{isqrt(MOST_PIXELS)} are drawn, choose a larger one"
+            )
         first = np.full((2 * half, 2 * half), NO_CELL, dtype=np.int32)
         shapes = SEMI_AXES[colony.pseudohyphal.astype(int)] / unit
         centres = np.stack([half - 0.5 - colony.y / unit, half - 0.5 + colony.x / unit], axis=1)
