@@ -147,7 +147,7 @@ def _drawn(run: RealRun, names: tuple[str, ...], colonies: int) -> tuple[Varied,
     model = Offlattice(cells=CELLS[run.name], match="each", masks="ellipses")
     table = DATA / run.name / TABLE
     seen = model.seen(read_measurements(table), table.parent, None, names)
-    inside = seen.model.simulator(seen.targets, [name for name in run.posterior.free if name in DRAWN], {})
+    inside = seen.model.simulator(seen.targets, DRAWN.names, {})
     draws = run.posterior.flat
     return Varied(inside), seen, draws[np.random.default_rng(0).integers(len(draws), size=colonies)]
 
