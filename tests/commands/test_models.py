@@ -338,6 +338,8 @@ def test_ellipses_are_drawn_with_gaps_of_a_width_closed() -> None:
     for width in (-1.0, np.nan, 101.0):
         with pytest.raises(InputError, match=r"gap \(w\) is \S+, it must be in \[0, 100\]"):
             Offlattice().parameters.check({"gap": width})
+        with pytest.raises(InputError, match=r"gap \(w\) is \S+, it must be in \[0, 100\]"):
+            closed({"gap": width})
     binned, not_used = (
         Offlattice(masks="bins"),
         "--gap is that of ellipses and not used, masks are drawn by --masks bins",

@@ -57,13 +57,14 @@ class Drawing:
             fixed: Values of others.
 
         Raises:
-            InputError: A gap is given, or free, where none are closed.
+            InputError: A gap is not admissible; or is given, or free, where none are closed.
         """
         from yeastfit.offlattice.masks.ellipse_mask import PIXEL, Ellipses
         from yeastfit.offlattice.masks.li2024_mask import BinnedOutlines
         from yeastfit.offlattice.placing import PIXELS_PER_UM
 
         kind, gap = self.kind(statistics), (fixed or {}).get(GAP.name, GAP.default)
+        GAP.check(gap)
         if kind == "ellipses":
             pixel = PIXEL if self.pixel_size is None else self.pixel_size
             check_pixel(pixel, CELL_LENGTH, "pixel_size")
