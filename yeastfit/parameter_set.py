@@ -33,6 +33,8 @@ class Parameter:
         powers: Of a cell's length L0 and of the growth rate μ*, by whose product it is multiplied to give it units:
             (2, 1) for µm²/h, (0, -1) for hours. (0, 0) for a number that has none.
         exceeded: Whether derivatives at `largest` are taken from simulations on both sides of it.
+        shared: Whether all colonies of a condition have it in common, also where their other parameters scatter: one of
+            the camera or of outlining, not of growth.
     """
 
     name: str
@@ -46,6 +48,7 @@ class Parameter:
     positive: bool = False
     powers: tuple[int, int] = (0, 0)
     exceeded: bool = False
+    shared: bool = False
 
     def __post_init__(self) -> None:
         low, high = self.plausible

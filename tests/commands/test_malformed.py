@@ -372,6 +372,10 @@ CASES: list[tuple[str, str]] = [
     ("design --out OUT --model offlattice --statistics radius --pixel-size 100", "--pixel-size is 100 to 8.4 µm"),
     ("design --out OUT --model offlattice --statistics radius --gap -1", "gap (w) is -1"),
     ("design --out OUT --model offlattice --masks bins --gap 6", "masks are drawn by --masks bins: leave it"),
+    (
+        "infer table --out OUT --model offlattice --statistics compactness --free gap --variation",
+        "variation: all colonies share gap: free a parameter of growth, too, or leave it out",
+    ),
     ("infer table --out OUT --li --variation", "--variation is given, with --li"),
     ("infer table --out OUT --length 1e300", "length is 1e+300, it must be a number from 0.01 to 1000 µm"),
     ("infer table --out OUT --condition nothing", "--condition 'nothing'"),

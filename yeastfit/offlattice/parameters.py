@@ -79,6 +79,7 @@ GAP = Parameter(
     12.0,
     unit="µm",
     largest=100.0,
+    shared=True,
 )
 """Of drawing, not of growth. Two cells in yeast form are 12 µm wide together."""
 

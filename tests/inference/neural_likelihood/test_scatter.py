@@ -111,3 +111,31 @@ def test_colonies_scatter_by_their_seeds() -> None:
     np.testing.assert_array_equal(varied(row, seeds[7:8]), ClosedForm()(each[7:8], seeds[7:8]))
     still = np.array([[2.0, 0.3, 0.5, 0.0]])
     np.testing.assert_allclose(varied.scattered(still, seeds[:1]), still[:, :3])
+
+
+def test_what_all_colonies_share_does_not_scatter() -> None:
+    """Places, draws and colonies leave it alone; those of the others are as without it. It may have no bounds."""
+    a, b, c = ClosedForm().parameters.parameters
+    shared = ClosedForm(ParameterSet((a, replace(b, shared=True), c)))
+    values, tau = np.array([[2.0, 0.3, 0.5], [0.7, 0.6, 1.5]]), np.array([0.4, 0.9])
+    found = ColonyCoordinates.of(shared.parameters).around(values, tau)
+    assert found.shape == (2, 4, 3)
+    np.testing.assert_array_equal(found[:, :, 1], np.repeat(values[:, None, 1], 4, axis=1))
+    rest = ColonyCoordinates.of(ParameterSet((a, c))).around(values[:, ::2], tau)
+    np.testing.assert_array_equal(found[:, :, ::2], rest)
+    rows, seeds = np.column_stack([values, tau]), np.arange(2)
+    both, all_scatter = Varied(shared).scattered(rows, seeds), Varied(ClosedForm()).scattered(rows, seeds)
+    np.testing.assert_array_equal(both[:, 1], values[:, 1])
+    np.testing.assert_array_equal(both[:, ::2], all_scatter[:, ::2])
+    prior = closed_form_prior()
+    problem = Problem.of(shared, prior, np.ones((3, 5)), variation=Variation())
+    x = np.tile(prior.coordinates(values[:1]), (2000, 1))
+    moved = problem.scattered(x, np.full((2000, 1), 5.0), np.random.default_rng(0))
+    np.testing.assert_allclose(moved[:, 1], x[:, 1], rtol=1e-12)
+    assert np.abs(moved[:, 0] - x[:, 0]).max() <= 5.0 * np.sqrt(2) * (1 + 1e-12)
+    assert np.abs(moved[:, 0] - x[:, 0]).max() > 5.0 * np.sqrt(2) * 0.99
+    unbounded = Parameter("d", "d", "d", (0.1, 1.0), 0.5, smallest=-np.inf, shared=True)
+    with_it = ColonyCoordinates.of(ParameterSet((a, unbounded))).moved(np.array([[2.0, -3.0]]), np.array([[0.1, 0.1]]))
+    np.testing.assert_allclose(with_it, [[2.0 * np.exp(0.1), -3.0]])
+    with pytest.raises(InputError, match=r"variation: all colonies share d: free a parameter of growth, too"):
+        ColonyCoordinates.of(ParameterSet((unbounded,)))

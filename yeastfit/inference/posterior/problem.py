@@ -259,9 +259,10 @@ class Problem:
         """
         if self.variation is None:
             return x
-        farthest = np.sqrt(x.shape[1])
+        coordinates = ColonyCoordinates.of(self.simulator.parameters)
+        farthest = np.sqrt(coordinates.scattering)
         step = tau * np.clip(rng.standard_normal(x.shape), -farthest, farthest)
-        moved = ColonyCoordinates.of(self.simulator.parameters).moved(self.prior.values(x), step)
+        moved = coordinates.moved(self.prior.values(x), step)
         return np.where(self.admits(moved)[:, None], self.prior.coordinates(moved), x)
 
     def admits(self, values: Float[np.ndarray, "row free"]) -> Bool[np.ndarray, " row"]:

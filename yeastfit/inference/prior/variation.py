@@ -5,7 +5,8 @@
 λ is the condition's, λ_r that of colony r. y is a logarithm where λ is only positive, so that τ is a relative scatter,
 and a logit where λ lies between two bounds, as a probability does, so that no λ_r leaves them; a logit is a logarithm
 for small probabilities. There is one τ for all free parameters: between-colony covariances of so few colonies do not
-tell the parameters' own apart (`docs/variation.md` has the numbers). Held parameters do not scatter.
+tell the parameters' own apart (`docs/variation.md` has the numbers). Held parameters do not scatter, nor do those that
+all colonies share (`Parameter.shared`): the camera is the same for all.
 
 **Prior of τ.** 0 with probability `zero`, otherwise |N(0, sd²)|: half a chance that colonies differ by the model's own
 chance alone, and a scatter of 30 % where they do not (the spike and the slab of Mitchell & Beauchamp 1988,
@@ -35,7 +36,8 @@ LARGEST = 10.0  # standard deviation of log λ that a prior of the scatter may h
 TAU = Parameter(
     NAME,
     "τ",
-    "standard deviation between colonies of the logarithm of every free parameter, of the logit of bounded ones",
+    "standard deviation between colonies of the logarithm of every free parameter of growth, of the logit of bounded "
+    "ones",
     (0.0, 1.0),
     0.0,
 )
@@ -84,43 +86,57 @@ class ColonyCoordinates(eqx.Module):
     Attributes:
         low: Smallest admissible λ.
         width: Of the admissible range; inf where there is no largest λ.
+        shared: Which λ are the same in all colonies.
     """
 
     low: Float[np.ndarray | Array, " free"]
     width: Float[np.ndarray | Array, " free"]
+    shared: tuple[bool, ...] = eqx.field(static=True)
 
     @staticmethod
     def of(parameters: ParameterSet) -> "ColonyCoordinates":
         """Of the free parameters.
 
         Raises:
-            InputError: One may be negative and has no bounds on both sides.
+            InputError: One that scatters may be negative and has no bounds on both sides; or none scatters.
         """
-        for one in parameters.values():
+        scattering = [one for one in parameters.values() if not one.shared]
+        if not scattering:
+            raise InputError(
+                f"variation: all colonies share {', '.join(parameters.names)}: free a parameter of growth, too, or "
+                "leave it out"
+            )
+        for one in scattering:
             if not (one.smallest >= 0 or (math.isfinite(one.smallest) and math.isfinite(one.largest))):
                 raise InputError(
                     f"variation: {one.name} may be {one.limits}: need parameters that are above 0 or between two "
                     "bounds, hold it"
                 )
-        low = np.array([one.smallest for one in parameters.values()])
-        return ColonyCoordinates(low, np.array([one.largest for one in parameters.values()]) - low)
+        low, high = np.array([(one.smallest, one.largest) for one in parameters.values()]).T
+        return ColonyCoordinates(low, high - low, tuple(one.shared for one in parameters.values()))
+
+    @property
+    def scattering(self) -> int:
+        """How many parameters scatter."""
+        return self.shared.count(False)
 
     def moved(self, values: Float[Table, "*row free"], step: Float[Table, "*rows free"]) -> Float[Table, "*rows free"]:
-        """λ of y + step; what lies on a bound stays there."""
+        """λ of y + step; what lies on a bound, or is shared, stays there."""
         library, above = values.__array_namespace__(), values - self.low
-        part = above / self.width  # 0 where there is no largest λ
         with np.errstate(over="ignore", invalid="ignore"):  # of steps beyond 709, which no density allows
-            return self.low + above * library.exp(step) / (1.0 - part + part * library.exp(step))
+            part = above / self.width  # 0 where there is no largest λ
+            moved = self.low + above * library.exp(step) / (1.0 - part + part * library.exp(step))
+        return library.where(np.array(self.shared), values, moved) if any(self.shared) else moved
 
     def around(self, values: Float[Table, "row free"], tau: Float[Table, " row"]) -> Float[Table, "row place free"]:
         """2 d places for each λ, over which any cubic in y has the mean that it has over colonies of this scatter.
 
-        They are y ± √d τ e_k of d parameters (spherical cubature: Arasaratnam & Haykin 2009,
+        They are y ± √d τ e_k of the d parameters that scatter (spherical cubature: Arasaratnam & Haykin 2009,
         doi:10.1109/TAC.2009.2019800). The prior of a share may end before they do: an emulator takes it for that at the
         prior's end.
         """
-        free = values.shape[1]
-        steps = np.sqrt(free) * np.concatenate([np.eye(free), -np.eye(free)])
+        axes = np.sqrt(self.scattering) * np.eye(len(self.shared))[~np.array(self.shared)]
+        steps = np.concatenate([axes, -axes])
         return self.moved(values[:, None], tau[:, None, None] * steps)
 
 
