@@ -1,15 +1,15 @@
-"""Do simulated colonies look like real ones, where texture is asked for and gaps are closed as wide as it takes?
+"""Do simulated colonies look like real ones, where texture is asked for and how they are outlined is inferred?
 
 Posteriors of the off-lattice model by three indices of shape predict hairs that are more and thinner than real ones
 are, with rougher outlines and more holes. Here six statistics are asked for, three of texture among them: compactness,
-the length of skeletons and smoothed I_B. How wide gaps an outline closes is a parameter, `gap`, as the five of growth
-are:
+the length of skeletons and smoothed I_B. How wide gaps an outline closes, and how far it lies outside of the cells, are
+parameters, `gap` and `margin`, as the five of growth are, but the same for all colonies of a set:
 
     cd data/real
     six=filament_area_index,filament_radius_index,angular_index,compactness,branch_length,smoothed_branch_index
     more="--model offlattice --match each --variation --leave-out 4 --each 1024 --most-steps 60000 --draws 20
-        --prior-draws 0 --free transition,sated_from_pseudohyphal,pseudohyphal_from_sated,fork,any_mother,gap
-        --statistics $six"
+        --prior-draws 0 --statistics $six
+        --free transition,sated_from_pseudohyphal,pseudohyphal_from_sated,fork,any_mother,gap,margin"
     yeastfit infer simi-white-50um $more --cells 88000 --out WORK/simi-white-50um
 
 and so on. Colonies are simulated from each posterior, each at the area of one of the real ones, and compared with these

@@ -373,6 +373,10 @@ CASES: list[tuple[str, str]] = [
     ("design --out OUT --model offlattice --statistics radius --gap -1", "gap (w) is -1"),
     ("design --out OUT --model offlattice --masks bins --gap 6", "masks are drawn by --masks bins: leave it"),
     (
+        "design --out OUT --model offlattice --statistics radius --margin 200",
+        "margin (d) is 200, it must be in [0, 100]",
+    ),
+    (
         "infer table --out OUT --model offlattice --statistics compactness --free gap --variation",
         "variation: all colonies share gap: free a parameter of growth, too, or leave it out",
     ),

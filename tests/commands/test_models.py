@@ -333,8 +333,8 @@ def test_ellipses_are_drawn_with_gaps_of_a_width_closed() -> None:
     def closed(fixed: dict[str, float]) -> Any:
         return Offlattice(cells=100).simulator(targets, PARAMETERS.names, fixed).draw.keywords  # type: ignore[attr-defined]
 
-    assert closed({}) == {"pixel_size": PIXEL, "gap": 12.0}
-    assert closed({"gap": 0.0}) == {"pixel_size": PIXEL, "gap": 0.0}
+    assert closed({}) == {"pixel_size": PIXEL, "gap": 12.0, "margin": 0.0}
+    assert closed({"gap": 0.0, "margin": 2.5}) == {"pixel_size": PIXEL, "gap": 0.0, "margin": 2.5}
     for width in (-1.0, np.nan, 101.0):
         with pytest.raises(InputError, match=r"gap \(w\) is \S+, it must be in \[0, 100\]"):
             Offlattice().parameters.check({"gap": width})
@@ -371,7 +371,27 @@ def test_the_width_of_closed_gaps_may_be_free() -> None:
     assert prior.distributions["gap"] == Distribution("log-uniform", {"low": 6.0, "high": 30.0})
     moved = model.sensitivity(("compactness", "radius"), {"gap": 10.0}, runs=32, seed=0)
     assert moved.at["gap"] == 10.0
-    assert moved.free == (*PARAMETERS.names, "gap")
+    assert moved.free == (*PARAMETERS.names, "gap")  # a margin of 0 has no relative change
+
+
+def test_the_margin_of_outlines_may_be_free() -> None:
+    """Colonies are those of a margin that is held, and the same cells cover more the wider it is."""
+    targets = Targets.from_means({"area": [1e5], "compactness": [1.0]}, [10.0])
+    model = Offlattice(cells=2000, match="none")
+    free = model.simulator(targets, ("transition", "gap", "margin"), {})
+    values, seeds = np.array([[0.5, 8.0, 0.0], [0.5, 8.0, 2.0], [0.5, 8.0, 6.0]]), np.full(3, 7, dtype=np.uint64)
+    found = free(values, seeds)
+    assert (np.diff(found[:, 0]) > 0).all()
+    for row, margin in zip(found, values[:, 2].tolist(), strict=True):
+        held = model.simulator(targets, ("transition",), {"gap": 8.0, "margin": margin})
+        np.testing.assert_array_equal(held(values[:1, :1], seeds[:1])[0], row)
+    prior = model.prior(free.parameters)
+    assert prior.distributions["margin"] == Distribution("log-uniform", {"low": 0.5, "high": 10.0})
+    binned = Offlattice(masks="bins")
+    with pytest.raises(InputError, match="--margin is that of ellipses and not used, masks are drawn by --masks bins"):
+        binned.simulator(targets, PARAMETERS.names, {"margin": 2.0})
+    with pytest.raises(InputError, match="--free: margin is that of ellipses, and masks are drawn by --masks bins"):
+        binned.simulator(targets, (*PARAMETERS.names, "margin"), {})
 
 
 def test_errors_of_the_off_lattice_model_are_those_of_outlines() -> None:

@@ -152,12 +152,36 @@ def test_closing_all_masks_at_once_closes_each(gap: float, small: OfflatticeColo
     assert ndimage.label(~closed.mask(5000))[1] < share * ndimage.label(~open_.mask(5000))[1]
 
 
+@pytest.mark.parametrize(("gap", "margin"), [(0.0, 3.1), (6.0, 2.0), (12.0, 6.0)])
+def test_a_margin_lies_around_all_masks(gap: float, margin: float, small: OfflatticeColony) -> None:
+    """Dilated by a disc of half the gap and the margin, eroded by one of half the gap."""
+    cells, drawn = Ellipses.of(small, gap=0), Ellipses.of(small, gap=gap, margin=margin)
+    frame = (len(drawn.first) - len(cells.first)) // 2
+
+    def disc(radius: float) -> np.ndarray:
+        reach = np.arange(-floor(radius), floor(radius) + 1)
+        return reach[:, None] ** 2 + reach**2 <= radius**2
+
+    inner = gap / 3.10016
+    for n in (40, 1234, 5000):
+        wide = ndimage.binary_dilation(np.pad(cells.mask(n), frame), disc(inner + margin / 1.55008))
+        expected = ndimage.binary_erosion(wide, disc(inner))
+        np.testing.assert_array_equal(drawn.mask(n), expected)
+        assert expected.any(axis=1)[[0, -1]].sum() == 0
+
+
 @pytest.mark.parametrize(
-    ("pixel_size", "gap", "words"), [(0.0, 6.0, "size above 0"), (1.5, -1.0, "gap -1"), (1e-4, 0.0, "larger")]
+    ("pixel_size", "gap", "margin", "words"),
+    [
+        (0.0, 6.0, 0.0, "size above 0"),
+        (1.5, -1.0, 0.0, "gap is -1.0 µm, it must be at least 0"),
+        (1.5, 6.0, -0.5, "margin is -0.5 µm, it must be at least 0"),
+        (1e-4, 0.0, 0.0, "larger"),
+    ],
 )
-def test_wrong_sizes(pixel_size: float, gap: float, words: str, small: OfflatticeColony) -> None:
+def test_wrong_sizes(pixel_size: float, gap: float, margin: float, words: str, small: OfflatticeColony) -> None:
     with pytest.raises(InputError, match=words):
-        Ellipses.of(small, pixel_size, gap)
+        Ellipses.of(small, pixel_size, gap, margin)
 
 
 def test_a_colony_without_cells_is_not_drawn() -> None:

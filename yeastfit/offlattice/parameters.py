@@ -1,4 +1,4 @@
-"""The five parameters of the off-lattice model, all of them shares or probabilities, and one of how it is drawn.
+"""The five parameters of the off-lattice model, all of them shares or probabilities, and two of how it is drawn.
 
 Symbols and rules are those of Li et al. 2024 (see `growth`). Plausible is what their prior holds, all but 0.1 % at
 either end: Beta(5, 2) for n*, Beta(2, 2) for p_ps and p_sp, Beta(2, 5) for γ and p_a. Defaults are the means of their
@@ -81,9 +81,23 @@ GAP = Parameter(
     largest=100.0,
     shared=True,
 )
-"""Of drawing, not of growth. Two cells in yeast form are 12 µm wide together."""
+"""Two cells in yeast form are 12 µm wide together."""
 
-DRAWN = ParameterSet((*PARAMETERS.parameters, GAP))
+MARGIN = Parameter(
+    "margin",
+    "d",
+    "distance by which outlines lie outside of cells, drawn as ellipses: blur, and cells above and below flat hairs",
+    (0.5, 10.0),
+    0.0,
+    unit="µm",
+    largest=100.0,
+    shared=True,
+)
+
+DRAWING = ParameterSet((GAP, MARGIN))
+"""Of drawing, not of growth."""
+
+DRAWN = ParameterSet((*PARAMETERS.parameters, *DRAWING.parameters))
 """All that decide over what is seen of a colony."""
 
 PRIOR = {

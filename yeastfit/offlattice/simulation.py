@@ -20,7 +20,7 @@ from yeastfit.memory import check_count
 from yeastfit.offlattice.colony import BYTES_PER_CELL, DELAY, OfflatticeColony, grow, in_threads
 from yeastfit.offlattice.masks.ellipse_mask import PIXEL, Ellipses, TooWide
 from yeastfit.offlattice.masks.li2024_mask import BinnedOutlines
-from yeastfit.offlattice.parameters import DRAWN, GAP, PARAMETERS, Rates
+from yeastfit.offlattice.parameters import DRAWING, DRAWN, PARAMETERS, Rates
 from yeastfit.offlattice.simulator import OF_BINS, Picture, known_statistics, statistics_of
 from yeastfit.offlattice.statistics.li2024_statistics import PUBLISHED
 from yeastfit.offlattice.status import Status
@@ -69,9 +69,9 @@ class OfflatticeSimulation:
         return "µm"
 
     @property
-    def gap(self) -> float:
-        """Narrower gaps are closed where colonies are drawn as ellipses, µm."""
-        return self.parameters.get(GAP.name, GAP.default)  # older files have none
+    def drawing(self) -> dict[str, float]:
+        """Parameters with which colonies are drawn as ellipses; defaults of those that a file does not have."""
+        return {name: self.parameters.get(name, one.default) for name, one in DRAWING.items()}
 
     def rows(self) -> list[dict[str, Any]]:
         """Tidy table: one row per member and sample."""
@@ -83,7 +83,7 @@ class OfflatticeSimulation:
 
     def masks(self) -> tuple[list[Bool[np.ndarray, "row column"]], float]:
         """All cells of each colony as a camera would see them, and µm per pixel."""
-        return [_ellipses(colony, self.gap).mask(colony.x.size) for colony in self.colonies], PIXEL
+        return [_ellipses(colony, **self.drawing).mask(colony.x.size) for colony in self.colonies], PIXEL
 
     def panels(self, member: int = 0, cells: int | None = None) -> list[Panel]:
         """Cells of one colony by form, and the outline that is measured.
@@ -97,9 +97,9 @@ class OfflatticeSimulation:
         """
         colony = self.colonies[member]
         count = colony.x.size if cells is None else cells
-        seen = _ellipses(colony, 0.0).first
+        seen = _ellipses(colony, gap=0.0).first
         forms = np.append(1 + colony.pseudohyphal, 0).astype(int)[np.where(seen <= count, seen, 0) - 1]
-        mask, share = _ellipses(colony, self.gap).mask(count), colony.pseudohyphal[:count].mean()
+        mask, share = _ellipses(colony, **self.drawing).mask(count), colony.pseudohyphal[:count].mean()
         left = "" if cells is None else f", {1 - count / colony.cells:.0%} of the nutrient left"
         title = f"{count} cells, {share:.1%} of them pseudohyphal"
         return [
@@ -198,7 +198,7 @@ def simulate_offlattice(
 
     def one(seed: int) -> tuple[OfflatticeColony, dict[str, np.ndarray]]:
         colony = grow({name: values[name] for name in PARAMETERS}, cells=cells, seed=seed, delay=delay)
-        return colony, _measured(colony, samples, names, values[GAP.name])
+        return colony, _measured(colony, samples, names, {name: values[name] for name in DRAWING})
 
     began = clock.perf_counter()
     grown = in_threads(one, [int(seed) for seed in seeds], None)
@@ -207,9 +207,9 @@ def simulate_offlattice(
     return OfflatticeSimulation(samples, measured, colonies, values, clock.perf_counter() - began)
 
 
-def _ellipses(colony: OfflatticeColony, gap: float) -> Ellipses:
+def _ellipses(colony: OfflatticeColony, **drawing: float) -> Ellipses:
     try:
-        return Ellipses.of(colony, gap=gap)
+        return Ellipses.of(colony, **drawing)
     except TooWide:
         raise InputError(
             f"cells is {colony.cells}, of which filaments reach too far for an image: give fewer, or a larger "
@@ -218,7 +218,7 @@ def _ellipses(colony: OfflatticeColony, gap: float) -> Ellipses:
 
 
 def _measured(
-    colony: OfflatticeColony, samples: Int[np.ndarray, " sample"], names: Sequence[str], gap: float
+    colony: OfflatticeColony, samples: Int[np.ndarray, " sample"], names: Sequence[str], drawing: Mapping[str, float]
 ) -> dict[str, np.ndarray]:
     """Statistics of the first cells; nan where there are not as many."""
     if not colony.x.size:
@@ -227,7 +227,7 @@ def _measured(
     ours = [name for name in names if name not in theirs]
     pictures: list[tuple[Picture, list[str]]] = []
     if ours:
-        pictures.append((_ellipses(colony, gap), ours))
+        pictures.append((_ellipses(colony, **drawing), ours))
     if theirs:
         pictures.append((BinnedOutlines.whole(colony), theirs))
     found = {name: np.full(len(samples), np.nan) for name in (*ours, *theirs, SHARE)}

@@ -24,7 +24,7 @@ from yeastfit.offlattice.colony import DELAY, MOST_ATTEMPTS, OfflatticeColony, g
 from yeastfit.offlattice.masks.area_matching import MaskOf, Match, MatchedMask, search_from_below
 from yeastfit.offlattice.masks.ellipse_mask import TooWide
 from yeastfit.offlattice.masks.li2024_mask import BinnedOutlines
-from yeastfit.offlattice.parameters import DRAWN, GAP, PARAMETERS, rates_of
+from yeastfit.offlattice.parameters import DRAWING, DRAWN, PARAMETERS, rates_of
 from yeastfit.offlattice.statistics.li2024_statistics import ENTRIES
 from yeastfit.offlattice.statistics.smoothed_branch_index import SMOOTHED
 from yeastfit.offlattice.status import Status
@@ -69,13 +69,13 @@ class OfflatticeSimulator:
     """Grows one colony for each row and measures it. Made by `of`.
 
     Attributes:
-        parameters: The free ones, with which a colony grows; and `gap`, with which it is drawn.
+        parameters: The free ones, with which a colony grows, or is drawn.
         fixed: Values of the others.
         observables: The columns.
         cells: N.
         area: Of the mask that is measured, pixels; of several each colony has one; None for the mask of all cells.
         draw: The pictures of a colony: `BinnedOutlines.whole`, `BinnedOutlines.of` with Li et al.'s frame, or
-            `Ellipses.of`, to which `gap` is given where it is free.
+            `Ellipses.of`, to which those of `DRAWING` are given that are free.
         match: How the area is matched: Li et al.'s `search_from_below` or `match_exactly`.
         delay: See `grow`.
         most_attempts: See `grow`.
@@ -129,7 +129,8 @@ class OfflatticeSimulator:
             limits: See above.
 
         Raises:
-            InputError: A statistic or parameter is unknown, a value not admissible, or `gap` free where none is drawn.
+            InputError: A statistic or parameter is unknown, a value not admissible, or one of drawing free that `draw`
+                does not take.
         """
         check_list("statistics", statistics)
         if limits is not None and len(limits) != len(statistics):
@@ -141,8 +142,8 @@ class OfflatticeSimulator:
         if isinstance(area, Sequence) and not area:
             raise InputError("area: got none, need at least one, or None for whole colonies")
         chosen = DRAWN.subset(free)
-        if GAP.name in chosen and GAP.name not in signature(draw).parameters:
-            raise InputError(f"free names {GAP.name!r}, which is that of ellipses, and draw is {_name_of(draw)}")
+        if untaken := [name for name in DRAWING if name in chosen and name not in signature(draw).parameters]:
+            raise InputError(f"free names {untaken[0]!r}, which is that of ellipses, and draw is {_name_of(draw)}")
         given = dict(fixed or {})
         PARAMETERS.check(given)
         if twice := [name for name in given if name in chosen]:
@@ -261,7 +262,7 @@ class OfflatticeSimulator:
             return Drawn(None, np.nan, f"{colony.status.value}; left out")
         given = dict(zip(self.parameters.names, values, strict=True))
         try:
-            picture = self.draw(colony, **{name: value for name, value in given.items() if name == GAP.name})
+            picture = self.draw(colony, **{name: value for name, value in given.items() if name in DRAWING})
         except TooWide:
             return Drawn(None, np.nan, WIDE)
         if (area := self.area_of(seed)) is None:

@@ -140,7 +140,7 @@ class Offlattice(ForwardModel):
 
     @property
     def parameters(self) -> ParameterSet:
-        """The five of growth, and the width of gaps that are closed in ellipses."""
+        """The five of growth, and those of drawing ellipses."""
         return DRAWN
 
     @property
@@ -252,7 +252,7 @@ class Offlattice(ForwardModel):
         return {name: usual[name] if given is None else given for name in names}
 
     def prior(self, parameters: ParameterSet, *, bounded: Bounded = "log-uniform") -> Prior:
-        """Li et al.'s beta distributions; of the width of gaps a log-uniform one."""
+        """Li et al.'s beta distributions; log-uniform ones of what is of drawing."""
         theirs = {name: Distribution("beta", dict(zip("ab", ab, strict=True))) for name, ab in PRIOR.items()}
         usual = Prior.default(parameters).distributions
         return Prior({name: theirs.get(name, one) for name, one in usual.items()})

@@ -1,4 +1,4 @@
-"""How colonies of the off-lattice model are drawn to be compared: as which masks, on which pixels, with which gaps."""
+"""How colonies of the off-lattice model are drawn to be compared: as which masks, on which pixels, how closed."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -7,7 +7,7 @@ from typing import Any, Literal
 
 from yeastfit.errors import InputError
 from yeastfit.inference.models.image_checks import check_pixel
-from yeastfit.offlattice.parameters import GAP
+from yeastfit.offlattice.parameters import DRAWING
 
 COMPARABLE = ("li2024_filament_area_index", "li2024_filament_radius_index", "smoothed_branch_index", "angular_index")
 """What photographs and simulations are compared in: I_F, I_R, I_B of smoothed outlines, and the angular index.
@@ -49,7 +49,7 @@ class Drawing:
     def of(
         self, statistics: Sequence[str], free: Sequence[str] = (), fixed: Mapping[str, float] | None = None
     ) -> tuple[Callable[..., Any], float]:
-        """What draws a colony, to be called with a `gap` where that is free, and µm per pixel.
+        """What draws a colony, to be called with those of its own parameters that are free, and µm per pixel.
 
         Arguments:
             statistics: That are measured.
@@ -57,26 +57,29 @@ class Drawing:
             fixed: Values of others.
 
         Raises:
-            InputError: A gap is not admissible; or is given, or free, where none are closed.
+            InputError: A gap or margin is not admissible; or is given, or free, where ellipses are not drawn.
         """
         from yeastfit.offlattice.masks.ellipse_mask import PIXEL, Ellipses
         from yeastfit.offlattice.masks.li2024_mask import BinnedOutlines
         from yeastfit.offlattice.placing import PIXELS_PER_UM
 
-        kind, gap = self.kind(statistics), (fixed or {}).get(GAP.name, GAP.default)
-        GAP.check(gap)
+        kind = self.kind(statistics)
+        given = {name: (fixed or {}).get(name, one.default) for name, one in DRAWING.items()}
+        DRAWING.check(given)
         if kind == "ellipses":
             pixel = PIXEL if self.pixel_size is None else self.pixel_size
             check_pixel(pixel, CELL_LENGTH, "pixel_size")
-            draw = partial(Ellipses.of, pixel_size=pixel)
-            return (draw if GAP.name in free else partial(draw, gap=gap)), pixel
-        if gap != GAP.default:
-            raise InputError(_not_used("--gap", kind))
-        if GAP.name in free:
-            raise InputError(
-                f"--free: gap is that of ellipses, and masks are drawn by --masks {kind}: leave it out, or give "
-                "--masks ellipses"
-            )
+            draw: Callable[..., Any] = Ellipses.of
+            held = {name: value for name, value in given.items() if name not in free}
+            return partial(draw, pixel_size=pixel, **held), pixel
+        for name, one in DRAWING.items():
+            if given[name] != one.default:
+                raise InputError(_not_used(f"--{name}", kind))
+            if name in free:
+                raise InputError(
+                    f"--free: {name} is that of ellipses, and masks are drawn by --masks {kind}: leave it out, or give "
+                    "--masks ellipses"
+                )
         return BinnedOutlines.of if kind == "li2024" else BinnedOutlines.whole, 1 / PIXELS_PER_UM
 
 

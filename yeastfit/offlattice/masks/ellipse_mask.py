@@ -11,8 +11,11 @@ added, it is enough to know the number of the first cell on each pixel: masks an
 Gaps narrower than two cells are closed, as an outline drawn in a photograph closes them: the mask is dilated and eroded
 by a disc. Left open, a colony of 45 000 cells has 17 000 holes, where a photographed one has 225 (`benchmarks.gaps`).
 
-Of all masks at once that is the least and then the largest number within the disc, as thresholds and flat filters
-commute.
+Outlines may lie outside of the cells by a margin: the mask is dilated by a disc that is larger by it. Hairs of real
+colonies are bundles of cells in an image that is not sharp everywhere, and wider than a flat chain of cells.
+
+Of all masks at once that is the least within one disc and then the largest within the other, as thresholds and flat
+filters commute.
 """
 
 from dataclasses import dataclass
@@ -30,7 +33,7 @@ from yeastfit.offlattice.placing import PIXELS_PER_UM, SEMI_AXES
 PIXEL = 1.55008
 """Of the real photographs, µm."""
 
-GAP = parameters.GAP.default
+GAP, MARGIN = parameters.GAP.default, parameters.MARGIN.default
 
 MOST_PIXELS = 100_000_000
 
@@ -52,31 +55,35 @@ class Ellipses:
     pixel_size: float
 
     @classmethod
-    def of(cls, colony: OfflatticeColony, pixel_size: float = PIXEL, gap: float = GAP) -> "Ellipses":
+    def of(
+        cls, colony: OfflatticeColony, pixel_size: float = PIXEL, gap: float = GAP, margin: float = MARGIN
+    ) -> "Ellipses":
         """Draw all cells of a colony on an image that just holds them with an empty margin.
 
         Arguments:
             colony: Of at least one cell.
             pixel_size: µm.
             gap: Gaps narrower than this are closed, µm; 0 for none.
+            margin: Distance by which the mask's edge lies outside of the cells, µm.
 
         Returns:
             What `mask` needs for any number of cells.
 
         Raises:
-            InputError: The colony has no cells; the pixel size is not above 0; the gap is negative.
+            InputError: The colony has no cells; the pixel size is not above 0; the gap or the margin is negative.
             TooWide: The image would have more than `MOST_PIXELS`.
         """
-        if not isfinite(pixel_size) or pixel_size <= 0 or not isfinite(gap) or gap < 0:
-            raise InputError(
-                f"pixel_size is {pixel_size} µm and gap {gap} µm, need a size above 0 and a gap of at least 0"
-            )
+        if not isfinite(pixel_size) or pixel_size <= 0:
+            raise InputError(f"pixel_size is {pixel_size} µm, need a size above 0")
+        for name, width in (("gap", gap), ("margin", margin)):
+            if not isfinite(width) or width < 0:
+                raise InputError(f"{name} is {width} µm, it must be at least 0")
         if not colony.x.size:
             raise InputError(f"colony: it has no cells to draw ({colony.message})")
         unit = pixel_size * PIXELS_PER_UM  # of an image's pixel, in the model's lengths
         half = ceil((max(np.abs(colony.x).max(), np.abs(colony.y).max()) + SEMI_AXES.max()) / unit) + 1
-        radius = gap / (2 * pixel_size)
-        half += ceil(radius)
+        radius, beyond = gap / (2 * pixel_size), margin / pixel_size
+        half += ceil(radius + beyond)
         if (2 * half) ** 2 > MOST_PIXELS:
             raise TooWide(
                 f"pixel_size is {pixel_size} µm: an image of {2 * half} pixels a side, at most "
@@ -86,18 +93,16 @@ class Ellipses:
         shapes = SEMI_AXES[colony.pseudohyphal.astype(int)] / unit
         centres = np.stack([half - 0.5 - colony.y / unit, half - 0.5 + colony.x / unit], axis=1)
         _draw(centres, colony.theta, shapes, first)
-        return cls(_opened(first, radius), pixel_size)
+        return cls(-_least_within_disc(-_least_within_disc(first, radius + beyond), radius), pixel_size)
 
     def mask(self, cells: int) -> Bool[np.ndarray, "row column"]:
         """The mask of so many first cells; of all, where fewer were born."""
         return self.first <= cells
 
 
-def _opened(first: Int[np.ndarray, "row column"], radius: float) -> Int[np.ndarray, "row column"]:
-    """The largest of the least within a disc."""
+def _least_within_disc(image: Int[np.ndarray, "row column"], radius: float) -> Int[np.ndarray, "row column"]:
     up = np.arange(floor(radius) + 1)
-    reaches = np.floor(np.sqrt(radius**2 - up**2)).astype(np.int64)
-    return -_least_within(-_least_within(first, reaches), reaches) if radius >= 1 else first
+    return _least_within(image, np.floor(np.sqrt(radius**2 - up**2)).astype(np.int64)) if radius >= 1 else image
 
 
 @array_kernel
