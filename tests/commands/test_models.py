@@ -352,6 +352,14 @@ def test_ellipses_are_drawn_with_gaps_of_a_width_closed() -> None:
         binned.simulator(targets, (*PARAMETERS.names, "gap"), {})
 
 
+def test_parameters_that_do_not_act_are_not_held() -> None:
+    model, growth = Offlattice(), PARAMETERS.defaults
+    binned, drawn = (model.held(one, ("fork",), {"transition": 0.4}) for one in (model.statistics, ("compactness",)))
+    assert binned == {name: 0.4 if name == "transition" else growth[name] for name in growth if name != "fork"}
+    assert drawn == {**binned, "gap": 12.0, "margin": 0.0}
+    assert model.held(model.statistics, ("fork",), {"gap": 6.0})["gap"] == 6.0  # given, and refused elsewhere
+
+
 def test_the_width_of_closed_gaps_may_be_free() -> None:
     """Colonies are the same, and have fewer holes the wider it is; its prior is log-uniform, the others Li et al.'s."""
     targets = Targets.from_means({"hole_count": [100.0], "compactness": [1.0]}, [10.0])

@@ -127,8 +127,7 @@ def fit(
     }
     check_once("--own", options["own"])
     settings = FitSettings(method=method, starts=starts, measurement_error=measurement_error)  # type: ignore[arg-type]
-    held = {**model.parameters.defaults, **chosen.values}
-    held = {name: value for name, value in held.items() if name not in model.parameters.subset(fitted)}
+    held = model.held(names, model.parameters.subset(fitted).names, chosen.values)
     chosen.check_free(fitted)
     images = check_source(source, condition or (), model.columns, several=True, statistics=names, jobs=jobs)
     hours = {name: hours_of(one) for name, one in images.items()}

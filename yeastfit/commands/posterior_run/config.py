@@ -145,9 +145,8 @@ class Request:
 
     @property
     def held(self) -> dict[str, float]:
-        """Values of all parameters that are not free."""
-        values = {**self.forward_model.parameters.defaults, **self.fixed}
-        return {name: value for name, value in values.items() if name not in self.parameters}
+        """Values of all parameters that act and are not free."""
+        return self.forward_model.held(self.statistics, self.parameters.names, self.fixed)
 
     def the_prior(self) -> Prior:
         """As the file says, or over the plausible ranges."""

@@ -98,6 +98,21 @@ class ForwardModel(ABC):
             A simulator of one replicate a row.
         """
 
+    def acting(self, statistics: Sequence[str]) -> ParameterSet:
+        """Parameters that decide over these statistics; all of them by default."""
+        return self.parameters
+
+    def held(self, statistics: Sequence[str], free: Sequence[str], given: Mapping[str, float]) -> dict[str, float]:
+        """Values of parameters that act and are not free, and of all others that are given.
+
+        Arguments:
+            statistics: That are compared.
+            free: Names of parameters.
+            given: Values by name; the others have their defaults.
+        """
+        values = {**self.acting(statistics).defaults, **given}
+        return {name: value for name, value in values.items() if name not in free}
+
     def limits(self, targets: Targets) -> Limits | None:
         """Beyond which a colony is none of the data's kind, for posteriors: those around colonies of one time.
 

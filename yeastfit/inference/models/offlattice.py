@@ -148,6 +148,10 @@ class Offlattice(ForwardModel):
         """How colonies are drawn."""
         return Drawing(self.masks, self.pixel_size)
 
+    def acting(self, statistics: Sequence[str]) -> ParameterSet:
+        """Those of drawing only where ellipses are drawn."""
+        return DRAWN if self.drawing.kind(statistics) == "ellipses" else PARAMETERS
+
     def statistics_named(self, names: Sequence[str]) -> tuple[str, ...]:
         """Those of `measure`, and those of Li et al.: li2024 stands for the three that they compare colonies in."""
         from yeastfit.offlattice.simulator import known_statistics
@@ -272,7 +276,7 @@ class Offlattice(ForwardModel):
             raise InputError(unused[0])
         if self.area is not None:
             self._check_matched(statistics)
-        acting = DRAWN if self.drawing.kind(statistics) == "ellipses" else PARAMETERS
+        acting = self.acting(statistics)
         at = {**acting.defaults, **values}
         free = [name for name, value in at.items() if value > 0 and name in acting]
         held = {name: value for name, value in at.items() if name not in free}
