@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from hypothesis import given, settings
+from scipy import ndimage
 from shapes import disc, masks, star, wheel
 
 from yeastfit.measure.outlining.segmentation import segment
@@ -59,6 +60,40 @@ def test_indices_of_a_core_with_filaments():
     assert shape.filament_radius_index == pytest.approx((150 / shape.csr_radius - 1.1) / 1.7, abs=0.01)
     assert shape.branch_length == pytest.approx(7 / 4 * (150 - shape.csr_radius), rel=0.05)
     assert shape.wave_number == 7
+
+
+@pytest.mark.parametrize("width", [3, 9, 15])
+def test_filaments_are_as_wide_as_they_are_drawn(width):
+    """Exactly along rows, one pixel less of an even number; elsewhere to a pixel; beside holes, not over them."""
+    mask = np.pad(disc(60), 100)
+    middle = len(mask) // 2
+    mask[middle - width // 2 : middle + width // 2 + 1, 10:-10] = True
+    assert measure_mask(mask).filament_width == width
+    assert measure_mask(mask, 1.5).filament_width == 1.5 * width
+    assert measure_mask(wheel(60, 7, 150, width)).filament_width == pytest.approx(width, abs=1.5)
+    slit = mask.copy()
+    slit[middle, 12:-12] = np.abs(np.arange(12, len(mask) - 12) - middle) < 60
+    assert measure_mask(slit).filament_width == (width // 2 - 1) | 1  # of two halves
+
+
+def test_the_width_is_that_of_distances_to_all_pixels_outside(monkeypatch):
+    """By the distance transform of the mask; turned and mirrored, with and without compiled loops, the same."""
+    mask = star(70, 0.4, 7)
+    mask[130:140, 140:146] = False
+    shape = Filaments(pixels := Pixels.of(mask))
+    rows, columns = shape._skeleton.middle.T
+    distance = ndimage.distance_transform_edt(pixels.colony)[rows, columns]
+    assert shape.width == 2 * np.median(distance) - 1
+    for one in (np.rot90(mask), mask[::-1], mask.T):
+        assert measure_mask(one).filament_width == shape.width
+    monkeypatch.setattr(filaments, "with_numba", lambda size: False)
+    assert measure_mask(mask).filament_width == shape.width
+
+
+@pytest.mark.parametrize("mask", [disc(12.6), np.ones((40, 40), dtype=bool)])
+def test_where_there_is_no_skeleton_filaments_have_no_width(mask):
+    shape = measure_mask(mask)
+    assert (shape.branch_length, shape.filament_width) == (0, 0)
 
 
 def test_area_outside_the_mean_perimeter_radius():

@@ -24,7 +24,10 @@ from yeastfit.model.parameters import Parameters
 from yeastfit.model.relaxation import HARD
 
 CENTROID = ("centroid_x", "centroid_y")
-NOT_NEGATIVE = ("csr_radius", "branch_count", "branch_length", "radial_index", "angular_index", "wave_number")
+NOT_NEGATIVE = (
+    *("csr_radius", "branch_count", "branch_length", "filament_width"),
+    *("radial_index", "angular_index", "wave_number"),
+)
 
 
 def ellipse(major, ratio=1.0, angle=0.0, offset=(0.0, 0.0), side=None):
@@ -195,6 +198,7 @@ def test_the_same_shape_in_finer_pixels(factor):
     assert fine.filament_area_index == pytest.approx(coarse.filament_area_index, rel=0.1)
     assert fine.filament_radius_index == pytest.approx(coarse.filament_radius_index, abs=0.03)
     assert fine.branch_length == pytest.approx(coarse.branch_length, rel=0.06)
+    assert fine.filament_width == pytest.approx(coarse.filament_width, abs=1.5)
     assert fine.area == pytest.approx(coarse.area, rel=0.002)
     for name in ("radius", "max_radius", "perimeter_radius", "perimeter", "solidity"):
         assert getattr(fine, name) == pytest.approx(getattr(coarse, name), rel=0.01)
@@ -246,6 +250,7 @@ NAN = {
     "filament_radius_index",
     "branch_count",
     "branch_length",
+    "filament_width",
     "angular_index",
     "wave_number",
 }

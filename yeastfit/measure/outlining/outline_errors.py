@@ -28,6 +28,7 @@ OUTLINE_ERRORS = {
     "filament_radius_index": 0.042,
     "branch_count": 0.098,
     "branch_length": 0.069,
+    "filament_width": 0.13,
     "radial_index": 0.03,
     "angular_index": 0.064,
     "wave_number": 0.2,

@@ -29,6 +29,10 @@ doi:10.1016/S0734-189X(87)80145-7: unbiased over directions, −5 to +3 % in one
 around the centroid, hence a quarter of the colony's. Thinning treats the sides of a shape in turn. So that turning by
 90° or mirroring a colony changes nothing, every quadrant is thinned as the upper left one would be, both of the image
 and of its mirror image.
+Width. A pixel of the skeleton at r ≥ r_CSR whose nearest pixel outside the colony, in a hole or beyond, lies at the
+distance d is the middle of a piece of filament 2 d − 1 pixels wide, along rows and columns exactly if that is odd, and
+else a pixel more. The width of the filaments is the median over all these pixels, of skeletons thinned in all eight
+ways: half of the filaments' length is thinner. 0 where there is no skeleton.
 Li et al. 2024 count the ends of MATLAB's `bwmorph` skeleton in one quadrant, those at the cuts included: counts by two
 algorithms cannot be compared. Ends are not pruned: a disc may keep up to two spurs a quadrant, and an edge rough by
 more than a pixel (a mask enlarged by repeating its pixels) grows more, so compare masks made in one way.
@@ -37,6 +41,7 @@ more than a pixel (a mask enlarged by repeating its pixels) grows more, so compa
 from dataclasses import dataclass
 from functools import cached_property
 from math import floor, nan
+from typing import NamedTuple
 
 import numpy as np
 import scipy
@@ -109,9 +114,29 @@ class Filaments:
         return int((self.pixels.distance > self.perimeter_radius + TIE).sum())
 
     @cached_property
+    def _skeleton(self) -> "_Skeleton":
+        return _branches(self.pixels, self.csr_radius)
+
+    @property
     def branches(self) -> tuple[float, float]:
         """Number of branches and length of the skeleton, per quadrant."""
-        return (nan, nan) if np.isnan(self.csr_radius) else _branches(self.pixels, self.csr_radius)
+        return (nan, nan) if np.isnan(self.csr_radius) else self._skeleton[:2]
+
+    @cached_property
+    def width(self) -> float:
+        """Of the filaments, in the median; 0 where there are none."""
+        if np.isnan(self.csr_radius):
+            return nan
+        middle = self._skeleton.middle
+        return 2.0 * float(np.median(_to_outside(self.pixels.colony, middle))) - 1.0 if len(middle) else 0.0
+
+
+class _Skeleton(NamedTuple):
+    """Ends and length per quadrant, and the pixels, each as often as one of eight ways of thinning finds it."""
+
+    ends: float
+    length: float
+    middle: Int[np.ndarray, "pixel 2"]
 
 
 def filaments(pixels: Pixels) -> Filaments:
@@ -137,16 +162,28 @@ def csr_radius(pixels: Pixels) -> float:
     return float(RING * rings[np.argmax(excess <= excess.min() + TIE)])
 
 
-def _branches(pixels: Pixels, inner: float) -> tuple[float, float]:
+def _to_outside(colony: Mask, of: Int[np.ndarray, "pixel 2"]) -> PerPixel:
+    """Distance of some pixels of a colony from the nearest one outside, which has a colony pixel beside it."""
+    outside = ~colony
+    beside = np.zeros_like(outside)
+    for here, there in ((slice(1, None), slice(-1)), (slice(-1), slice(1, None))):
+        beside[here] |= colony[there]
+        beside[:, here] |= colony[:, there]
+    return np.asarray(scipy.spatial.cKDTree(np.argwhere(outside & beside)).query(of)[0])
+
+
+def _branches(pixels: Pixels, inner: float) -> _Skeleton:
     width = max(_CORE * inner, _THICKNESS)
     squares = max(inner - width - TIE, 0.0) ** 2, (inner - TIE) ** 2
-    found = [_in_quadrant(pixels, squares, round(width), turn) for turn in range(8)]
+    found, middles = zip(*(_in_quadrant(pixels, squares, round(width), turn) for turn in range(8)), strict=True)
     ends, along, across = (sum(counts) / len(found) for counts in zip(*found, strict=True))
-    return ends, 0.5 * (_ALONG * along + _ACROSS * across)
+    return _Skeleton(ends, 0.5 * (_ALONG * along + _ACROSS * across), np.concatenate(middles))
 
 
-def _in_quadrant(pixels: Pixels, squares: tuple[float, float], seam: int, turn: int) -> tuple[int, int, int]:
-    """Ends and steps of the skeleton in the quadrant that a turn puts to the upper left (`thinning.turned`).
+def _in_quadrant(
+    pixels: Pixels, squares: tuple[float, float], seam: int, turn: int
+) -> tuple[tuple[int, int, int], Int[np.ndarray, "pixel 2"]]:
+    """Ends and steps of the skeleton in the quadrant that a turn puts to the upper left (`thinning.turned`); pixels.
 
     The image reaches `seam` pixels into the next quadrants, where the cut between them would show in a skeleton. A
     pixel on an axis belongs to one quadrant of the four.
@@ -162,7 +199,8 @@ def _in_quadrant(pixels: Pixels, squares: tuple[float, float], seam: int, turn: 
     i, j = np.divmod(np.flatnonzero(own), own.shape[1])
     i, j = i + rows.start, j + columns.start
     outer = (i - row) ** 2 + (j - column) ** 2 >= squares[1]
-    return _followed(thin, i[outer] - top, j[outer] - left)
+    i, j = i[outer], j[outer]
+    return _followed(thin, i - top, j - left), np.stack([i, j], axis=1)
 
 
 def _half(centre: float, size: int, after: bool, strict: bool) -> slice:
@@ -245,6 +283,13 @@ ENTRIES = (
         1,
         f"length of the skeleton beyond csr_radius, mean of four quadrants; {SKELETON}",
         mask=lambda p: filaments(p).branches[1],
+        may_vanish=True,
+    ),
+    Statistic(
+        "filament_width",
+        1,
+        f"width of filaments beyond csr_radius, median along the skeleton; {SKELETON}",
+        mask=lambda p: filaments(p).width,
         may_vanish=True,
     ),
 )
