@@ -10,7 +10,18 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from yeastfit import InputError
-from yeastfit.text import HIDDEN, JOINERS, LONGEST, LONGEST_NAME, as_html, file_name, quoted, shown
+from yeastfit.text import (
+    HIDDEN,
+    JOINERS,
+    LONGEST,
+    LONGEST_LIST,
+    LONGEST_NAME,
+    as_html,
+    file_name,
+    listed,
+    quoted,
+    shown,
+)
 from yeastfit.text_files import check_look_alikes, read_csv
 
 # any text, surrogates of file names that are not UTF-8 included
@@ -99,6 +110,19 @@ def test_values_of_messages_are_short() -> None:
     for _ in range(10**5):
         nested = [nested]
     assert quoted(nested) == "a list nested thousands of times"
+
+
+def test_lists_of_messages_are_short() -> None:
+    assert listed([]) == ""
+    assert listed(["radius", "area"]) == "radius, area"
+    assert (
+        listed([f"name_{k:03d}" for k in range(60)]) == ", ".join(f"name_{k:03d}" for k in range(40)) + " and 20 more"
+    )
+    for count in range(100):
+        names = [f"name_{k}" for k in range(count)]
+        found, _, more = listed(names).partition(" and ")
+        assert len(found) <= LONGEST_LIST
+        assert (found.count("name") + int((more or "0").removesuffix(" more"))) == count
 
 
 def test_names_that_look_alike_are_refused() -> None:

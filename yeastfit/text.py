@@ -9,8 +9,9 @@ same for figures.
 import html
 import re
 import unicodedata
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from datetime import date, time
+from itertools import accumulate
 from typing import Any
 
 HIDDEN = ("Cc", "Cf", "Cs", "Zl", "Zp")  # Unicode categories: control, format, surrogate, separators of lines
@@ -18,6 +19,7 @@ JOINERS = "\u200c\u200d"  # which belong to emoji and to words of some scripts
 NOT_IN_NAMES = '/\\<>:"|?*'  # on one system or another
 LONGEST_NAME = 120  # bytes of the name of a file; systems take 255, with what is put before and behind it
 LONGEST = 80  # characters of a text that a message repeats
+LONGEST_LIST = 400  # of names that a message lists
 
 
 def shown(text: object) -> str:
@@ -48,6 +50,13 @@ def quoted(value: Any) -> str:
         return "a whole number of thousands of digits"
     except RecursionError:
         return f"a {type(value).__name__} nested thousands of times"
+
+
+def listed(names: Sequence[str]) -> str:
+    """Names for a message, as many as fit into `LONGEST_LIST` characters, and how many more there are."""
+    fit = sum(width <= LONGEST_LIST for width in accumulate(len(name) + 2 for name in names))
+    more = len(names) - fit
+    return ", ".join(names[:fit]) + (f" and {more} more" if more else "")
 
 
 def file_name(text: str) -> str:

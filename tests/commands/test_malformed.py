@@ -369,6 +369,10 @@ CASES: list[tuple[str, str]] = [
         for length, ends in (("1000", "1 to 1000"), ("0.5", "0.0005 to 0.5"))
     ),
     ("infer table --out OUT --model offlattice --pixel-size 100 --masks ellipses", "--pixel-size is 100 to 8.4 µm"),
+    (
+        "infer table --out OUT --model offlattice --statistics nothing",
+        "'nothing' is unknown, expected li2024 or some of",
+    ),
     ("design --out OUT --model offlattice --statistics radius --pixel-size 100", "--pixel-size is 100 to 8.4 µm"),
     ("design --out OUT --model offlattice --statistics radius --gap -1", "gap (w) is -1"),
     ("design --out OUT --model offlattice --masks bins --gap 6", "masks are drawn by --masks bins: leave it"),

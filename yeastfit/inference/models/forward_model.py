@@ -29,6 +29,7 @@ from yeastfit.measure.statistics.registry import STATISTICS, known_statistics
 from yeastfit.model.model import Model
 from yeastfit.panel import Panel
 from yeastfit.parameter_set import ParameterSet
+from yeastfit.text import listed
 
 Row = Mapping[str, Any]
 
@@ -109,6 +110,9 @@ class ForwardModel(ABC):
             statistics: That are compared.
             free: Names of parameters.
             given: Values by name; the others have their defaults.
+
+        Returns:
+            Values by name.
         """
         values = {**self.acting(statistics).defaults, **given}
         return {name: value for name, value in values.items() if name not in free}
@@ -150,7 +154,7 @@ class ForwardModel(ABC):
         for name in names:
             check_comparable(name)
             if name not in known:
-                raise InputError(f"--statistics: {name!r} is unknown, expected some of {', '.join(sorted(known))}")
+                raise InputError(f"--statistics: {name!r} is unknown, expected some of {listed(sorted(known))}")
             if names.count(name) > 1:
                 raise InputError(f"--statistics: {name!r} appears twice, expected each once")
         return tuple(names)

@@ -35,6 +35,7 @@ from yeastfit.numbers import PIXEL_SIZES, Range
 from yeastfit.offlattice.parameters import DRAWN, PARAMETERS, PRIOR
 from yeastfit.panel import Panel
 from yeastfit.parameter_set import ParameterSet
+from yeastfit.text import listed
 
 if TYPE_CHECKING:
     from yeastfit.offlattice.simulation import OfflatticeSimulation
@@ -162,7 +163,7 @@ class Offlattice(ForwardModel):
             check_comparable(name)
             if name not in known:
                 raise InputError(
-                    f"--statistics: {name!r} is unknown, expected {THEIRS} or some of {', '.join(sorted(known))}"
+                    f"--statistics: {name!r} is unknown, expected {THEIRS} or some of {listed(sorted(known))}"
                 )
         return tuple(dict.fromkeys(found))
 
