@@ -1,17 +1,17 @@
-"""Do simulated colonies look like real ones, where texture is asked for and how they are outlined is inferred?
+"""Do simulated colonies look like real ones, where texture is asked for and outlines may lie outside of cells?
 
 Posteriors of the off-lattice model by three indices of shape predict hairs that are more and thinner than real ones
 are, with rougher outlines and more holes. Here seven statistics are asked for, four of texture among them: compactness,
-the length of skeletons, the width of filaments and smoothed I_B. How wide gaps an outline closes, and how far it lies
-outside of the cells, are parameters, `gap` and `margin`, as the five of growth are, but the same for all colonies of a
-set:
+the length of skeletons, the width of filaments and smoothed I_B. How far outlines lie outside of the cells is a
+parameter, `margin`, as the five of growth are, but the same for all colonies of a set. Gaps of 12 µm, two cells, are
+closed: where wider ones may be, hairs are as thick as real ones by webs between them, which real ones do not have:
 
     cd data/real
     seven=filament_area_index,filament_radius_index,angular_index
     seven=$seven,compactness,branch_length,filament_width,smoothed_branch_index
     more="--model offlattice --match each --variation --leave-out 4 --each 1024 --most-steps 60000 --draws 20
         --prior-draws 0 --statistics $seven
-        --free transition,sated_from_pseudohyphal,pseudohyphal_from_sated,fork,any_mother,gap,margin"
+        --free transition,sated_from_pseudohyphal,pseudohyphal_from_sated,fork,any_mother,margin"
     yeastfit infer simi-white-50um $more --cells 88000 --out WORK/simi-white-50um
 
 and so on. Colonies are simulated from each posterior, each at the area of one of the real ones, and compared with these
@@ -50,7 +50,7 @@ from yeastfit.inference.models.offlattice import Offlattice
 from yeastfit.inference.prior.variation import Varied
 from yeastfit.inference.simulator import member_seeds
 from yeastfit.measure.measurements_table import TABLE, read_measurements
-from yeastfit.offlattice.parameters import DRAWN
+from yeastfit.offlattice.parameters import MARGIN, PARAMETERS
 from yeastfit.plot.style import save
 from yeastfit.results.contents import RUN
 from yeastfit.storage import read_json
@@ -65,7 +65,8 @@ ASKED = (
     "smoothed_branch_index",
 )
 FURTHER = ("hole_count", "branch_count", "fractal_dimension", "solidity")
-OPTIONS = f"--model offlattice --match each --variation --free {','.join(DRAWN)} --statistics {','.join(ASKED)}"
+FREE = (*PARAMETERS, MARGIN.name)
+OPTIONS = f"--model offlattice --match each --variation --free {','.join(FREE)} --statistics {','.join(ASKED)}"
 HOW = f"{OPTIONS} --leave-out 4 --each 1024 --most-steps 60000 --draws 20 --prior-draws 0"
 QUICK = f"{OPTIONS} --leave-out 2 --most-steps 500 --walkers 32 --simulations 160 --draws 10"
 INSIDE = (0.8, 0.97)
@@ -146,7 +147,7 @@ def _drawn(run: RealRun, names: tuple[str, ...], colonies: int) -> tuple[Varied,
     model = Offlattice(cells=CELLS[run.name], match="each", masks="ellipses")
     table = DATA / run.name / TABLE
     seen = model.seen(read_measurements(table), table.parent, None, names)
-    inside = seen.model.simulator(seen.targets, DRAWN.names, {})
+    inside = seen.model.simulator(seen.targets, FREE, {})
     draws = run.posterior.flat
     return Varied(inside), seen, draws[np.random.default_rng(0).integers(len(draws), size=colonies)]
 

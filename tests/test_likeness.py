@@ -13,14 +13,13 @@ from benchmarks.real_run import CELLS, RealRun
 from yeastfit.measure.measurements_table import TABLE
 from yeastfit.offlattice import Ellipses, grow
 from yeastfit.offlattice.masks.ellipse_mask import PIXEL
-from yeastfit.offlattice.parameters import DRAWN
 from yeastfit.offlattice.simulator import statistics_of
 from yeastfit.results.contents import MANIFEST, RUN
 from yeastfit.storage import write_json, write_table
 
 NAME = "awri796-50um"
 NAMES = (*likeness.ASKED, *likeness.FURTHER)
-AT = (0.7, 0.8, 0.24, 0.15, 0.08, 14.0, 2.0, 0.0)
+AT = (0.7, 0.8, 0.24, 0.15, 0.08, 2.0, 0.0)
 
 
 @pytest.fixture
@@ -28,7 +27,7 @@ def work(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A finished run of one set, all of whose draws are those that its small colonies were made with."""
     rows = []
     for seed in range(8):
-        mask = Ellipses.of(grow(AT[:5], cells=2500, seed=seed), gap=AT[5], margin=AT[6]).mask(2000 + 50 * seed)
+        mask = Ellipses.of(grow(AT[:5], cells=2500, seed=seed), margin=AT[5]).mask(2000 + 50 * seed)
         Image.fromarray(np.where(np.pad(mask, 20), 0, 255).astype(np.uint8)).save(tmp_path / f"{seed}.png")
         known = {"file": f"{seed}.png", "condition": "", "replicate": seed, "hours": 233.0, "um_per_pixel": PIXEL}
         rows.append({**known, "mask": "", **statistics_of(mask, PIXEL, ("max_radius", "area", *NAMES))})
@@ -38,7 +37,7 @@ def work(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setitem(CELLS, NAME, 2500)
     folder = tmp_path / NAME
     folder.mkdir()
-    prior = flat_prior(*DRAWN, "colony_variation")
+    prior = flat_prior(*likeness.FREE, "colony_variation")
     made_posterior(np.tile(AT, (4, 10, 1)), prior=prior).save(folder / "posterior.npz")
     left_out(-4.0, outside=1).save(folder / "left_out.npz")
     (folder / MANIFEST).write_text("{}")
@@ -80,17 +79,17 @@ def test_the_page_and_the_picture_are_of_what_is_there(
 
 
 def test_what_differs_between_sets_is_said(work: Path) -> None:
-    """Here the width of gaps, 14 µm in one and 20 in the other."""
+    """Here the margin, 2 µm in one and 3 in the other."""
     other = work / "simi-white-50um"
     other.mkdir()
     rng = np.random.default_rng(0)
-    for folder, gap in ((work / NAME, 14.0), (other, 20.0)):
-        draws = np.tile([*AT[:5], gap, *AT[6:]], (4, 100, 1)) * rng.uniform(0.95, 1.05, (4, 100, 8))
-        made_posterior(draws, prior=flat_prior(*DRAWN, "colony_variation")).save(folder / "posterior.npz")
+    for folder, margin in ((work / NAME, 2.0), (other, 3.0)):
+        draws = np.tile([*AT[:5], margin, *AT[6:]], (4, 100, 1)) * rng.uniform(0.95, 1.05, (4, 100, 7))
+        made_posterior(draws, prior=flat_prior(*likeness.FREE, "colony_variation")).save(folder / "posterior.npz")
         (folder / MANIFEST).write_text("{}")
     first, *rest = likeness.differences([RealRun(one, work / one) for one in (NAME, "awri796-500um", other.name)])
-    assert first.startswith("gap is smaller in AWRI 796, 50 µM than in Simi White, 50 µM by a factor of 0.7")
+    assert first.startswith("margin is smaller in AWRI 796, 50 µM than in Simi White, 50 µM by a factor of 0.6")
     (same,) = rest
     assert same.startswith(
-        "transition, sated from pseudohyphal, pseudohyphal from sated, fork, any mother, margin, colony variation do"
+        "transition, sated from pseudohyphal, pseudohyphal from sated, fork, any mother, colony variation do"
     )
