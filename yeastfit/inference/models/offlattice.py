@@ -277,11 +277,9 @@ class Offlattice(ForwardModel):
             raise InputError(unused[0])
         if self.area is not None:
             self._check_matched(statistics)
-        acting = self.acting(statistics)
-        at = {**acting.defaults, **values}
-        free = [name for name, value in at.items() if value > 0 and name in acting]
-        held = {name: value for name, value in at.items() if name not in free}
-        simulator, moved = self._simulator(statistics, free, held), {name: at[name] for name in free}
+        acting, at = self.acting(statistics), self.held(statistics, (), values)
+        moved = {name: value for name, value in at.items() if value > 0 and name in acting}
+        simulator = self._simulator(statistics, tuple(moved), self.held(statistics, tuple(moved), values))
         return estimate_sensitivity(simulator=simulator, at=moved, **how)
 
     def grow(
