@@ -8,6 +8,7 @@ import pytest
 from helpers import colony_of, pair
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.ndimage import distance_transform_edt
 from scipy.spatial import ConvexHull, Delaunay
 from scipy.special import ellipe
 from shapes import disc, masks, star, star_radius
@@ -15,6 +16,7 @@ from skimage.measure import perimeter as chain_perimeter
 from skimage.measure import perimeter_crofton
 
 from yeastfit.errors import InputError
+from yeastfit.measure.statistics import shape as shapes_of_masks
 from yeastfit.measure.statistics.filaments import SKELETON
 from yeastfit.measure.statistics.measure_mask import measure_mask
 from yeastfit.measure.statistics.model_as_mask import HardStatistics, mask_of
@@ -55,6 +57,7 @@ def test_disc(radius):
     assert shape.compactness == pytest.approx(1, abs=2 * tolerance)
     assert shape.radius == pytest.approx(2 / 3 * radius, rel=tolerance)
     assert shape.max_radius == pytest.approx(radius, abs=1)
+    assert shape.inscribed_radius == pytest.approx(radius, abs=1)
     assert shape.outer_perimeter == shape.perimeter
     assert shape.outer_compactness == shape.compactness
     assert (shape.object_count, shape.hole_count) == (1, 0)
@@ -93,6 +96,36 @@ def test_annulus_counts_its_hole():
     assert shape.outer_compactness == pytest.approx(1, abs=0.02)
     assert shape.compactness == pytest.approx(60**2 / (40**2 - 20**2), rel=0.02)
     assert (shape.object_count, shape.hole_count) == (1, 1)
+
+
+def test_the_largest_circle_inside_ends_at_holes_and_at_the_narrowest_side():
+    outer, inner = ellipse(90, offset=(0.2, 0.3), side=201), ellipse(20, offset=(0.2, 0.3), side=201)
+    assert measure_mask(outer & ~inner).inscribed_radius == pytest.approx(35, abs=1)
+    assert measure_mask(ellipse(90, 0.4, 0.3)).inscribed_radius == pytest.approx(36, abs=1)
+    assert measure_mask(ellipse(90, 0.4, 0.3), 1.5).inscribed_radius == pytest.approx(54, abs=1.5)
+    assert measure_mask(np.ones((41, 300))).inscribed_radius == 20.5
+    assert measure_mask(np.ones((40, 300))).inscribed_radius == 19.5  # half a pixel less where no pixel is the middle
+    assert measure_mask(np.ones((1, 300))).inscribed_radius == 0.5
+
+
+@pytest.mark.parametrize("lattice", [2, 16])
+@settings(max_examples=60, deadline=None)
+@given(mask=masks, grown=st.integers(1, 7))
+def test_the_largest_circle_inside_is_that_of_all_pixels(lattice, mask, grown):
+    """By the distance transform of the whole mask, of colonies thinner than the lattice and thicker ones."""
+    mask = np.kron(mask, np.ones((grown, grown), dtype=bool))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(shapes_of_masks, "_LATTICE", lattice)
+        found = measure_mask(mask, statistics=("inscribed_radius",)).inscribed_radius
+    assert found == distance_transform_edt(np.pad(mask, 1)).max() - 0.5
+
+
+def test_the_largest_circle_inside_a_filamentous_colony():
+    mask = star(150, 0.35, 12)
+    mask[200:206, 170:175] = False
+    for one in (mask, mask[3:, 5:], np.rot90(mask)):
+        found = measure_mask(one, statistics=("inscribed_radius",)).inscribed_radius
+        assert found == distance_transform_edt(np.pad(mask, 1)).max() - 0.5
 
 
 def test_objects_are_eight_connected_and_holes_four_connected():
@@ -200,7 +233,7 @@ def test_the_same_shape_in_finer_pixels(factor):
     assert fine.branch_length == pytest.approx(coarse.branch_length, rel=0.06)
     assert fine.filament_width == pytest.approx(coarse.filament_width, abs=1.5)
     assert fine.area == pytest.approx(coarse.area, rel=0.002)
-    for name in ("radius", "max_radius", "perimeter_radius", "perimeter", "solidity"):
+    for name in ("radius", "max_radius", "inscribed_radius", "perimeter_radius", "perimeter", "solidity"):
         assert getattr(fine, name) == pytest.approx(getattr(coarse, name), rel=0.01)
     for name in ("filament_area", "angular_index", "radial_index", "compactness"):
         assert getattr(fine, name) == pytest.approx(getattr(coarse, name), rel=0.02)

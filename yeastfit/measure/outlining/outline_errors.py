@@ -38,4 +38,5 @@ OUTLINE_ERRORS = {
     "li2024_branch_index": 0.12,
     "smoothed_branch_index": 0.13,
 }
-"""Relative errors by statistic. The fractal dimension and the share of the largest object have less than 0.01."""
+"""Relative errors by statistic. The fractal dimension, the radius of the largest circle inside and the share of the
+largest object have less than 0.01."""

@@ -105,6 +105,20 @@ class Pixels:
         """Distance of the farthest pixel from the centroid."""
         return float(self.distance.max())
 
+    def to_outside(self, of: Int[np.ndarray, "pixel 2"]) -> PerPixel:
+        """[pixel], distance of some pixels of the colony, given by row and column, from the nearest one outside."""
+        return np.asarray(self._outside.query(of)[0])
+
+    @cached_property
+    def _outside(self) -> scipy.spatial.cKDTree:
+        """Pixels outside of the colony, in its holes or beyond it, that have a pixel of it beside them."""
+        outside = ~self.colony  # shifted rather than dilated by scipy, in a twentieth of its time
+        beside = np.zeros_like(outside)
+        for here, there in ((slice(1, None), slice(-1)), (slice(-1), slice(1, None))):
+            beside[here] |= self.colony[there]
+            beside[:, here] |= self.colony[:, there]
+        return scipy.spatial.cKDTree(np.argwhere(outside & beside))
+
     @cached_property
     def perimeter(self) -> float:
         """Length of all boundaries; see `shape` for the estimator."""
