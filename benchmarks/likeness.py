@@ -1,21 +1,22 @@
 """Do simulated colonies look like real ones, where texture is asked for and outlines may lie outside of cells?
 
 Posteriors of the off-lattice model by three indices of shape predict hairs that are more and thinner than real ones
-are, with rougher outlines and more holes. Here seven statistics are asked for, four of texture among them: compactness,
-the length of skeletons, the width of filaments and smoothed I_B. How far outlines lie outside of the cells is a
-parameter, `margin`, as the five of growth are, but the same for all colonies of a set. Gaps of 12 µm, two cells, are
-closed: where wider ones may be, hairs are as thick as real ones by webs between them, which real ones do not have:
+are, with rougher outlines and more holes. Here eight statistics are asked for, four of texture among them, compactness,
+the length of skeletons, the width of filaments and smoothed I_B, and one of how round a core is and how free of holes,
+the radius of the largest circle inside. How far outlines lie outside of the cells is a parameter, `margin`, as the five
+of growth are, but the same for all colonies of a set. Gaps of 12 µm, two cells, are closed: where wider ones may be,
+hairs are as thick as real ones by webs between them, which real ones do not have:
 
     cd data/real
-    seven=filament_area_index,filament_radius_index,angular_index
-    seven=$seven,compactness,branch_length,filament_width,smoothed_branch_index
+    eight=filament_area_index,filament_radius_index,angular_index,inscribed_radius
+    eight=$eight,compactness,branch_length,filament_width,smoothed_branch_index
     more="--model offlattice --match each --variation --leave-out 4 --each 1024 --most-steps 60000 --draws 20
-        --prior-draws 0 --statistics $seven
+        --prior-draws 0 --statistics $eight
         --free transition,sated_from_pseudohyphal,pseudohyphal_from_sated,fork,any_mother,margin"
     yeastfit infer simi-white-50um $more --cells 88000 --out WORK/simi-white-50um
 
 and so on. Colonies are simulated from each posterior, each at the area of one of the real ones, and compared with these
-in the seven statistics and in four that were not asked for: holes, ends of the skeleton, fractal dimension, solidity.
+in the eight statistics and in four that were not asked for: holes, ends of the skeleton, fractal dimension, solidity.
 
 Target: 80 to 97 % of what colonies left out have shown lies in the predicted interval of 90 %.
 
@@ -59,6 +60,7 @@ ASKED = (
     "filament_area_index",
     "filament_radius_index",
     "angular_index",
+    "inscribed_radius",
     "compactness",
     "branch_length",
     "filament_width",
