@@ -26,6 +26,7 @@ from yeastfit.offlattice.statistics.li2024_statistics import PUBLISHED
 from yeastfit.offlattice.status import Status
 from yeastfit.panel import Panel
 from yeastfit.storage import as_json, from_json, reads_saved, written_whole
+from yeastfit.text import listed
 
 SHARE = "pseudohyphal_share"
 THEIRS = {entry.name for entry in OF_BINS}
@@ -189,7 +190,7 @@ def simulate_offlattice(
     entries = known_statistics()
     names = [*(one for one in recorded("mask") if one in entries), *PUBLISHED] if statistics is None else statistics
     if unknown := [name for name in names if name not in entries]:
-        raise InputError(f"statistics: got {unknown[0]!r}, need some of {', '.join(entries)}")
+        raise InputError(f"statistics: got {unknown[0]!r}, need some of {listed(list(entries))}")
     values, between = DRAWN.defaults | dict(parameters), max(1, cells // 20) if every is None else every
     if not 1 <= between <= cells:
         raise InputError(f"every is {between}, it must be at least 1 and at most the number of cells, {cells}")

@@ -31,6 +31,7 @@ from yeastfit.offlattice.status import Status
 from yeastfit.parameter_set import ParameterSet
 from yeastfit.seeds import Stream, stream_of
 from yeastfit.specification import Specification, described, module_outside, path_of, undescribed
+from yeastfit.text import listed
 
 OF_BINS = (*ENTRIES, SMOOTHED)
 """What is measured on masks as Li et al. draw them."""
@@ -136,7 +137,7 @@ class OfflatticeSimulator:
         if limits is not None and len(limits) != len(statistics):
             raise InputError(f"limits are {len(limits)} pairs, each of the {len(statistics)} statistics needs one")
         if unknown := [name for name in statistics if name not in known_statistics()]:
-            raise InputError(f"statistics: got {unknown[0]!r}, need some of {', '.join(known_statistics())}")
+            raise InputError(f"statistics: got {unknown[0]!r}, need some of {listed(list(known_statistics()))}")
         if not statistics:
             raise InputError("statistics: got none, need at least one")
         if isinstance(area, Sequence) and not area:
