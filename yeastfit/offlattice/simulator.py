@@ -78,6 +78,7 @@ class OfflatticeSimulator:
         draw: The pictures of a colony: `BinnedOutlines.whole`, `BinnedOutlines.of` with Li et al.'s frame, or
             `Ellipses.of`, to which those of `DRAWING` are given that are free.
         match: How the area is matched: Li et al.'s `search_from_below` or `match_exactly`.
+        scaled: Whether a colony grows cells in proportion to its own area, N where it is the largest.
         delay: See `grow`.
         most_attempts: See `grow`.
         threads: How many colonies grow at a time; None for as many as there are processors to use.
@@ -93,6 +94,7 @@ class OfflatticeSimulator:
     area: float | tuple[float, ...] | None = None
     draw: Callable[..., Picture] = BinnedOutlines.whole
     match: Callable[[MaskOf, int, float], MatchedMask] = search_from_below
+    scaled: bool = False
     delay: float = DELAY
     most_attempts: int = MOST_ATTEMPTS
     threads: int | None = None
@@ -109,6 +111,7 @@ class OfflatticeSimulator:
         fixed: Mapping[str, float] | None = None,
         draw: Callable[..., Picture] = BinnedOutlines.whole,
         match: Callable[[MaskOf, int, float], MatchedMask] = search_from_below,
+        scaled: bool = False,
         delay: float = DELAY,
         most_attempts: int = MOST_ATTEMPTS,
         threads: int | None = None,
@@ -124,14 +127,15 @@ class OfflatticeSimulator:
             fixed: Values of others, by name; the default of those that are not named.
             draw: See above.
             match: See above.
+            scaled: See above; of several areas only.
             delay: See above.
             most_attempts: See above.
             threads: See above.
             limits: See above.
 
         Raises:
-            InputError: A statistic or parameter is unknown, a value not admissible, or one of drawing free that `draw`
-                does not take.
+            InputError: A statistic or parameter is unknown, a value not admissible, one of drawing free that `draw`
+                does not take, or scaled true without several areas.
         """
         check_list("statistics", statistics)
         if limits is not None and len(limits) != len(statistics):
@@ -142,6 +146,8 @@ class OfflatticeSimulator:
             raise InputError("statistics: got none, need at least one")
         if isinstance(area, Sequence) and not area:
             raise InputError("area: got none, need at least one, or None for whole colonies")
+        if scaled and not isinstance(area, Sequence):
+            raise InputError(f"scaled is true and area {area}: it is for several areas")
         chosen = DRAWN.subset(free)
         if untaken := [name for name in DRAWING if name in chosen and name not in signature(draw).parameters]:
             raise InputError(f"free names {untaken[0]!r}, which is that of ellipses, and draw is {_name_of(draw)}")
@@ -158,6 +164,7 @@ class OfflatticeSimulator:
             area=tuple(area) if isinstance(area, Sequence) else area,
             draw=draw,
             match=match,
+            scaled=scaled,
             delay=delay,
             most_attempts=most_attempts,
             threads=threads,
@@ -182,6 +189,7 @@ class OfflatticeSimulator:
         """What decides over a colony, beside its free parameters and its seed."""
         told = {**self.fixed, **{name: getattr(self, name) for name in ("cells", "area", "delay", "most_attempts")}}
         told |= {name: _name_of(getattr(self, name)) for name in ("draw", "match")}
+        told |= {"scaled": True} if self.scaled else {}
         return ", ".join(["offlattice", *(f"{name} {value}" for name, value in told.items()), f"limits {self.limits}"])
 
     @property
@@ -199,6 +207,7 @@ class OfflatticeSimulator:
             "fixed": dict(self.fixed),
             "draw": described(self.draw),
             "match": described(self.match),
+            "scaled": self.scaled,
             "delay": self.delay,
             "most_attempts": self.most_attempts,
             "limits": self.limits,
@@ -219,7 +228,8 @@ class OfflatticeSimulator:
         """
         given = {**self.fixed, **dict(zip(self.parameters.names, values, strict=True))}
         rates = rates_of({name: value for name, value in given.items() if name in PARAMETERS})
-        return grow(rates, cells=self.cells, seed=seed, delay=self.delay, most_attempts=self.most_attempts)
+        cells = self.cells_of(seed)
+        return grow(rates, cells=cells, seed=seed, delay=self.delay, most_attempts=self.most_attempts)
 
     def covered(
         self, values: Float[np.ndarray, "row parameter"], seeds: Shaped[np.ndarray, " row"]
@@ -233,7 +243,7 @@ class OfflatticeSimulator:
         Returns:
             Areas in µm²; nan where a colony did not grow to the end, or is too wide for an image.
         """
-        whole = replace(self, area=None)
+        whole = replace(self, area=None, scaled=False)
 
         def one(job: tuple[list[float], int]) -> float:
             drawn = whole.drawn(*job)
@@ -247,6 +257,13 @@ class OfflatticeSimulator:
         if not isinstance(self.area, tuple):
             return self.area
         return self.area[np.random.default_rng(stream_of(seed, Stream.AREAS, 0)).integers(len(self.area))]
+
+    def cells_of(self, seed: int) -> int:
+        """How many cells the colony of a seed grows."""
+        area = self.area_of(seed)
+        if not self.scaled or area is None or not isinstance(self.area, tuple):
+            return self.cells
+        return max(1, round(self.cells * area / max(self.area)))
 
     def drawn(self, values: Sequence[float], seed: int) -> Drawn:
         """What of the colony of one row is measured.

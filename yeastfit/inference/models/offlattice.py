@@ -48,7 +48,8 @@ TRIED = 16  # colonies that show whether the cells cover the area of the data
 COVERED = 0.75  # share of it that is enough; below 1 a warning counts the colonies that do not cover it
 UNEQUAL = 1.5  # times as large as the smallest is the largest colony of data whose areas differ much
 ROOM = 1.1  # times as many cells as cover it: Li et al. took as many
-Match = Literal["li2024", "exactly", "each", "none"]
+Match = Literal["li2024", "exactly", "each", "scaled", "none"]
+OF_EACH = ("each", "scaled")  # which match the areas of single colonies
 
 
 @dataclass(frozen=True)
@@ -85,15 +86,16 @@ class Offlattice(ForwardModel):
         Match,
         Setting(
             "How many cells are drawn: as Li et al. search for the area, within 5 %; exactly as many as cover it; as "
-            "many as cover the area of one of the data's colonies, each drawn at random (each); or all, whatever the "
-            "area (none).",
+            "many as cover the area of one of the data's colonies, each drawn at random (each), and of so many less "
+            "than --cells as that is smaller than the largest (scaled); or all, whatever the area (none).",
             commands=COMPARED,
         ),
     ] = "li2024"
     areas: Annotated[
         tuple[float, ...],
         Setting(
-            "With match each: areas in µm² that colonies have, by default those of the data.", commands=("python",)
+            "With match each or scaled: areas in µm² that colonies have, by default those of the data.",
+            commands=("python",),
         ),
     ] = ()
     masks: Annotated[
@@ -121,12 +123,16 @@ class Offlattice(ForwardModel):
             COVERED_AREAS.read(self.area, "area")
             if self.match == "none":
                 raise InputError(f"area is {self.area:g} and match none, which compares whole colonies: leave out one")
-            if self.match == "each":
-                raise InputError(f"area is {self.area:g} and match each, which takes the data's areas: leave out one")
+            if self.match in OF_EACH:
+                raise InputError(
+                    f"area is {self.area:g} and match {self.match}, which takes the data's areas: leave out one"
+                )
         for area in self.areas:
             COVERED_AREAS.read(area, "areas")
-        if self.areas and self.match != "each":
-            raise InputError(f"areas are given and match is {self.match}: they are for match each, leave them out")
+        if self.areas and self.match not in OF_EACH:
+            raise InputError(
+                f"areas are given and match is {self.match}: they are for match {' or '.join(OF_EACH)}, leave them out"
+            )
         if self.pixel_size is not None:
             PIXEL_SIZES.read(self.pixel_size, "pixel_size")
         for name, value, known in (("match", self.match, Match), ("masks", self.masks, Masks)):
@@ -210,7 +216,7 @@ class Offlattice(ForwardModel):
                 f"cell does: is um_per_pixel {pixel:g}?"
             )
         seen = replace(self, pixel_size=pixel)
-        if self.match == "each":
+        if self.match in OF_EACH:
             seen = replace(seen, areas=self.areas or tuple(areas))
         elif self.match != "none":
             seen = replace(seen, area=area)
@@ -311,9 +317,10 @@ class Offlattice(ForwardModel):
         self.check({}, ())
         draw, pixel = self.drawing.of(statistics, free, fixed)
         area: float | tuple[float, ...] | None = None if self.area is None else self.area / pixel**2
-        if self.match == "each":
+        if self.match in OF_EACH:
             if not self.areas:
-                raise InputError("match is each, which takes the areas of the data, and there are none: give another")
+                said = f"match is {self.match}, which takes the areas of the data, and there are none: give another"
+                raise InputError(said)
             area = tuple(one / pixel**2 for one in self.areas)
         match = search_from_below if self.match == "li2024" else match_exactly
         return OfflatticeSimulator.of(
@@ -324,6 +331,7 @@ class Offlattice(ForwardModel):
             fixed={name: value for name, value in fixed.items() if name in PARAMETERS},
             draw=draw,
             match=match,
+            scaled=self.match == "scaled",
             delay=self.delay,
         )
 
