@@ -272,6 +272,19 @@ def test_colonies_are_matched_to_the_area_of_each_of_the_data(table: Path) -> No
         Offlattice(areas=(5.0,), match="each")
 
 
+def test_colonies_are_scaled_to_the_area_of_each_of_the_data(table: Path) -> None:
+    """Their cells are in proportion to it, the largest have all."""
+    read = read_measurements(table)
+    seen = Offlattice(cells=1500, match="scaled").seen(read, table.parent, None, ("compactness", "radius"))
+    simulator = seen.model.simulator(seen.targets, PARAMETERS.names, {"gap": 6.0})
+    assert isinstance(simulator, OfflatticeSimulator)
+    areas = [row["area"] for row in read]
+    expected = {round(1500 * area / max(areas)) for area in areas}
+    assert {simulator.cells_of(seed) for seed in range(64)} == expected
+    assert max(expected) == 1500 > min(expected)
+    assert Offlattice(areas=(500.0,), match="scaled").areas == (500.0,)
+
+
 def test_outlines_are_of_colonies_that_an_image_holds(monkeypatch: pytest.MonkeyPatch) -> None:
     targets, model = Targets.from_means({"compactness": [1.0]}, [10.0]), Offlattice(cells=300)
     simulator = model.simulator(targets, PARAMETERS.names, {})

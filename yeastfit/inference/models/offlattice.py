@@ -86,8 +86,9 @@ class Offlattice(ForwardModel):
         Match,
         Setting(
             "How many cells are drawn: as Li et al. search for the area, within 5 %; exactly as many as cover it; as "
-            "many as cover the area of one of the data's colonies, each drawn at random (each), and of so many less "
-            "than --cells as that is smaller than the largest (scaled); or all, whatever the area (none).",
+            "many as cover the area of one of the data's colonies, each drawn at random (each); the same of a colony "
+            "that grows cells in proportion to that area, --cells where it is the largest (scaled); or all, whatever "
+            "the area (none).",
             commands=COMPARED,
         ),
     ] = "li2024"
