@@ -243,7 +243,7 @@ class OfflatticeSimulator:
         Returns:
             Areas in µm²; nan where a colony did not grow to the end, or is too wide for an image.
         """
-        whole = replace(self, area=None, scaled=False)
+        whole = replace(self, area=None)
 
         def one(job: tuple[list[float], int]) -> float:
             drawn = whole.drawn(*job)
@@ -260,8 +260,8 @@ class OfflatticeSimulator:
 
     def cells_of(self, seed: int) -> int:
         """How many cells the colony of a seed grows."""
-        area = self.area_of(seed)
-        if not self.scaled or area is None or not isinstance(self.area, tuple):
+        area = self.area_of(seed) if self.scaled else None
+        if area is None or not isinstance(self.area, tuple):
             return self.cells
         return max(1, round(self.cells * area / max(self.area)))
 
