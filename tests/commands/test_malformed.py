@@ -191,7 +191,14 @@ CASES: list[tuple[str, str]] = [
     ("design --out OUT --model offlattice --match none --area 500", "area is 500 and match none, which compares"),
     ("infer table --out OUT --model offlattice --match each --area 500", "area is 500 and match each, which takes the"),
     ("design --out OUT --model offlattice --match each", "match is each, which takes the areas of the data"),
-    ("design --out OUT --model offlattice --match scaled", "match is scaled, which takes the areas of the data"),
+    (
+        "simulate --out OUT --model offlattice --nutrient-exponent 0.5",
+        "--nutrient-exponent is given, which is for colonies of several areas, and match is li2024: leave it out",
+    ),
+    (
+        "infer table --out OUT --model offlattice --statistics radius --free fork,nutrient_exponent",
+        "--free: nutrient_exponent is for colonies of several areas, and match is li2024: leave it out, or give",
+    ),
     ("design --out OUT --model offlattice --masks bins --pixel-size 1", "masks are drawn by --masks bins: leave it"),
     ("design --out OUT --times 1,2 --measured-times 7", "--measured-times is 7, need some of --times, 1, 2"),
     ("simulate --out OUT --death starvation --death-rate -2", "--death-rate (h) is -2, it must be finite"),

@@ -272,17 +272,26 @@ def test_colonies_are_matched_to_the_area_of_each_of_the_data(table: Path) -> No
         Offlattice(areas=(5.0,), match="each")
 
 
-def test_colonies_are_scaled_to_the_area_of_each_of_the_data(table: Path) -> None:
-    """Their cells are in proportion to it, the largest have all."""
+def test_colonies_of_less_area_may_have_had_less_nutrient(table: Path) -> None:
+    """With an exponent of 1 their cells are in proportion to it, the largest have all; 0 is no exponent."""
     read = read_measurements(table)
-    seen = Offlattice(cells=1500, match="scaled").seen(read, table.parent, None, ("compactness", "radius"))
-    simulator = seen.model.simulator(seen.targets, PARAMETERS.names, {"gap": 6.0})
+    seen = Offlattice(cells=1500, match="each").seen(read, table.parent, None, ("compactness", "radius"))
+    simulator = seen.model.simulator(seen.targets, PARAMETERS.names, {"gap": 6.0, "nutrient_exponent": 1.0})
     assert isinstance(simulator, OfflatticeSimulator)
     areas = [row["area"] for row in read]
     expected = {round(1500 * area / max(areas)) for area in areas}
-    assert {simulator.cells_of(seed) for seed in range(64)} == expected
+    given = [PARAMETERS.defaults[name] for name in PARAMETERS.names]
+    assert {simulator.cells_of(given, seed) for seed in range(64)} == expected
     assert max(expected) == 1500 > min(expected)
-    assert Offlattice(areas=(500.0,), match="scaled").areas == (500.0,)
+    held = seen.model.held(("compactness", "radius"), PARAMETERS.names, {})
+    assert held["nutrient_exponent"] == 0
+    alike = seen.model.simulator(seen.targets, PARAMETERS.names, held)
+    assert isinstance(alike, OfflatticeSimulator)
+    assert {alike.cells_of(given, seed) for seed in range(64)} == {1500}
+    free = (*PARAMETERS.names, "nutrient_exponent")
+    prior = seen.model.prior(seen.model.simulator(seen.targets, free, {}).parameters)
+    assert prior.distributions["nutrient_exponent"] == Distribution("beta", {"a": 1.0, "b": 1.0})
+    assert "nutrient_exponent" not in Offlattice(cells=1500).acting(("compactness",))
 
 
 def test_outlines_are_of_colonies_that_an_image_holds(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -63,24 +63,29 @@ def test_each_colony_has_one_of_several_areas_by_its_seed() -> None:
     np.testing.assert_array_equal(again(values[:3], seeds[:3]), found[:3])
 
 
-def test_a_scaled_colony_has_cells_in_proportion_to_its_area() -> None:
-    """It is the colony of so many cells; the largest is that of all; nothing else changes."""
+@pytest.mark.parametrize(("exponent", "fewer"), [(1.0, 1200), (0.5, 1549)])
+def test_a_colony_of_less_area_may_have_fewer_cells(exponent: float, fewer: int) -> None:
+    """It is the colony of N (area / largest)^s; the largest is that of all N; nothing else changes."""
     areas, values, seeds = (15_000.0, 25_000.0), np.tile(VALUES[0], (12, 1)), np.arange(12)
     of = partial(OfflatticeSimulator.of, ("area", "compactness"), match=match_exactly)
-    simulator = of(cells=2000, area=areas, scaled=True)
+    simulator = of(cells=2000, area=areas, fixed={"nutrient_exponent": exponent})
     drawn = np.array([simulator.area_of(seed) for seed in range(12)])
-    assert [simulator.cells_of(seed) for seed in range(12)] == np.where(drawn == areas[0], 1200, 2000).tolist()
-    assert {simulator.colony(VALUES[0].tolist(), seed).x.size for seed in range(12)} == {1200, 2000}
+    cells_of = [simulator.cells_of(VALUES[0].tolist(), seed) for seed in range(12)]
+    assert cells_of == np.where(drawn == areas[0], fewer, 2000).tolist()
+    assert {simulator.colony(VALUES[0].tolist(), seed).x.size for seed in range(12)} == {fewer, 2000}
     found = simulator(values, seeds)
-    for area, cells in zip(areas, (1200, 2000), strict=True):
+    free = of(cells=2000, area=areas, free=(*PARAMETERS.names, "nutrient_exponent"))
+    np.testing.assert_array_equal(free(np.column_stack([values, np.full(12, exponent)]), seeds), found)
+    for area, cells in zip(areas, (fewer, 2000), strict=True):
         alone = of(cells=cells, area=area)
         np.testing.assert_array_equal(found[drawn == area], alone(values, seeds)[drawn == area])
-    unscaled = of(cells=2000, area=areas)
-    assert (found[:, 1] != unscaled(values, seeds)[:, 1]).tolist() == (drawn == areas[0]).tolist()
-    assert simulator.about == f"{unscaled.about[: unscaled.about.index(', limits')]}, scaled True, limits None"
+    alike = of(cells=2000, area=areas)
+    assert (found[:, 1] != alike(values, seeds)[:, 1]).tolist() == (drawn == areas[0]).tolist()
+    assert f", nutrient_exponent {exponent}, " in simulator.about
+    assert "nutrient" not in alike.about
     again = offlattice_simulator_of(**simulator.specification.arguments)
     np.testing.assert_array_equal(again(values[:3], seeds[:3]), found[:3])
-    np.testing.assert_array_equal(simulator.covered(values, seeds), unscaled.covered(values, seeds))
+    np.testing.assert_array_equal(simulator.covered(values, seeds), alike.covered(values, seeds))
 
 
 def test_rows_are_ours_by_hand() -> None:
@@ -143,7 +148,12 @@ def test_a_colony_that_the_frame_cuts_is_told_of() -> None:
         ({"statistics": []}, "need at least one"),
         ({"statistics": "area"}, r"statistics is 'area', it must be a list of names, such as \['area'\]"),
         ({"area": ()}, "area: got none, need at least one, or None for whole colonies"),
-        ({"area": 50.0, "scaled": True}, r"scaled is true and area 50\.0: it is for several areas"),
+        ({"area": 50.0, "fixed": {"nutrient_exponent": 0.5}}, r"is for several areas, and area is 50\.0"),
+        ({"free": ("fork", "nutrient_exponent")}, "is for several areas, and area is None"),
+        (
+            {"area": (5.0, 6.0), "fixed": {"nutrient_exponent": 1.5}},
+            r"is 1\.5, it must be in \[0, 1\]",
+        ),
         ({"limits": ((0.0, 1.0), (0.0, 1.0))}, "limits are 2 pairs, each of the 1 statistics needs one"),
         ({"free": ("fork", "gap")}, r"free names 'gap', which is that of ellipses, and draw is BinnedOutlines\.whole"),
         ({"free": ("forks",)}, "free names 'forks', which is unknown"),

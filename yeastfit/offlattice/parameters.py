@@ -100,6 +100,23 @@ DRAWING = ParameterSet((GAP, MARGIN))
 DRAWN = ParameterSet((*PARAMETERS.parameters, *DRAWING.parameters))
 """All that decide over what is seen of a colony."""
 
+NUTRIENT_EXPONENT = Parameter(
+    "nutrient_exponent",
+    "s",
+    "exponent of the area that a colony is matched to in the number of cells it grows, N (area / largest)^s",
+    (0.025, 0.975),
+    0.0,
+    largest=1.0,
+    shared=True,
+)
+"""0 where all colonies of a plate had as much nutrient, 1 where one of half the area had half."""
+
+GROWING = ParameterSet((*PARAMETERS.parameters, NUTRIENT_EXPONENT))
+"""Of growth, where colonies of several areas are compared."""
+
+INFERRED = ParameterSet((*GROWING.parameters, *DRAWING.parameters))
+"""All that data can decide over."""
+
 PRIOR = {
     "transition": (5.0, 2.0),
     "sated_from_pseudohyphal": (2.0, 2.0),

@@ -24,7 +24,7 @@ from yeastfit.offlattice.colony import DELAY, MOST_ATTEMPTS, OfflatticeColony, g
 from yeastfit.offlattice.masks.area_matching import MaskOf, Match, MatchedMask, search_from_below
 from yeastfit.offlattice.masks.ellipse_mask import TooWide
 from yeastfit.offlattice.masks.li2024_mask import BinnedOutlines
-from yeastfit.offlattice.parameters import DRAWING, DRAWN, PARAMETERS, rates_of
+from yeastfit.offlattice.parameters import DRAWING, GROWING, INFERRED, NUTRIENT_EXPONENT, PARAMETERS, rates_of
 from yeastfit.offlattice.statistics.li2024_statistics import ENTRIES
 from yeastfit.offlattice.statistics.smoothed_branch_index import SMOOTHED
 from yeastfit.offlattice.status import Status
@@ -73,12 +73,11 @@ class OfflatticeSimulator:
         parameters: The free ones, with which a colony grows, or is drawn.
         fixed: Values of the others.
         observables: The columns.
-        cells: N.
+        cells: N, of which a colony grows (its area / the largest)^s: see `NUTRIENT_EXPONENT`.
         area: Of the mask that is measured, pixels; of several each colony has one; None for the mask of all cells.
         draw: The pictures of a colony: `BinnedOutlines.whole`, `BinnedOutlines.of` with Li et al.'s frame, or
             `Ellipses.of`, to which those of `DRAWING` are given that are free.
         match: How the area is matched: Li et al.'s `search_from_below` or `match_exactly`.
-        scaled: Whether a colony grows cells in proportion to its own area, N where it is the largest.
         delay: See `grow`.
         most_attempts: See `grow`.
         threads: How many colonies grow at a time; None for as many as there are processors to use.
@@ -94,7 +93,6 @@ class OfflatticeSimulator:
     area: float | tuple[float, ...] | None = None
     draw: Callable[..., Picture] = BinnedOutlines.whole
     match: Callable[[MaskOf, int, float], MatchedMask] = search_from_below
-    scaled: bool = False
     delay: float = DELAY
     most_attempts: int = MOST_ATTEMPTS
     threads: int | None = None
@@ -111,7 +109,6 @@ class OfflatticeSimulator:
         fixed: Mapping[str, float] | None = None,
         draw: Callable[..., Picture] = BinnedOutlines.whole,
         match: Callable[[MaskOf, int, float], MatchedMask] = search_from_below,
-        scaled: bool = False,
         delay: float = DELAY,
         most_attempts: int = MOST_ATTEMPTS,
         threads: int | None = None,
@@ -127,7 +124,6 @@ class OfflatticeSimulator:
             fixed: Values of others, by name; the default of those that are not named.
             draw: See above.
             match: See above.
-            scaled: See above; of several areas only.
             delay: See above.
             most_attempts: See above.
             threads: See above.
@@ -135,7 +131,7 @@ class OfflatticeSimulator:
 
         Raises:
             InputError: A statistic or parameter is unknown, a value not admissible, one of drawing free that `draw`
-                does not take, or scaled true without several areas.
+                does not take, or one of several areas given for a single one.
         """
         check_list("statistics", statistics)
         if limits is not None and len(limits) != len(statistics):
@@ -146,13 +142,13 @@ class OfflatticeSimulator:
             raise InputError("statistics: got none, need at least one")
         if isinstance(area, Sequence) and not area:
             raise InputError("area: got none, need at least one, or None for whole colonies")
-        if scaled and not isinstance(area, Sequence):
-            raise InputError(f"scaled is true and area {area}: it is for several areas")
-        chosen = DRAWN.subset(free)
+        chosen = INFERRED.subset(free)
         if untaken := [name for name in DRAWING if name in chosen and name not in signature(draw).parameters]:
             raise InputError(f"free names {untaken[0]!r}, which is that of ellipses, and draw is {_name_of(draw)}")
         given = dict(fixed or {})
-        PARAMETERS.check(given)
+        GROWING.check(given)
+        if NUTRIENT_EXPONENT.name in {*chosen, *given} and not isinstance(area, Sequence):
+            raise InputError(f"{NUTRIENT_EXPONENT.name} is given, which is for several areas, and area is {area}")
         if twice := [name for name in given if name in chosen]:
             raise InputError(f"parameter {twice[0]!r} is free, it cannot have the fixed value {given[twice[0]]:g}")
         held = {name: value for name, value in (PARAMETERS.defaults | given).items() if name not in chosen}
@@ -164,7 +160,6 @@ class OfflatticeSimulator:
             area=tuple(area) if isinstance(area, Sequence) else area,
             draw=draw,
             match=match,
-            scaled=scaled,
             delay=delay,
             most_attempts=most_attempts,
             threads=threads,
@@ -189,7 +184,6 @@ class OfflatticeSimulator:
         """What decides over a colony, beside its free parameters and its seed."""
         told = {**self.fixed, **{name: getattr(self, name) for name in ("cells", "area", "delay", "most_attempts")}}
         told |= {name: _name_of(getattr(self, name)) for name in ("draw", "match")}
-        told |= {"scaled": True} if self.scaled else {}
         return ", ".join(["offlattice", *(f"{name} {value}" for name, value in told.items()), f"limits {self.limits}"])
 
     @property
@@ -207,7 +201,6 @@ class OfflatticeSimulator:
             "fixed": dict(self.fixed),
             "draw": described(self.draw),
             "match": described(self.match),
-            "scaled": self.scaled,
             "delay": self.delay,
             "most_attempts": self.most_attempts,
             "limits": self.limits,
@@ -226,9 +219,9 @@ class OfflatticeSimulator:
         Returns:
             All its cells.
         """
-        given = {**self.fixed, **dict(zip(self.parameters.names, values, strict=True))}
+        given = self._of_all(values)
         rates = rates_of({name: value for name, value in given.items() if name in PARAMETERS})
-        cells = self.cells_of(seed)
+        cells = self.cells_of(values, seed)
         return grow(rates, cells=cells, seed=seed, delay=self.delay, most_attempts=self.most_attempts)
 
     def covered(
@@ -258,12 +251,21 @@ class OfflatticeSimulator:
             return self.area
         return self.area[np.random.default_rng(stream_of(seed, Stream.AREAS, 0)).integers(len(self.area))]
 
-    def cells_of(self, seed: int) -> int:
-        """How many cells the colony of a seed grows."""
-        area = self.area_of(seed) if self.scaled else None
+    def cells_of(self, values: Sequence[float], seed: int) -> int:
+        """How many cells the colony of one row grows.
+
+        Arguments:
+            values: Free parameters.
+            seed: Of the row, which decides over its area.
+
+        Returns:
+            N (its area / the largest)^s.
+        """
+        exponent = self._of_all(values).get(NUTRIENT_EXPONENT.name, 0.0)
+        area = self.area_of(seed) if exponent else None
         if area is None or not isinstance(self.area, tuple):
             return self.cells
-        return max(1, round(self.cells * area / max(self.area)))
+        return max(1, round(self.cells * (area / max(self.area)) ** exponent))
 
     def drawn(self, values: Sequence[float], seed: int) -> Drawn:
         """What of the colony of one row is measured.
@@ -290,6 +292,10 @@ class OfflatticeSimulator:
             mask, problem = matched.mask, "" if matched.match is Match.MATCHED else matched.match.value
         cut = mask[[0, -1]].any() or mask[:, [0, -1]].any()
         return Drawn(mask, picture.pixel_size, problem or (CUT if cut else ""))
+
+    def _of_all(self, values: Sequence[float]) -> dict[str, float]:
+        """Free and held parameters, by name."""
+        return {**self.fixed, **dict(zip(self.parameters.names, values, strict=True))}
 
     def _measured(self, job: tuple[tuple[float, ...], int]) -> tuple[list[float], str]:
         """One row, and what the colony ran into; empty where it was nothing."""

@@ -2,7 +2,8 @@
 
 It has no time. Colonies are compared in one image each, at one area: N cells grow, and so many of them are drawn as
 cover the mean area of the data. Where colonies of the data differ in size, and so in how far their filaments
-have grown, each may be drawn at the area of one of them, taken at random (`match` each).
+have grown, each may be drawn at the area of one of them, taken at random (`match` each). Whether smaller ones had less
+nutrient is then a parameter, `nutrient_exponent`.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -32,7 +33,7 @@ from yeastfit.measure.measurements_table import NEEDED, check_same_size, checked
 from yeastfit.measure.outlining.outline_errors import OUTLINE_ERRORS
 from yeastfit.memory import check_count
 from yeastfit.numbers import PIXEL_SIZES, Range
-from yeastfit.offlattice.parameters import DRAWN, PARAMETERS, PRIOR
+from yeastfit.offlattice.parameters import DRAWING, GROWING, INFERRED, NUTRIENT_EXPONENT, PARAMETERS, PRIOR
 from yeastfit.panel import Panel
 from yeastfit.parameter_set import ParameterSet
 from yeastfit.text import listed
@@ -48,8 +49,7 @@ TRIED = 16  # colonies that show whether the cells cover the area of the data
 COVERED = 0.75  # share of it that is enough; below 1 a warning counts the colonies that do not cover it
 UNEQUAL = 1.5  # times as large as the smallest is the largest colony of data whose areas differ much
 ROOM = 1.1  # times as many cells as cover it: Li et al. took as many
-Match = Literal["li2024", "exactly", "each", "scaled", "none"]
-OF_EACH = ("each", "scaled")  # which match the areas of single colonies
+Match = Literal["li2024", "exactly", "each", "none"]
 
 
 @dataclass(frozen=True)
@@ -86,16 +86,15 @@ class Offlattice(ForwardModel):
         Match,
         Setting(
             "How many cells are drawn: as Li et al. search for the area, within 5 %; exactly as many as cover it; as "
-            "many as cover the area of one of the data's colonies, each drawn at random (each); the same of a colony "
-            "that grows cells in proportion to that area, --cells where it is the largest (scaled); or all, whatever "
-            "the area (none).",
+            "many as cover the area of one of the data's colonies, each drawn at random (each); or all, whatever the "
+            "area (none).",
             commands=COMPARED,
         ),
     ] = "li2024"
     areas: Annotated[
         tuple[float, ...],
         Setting(
-            "With match each or scaled: areas in µm² that colonies have, by default those of the data.",
+            "With match each: areas in µm² that colonies have, by default those of the data.",
             commands=("python",),
         ),
     ] = ()
@@ -124,16 +123,12 @@ class Offlattice(ForwardModel):
             COVERED_AREAS.read(self.area, "area")
             if self.match == "none":
                 raise InputError(f"area is {self.area:g} and match none, which compares whole colonies: leave out one")
-            if self.match in OF_EACH:
-                raise InputError(
-                    f"area is {self.area:g} and match {self.match}, which takes the data's areas: leave out one"
-                )
+            if self.match == "each":
+                raise InputError(f"area is {self.area:g} and match each, which takes the data's areas: leave out one")
         for area in self.areas:
             COVERED_AREAS.read(area, "areas")
-        if self.areas and self.match not in OF_EACH:
-            raise InputError(
-                f"areas are given and match is {self.match}: they are for match {' or '.join(OF_EACH)}, leave them out"
-            )
+        if self.areas and self.match != "each":
+            raise InputError(f"areas are given and match is {self.match}: they are for match each, leave them out")
         if self.pixel_size is not None:
             PIXEL_SIZES.read(self.pixel_size, "pixel_size")
         for name, value, known in (("match", self.match, Match), ("masks", self.masks, Masks)):
@@ -148,8 +143,8 @@ class Offlattice(ForwardModel):
 
     @property
     def parameters(self) -> ParameterSet:
-        """The five of growth, and those of drawing ellipses."""
-        return DRAWN
+        """The five of growth, how nutrient goes with area, and those of drawing ellipses."""
+        return INFERRED
 
     @property
     def drawing(self) -> Drawing:
@@ -157,8 +152,9 @@ class Offlattice(ForwardModel):
         return Drawing(self.masks, self.pixel_size)
 
     def acting(self, statistics: Sequence[str]) -> ParameterSet:
-        """Those of drawing only where ellipses are drawn."""
-        return DRAWN if self.drawing.kind(statistics) == "ellipses" else PARAMETERS
+        """Those of drawing only where ellipses are drawn, how nutrient goes with area where there are several."""
+        drawn = DRAWING.names if self.drawing.kind(statistics) == "ellipses" else ()
+        return INFERRED.subset((*(GROWING if self.match == "each" else PARAMETERS).names, *drawn))
 
     def statistics_named(self, names: Sequence[str]) -> tuple[str, ...]:
         """Those of `measure`, and those of Li et al.: li2024 stands for the three that they compare colonies in."""
@@ -217,7 +213,7 @@ class Offlattice(ForwardModel):
                 f"cell does: is um_per_pixel {pixel:g}?"
             )
         seen = replace(self, pixel_size=pixel)
-        if self.match in OF_EACH:
+        if self.match == "each":
             seen = replace(seen, areas=self.areas or tuple(areas))
         elif self.match != "none":
             seen = replace(seen, area=area)
@@ -264,8 +260,9 @@ class Offlattice(ForwardModel):
         return {name: usual[name] if given is None else given for name in names}
 
     def prior(self, parameters: ParameterSet, *, bounded: Bounded = "log-uniform") -> Prior:
-        """Li et al.'s beta distributions; log-uniform ones of what is of drawing."""
-        theirs = {name: Distribution("beta", dict(zip("ab", ab, strict=True))) for name, ab in PRIOR.items()}
+        """Li et al.'s beta distributions, a uniform one of the exponent; log-uniform ones of what is of drawing."""
+        shapes = {**PRIOR, NUTRIENT_EXPONENT.name: (1.0, 1.0)}
+        theirs = {name: Distribution("beta", dict(zip("ab", ab, strict=True))) for name, ab in shapes.items()}
         usual = Prior.default(parameters).distributions
         return Prior({name: theirs.get(name, one) for name, one in usual.items()})
 
@@ -295,6 +292,7 @@ class Offlattice(ForwardModel):
         """Colonies, seen after every so many cells."""
         from yeastfit.offlattice.simulation import simulate_offlattice
 
+        self._check_exponent((), values)
         seeds, chosen = member_seeds(seed, members), tuple(statistics) or None
         return simulate_offlattice(
             values, seeds, cells=self.cells, every=self.every, delay=self.delay, statistics=chosen
@@ -316,12 +314,12 @@ class Offlattice(ForwardModel):
         from yeastfit.offlattice.simulator import OfflatticeSimulator
 
         self.check({}, ())
+        self._check_exponent(free, fixed)
         draw, pixel = self.drawing.of(statistics, free, fixed)
         area: float | tuple[float, ...] | None = None if self.area is None else self.area / pixel**2
-        if self.match in OF_EACH:
+        if self.match == "each":
             if not self.areas:
-                said = f"match is {self.match}, which takes the areas of the data, and there are none: give another"
-                raise InputError(said)
+                raise InputError("match is each, which takes the areas of the data, and there are none: give another")
             area = tuple(one / pixel**2 for one in self.areas)
         match = search_from_below if self.match == "li2024" else match_exactly
         return OfflatticeSimulator.of(
@@ -329,12 +327,20 @@ class Offlattice(ForwardModel):
             cells=self.cells,
             area=area,
             free=free,
-            fixed={name: value for name, value in fixed.items() if name in PARAMETERS},
+            fixed={name: value for name, value in fixed.items() if name in PARAMETERS or (name in GROWING and value)},
             draw=draw,
             match=match,
-            scaled=self.match == "scaled",
             delay=self.delay,
         )
+
+    def _check_exponent(self, free: Sequence[str], fixed: Mapping[str, float]) -> None:
+        """Raise `InputError` where it is free, or not 0, and colonies have one area."""
+        name = NUTRIENT_EXPONENT.name
+        if self.match != "each" and (name in free or fixed.get(name)):
+            said = f"--free: {name} is" if name in free else f"{name} is given, which is"
+            raise InputError(
+                f"{said} for colonies of several areas, and match is {self.match}: leave it out, or give --match each"
+            )
 
     def _check_reach(self, simulator: "OfflatticeSimulator") -> None:
         """Raise `InputError` where the median of some colonies of the prior is far from covering the area."""
