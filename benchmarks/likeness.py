@@ -3,16 +3,17 @@
 Posteriors of the off-lattice model by three indices of shape predict hairs that are more and thinner than real ones
 are, with rougher outlines and more holes. Here eight statistics are asked for, four of texture among them, compactness,
 the length of skeletons, the width of filaments and smoothed I_B, and one of how round a core is and how free of holes,
-the radius of the largest circle inside. How far outlines lie outside of the cells is a parameter, `margin`, as the five
-of growth are, but the same for all colonies of a set. Gaps of 12 µm, two cells, are closed: where wider ones may be,
-hairs are as thick as real ones by webs between them, which real ones do not have:
+the radius of the largest circle inside. Two parameters more are free, which are the same for all colonies of a set: how
+far outlines lie outside of the cells, `margin`, and how much nutrient smaller colonies had, `nutrient_exponent`. Gaps
+of 12 µm, two cells, are closed: where wider ones may be, hairs are as thick as real ones by webs between them, which
+real ones do not have:
 
     cd data/real
     eight=filament_area_index,filament_radius_index,angular_index,inscribed_radius
     eight=$eight,compactness,branch_length,filament_width,smoothed_branch_index
     more="--model offlattice --match each --variation --leave-out 4 --each 1024 --most-steps 60000 --draws 20
         --prior-draws 0 --statistics $eight
-        --free transition,sated_from_pseudohyphal,pseudohyphal_from_sated,fork,any_mother,margin"
+        --free transition,sated_from_pseudohyphal,pseudohyphal_from_sated,fork,any_mother,nutrient_exponent,margin"
     yeastfit infer simi-white-50um $more --cells 88000 --out WORK/simi-white-50um
 
 and so on. Colonies are simulated from each posterior, each at the area of one of the real ones, and compared with these
@@ -51,7 +52,7 @@ from yeastfit.inference.models.offlattice import Offlattice
 from yeastfit.inference.prior.variation import Varied
 from yeastfit.inference.simulator import member_seeds
 from yeastfit.measure.measurements_table import TABLE, read_measurements
-from yeastfit.offlattice.parameters import MARGIN, PARAMETERS
+from yeastfit.offlattice.parameters import GROWING, MARGIN
 from yeastfit.plot.style import save
 from yeastfit.results.contents import RUN
 from yeastfit.storage import read_json
@@ -67,7 +68,7 @@ ASKED = (
     "smoothed_branch_index",
 )
 FURTHER = ("hole_count", "branch_count", "fractal_dimension", "solidity")
-FREE = (*PARAMETERS, MARGIN.name)
+FREE = (*GROWING, MARGIN.name)
 OPTIONS = f"--model offlattice --match each --variation --free {','.join(FREE)} --statistics {','.join(ASKED)}"
 HOW = f"{OPTIONS} --leave-out 4 --each 1024 --most-steps 60000 --draws 20 --prior-draws 0"
 QUICK = f"{OPTIONS} --leave-out 2 --most-steps 500 --walkers 32 --simulations 160 --draws 10"

@@ -19,7 +19,7 @@ from yeastfit.storage import write_json, write_table
 
 NAME = "awri796-50um"
 NAMES = (*likeness.ASKED, *likeness.FURTHER)
-AT = (0.7, 0.8, 0.24, 0.15, 0.08, 2.0, 0.0)
+AT = (0.7, 0.8, 0.24, 0.15, 0.08, 0.0, 2.0, 0.0)
 
 
 @pytest.fixture
@@ -27,7 +27,7 @@ def work(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A finished run of one set, all of whose draws are those that its small colonies were made with."""
     rows = []
     for seed in range(8):
-        mask = Ellipses.of(grow(AT[:5], cells=2500, seed=seed), margin=AT[5]).mask(2000 + 50 * seed)
+        mask = Ellipses.of(grow(AT[:5], cells=2500, seed=seed), margin=AT[6]).mask(2000 + 50 * seed)
         Image.fromarray(np.where(np.pad(mask, 20), 0, 255).astype(np.uint8)).save(tmp_path / f"{seed}.png")
         known = {"file": f"{seed}.png", "condition": "", "replicate": seed, "hours": 233.0, "um_per_pixel": PIXEL}
         rows.append({**known, "mask": "", **statistics_of(mask, PIXEL, ("max_radius", "area", *NAMES))})
@@ -84,12 +84,13 @@ def test_what_differs_between_sets_is_said(work: Path) -> None:
     other.mkdir()
     rng = np.random.default_rng(0)
     for folder, margin in ((work / NAME, 2.0), (other, 3.0)):
-        draws = np.tile([*AT[:5], margin, *AT[6:]], (4, 100, 1)) * rng.uniform(0.95, 1.05, (4, 100, 7))
+        draws = np.tile([*AT[:6], margin, *AT[7:]], (4, 100, 1)) * rng.uniform(0.95, 1.05, (4, 100, 8))
         made_posterior(draws, prior=flat_prior(*likeness.FREE, "colony_variation")).save(folder / "posterior.npz")
         (folder / MANIFEST).write_text("{}")
     first, *rest = likeness.differences([RealRun(one, work / one) for one in (NAME, "awri796-500um", other.name)])
     assert first.startswith("margin is smaller in AWRI 796, 50 µM than in Simi White, 50 µM by a factor of 0.6")
     (same,) = rest
     assert same.startswith(
-        "transition, sated from pseudohyphal, pseudohyphal from sated, fork, any mother, colony variation do"
+        "transition, sated from pseudohyphal, pseudohyphal from sated, fork, any mother, nutrient exponent, "
+        "colony variation do"
     )
