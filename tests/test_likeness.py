@@ -54,6 +54,7 @@ def test_real_colonies_are_compared_with_simulated_ones_in_all_statistics(
     assert tuple(row["statistic"] for row in rows) == NAMES
     assert [row["real, median"] for row in rows] == pytest.approx(np.median(real, axis=0).tolist())
     assert np.mean([row["inside 90 %"] for row in rows]) > 0.75
+    assert 0.7 < np.mean([row["deviation at one λ / real"] for row in rows]) < 1.4  # all have one λ here
     monkeypatch.setattr(likeness, "real_colonies", lambda name, which: 3 * real)
     assert np.mean([row["inside 90 %"] for row in likeness.compare(run, 40)]) < 0.2
 
