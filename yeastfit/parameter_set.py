@@ -34,7 +34,7 @@ class Parameter:
             (2, 1) for µm²/h, (0, -1) for hours. (0, 0) for a number that has none.
         exceeded: Whether derivatives at `largest` are taken from simulations on both sides of it.
         shared: Whether all colonies of a condition have it in common, also where their other parameters scatter: one of
-            the camera or of outlining, not of growth.
+            the camera or of outlining, or of how colonies differ.
     """
 
     name: str
