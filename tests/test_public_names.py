@@ -38,7 +38,7 @@ def test_the_model() -> None:
 
 
 def test_measuring() -> None:
-    names = "HardStatistics Indicator OUTLINE_ERRORS Pixels SmoothStatistics measure_mask node_statistics"
+    names = "COLONY_ERRORS HardStatistics Indicator OUTLINE_ERRORS Pixels SmoothStatistics measure_mask node_statistics"
     assert measure.__all__ == names.split()
     assert all(hasattr(measure, name) for name in measure.__all__)
 

@@ -1,6 +1,6 @@
 """Public names of what measures colonies."""
 
-from .outlining.outline_errors import OUTLINE_ERRORS
+from .outlining.outline_errors import COLONY_ERRORS, OUTLINE_ERRORS
 from .statistics.indicator import Indicator
 from .statistics.measure_mask import measure_mask
 from .statistics.model_as_mask import HardStatistics
@@ -8,6 +8,7 @@ from .statistics.pixels import Pixels
 from .statistics.smooth_statistics import SmoothStatistics, node_statistics
 
 __all__ = [
+    "COLONY_ERRORS",
     "OUTLINE_ERRORS",
     "HardStatistics",
     "Indicator",

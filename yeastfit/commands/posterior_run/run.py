@@ -132,10 +132,19 @@ class InferRun:
             single_colonies(single, request.leave_out, model.nouns)
         write_targets(results.partial, {name: single})
         simulator = model.simulator(single, request.parameters.names, request.held)
-        errors = model.measurement_errors(single.names, request.measurement_error)
-        noise = measurement_covariance(single.observables, single.values, errors)
-        limits = model.limits(single)
-        problem = Problem.of(simulator, prior, single, noise=noise, variation=request.variation, limits=limits)
+        noise, colony_noise = (
+            measurement_covariance(single.observables, single.values, errors(single.names, request.measurement_error))
+            for errors in (model.measurement_errors, model.colony_errors)
+        )
+        problem = Problem.of(
+            simulator,
+            prior,
+            single,
+            noise=noise,
+            colony_noise=colony_noise if colony_noise.any() else None,
+            variation=request.variation,
+            limits=model.limits(single),
+        )
         settings = {name: folder.configuration["settings"][name] for name in request.open_settings}
         sampler = replace(request.sampler, **settings)  # type: ignore[type-var]
         run = InferRun(request, source, folder, data, model, single, problem, sampler)

@@ -23,7 +23,7 @@ from yeastfit.inference.simulator import Simulator
 from yeastfit.inference.targets import Targets
 from yeastfit.inference.targets_from_table import targets_of
 from yeastfit.measure.measurements_table import NEEDED, checked_rows, rows_of
-from yeastfit.measure.outlining.outline_errors import OUTLINE_ERRORS
+from yeastfit.measure.outlining.outline_errors import COLONY_ERRORS, OUTLINE_ERRORS
 from yeastfit.measure.statistics.model_as_mask import HardStatistics
 from yeastfit.model.numerics import Numerics, most_nodes
 from yeastfit.model.nutrient import check_alpha
@@ -106,6 +106,12 @@ class Algebraic(AlgebraicSettings):
         if self.timed or given is not None:
             return usual
         return {name: OUTLINE_ERRORS.get(name, error) for name, error in usual.items()}
+
+    def colony_errors(self, names: Sequence[str], given: float | None) -> dict[str, float]:
+        """By default, of colonies compared at their area, those of outlines of photographs."""
+        if self.timed or given is not None:
+            return super().colony_errors(names, given)
+        return {name: COLONY_ERRORS.get(name, 0.0) for name in names}
 
     def _too_many_cells(self, areas: Sequence[float]) -> list[str]:
         """Say that colonies are too large to grow hundreds of them, where their areas are known."""

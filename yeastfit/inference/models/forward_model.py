@@ -186,6 +186,18 @@ class ForwardModel(ABC):
         errors = {name: STATISTICS[name].measurement_error if name in STATISTICS else 0.0 for name in names}
         return errors if given is None else dict.fromkeys(names, given)
 
+    def colony_errors(self, names: Sequence[str], given: float | None) -> dict[str, float]:
+        """Relative error of measurement that every colony has for itself, by default none.
+
+        Arguments:
+            names: Of the statistics.
+            given: What a user says of the errors of means; colonies have none of their own then.
+
+        Returns:
+            Errors by statistic.
+        """
+        return dict.fromkeys(names, 0.0)
+
     def prior(self, parameters: ParameterSet, *, bounded: Bounded = "log-uniform") -> Prior:
         """The prior where a user gives none.
 

@@ -30,7 +30,7 @@ from yeastfit.inference.simulator import member_seeds
 from yeastfit.inference.targets import Targets
 from yeastfit.inference.targets_from_table import check_some
 from yeastfit.measure.measurements_table import NEEDED, check_same_size, checked_rows
-from yeastfit.measure.outlining.outline_errors import OUTLINE_ERRORS
+from yeastfit.measure.outlining.outline_errors import COLONY_ERRORS, OUTLINE_ERRORS
 from yeastfit.memory import check_count
 from yeastfit.numbers import PIXEL_SIZES, Range
 from yeastfit.offlattice.parameters import DRAWING, GROWING, INFERRED, NUTRIENT_EXPONENT, PARAMETERS, PRIOR
@@ -258,6 +258,10 @@ class Offlattice(ForwardModel):
 
         usual = {name: one.measurement_error for name, one in known_statistics().items()} | OUTLINE_ERRORS
         return {name: usual[name] if given is None else given for name in names}
+
+    def colony_errors(self, names: Sequence[str], given: float | None) -> dict[str, float]:
+        """Those of outlines of photographs, where nothing is given."""
+        return {name: COLONY_ERRORS.get(name, 0.0) if given is None else 0.0 for name in names}
 
     def prior(self, parameters: ParameterSet, *, bounded: Bounded = "log-uniform") -> Prior:
         """Li et al.'s beta distributions, a uniform one of the exponent; log-uniform ones of what is of drawing."""
