@@ -7,7 +7,8 @@ For n colonies, each with a photograph p and a mask q made by others, a statisti
 all over |mean of S(q)|. The bias is common to all colonies and does not average out; s is what every colony has for
 itself. s over the standard deviation of S(q) between colonies of a condition says how much of what tells them apart an
 outline hides. √(b² + s²/n) is the error of a mean over these n, beside the relative error that `fit`, `infer` and
-`design` of the off-lattice model take (`yeastfit.measure.outlining.outline_errors`). So does `infer --match area`.
+`design` of the off-lattice model take (`yeastfit.measure.outlining.outline_errors`). So does `infer --match area`. Both
+take s / √2, the error of one of two outlines that are alike, for single colonies whose parameters may differ.
 Colonies of the algebraic model over time take what synthetic micrographs show, 2 % for compactness and 1 % for others;
 give `--measurement-error` for photographs of filamentous colonies. Neither outline is the truth: others drew the masks.
 
@@ -21,7 +22,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.report import Report, command
-from yeastfit.measure.outlining.outline_errors import OUTLINE_ERRORS
+from yeastfit.measure.outlining.outline_errors import COLONY_ERRORS, OUTLINE_ERRORS
 from yeastfit.measure.outlining.segmentation import segment
 from yeastfit.measure.reading.images import read_image
 from yeastfit.measure.statistics.pixels import Pixels
@@ -80,6 +81,7 @@ def compare(report: Report, quick: bool) -> None:
                 "s over sd between colonies": float(spread / between) if between > 0 else float("nan"),
                 "error of the mean, %": 100 * float(np.hypot(off.mean(), spread / np.sqrt(len(found))) / size),
                 "inference takes, %": 100 * OUTLINE_ERRORS.get(name, known[name].measurement_error),
+                "of single colonies, %": 100 * COLONY_ERRORS.get(name, 0.0),
             }
         )
     report.table("photographs against masks", rows)

@@ -20,12 +20,14 @@ from yeastfit import (
     Targets,
 )
 from yeastfit.commands import app as cli
+from yeastfit.commands.posterior_run.config import Request
+from yeastfit.commands.posterior_run.run import InferRun
 from yeastfit.errors import InputError
 from yeastfit.inference.models.algebraic import Algebraic
 from yeastfit.inference.models.offlattice import Offlattice
 from yeastfit.inference.prior.distributions import Distribution
 from yeastfit.measure.measurements_table import read_measurements
-from yeastfit.measure.outlining.outline_errors import OUTLINE_ERRORS
+from yeastfit.measure.outlining.outline_errors import COLONY_ERRORS, OUTLINE_ERRORS
 from yeastfit.offlattice.masks import ellipse_mask
 from yeastfit.offlattice.masks.area_matching import match_exactly
 from yeastfit.offlattice.masks.ellipse_mask import PIXEL, Ellipses
@@ -33,6 +35,7 @@ from yeastfit.offlattice.masks.li2024_mask import BinnedOutlines
 from yeastfit.offlattice.parameters import PARAMETERS
 from yeastfit.offlattice.simulation import COLUMNS, OfflatticeSimulation
 from yeastfit.offlattice.simulator import OfflatticeSimulator, known_statistics
+from yeastfit.results.folder import results_folder
 from yeastfit.storage import write_table
 
 OFFLATTICE = ["--model", "offlattice", "--cells", "1200"]
@@ -430,7 +433,25 @@ def test_errors_of_the_off_lattice_model_are_those_of_outlines() -> None:
     model = Offlattice()
     assert model.measurement_errors(names, None) == {"smoothed_branch_index": 0.13, "fractal_dimension": 0.01}
     assert model.measurement_errors(names, 0.0) == {"smoothed_branch_index": 0.0, "fractal_dimension": 0.0}
-    assert set(OUTLINE_ERRORS) <= set(known_statistics())
+    assert model.colony_errors(names, None) == {"smoothed_branch_index": 0.15, "fractal_dimension": 0.0052}
+    assert model.colony_errors(names, 0.1) == {"smoothed_branch_index": 0.0, "fractal_dimension": 0.0}
+    assert {*OUTLINE_ERRORS, *COLONY_ERRORS} <= set(known_statistics())
+
+
+def test_a_posterior_takes_errors_that_every_outline_has_for_itself(table: Path, tmp_path: Path) -> None:
+    """Of the mean of the data, unless an error of measurement is given."""
+    names = ("compactness", "radius")
+    rows = read_measurements(table)
+
+    def errors(name: str, given: float | None) -> object:
+        model = Offlattice(cells=1500, match="each")
+        request = Request(statistics=names, model="offlattice", forward_model=model, measurement_error=given)
+        with results_folder(tmp_path / name, "infer", resume=False) as results:
+            return InferRun.begin(request, table, results, False, 1, lambda done, total: None).problem.colony_noise
+
+    means = np.array([np.mean([row[name] for row in rows]) for name in names])
+    assert errors("usual", None) == pytest.approx(np.diag((np.array([0.11, 0.028]) * means) ** 2))
+    assert errors("given", 0.1) is None
 
 
 def test_help_is_that_of_the_model(capsys: pytest.CaptureFixture[str]) -> None:

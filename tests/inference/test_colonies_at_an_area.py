@@ -14,7 +14,7 @@ from yeastfit.inference.models.algebraic import Algebraic
 from yeastfit.inference.models.offlattice import Offlattice
 from yeastfit.inference.simulator import member_seeds
 from yeastfit.measure.measurements_table import read_measurements
-from yeastfit.measure.outlining.outline_errors import OUTLINE_ERRORS
+from yeastfit.measure.outlining.outline_errors import COLONY_ERRORS, OUTLINE_ERRORS
 from yeastfit.measure.statistics.measure_mask import measure_mask
 from yeastfit.measure.statistics.model_as_mask import HardStatistics, mask_of
 from yeastfit.model.parameters import Parameters
@@ -126,6 +126,9 @@ def test_the_model_takes_the_mean_area_of_the_last_images() -> None:
     errors = seen.model.measurement_errors(seen.targets.names, None)
     assert errors == {name: OUTLINE_ERRORS[name] for name in names}
     assert seen.model.measurement_errors(seen.targets.names, 0.01) == dict.fromkeys(names, 0.01)
+    assert seen.model.colony_errors(names, None) == {name: COLONY_ERRORS[name] for name in names}
+    for none in (seen.model.colony_errors(names, 0.01), Algebraic().colony_errors(names, None)):
+        assert none == dict.fromkeys(names, 0.0)
     smaller = Algebraic(match="area", area=1e5).seen(rows, REAL.parent, None, names)
     assert isinstance(smaller.model, Algebraic)
     assert smaller.model.area == 1e5
