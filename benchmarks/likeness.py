@@ -1,25 +1,26 @@
 """Do simulated colonies look like real ones, where texture is asked for and outlines may lie outside of cells?
 
 Posteriors of the off-lattice model by three indices of shape predict hairs that are more and thinner than real ones
-are, with rougher outlines and more holes. Here eight statistics are asked for, four of texture among them, compactness,
-the length of skeletons, the width of filaments and smoothed I_B, and one of how round a core is and how free of holes,
-the radius of the largest circle inside. Two parameters more are free, which are the same for all colonies of a set: how
-far outlines lie outside of the cells, `margin`, and how much nutrient smaller colonies had, `nutrient_exponent`. Gaps
-of 12 µm, two cells, are closed: where wider ones may be, hairs are as thick as real ones by webs between them, which
-real ones do not have:
+are, with rougher outlines and more holes. Here ten statistics are asked for: four of shape, I_F, I_R, angular index and
+solidity; five of texture, compactness, length and ends of skeletons, width of filaments and smoothed I_B; and the
+radius of the largest circle inside, which tells how round a core is and how free of holes. Two parameters more are
+free, which are the same for all colonies of a set: how far outlines lie outside of the cells, `margin`, and how much
+nutrient smaller colonies had, `nutrient_exponent`. Gaps of 12 µm, two cells, are closed: where wider ones may be, hairs
+are as thick as real ones by webs between them, which real ones do not have:
 
     cd data/real
-    eight=filament_area_index,filament_radius_index,angular_index,inscribed_radius
-    eight=$eight,compactness,branch_length,filament_width,smoothed_branch_index
+    ten=filament_area_index,filament_radius_index,angular_index,solidity,inscribed_radius
+    ten=$ten,compactness,branch_length,branch_count,filament_width,smoothed_branch_index
     more="--model offlattice --match each --variation --leave-out 4 --each 1024 --most-steps 60000 --draws 20
-        --prior-draws 0 --statistics $eight
+        --prior-draws 0 --statistics $ten
         --free transition,sated_from_pseudohyphal,pseudohyphal_from_sated,fork,any_mother,nutrient_exponent,margin"
     yeastfit infer simi-white-50um $more --cells 88000 --out WORK/simi-white-50um
 
 and so on. Colonies are simulated from each posterior, each at the area of one of the real ones, and compared with these
-in the eight statistics and in four that were not asked for: holes, ends of the skeleton, fractal dimension, solidity.
-How much colonies of one λ vary, by their areas and by chance, is told as a share of what real ones do: the posterior
-makes up for less by a scatter of parameters, and cannot for more.
+in the ten statistics and in four that were not asked for: holes, compactness without them, fractal dimension, wave
+number. To these each colony has the error of its outline added, as the posterior has it ([outlines](outlines.md)). How
+much colonies of one λ vary, by their areas and by chance, and how much outlines do, is told as shares of what real ones
+do: the posterior makes up for less by a scatter of parameters, and cannot for more.
 
 Target: 80 to 97 % of what colonies left out have shown lies in the predicted interval of 90 %.
 
@@ -63,13 +64,15 @@ ASKED = (
     "filament_area_index",
     "filament_radius_index",
     "angular_index",
+    "solidity",
     "inscribed_radius",
     "compactness",
     "branch_length",
+    "branch_count",
     "filament_width",
     "smoothed_branch_index",
 )
-FURTHER = ("hole_count", "branch_count", "fractal_dimension", "solidity")
+FURTHER = ("hole_count", "outer_compactness", "fractal_dimension", "wave_number")
 FREE = (*GROWING, MARGIN.name)
 OPTIONS = f"--model offlattice --match each --variation --free {','.join(FREE)} --statistics {','.join(ASKED)}"
 HOW = f"{OPTIONS} --leave-out 4 --each 1024 --most-steps 60000 --draws 20 --prior-draws 0"
@@ -129,12 +132,14 @@ def _row(run: RealRun) -> dict[str, Any]:
 def compare(run: RealRun, colonies: int) -> list[dict[str, Any]]:
     """Statistics of the real colonies of a set, and of colonies simulated from its posterior."""
     names = (*ASKED, *FURTHER)
-    simulator, _, values = _drawn(run, names, colonies)
+    simulator, seen, values = _drawn(run, names, colonies)
     alike = np.repeat(values[: max(1, colonies // OF_ONE), :-1], OF_ONE, axis=0)
     of_one = simulator.simulator(alike, member_seeds(1, len(alike))).reshape(-1, OF_ONE, len(names))
     deviation = np.sqrt(np.nanmean(np.nanvar(of_one, axis=1, ddof=1), axis=0))
     predicted, real = simulator(values, member_seeds(0, colonies)), real_colonies(run.name, names)
+    errors = np.array([*seen.model.colony_errors(names, None).values()]) * np.abs(real.mean(axis=0))
     predicted = predicted[np.isfinite(predicted).all(axis=1)]
+    predicted += errors * np.random.default_rng(1).standard_normal(predicted.shape)
     low, middle, high = np.quantile(predicted, (0.05, 0.5, 0.95), axis=0)
     return [
         {
@@ -147,6 +152,7 @@ def compare(run: RealRun, colonies: int) -> list[dict[str, Any]]:
             "95 %": float(high[k]),
             "inside 90 %": float(np.mean((real[:, k] >= low[k]) & (real[:, k] <= high[k]))),
             "deviation at one λ / real": float(deviation[k] / real[:, k].std(ddof=1)),
+            "of outlines / real": float(errors[k] / real[:, k].std(ddof=1)),
         }
         for k, name in enumerate(names)
     ]
