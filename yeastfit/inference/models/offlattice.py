@@ -296,17 +296,17 @@ class Offlattice(ForwardModel):
         """Colonies, seen after every so many cells."""
         from yeastfit.offlattice.simulation import simulate_offlattice
 
-        self._check_exponent((), values)
         seeds, chosen = member_seeds(seed, members), tuple(statistics) or None
         return simulate_offlattice(
-            values, seeds, cells=self.cells, every=self.every, delay=self.delay, statistics=chosen
+            self._of_no_area(values), seeds, cells=self.cells, every=self.every, delay=self.delay, statistics=chosen
         )
 
     def movie(self, values: Mapping[str, float], seed: int, frames: int) -> Iterator[list[Panel]]:
         """Cells by form, and the outline that is measured, of the first n cells, n up to all of them."""
         from yeastfit.offlattice.simulation import simulate_offlattice
 
-        grown = simulate_offlattice(values, member_seeds(seed, 1), cells=self.cells, every=self.cells, delay=self.delay)
+        alone, at = member_seeds(seed, 1), self._of_no_area(values)
+        grown = simulate_offlattice(at, alone, cells=self.cells, every=self.cells, delay=self.delay)
         count = grown.colonies[0].x.size
         for cells in np.unique(np.linspace(1, count, frames).round().astype(int)).tolist():
             yield grown.panels(0, cells)
@@ -345,6 +345,11 @@ class Offlattice(ForwardModel):
             raise InputError(
                 f"{said} for colonies of several areas, and match is {self.match}: leave it out, or give --match each"
             )
+
+    def _of_no_area(self, values: Mapping[str, float]) -> dict[str, float]:
+        """Values of colonies that are compared with none: without the exponent."""
+        self._check_exponent((), values)
+        return {name: value for name, value in values.items() if name != NUTRIENT_EXPONENT.name}
 
     def _check_reach(self, simulator: "OfflatticeSimulator") -> None:
         """Raise `InputError` where the median of some colonies of the prior is far from covering the area."""
