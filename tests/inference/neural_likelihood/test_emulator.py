@@ -49,6 +49,24 @@ def test_mean_and_scatter_of_a_curved_simulator(of_curved: Emulator) -> None:
     np.testing.assert_array_equal(success, 1.0)
 
 
+@pytest.mark.parametrize("statistics", [2, network.FEW_STATISTICS + 1])
+def test_correlations_depend_on_coordinates_where_statistics_are_few(statistics: int) -> None:
+    """s_2 has the correlation x with s_1, others none; where there are more, one correlation is learnt, about 0."""
+    rng = np.random.default_rng(0)
+    prior = Prior.of({"x": {"distribution": "uniform", "low": -0.9, "high": 0.9}})
+    values, rows = rng.uniform(-0.9, 0.9, (2048, 1)), rng.standard_normal((2048, statistics))
+    x = values[:, 0]
+    rows[:, 1] = x * rows[:, 0] + np.sqrt(1 - x**2) * rows[:, 1]
+    labels = [f"s{k}" for k in range(statistics)]
+    found = train(values, rows, prior=prior, labels=labels, seed=0, settings=QUICK)
+    at = np.array([-0.8, -0.4, 0.0, 0.4, 0.8])
+    scatter = found.moments(at[:, None])[1]
+    sd = np.sqrt(np.diagonal(scatter, axis1=1, axis2=2))
+    correlation = scatter[:, 0, 1] / (sd[:, 0] * sd[:, 1])
+    expected = at if statistics == 2 else np.zeros(5)
+    np.testing.assert_allclose(correlation, expected, atol=0.15)
+
+
 @pytest.mark.thorough
 def test_the_error_it_claims_is_the_error_it_makes() -> None:
     """On average over simulations that might as well have been made, in the variance of one data set."""
