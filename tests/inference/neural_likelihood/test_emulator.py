@@ -162,6 +162,8 @@ def test_simulations_that_fail_give_a_probability_of_success() -> None:
     assert found.failed > 100
     values = np.array([[np.exp(-1.0), 1.0], [np.exp(1.0), 1.0], [np.exp(1.7), 1.0]])
     np.testing.assert_allclose(found.moments(values)[3], 1 - known.fails(values), atol=0.1)
+    made = np.log(found.moments(values)[3]) - np.log1p(-known.fails(values))
+    assert (np.abs(made) < 4.0 * np.sqrt(found.success_error(values))).all()
     observed = found.moments(values)[0][1]
     without = found.log_likelihood(values, observed, 4) - 4 * np.log(found.moments(values)[3])
     mean, scatter, error, _ = found.moments(values)
