@@ -161,12 +161,12 @@ def test_simulations_that_fail_give_a_probability_of_success() -> None:
     found = trained(known, 2048)
     assert found.failed > 100
     values = np.array([[np.exp(-1.0), 1.0], [np.exp(1.0), 1.0], [np.exp(1.7), 1.0]])
-    np.testing.assert_allclose(found.moments(values)[3], 1 - known.fails(values), atol=0.1)
-    made = np.log(found.moments(values)[3]) - np.log1p(-known.fails(values))
+    mean, scatter, error, success = found.moments(values)
+    np.testing.assert_allclose(success, 1 - known.fails(values), atol=0.1)
+    made = np.log(success) - np.log1p(-known.fails(values))
     assert (np.abs(made) < 4.0 * np.sqrt(found.success_error(values))).all()
-    observed = found.moments(values)[0][1]
-    without = found.log_likelihood(values, observed, 4) - 4 * np.log(found.moments(values)[3])
-    mean, scatter, error, _ = found.moments(values)
+    observed = mean[1]
+    without = found.log_likelihood(values, observed, 4) - 4 * np.log(success)
     covariance = scatter / 4 + error
     off = observed - mean
     expected = -0.5 * np.einsum("ri,rij,rj->r", off, np.linalg.inv(covariance), off)
