@@ -30,6 +30,7 @@ from yeastfit.measure.statistics.registry import STATISTICS, most_telling_first,
 from yeastfit.offlattice.simulator import known_statistics
 from yeastfit.offlattice.statistics.li2024_statistics import PUBLISHED
 from yeastfit.offlattice.statistics.smoothed_branch_index import SMOOTHED
+from yeastfit.offlattice.statistics.smoothed_outline import TEXTURE
 
 FEWEST = 3  # pairs
 
@@ -45,7 +46,7 @@ def measured(path: Path, mask: Path) -> tuple[dict[str, float], dict[str, float]
 
 def _names() -> tuple[str, ...]:
     comparable = [name for name in names_with("mask") if STATISTICS[name].comparable]
-    return (*most_telling_first(tuple(comparable)), *PUBLISHED, SMOOTHED.name)
+    return (*most_telling_first(tuple(comparable)), *PUBLISHED, SMOOTHED.name, *(one.name for one in TEXTURE))
 
 
 def compare(report: Report, quick: bool) -> None:

@@ -1,7 +1,8 @@
 """Tables of real colonies: what `measure` and Li et al.'s own statistics find on the masks of Li et al. 2024.
 
 One table for each strain and medium, in the form of `yeastfit measure`, with the statistics of Li et al. in columns
-that begin with li2024_, and smoothed_branch_index. Masks are read as they are: black is colony.
+that begin with li2024_, and those of smoothed outlines in columns that begin with smoothed_. Masks are read as they
+are: black is colony.
 
     python -m benchmarks.real_tables MASKS DATA
 """
@@ -16,6 +17,7 @@ from yeastfit.measure.statistics.measure_mask import measure_mask
 from yeastfit.measure.statistics.registry import names_with
 from yeastfit.offlattice.simulator import OF_BINS, statistics_of
 from yeastfit.offlattice.statistics.li2024_statistics import PUBLISHED
+from yeastfit.offlattice.statistics.smoothed_outline import TEXTURE
 from yeastfit.storage import write_table
 
 PIXEL_SIZE = 1.55008  # µm, of the photographs
@@ -30,9 +32,8 @@ def row(path: Path, condition: str, hours: float) -> dict[str, Any]:
     """The row of one mask."""
     colony = read_image(path) < 128
     shape = measure_mask(colony, PIXEL_SIZE)
-    theirs = statistics_of(
-        colony, PIXEL_SIZE, (*PUBLISHED, *(one.name for one in OF_BINS if one.name not in PUBLISHED))
-    )
+    further = [one.name for one in (*OF_BINS, *TEXTURE) if one.name not in PUBLISHED]
+    theirs = statistics_of(colony, PIXEL_SIZE, (*PUBLISHED, *further))
     found = re.search(r"_s(\d+)$", path.stem)
     return {
         "file": path.name,

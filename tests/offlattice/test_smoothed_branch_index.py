@@ -12,7 +12,8 @@ from yeastfit.offlattice import BinnedOutlines, grow
 from yeastfit.offlattice.simulator import known_statistics
 from yeastfit.offlattice.statistics.golay_skeleton import count_ends, skeleton
 from yeastfit.offlattice.statistics.li2024_statistics import Li2024, centroid, li2024_statistics
-from yeastfit.offlattice.statistics.smoothed_branch_index import REACH, WEIGHTS, WIDTH, smoothed, smoothed_branch_index
+from yeastfit.offlattice.statistics.smoothed_branch_index import smoothed_branch_index
+from yeastfit.offlattice.statistics.smoothed_outline import WIDTH
 
 LAMBDA = {"transition": 0.6, "sated_from_pseudohyphal": 0.6, "pseudohyphal_from_sated": 0.2, "fork": 0.15}
 
@@ -46,18 +47,6 @@ def test_by_its_definition(seed: int) -> None:
     assert found == pytest.approx(plain(mask), abs=1e-12)
     moved = np.pad(mask, ((300, 0), (0, 150)))  # where the colony lies in the image is of no account
     assert smoothed_branch_index(moved, li2024_statistics(moved)) == found
-
-
-@pytest.mark.parametrize("shape", [(1, 1), (3, 40), (41, 5), (60, 70)])
-@pytest.mark.parametrize("share", [0.2, 0.5, 0.8])
-def test_smoothing_is_scipys_of_an_image_that_is_0_outside(shape: tuple[int, int], share: float) -> None:
-    rng = np.random.default_rng(int(100 * share))
-    for _ in range(10):
-        image = rng.random(shape) < share
-        expected = ndimage.gaussian_filter(image.astype(float), WIDTH, mode="constant", radius=REACH) > 0.5
-        height, width = (int(rng.integers(1, side + 1)) for side in shape)
-        found = smoothed(image.view(np.uint8), WEIGHTS, height, width)
-        np.testing.assert_array_equal(found, expected[:height, :width])
 
 
 def test_bumps_of_a_pixel_hardly_change_it() -> None:

@@ -27,6 +27,7 @@ from yeastfit.offlattice.masks.li2024_mask import BinnedOutlines
 from yeastfit.offlattice.parameters import DRAWING, GROWING, INFERRED, NUTRIENT_EXPONENT, PARAMETERS, rates_of
 from yeastfit.offlattice.statistics.li2024_statistics import ENTRIES
 from yeastfit.offlattice.statistics.smoothed_branch_index import SMOOTHED
+from yeastfit.offlattice.statistics.smoothed_outline import TEXTURE
 from yeastfit.offlattice.status import Status
 from yeastfit.parameter_set import ParameterSet
 from yeastfit.seeds import Stream, stream_of
@@ -329,8 +330,8 @@ def _name_of(function: Any) -> str:
 
 
 def known_statistics() -> dict[str, Statistic]:
-    """Statistics of masks by name: Li et al.'s, smoothed I_B, and those of the registry."""
-    return {entry.name: entry for entry in (*OF_BINS, *STATISTICS.values()) if entry.mask}
+    """Statistics of masks by name: Li et al.'s, those of smoothed outlines, and those of the registry."""
+    return {entry.name: entry for entry in (*OF_BINS, *TEXTURE, *STATISTICS.values()) if entry.mask}
 
 
 def statistics_of(mask: Bool[np.ndarray, "row column"], pixel_size: float, names: Sequence[str]) -> dict[str, float]:

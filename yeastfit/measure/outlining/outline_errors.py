@@ -39,6 +39,10 @@ OUTLINE_ERRORS = {
     "li2024_filament_radius_index": 0.041,
     "li2024_branch_index": 0.12,
     "smoothed_branch_index": 0.13,
+    "smoothed_compactness": 0.22,
+    "smoothed_branch_count": 0.11,
+    "smoothed_branch_length": 0.1,
+    "smoothed_filament_width": 0.043,
 }
 """Relative errors by statistic. The fractal dimension, the radius of the largest circle inside and the share of the
 largest object have less than 0.01."""
@@ -75,5 +79,9 @@ COLONY_ERRORS = {
     "li2024_filament_radius_index": 0.022,
     "li2024_branch_index": 0.21,
     "smoothed_branch_index": 0.15,
+    "smoothed_compactness": 0.15,
+    "smoothed_branch_count": 0.2,
+    "smoothed_branch_length": 0.095,
+    "smoothed_filament_width": 0.092,
 }
 """Relative errors that every outline has for itself, by statistic: s/√2."""

@@ -14,18 +14,13 @@ Then photographed masks are off by 0.07 standard deviations at most, and colonie
 from math import floor, nan
 
 import numpy as np
-from jaxtyping import Bool, Float, UInt8
+from jaxtyping import Bool
 
-from yeastfit.compiled import array_kernel
 from yeastfit.measure.statistics.pixels import Pixels
 from yeastfit.measure.statistics.statistic import Statistic
 from yeastfit.offlattice.statistics.golay_skeleton import count_ends, skeleton
 from yeastfit.offlattice.statistics.li2024_statistics import I_B, Li2024, branch_index, centroid, cut_core, measured
-
-WIDTH = 2.0  # pixels, the standard deviation of the Gaussian
-REACH = 8  # pixels to which it is taken into account
-GAUSSIAN = np.exp(-0.5 * (np.arange(REACH + 1) / WIDTH) ** 2)  # from its middle on
-WEIGHTS = GAUSSIAN / (2 * GAUSSIAN.sum() - GAUSSIAN[0])  # of a pixel and of those at a distance of 1, 2, …
+from yeastfit.offlattice.statistics.smoothed_outline import REACH, WEIGHTS, smoothed
 
 
 def smoothed_branch_index(colony: Bool[np.ndarray, "row column"], found: Li2024) -> float:
@@ -44,44 +39,6 @@ def smoothed_branch_index(colony: Bool[np.ndarray, "row column"], found: Li2024)
     smooth = smoothed(quadrant, WEIGHTS, row + 1 - top, column + 1 - left)
     cut_core(smooth, row - top, column - left, round(found.csr_radius))
     return branch_index(count_ends(skeleton(smooth)))
-
-
-@array_kernel
-def smoothed(
-    image: UInt8[np.ndarray, "row column"], weights: Float[np.ndarray, " distance"], height: int, width: int
-) -> Bool[np.ndarray, "row1 column1"]:
-    """Where the mean of an image of 0 and 1, by weights along rows and columns, is above 1/2; outside all is 0.
-
-    Arguments:
-        image: Of which so many first rows and columns are smoothed; the others are their neighbours.
-        weights: Of a pixel and of those at a distance of 1, 2, … at both sides.
-        height: That many rows.
-        width: That many columns.
-    """
-    rows, columns = image.shape
-    reach = len(weights) - 1
-    smooth = np.empty((height, width), dtype=np.bool_)
-    row, mean = np.zeros(columns + 2 * reach), np.empty(width)
-    inside = row[reach : reach + columns]
-    for i in range(height):
-        here = image[i]
-        for j in range(columns):
-            inside[j] = weights[0] * here[j]
-        for k in range(1, reach + 1):
-            above, below = image[max(i - k, 0)], image[min(i + k, rows - 1)]
-            of_above, of_below = weights[k] * (i >= k), weights[k] * (i + k < rows)
-            for j in range(columns):
-                inside[j] += of_above * above[j] + of_below * below[j]
-        for j in range(width):
-            mean[j] = weights[0] * inside[j]
-        for k in range(1, reach + 1):
-            left, right, of_both = row[reach - k :], row[reach + k :], weights[k]
-            for j in range(width):
-                mean[j] += of_both * (left[j] + right[j])
-        found = smooth[i]
-        for j in range(width):
-            found[j] = mean[j] > 0.5
-    return smooth
 
 
 def _value(pixels: Pixels) -> float:
