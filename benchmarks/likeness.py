@@ -1,26 +1,28 @@
 """Do simulated colonies look like real ones, where texture is asked for and outlines may lie outside of cells?
 
 Posteriors of the off-lattice model by three indices of shape predict hairs that are more and thinner than real ones
-are, with rougher outlines and more holes. Here ten statistics are asked for: four of shape, I_F, I_R, angular index and
-solidity; five of texture, compactness, length and ends of skeletons, width of filaments and smoothed I_B; and the
-radius of the largest circle inside, which tells how round a core is and how free of holes. Two parameters more are
-free, which are the same for all colonies of a set: how far outlines lie outside of the cells, `margin`, and how much
-nutrient smaller colonies had, `nutrient_exponent`. Gaps of 12 µm, two cells, are closed: where wider ones may be, hairs
-are as thick as real ones by webs between them, which real ones do not have:
+are, with rougher outlines and more holes. Here nine statistics are asked for: four of shape, I_F, I_R, angular index
+and solidity; four of texture, compactness, length and ends of skeletons and width of filaments, of smoothed outlines,
+as bumps of a pixel look like ends of hairs; and the radius of the largest circle inside, which tells how round a core
+is and how free of holes. Two parameters more are free, which are the same for all colonies of a set: how far outlines
+lie outside of the cells, `margin`, and how much nutrient smaller colonies had, `nutrient_exponent`. Gaps of 12 µm, two
+cells, are closed: where wider ones may be, hairs are as thick as real ones by webs between them, which real ones do not
+have:
 
     cd data/real
-    ten=filament_area_index,filament_radius_index,angular_index,solidity,inscribed_radius
-    ten=$ten,compactness,branch_length,branch_count,filament_width,smoothed_branch_index
+    nine=filament_area_index,filament_radius_index,angular_index,solidity,inscribed_radius
+    nine=$nine,smoothed_compactness,smoothed_branch_length,smoothed_branch_count,smoothed_filament_width
     more="--model offlattice --match each --variation --leave-out 4 --each 1024 --most-steps 60000 --draws 20
-        --prior-draws 0 --statistics $ten
+        --prior-draws 0 --statistics $nine
         --free transition,sated_from_pseudohyphal,pseudohyphal_from_sated,fork,any_mother,nutrient_exponent,margin"
     yeastfit infer simi-white-50um $more --cells 88000 --out WORK/simi-white-50um
 
 and so on. Colonies are simulated from each posterior, each at the area of one of the real ones, and compared with these
-in the ten statistics and in four that were not asked for: holes, compactness without them, fractal dimension, wave
-number. To these each colony has the error of its outline added, as the posterior has it ([outlines](outlines.md)). How
-much colonies of one λ vary, by their areas and by chance, and how much outlines do, is told as shares of what real ones
-do: the posterior makes up for less by a scatter of parameters, and cannot for more.
+in the nine statistics and in six that were not asked for: smoothed I_B, holes, wave number, and fractal dimension,
+compactness and ends of outlines as they are, in which real colonies have bumps and simulated ones have not. To each
+simulated colony the error of an outline is added, as the posterior has it ([outlines](outlines.md)). How much colonies
+of one λ vary, by their areas and by chance, and how much outlines do, is told as shares of what real ones do: the
+posterior makes up for less by a scatter of parameters, and cannot for more.
 
 Target: 80 to 97 % of what colonies left out have shown lies in the predicted interval of 90 %.
 
@@ -66,13 +68,12 @@ ASKED = (
     "angular_index",
     "solidity",
     "inscribed_radius",
-    "compactness",
-    "branch_length",
-    "branch_count",
-    "filament_width",
-    "smoothed_branch_index",
+    "smoothed_compactness",
+    "smoothed_branch_length",
+    "smoothed_branch_count",
+    "smoothed_filament_width",
 )
-FURTHER = ("hole_count", "outer_compactness", "fractal_dimension", "wave_number")
+FURTHER = ("smoothed_branch_index", "hole_count", "wave_number", "fractal_dimension", "compactness", "branch_count")
 FREE = (*GROWING, MARGIN.name)
 OPTIONS = f"--model offlattice --match each --variation --free {','.join(FREE)} --statistics {','.join(ASKED)}"
 HOW = f"{OPTIONS} --leave-out 4 --each 1024 --most-steps 60000 --draws 20 --prior-draws 0"
