@@ -5,6 +5,7 @@ from collections.abc import Callable
 import numpy as np
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
+from scipy import ndimage
 
 OFF = (0.2, 0.3)  # off the lattice's symmetries
 
@@ -59,3 +60,9 @@ def blobs(draw: st.DrawFn) -> np.ndarray:
 
 
 masks = noise | blobs()
+
+
+def with_bumps(mask: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """A tenth of the pixels at the edge turned, on either side of it."""
+    outside, inside = ndimage.binary_dilation(mask) & ~mask, mask & ~ndimage.binary_erosion(mask)
+    return mask ^ ((outside | inside) & (rng.random(mask.shape) < 0.1))

@@ -5,6 +5,7 @@ from math import floor, isnan
 import numpy as np
 import pytest
 from scipy import ndimage
+from shapes import with_bumps
 
 pytest.importorskip("numba")
 
@@ -32,12 +33,6 @@ def plain(mask: np.ndarray) -> float:
     rows, columns = np.indices(mask.shape)
     beyond = smooth & ((rows - row) ** 2 + (columns - column) ** 2 >= li2024_statistics(mask).csr_radius ** 2)
     return (count_ends(skeleton(beyond[: row + 1, : column + 1])) - 25) / 575
-
-
-def with_bumps(mask: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """A tenth of the pixels at the edge turned, on either side of it."""
-    outside, inside = ndimage.binary_dilation(mask) & ~mask, mask & ~ndimage.binary_erosion(mask)
-    return mask ^ ((outside | inside) & (rng.random(mask.shape) < 0.1))
 
 
 @pytest.mark.parametrize("seed", [0, 1, 2])

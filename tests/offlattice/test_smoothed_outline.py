@@ -5,6 +5,7 @@ from math import isnan
 import numpy as np
 import pytest
 from scipy import ndimage
+from shapes import with_bumps
 
 pytest.importorskip("numba")
 
@@ -20,12 +21,6 @@ PLAIN = {entry.name: entry.name.removeprefix("smoothed_") for entry in TEXTURE}
 def mask_of(seed: int, cells: int = 6000) -> np.ndarray:
     """A colony with filaments, drawn as ellipses."""
     return Ellipses.of(grow(LAMBDA, cells=cells, seed=seed)).mask(cells)
-
-
-def with_bumps(mask: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """A tenth of the pixels at the edge turned, on either side of it."""
-    outside, inside = ndimage.binary_dilation(mask) & ~mask, mask & ~ndimage.binary_erosion(mask)
-    return mask ^ ((outside | inside) & (rng.random(mask.shape) < 0.1))
 
 
 @pytest.mark.parametrize("seed", [0, 1, 2])
