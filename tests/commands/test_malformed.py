@@ -97,7 +97,10 @@ CASES: list[tuple[str, str]] = [
     ("compare folder nowhere --out OUT", "folder holds no run.json"),
     ("compare folder table", "--out"),
     ("infer table --out OUT --leave-out 1", "--leave-out is 1"),
-    ("infer table --out OUT --variation-sd 0.2", "--variation-sd is given, a setting of --variation"),
+    (
+        "infer table --out OUT --variation-sd 0.2",
+        "--variation-zero or --variation-sd is given, a setting of --variation",
+    ),
     ("infer table --out OUT --variation-zero 0.1", "--variation-zero or"),
     ("infer table --out OUT --leave-out -1", "--leave-out"),
     ("infer table --out OUT --leave-out 1.5", f"--leave-out is '1.5', {WHOLE}"),
@@ -391,6 +394,15 @@ CASES: list[tuple[str, str]] = [
     (
         "infer table --out OUT --model offlattice --statistics compactness --free gap --variation",
         "variation: all colonies share gap: free a parameter of growth, too, or leave it out",
+    ),
+    ("infer table --out OUT --varying mobility", "--varying, --variation-zero or --variation-sd is given, a setting"),
+    (
+        "infer table --out OUT --free mobility,diffusivity --variation --varying wind",
+        "--varying names 'wind', which is not free: need some of diffusivity, mobility",
+    ),
+    (
+        "infer table --out OUT --model offlattice --statistics compactness --free fork,gap --variation --varying gap",
+        "--varying names gap, which all colonies share: need some of fork",
     ),
     ("infer table --out OUT --li --variation", "--variation is given, with --li"),
     ("infer table --out OUT --length 1e300", "length is 1e+300, it must be a number from 0.01 to 1000 µm"),

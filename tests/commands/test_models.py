@@ -186,18 +186,23 @@ def test_cells_that_do_not_cover_the_area_are_refused(
 @pytest.mark.usefixtures("undrawn")
 @pytest.mark.thorough
 @pytest.mark.usefixtures("unchecked")
+@pytest.mark.parametrize("varying", [(), ("fork",)])
 def test_infer_with_colonies_of_different_parameters(
-    table: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    table: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], varying: tuple[str, ...]
 ) -> None:
     how = ["--free", "transition,fork", "--statistics", "compactness,radius", "--match", "exactly", "--draws", "12"]
     tiny = ["--simulations", "64", "--walkers", "16", "--most-steps", "500", "--variation-sd", "0.2"]
-    asked = ["infer", str(table), *OFFLATTICE, *how, *tiny, "--variation", "--prior-draws", "0", "--out", str(tmp_path)]
+    alone = ["--varying", *varying] if varying else []
+    common = ["infer", str(table), *OFFLATTICE, "--variation", "--out", str(tmp_path)]
+    asked = [*common, *how, *tiny, *alone, "--prior-draws", "0"]
     assert cli.run(asked) in (0, 1)
-    assert "with probability" in capsys.readouterr().out
+    said = f"variation between colonies{', of fork alone' if varying else ''}: with probability"
+    assert said in capsys.readouterr().out
     assert [row["parameter"] for row in rows(tmp_path / "posterior.csv")] == ["transition", "fork", "colony_variation"]
     run = json.loads((tmp_path / "run.json").read_text())["configuration"]
-    assert run["variation"] == {"zero": 0.5, "sd": 0.2}
+    assert run["variation"] == {"zero": 0.5, "sd": 0.2, **({"varying": ["fork"]} if varying else {})}
     found = Posterior.load(tmp_path / "posterior.npz")
+    assert found.varying == varying
     told = json.loads((tmp_path / "diagnostics.json").read_text())["variation_absent"]
     assert told == pytest.approx(np.mean(found.values[:, :, 2] == 0))
     page = (tmp_path / "index.html").read_text()
@@ -206,8 +211,7 @@ def test_infer_with_colonies_of_different_parameters(
     assert (tmp_path / "colonies.png").is_file()
     assert cli.run([*asked, "--resume"]) in (0, 1)
     assert "this run is finished" in capsys.readouterr().out
-    refused = cli.run(["infer", str(table), *OFFLATTICE, "--variation", "--method", "abc-smc", "--out", str(tmp_path)])
-    assert refused == 2
+    assert cli.run([*common, "--method", "abc-smc"]) == 2
     assert "--variation: abc-smc takes all colonies for those of one λ" in capsys.readouterr().err
 
 

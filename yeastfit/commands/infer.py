@@ -116,6 +116,15 @@ def infer(
             rich_help_panel=MODEL,
         ),
     ] = False,
+    varying: Annotated[
+        str | None,
+        typer.Option(
+            help="Which parameters may differ from colony to colony, separated by commas. Default: all free ones but "
+            "those that all colonies share.",
+            show_default=False,
+            rich_help_panel=MODEL,
+        ),
+    ] = None,
     variation_zero: Annotated[
         float | None,
         typer.Option(
@@ -179,14 +188,16 @@ def infer(
         **{
             **_as_before(folder if resume else None, draws=draws, prior_draws=prior_draws, leave_out=leave_out),
             "measurement_error": measurement_error,
-            "variation": _variation(zero=variation_zero, sd=variation_sd) if variation else None,
+            "variation": _variation(names_in(varying), zero=variation_zero, sd=variation_sd) if variation else None,
             "reuse": reuse,
             "seed": seed,
         },
     }
     sampled = "emulator" if method is None else method
-    if not variation and (variation_zero, variation_sd) != (None, None):
-        raise InputError("--variation-zero or --variation-sd is given, a setting of --variation: give that, too")
+    if not variation and (varying, variation_zero, variation_sd) != (None, None, None):
+        raise InputError(
+            "--varying, --variation-zero or --variation-sd is given, a setting of --variation: give that, too"
+        )
     request = Request.of_li(method, settings, **asked) if li else Request.of(sampled, settings, **asked)
     chosen.check_free(request.parameters.names)
     if print_prior:
@@ -242,10 +253,10 @@ def _check_images(request: Request, images: Sequence[Mapping[str, Any]]) -> None
     check_groups(request.leave_out, names, there, model.nouns)
 
 
-def _variation(**given: float | None) -> Variation:
+def _variation(varying: tuple[str, ...], **given: float | None) -> Variation:
     """Raise `InputError` by the names of the options."""
     try:
-        return Variation(**{name: value for name, value in given.items() if value is not None})
+        return Variation(varying=varying, **{name: value for name, value in given.items() if value is not None})
     except InputError as error:
         raise InputError(str(error).replace("variation: ", "--variation-")) from None
 

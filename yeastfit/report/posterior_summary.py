@@ -63,9 +63,11 @@ class Summary:
     def variation(self) -> str:
         """What the posterior says of the variation between colonies."""
         before = self.posterior.prior.distributions[NAME].numbers["zero"]
+        names = " and ".join(name.replace("_", " ") for name in self.posterior.varying)
+        alone = f", of {names} alone" if names else ""
         return (
-            f"variation between colonies: with probability {self.absent:.2g} there is none ({before:.2g} before the "
-            "data)"
+            f"variation between colonies{alone}: with probability {self.absent:.2g} there is none ({before:.2g} before "
+            "the data)"
         )
 
     def rows(self) -> list[dict[str, Any]]:

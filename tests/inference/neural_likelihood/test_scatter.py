@@ -1,6 +1,7 @@
 """How parameters scatter between colonies: coordinates, the prior of the scatter, and what colonies may have."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -96,7 +97,8 @@ def test_scatter_has_mass_at_zero_and_grows_with_z() -> None:
     np.testing.assert_allclose(law.std(), tau.std(), rtol=0.02)
     np.testing.assert_allclose(np.exp(law.logpdf(np.array([0.0, 0.1]))), [0.3, law.pdf(np.array(0.1))])
     assert (Variation(zero=0.0, sd=0.2).tau(z) > 0).all()
-    for wrong in ({"zero": 1.0}, {"zero": -0.1}, {"sd": 0.0}):
+    refused: list[dict[str, Any]] = [{"zero": 1.0}, {"zero": -0.1}, {"sd": 0.0}]
+    for wrong in refused:
         with pytest.raises(InputError, match=r"variation: (zero|sd) is "):
             Variation(**wrong)
 
@@ -139,3 +141,30 @@ def test_what_all_colonies_share_does_not_scatter() -> None:
     np.testing.assert_allclose(with_it, [[2.0 * np.exp(0.1), -3.0]])
     with pytest.raises(InputError, match=r"variation: all colonies share d: free a parameter of growth, too"):
         ColonyCoordinates.of(ParameterSet((unbounded,)))
+
+
+def test_parameters_that_vary_alone() -> None:
+    """Places, draws and colonies are those of a simulator whose other parameters all colonies share."""
+    a, b, c = ClosedForm().parameters.parameters
+    alone = ClosedForm(ParameterSet((replace(a, shared=True), b, replace(c, shared=True))))
+    rows, seeds = np.array([[2.0, 0.3, 0.5, 0.4], [0.7, 0.6, 1.5, 0.9]]), np.arange(2)
+    found = ColonyCoordinates.of(ClosedForm().parameters, ("b",)).around(rows[:, :3], rows[:, 3])
+    assert found.shape == (2, 2, 3)
+    np.testing.assert_array_equal(found, ColonyCoordinates.of(alone.parameters).around(rows[:, :3], rows[:, 3]))
+    grown = Varied(ClosedForm(), ("b",)).scattered(rows, seeds)
+    np.testing.assert_array_equal(grown, Varied(alone).scattered(rows, seeds))
+    np.testing.assert_array_equal(grown[:, ::2], rows[:, :3:2])
+    assert (grown[:, 1] != rows[:, 1]).all()
+    prior, data = closed_form_prior(), np.ones((3, 5))
+    problems = [
+        Problem.of(ClosedForm(), prior, data, variation=Variation(varying=["b"])),
+        Problem.of(alone, prior, data, variation=Variation()),
+    ]
+    x, tau = prior.coordinates(rows[:, :3]), rows[:, 3:]
+    moved, same = (one.scattered(x, tau, np.random.default_rng(0)) for one in problems)
+    np.testing.assert_array_equal(moved, same)
+    for name, what in (("d", "varying names 'd', which is not free: need some of b"), ("a", "varying names a, which")):
+        with pytest.raises(InputError, match=what):
+            Problem.of(alone, prior, data, variation=Variation(varying=(name,)))
+    with pytest.raises(InputError, match="varying is 'b', it must be a list"):
+        Variation(varying="b")

@@ -59,7 +59,7 @@ def likelihood(emulator: Emulator, problem: Problem, values: np.ndarray, tau: np
 def dense(known: Known, emulator: Emulator, problem: Problem, values: np.ndarray, tau: float) -> float:
     """log p of all colonies as one long normal vector, without those entries that are missing."""
     assert problem.colonies is not None
-    places = ColonyCoordinates.of(known.parameters).around(values[None], np.array([tau]))
+    places = ColonyCoordinates.of(known.parameters, problem.varying).around(values[None], np.array([tau]))
     mean, scatter, error, success = emulator.moments(places)
     spread = scatter[0] if problem.colony_noise is None else scatter[0] + problem.colony_noise
     common = error[0] if problem.noise is None else error[0] + problem.noise
@@ -80,14 +80,20 @@ def test_a_scatter_without_end_has_no_density(plane: tuple[Positive, Emulator]) 
     assert found[1] == -np.inf
 
 
+@pytest.mark.parametrize("alone", [False, True])
 @pytest.mark.parametrize("missing", [False, True])
-def test_the_likelihood_is_that_of_all_colonies_as_one_vector(plane: tuple[Positive, Emulator], missing: bool) -> None:
+def test_the_likelihood_is_that_of_all_colonies_as_one_vector(
+    plane: tuple[Positive, Emulator], missing: bool, alone: bool
+) -> None:
+    """Also where one parameter varies alone."""
     known, emulator = plane
     rows = known(np.tile([1.3, 0.8], (6, 1)), np.arange(6))
     if missing:
         rows[0, 1] = rows[1, 1] = rows[3, [0, 2]] = np.nan
     noise = np.diag([0.02, 0.1, 0.05, 0.01]) + 0.01
-    problem = Problem.of(known, known.prior, rows, noise=noise, colony_noise=2 * noise, variation=Variation())
+    variation = Variation(varying=known.parameters.names[1:] if alone else ())
+    problem = Problem.of(known, known.prior, rows, noise=noise, colony_noise=2 * noise, variation=variation)
+    assert len(problem.places(np.ones((1, 2)), np.ones((1, 1)))[0]) == (2 if alone else 4)
     places = np.array([[1.3, 0.8], [1.1, 1.0], [1.5, 0.7]])
     tau = np.array([0.0, 0.2, 0.5])
     found = likelihood(emulator, problem, places, tau)

@@ -87,7 +87,7 @@ class Request:
         forward.parameters.subset(self.free or forward.free)
         if self.variation is not None:
             try:
-                ColonyCoordinates.of(self.parameters)
+                ColonyCoordinates.of(self.parameters, self.variation.varying)
             except InputError as error:
                 raise InputError(f"--{error}") from None
         self.check_sampler(len(self.statistics))
@@ -182,6 +182,11 @@ class Request:
             "fixed": self.held,
             "prior": self.the_prior().asdict(),
             **self.forward_model.settings("infer"),
-            **({} if self.variation is None else {"variation": asdict(self.variation)}),
+            **({} if self.variation is None else {"variation": _plain(self.variation)}),
             "reuse": None if self.reuse is None else str(self.reuse),
         }
+
+
+def _plain(variation: Variation) -> dict[str, Any]:
+    """Its attributes; names of what scatters where some parameters alone do."""
+    return {name: one for name, one in asdict(variation).items() if one != ()}

@@ -258,7 +258,8 @@ class InferRun:
         """Simulated outlines at the first draws of the predictive check, where the model has some."""
         shown = predicted.values[:PICTURED]
         if self.problem.variation is not None:
-            shown = Varied(self.problem.simulator).scattered(shown, member_seeds(self.request.seed, len(shown)))
+            varied = Varied(self.problem.simulator, self.problem.varying)
+            shown = varied.scattered(shown, member_seeds(self.request.seed, len(shown)))
         return self.model.outlines(self.problem.simulator, shown, self.targets, self.request.seed)
 
     def _predicted_beforehand(self, posterior: Posterior, simulator: Simulator) -> tuple[Predictive | None, list[str]]:

@@ -171,9 +171,8 @@ def likelihood_of_colonies(emulator: Emulator, problem: Problem) -> LikelihoodOf
     common, single = (zero if one is None else one / units for one in (problem.noise, problem.colony_noise))
     errors = Errors(*(jnp.asarray(one) for one in (emulator.root / scale[:, None], common, single)))
     volume = np.asarray(np.isfinite(problem.colonies).sum(axis=0) @ np.log(scale))
-    bounds = ColonyCoordinates.of(problem.simulator.parameters)
     return LikelihoodOfColonies(
-        emulator.ensemble, emulator.coordinates, errors, data, bounds, problem.variation, volume
+        emulator.ensemble, emulator.coordinates, errors, data, problem.colony_coordinates, problem.variation, volume
     )
 
 

@@ -24,6 +24,7 @@ class Draws:
         observed: The data.
         replicates: How many replicates `observed` is the mean of.
         noise: Covariance of the errors of measurement of `observed`.
+        varying: Names of the parameters that scatter between colonies, where some alone do (`Variation`).
         values: λ.
         weights: Sum to 1 over all chains and draws; equal for chains.
         log_probability: As the method keeps it, up to a constant; nan where it keeps none.
@@ -41,6 +42,7 @@ class Draws:
     observed: Float[np.ndarray, " statistic"]
     replicates: int = 1
     noise: Float[np.ndarray, "statistic statistic"] | None = None
+    varying: tuple[str, ...] = ()
     values: Float[np.ndarray, "chain draw free"]
     weights: Float[np.ndarray, "chain draw"]
     log_probability: Float[np.ndarray, "chain draw"]

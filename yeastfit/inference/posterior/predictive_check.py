@@ -149,7 +149,7 @@ def predict(
     labels, observed = labels_of(simulator), draws_of.observed
     if labels != tuple(draws_of.labels):
         raise InputError(f"simulator is of {', '.join(labels)}, the data of {', '.join(draws_of.labels)}")
-    simulator = simulator_of_draws(simulator, draws_of.free)
+    simulator = simulator_of_draws(simulator, draws_of.free, draws_of.varying)
     drawn, simulated = (2, 3) if prior else (0, 1)  # numbers of the streams of draws and of their simulations
     rng = np.random.default_rng(stream_of(seed, Stream.PREDICTIVE, drawn))
     means: Simulator = Replicates(simulator, draws_of.replicates)

@@ -115,7 +115,7 @@ class Problem:
             raise InputError(
                 "variation: the data are means, and single colonies are needed: give a row for each, or leave it out"
             )
-        ColonyCoordinates.of(self.simulator.parameters)
+        _ = self.colony_coordinates
 
     @staticmethod
     def of(
@@ -168,6 +168,16 @@ class Problem:
             errors = observed.measurement_errors(None)
             noise = measurement_covariance(observed.observables, observed.values, errors)
         return Problem(simulator, prior, observed.values, fewest, noise, rows, colony_noise, variation, limits)
+
+    @property
+    def colony_coordinates(self) -> ColonyCoordinates:
+        """In which colonies scatter, where they do."""
+        return ColonyCoordinates.of(self.simulator.parameters, self.varying)
+
+    @property
+    def varying(self) -> tuple[str, ...]:
+        """Names of the parameters that scatter, where some alone do."""
+        return () if self.variation is None else tuple(self.variation.varying)
 
     @property
     def inferred_prior(self) -> Prior:
@@ -226,7 +236,7 @@ class Problem:
         """
         if self.variation is None:
             return values
-        return ColonyCoordinates.of(self.simulator.parameters).around(values, self.variation.tau(z[:, 0]))
+        return self.colony_coordinates.around(values, self.variation.tau(z[:, 0]))
 
     def inferred_values(
         self, x: Float[np.ndarray, "draw free"], z: Float[np.ndarray, "draw varied"]
@@ -259,7 +269,7 @@ class Problem:
         """
         if self.variation is None:
             return x
-        coordinates = ColonyCoordinates.of(self.simulator.parameters)
+        coordinates = self.colony_coordinates
         farthest = np.sqrt(coordinates.scattering)
         step = tau * np.clip(rng.standard_normal(x.shape), -farthest, farthest)
         moved = coordinates.moved(self.prior.values(x), step)

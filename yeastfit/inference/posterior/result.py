@@ -120,6 +120,7 @@ class Posterior(Draws):
             observed=problem.observed,
             replicates=problem.replicates,
             noise=problem.noise,
+            varying=problem.varying,
             values=values,
             weights=np.full(shape, 1.0 / (shape[0] * shape[1])) if weights is None else weights,
             log_probability=np.full(shape, np.nan) if log_probability is None else log_probability,
@@ -243,7 +244,7 @@ class Posterior(Draws):
         with Path(path).open("rb") as opened, np.load(opened, allow_pickle=False) as file:
             arrays = {name: file[name] for name in (*ARRAYS, *({LIKELIHOOD} & set(file.files)))}
             rest = from_json(str(file["rest"]))
-        rest |= {name: tuple(rest[name]) for name in ("labels", "warnings")}
+        rest |= {name: tuple(rest[name]) for name in ("labels", "warnings", "varying") if name in rest}
         _check_shapes(arrays, len(rest["labels"]))
         arrays |= {name: np.array(rest.pop(name)) for name in ("noise", "worth") if rest[name] is not None}
         rest |= {"prior": Prior.of(rest["prior"]), "status": Status[rest["status"]]}

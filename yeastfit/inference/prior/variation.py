@@ -5,8 +5,9 @@
 λ is the condition's, λ_r that of colony r. y is a logarithm where λ is only positive, so that τ is a relative scatter,
 and a logit where λ lies between two bounds, as a probability does, so that no λ_r leaves them; a logit is a logarithm
 for small probabilities. There is one τ for all free parameters: between-colony covariances of so few colonies do not
-tell the parameters' own apart (`docs/variation.md` has the numbers). Held parameters do not scatter, nor do those that
-all colonies share (`Parameter.shared`): the camera is the same for all.
+tell the parameters' own apart (`docs/variation.md` has the numbers). Where some alone are named (`varying`), it is
+theirs, and all others are the condition's. Held parameters do not scatter, nor do those that all colonies share
+(`Parameter.shared`): the camera is the same for all.
 
 **Prior of τ.** 0 with probability `zero`, otherwise |N(0, sd²)|: half a chance that colonies differ by the model's own
 chance alone, and a scatter of 30 % where they do not (the spike and the slab of Mitchell & Beauchamp 1988,
@@ -16,7 +17,7 @@ doi:10.1080/01621459.1988.10478694). Chains walk in z ~ N(0, 1) before the data,
 
 import math
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any
 
 import equinox as eqx
@@ -28,16 +29,17 @@ from yeastfit.errors import InputError
 from yeastfit.inference.prior.distributions import Distribution, SpikeHalfNormal
 from yeastfit.inference.prior.prior import Prior, Table
 from yeastfit.inference.simulator import Rows, Seeds, Simulator, Values, Wrapper
+from yeastfit.kinds import check_list
 from yeastfit.parameter_set import Parameter, ParameterSet
 from yeastfit.seeds import Stream, stream_of
+from yeastfit.text import quoted
 
 NAME = "colony_variation"
 LARGEST = 10.0  # standard deviation of log λ that a prior of the scatter may have
 TAU = Parameter(
     NAME,
     "τ",
-    "standard deviation between colonies of the logarithm of every free parameter of growth, of the logit of bounded "
-    "ones",
+    "standard deviation between colonies of the logarithm of every parameter that varies, of the logit of bounded ones",
     (0.0, 1.0),
     0.0,
 )
@@ -50,15 +52,19 @@ class Variation:
     Attributes:
         zero: Probability that τ is 0.
         sd: Of the half-normal distribution of τ where it is not.
+        varying: Names of the parameters that scatter; by default all free ones that colonies do not share.
 
     Raises:
-        InputError: `zero` is no probability below 1, or `sd` not above 0 and at most `LARGEST`.
+        InputError: `zero` is no probability below 1, `sd` not above 0 and at most `LARGEST`, or `varying` is no list.
     """
 
     zero: float = 0.5
     sd: float = 0.3
+    varying: Sequence[str] = ()
 
     def __post_init__(self) -> None:
+        check_list("varying", self.varying)
+        object.__setattr__(self, "varying", tuple(self.varying))
         try:
             _ = self.prior
         except InputError as error:
@@ -69,7 +75,7 @@ class Variation:
     @property
     def prior(self) -> Distribution:
         """Of τ."""
-        return Distribution("spike-half-normal", asdict(self))
+        return Distribution("spike-half-normal", {"zero": self.zero, "sd": self.sd})
 
     def joined(self, prior: Prior) -> Prior:
         """A prior of λ, and that of τ as the last one."""
@@ -94,13 +100,24 @@ class ColonyCoordinates(eqx.Module):
     shared: tuple[bool, ...] = eqx.field(static=True)
 
     @staticmethod
-    def of(parameters: ParameterSet) -> "ColonyCoordinates":
+    def of(parameters: ParameterSet, varying: Sequence[str] = ()) -> "ColonyCoordinates":
         """Of the free parameters.
 
+        Arguments:
+            parameters: In order.
+            varying: Names of those that scatter; all that colonies do not share where there are none.
+
         Raises:
-            InputError: One that scatters may be negative and has no bounds on both sides; or none scatters.
+            InputError: One that scatters may be negative and has no bounds on both sides; none scatters; or a name is
+                of no free parameter, or of one that all colonies share.
         """
-        scattering = [one for one in parameters.values() if not one.shared]
+        own = [one.name for one in parameters.values() if not one.shared]
+        for name in varying:
+            if name not in parameters:
+                raise InputError(f"varying names {quoted(name)}, which is not free: need some of {', '.join(own)}")
+            if name not in own:
+                raise InputError(f"varying names {name}, which all colonies share: need some of {', '.join(own)}")
+        scattering = [parameters[name] for name in varying or own]
         if not scattering:
             raise InputError(
                 f"variation: all colonies share {', '.join(parameters.names)}: free a parameter of growth, too, or "
@@ -113,7 +130,7 @@ class ColonyCoordinates(eqx.Module):
                     "bounds, hold it"
                 )
         low, high = np.array([(one.smallest, one.largest) for one in parameters.values()]).T
-        return ColonyCoordinates(low, high - low, tuple(one.shared for one in parameters.values()))
+        return ColonyCoordinates(low, high - low, tuple(one not in scattering for one in parameters.values()))
 
     @property
     def scattering(self) -> int:
@@ -142,7 +159,13 @@ class ColonyCoordinates(eqx.Module):
 
 @dataclass(frozen=True)
 class Varied(Wrapper):
-    """A simulator of colonies whose λ scatter; the last of its parameters is τ."""
+    """A simulator of colonies whose λ scatter; the last of its parameters is τ.
+
+    Attributes:
+        varying: Names of the parameters that scatter; all that colonies do not share where there are none.
+    """
+
+    varying: tuple[str, ...] = ()
 
     @property
     def parameters(self) -> ParameterSet:
@@ -158,7 +181,7 @@ class Varied(Wrapper):
         """λ_r of every row of λ and τ, by the seed of the row."""
         streams = [np.random.default_rng(stream_of(int(seed), Stream.COLONIES, 0)) for seed in seeds]
         normal = np.array([one.standard_normal(values.shape[1] - 1) for one in streams])
-        coordinates = ColonyCoordinates.of(self.simulator.parameters)
+        coordinates = ColonyCoordinates.of(self.simulator.parameters, self.varying)
         return coordinates.moved(values[:, :-1], values[:, -1:] * normal.reshape(len(values), -1))
 
     def __call__(self, values: Values, seeds: Seeds) -> Rows:
@@ -166,12 +189,13 @@ class Varied(Wrapper):
         return self.simulator(self.scattered(values, seeds), seeds)
 
 
-def simulator_of_draws(simulator: Simulator, free: Sequence[str]) -> Simulator:
+def simulator_of_draws(simulator: Simulator, free: Sequence[str], varying: tuple[str, ...] = ()) -> Simulator:
     """The simulator that takes draws of a posterior: with colonies that scatter where τ is one of its parameters.
 
     Arguments:
         simulator: Of one colony.
         free: Names of the posterior's parameters.
+        varying: Names of those that scatter, as of `Varied`.
 
     Raises:
         InputError: The simulator has other parameters.
@@ -179,7 +203,7 @@ def simulator_of_draws(simulator: Simulator, free: Sequence[str]) -> Simulator:
     names, found = simulator.parameters.names, tuple(free)
     if found not in (names, (*names, NAME)):
         raise InputError(f"simulator is of {', '.join(names)}, the posterior of {', '.join(found)}")
-    return simulator if found == names else Varied(simulator)
+    return simulator if found == names else Varied(simulator, varying)
 
 
 def absent(posterior: Any) -> float | None:
