@@ -45,6 +45,7 @@ def work(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
+@pytest.mark.thorough
 def test_real_colonies_are_compared_with_simulated_ones_in_all_statistics(
     work: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -347,6 +347,7 @@ def killed_at(step: int, run: Callable[[], None], monkeypatch: pytest.MonkeyPatc
 CLOSE, LET_GO = ResultsFolder.close, door._let_go
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("before", [{}, OLD])
 def test_killed_at_any_step_a_folder_is_whole_or_unfinished_and_the_next_run_makes_it_whole(
     tmp_path: Path, before: dict[str, str], monkeypatch: pytest.MonkeyPatch

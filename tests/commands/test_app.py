@@ -90,6 +90,7 @@ def test_capacity_is_reported(tmp_path: Path, capsys: pytest.CaptureFixture[str]
     assert "2 of 2 colonies: births were cut" in capsys.readouterr().err
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("undrawn")
 @pytest.mark.parametrize("statistics", ["compactness", "compactness,area"])
 def test_colonies_grow_to_an_area_whatever_is_measured(tmp_path: Path, statistics: str) -> None:
@@ -102,6 +103,7 @@ def test_colonies_grow_to_an_area_whatever_is_measured(tmp_path: Path, statistic
         assert 3 <= float(row.get("area", 3)) < 4
 
 
+@pytest.mark.thorough
 def test_measure_a_data_set(dataset: Path, tmp_path: Path) -> None:
     assert cli.run(["measure", str(dataset), "--out", str(tmp_path), "--jobs", "1"]) == 0
     frames = read_dataset(dataset).frames

@@ -94,11 +94,13 @@ def test_a_variable_that_a_library_refuses_is_named(variable: str, value: str, w
     assert line.startswith(words)
 
 
+@pytest.mark.thorough
 def test_a_terminal_without_columns_is_none(tmp_path: Path) -> None:
     """Nothing would be printed in it, warnings included."""
     assert "Results in" in simulated(tmp_path / "out", "COLUMNS", "0").stdout
 
 
+@pytest.mark.thorough
 def test_where_a_notebook_would_draw_is_of_no_account(tmp_path: Path) -> None:
     assert simulated(tmp_path / "out", "MPLBACKEND", "odd").returncode == 0
     assert (tmp_path / "out" / "index.html").is_file()

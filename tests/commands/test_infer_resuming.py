@@ -182,6 +182,7 @@ def test_colonies_of_another_run_serve_again(
     finished([*again, "--draws", "10", "--resume"])
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("unchecked")
 @pytest.mark.parametrize(("more", "other"), [(["--seed", "5"], "seed"), (["--colonies", "2"], "replicates"), ([], "")])
 def test_a_run_that_abc_has_no_use_for_is_told_of(
@@ -201,6 +202,7 @@ def test_a_run_that_abc_has_no_use_for_is_told_of(
     assert (counts[1] > counts[0]) == bool(more)
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("unchecked", "undrawn")
 def test_a_run_that_was_killed_serves_again(
     data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
@@ -280,6 +282,7 @@ def test_more_steps_make_a_run_longer(data: Path, tmp_path: Path) -> None:
     assert_same(tmp_path / "parts", tmp_path / "long")
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("unchecked", "undrawn")
 def test_a_finished_run_predicts_anew(
     data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch

@@ -158,6 +158,7 @@ def test_a_pixel_size_that_overrules_the_file_is_told(tmp_path: Path, capsys: py
     assert "pixel size" not in capsys.readouterr().err
 
 
+@pytest.mark.thorough
 def test_options_without_effect_are_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     write_disc(tmp_path / "a.png")
     mask = np.pad(np.ones((60, 60), dtype=bool), 30)

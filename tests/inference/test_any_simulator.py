@@ -87,6 +87,7 @@ def test_the_same_seed_gives_the_same_fit() -> None:
     np.testing.assert_array_equal(fitted(3).theta, fitted(3).theta)
 
 
+@pytest.mark.thorough
 def test_a_bootstrap_and_a_profile_need_the_simulator_again() -> None:
     found = fitted(0)
     with pytest.raises(yeastfit.InputError, match="simulator is missing: this fit is of one that was handed in"):

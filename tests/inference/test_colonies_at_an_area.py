@@ -65,6 +65,7 @@ def test_those_whose_nutrient_cannot_be_solved_have_no_values() -> None:
     np.testing.assert_array_equal(rows[0], alone[0])
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("time", "resolution"), [(1.0, COARSE), (20.0, Resolution(0.02, 0.25, 8))], ids=["time", "room"]
 )

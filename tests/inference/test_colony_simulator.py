@@ -100,6 +100,7 @@ def test_colonies_that_could_outgrow_one_program_are_the_same_and_not_cut(
     assert not grown.problems
 
 
+@pytest.mark.thorough
 def test_there_is_room_for_births_at_any_step() -> None:
     """Colonies that bud by clocks double every ln 2; those that eat walkers may at every step."""
     clocks, walkers = Model(births=ClockBirths()), Model(births=WalkerBirths(), medium=WalkerMedium())
@@ -150,6 +151,7 @@ def test_a_held_parameter_may_be_zero() -> None:
     assert logs[PARAMETERS.names.index("mobility")] == 0.0
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("estimator", "names"),
     [("smooth", ("radius", "cell_count")), ("mask", ("outer_compactness", "area", "cell_count"))],

@@ -112,6 +112,7 @@ def test_degrees_of_freedom_of_a_sum_are_those_of_the_parts_that_scatter(within:
     assert Scatter.of_sum(Scatter(np.zeros((2, 2)), 3), Scatter(np.zeros((2, 2)), 4)).freedom == 7
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("shared", [0.0, 0.5, 2.0, 50.0])
 def test_degrees_of_freedom_of_the_scatter_are_those_that_it_shows(shared: float) -> None:
     """For normal numbers the mean inverse is ν / (ν − p − 1) times the true one; 2000 repetitions tell it to 1 %."""

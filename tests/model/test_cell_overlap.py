@@ -146,6 +146,7 @@ def assert_same(found: Real, expected: np.ndarray, tolerance: float) -> None:
     np.testing.assert_allclose(found, expected, rtol=0, atol=tolerance * np.abs(expected).max())
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("cells", [2, 4])
 def test_derivatives_are_the_formulas(cells: int, double: None) -> None:
     """Equations 8, 9, 10 and, corrected, 12; all configurations do overlap."""

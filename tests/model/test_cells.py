@@ -249,6 +249,7 @@ def test_value_and_derivative_are_finite_for_coincident_and_newborn_nodes(distan
             assert np.isfinite(slope).all()
 
 
+@pytest.mark.thorough
 def test_second_derivatives_are_finite_in_single_precision() -> None:
     """Also where the sum of all cells is so small that its square is 0."""
     colony = colony_of(np.array([[-0.5, 0.0], [0.5, 0.1]]), np.array([-1, 0]), np.ones(2), numerics=NUMERICS)

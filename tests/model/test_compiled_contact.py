@@ -180,6 +180,7 @@ def _defaults() -> dict[str, float]:
     return {name: float(value) for name, value in Parameters().values.items()}
 
 
+@pytest.mark.thorough
 def test_the_plain_rules_can_be_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
     from yeastfit.simulation import segments
 

@@ -59,6 +59,7 @@ def test_it_is_that_of_cells(grid: tuple[float, int], relaxation: Relaxation, do
     assert (found[expected == FAR] == FAR).all()
 
 
+@pytest.mark.thorough
 @LAWS
 @pytest.mark.parametrize("estimator", [SmoothStatistics, HardStatistics])
 def test_statistics_are_the_same(estimator: type, relaxation: Relaxation) -> None:

@@ -157,6 +157,7 @@ def test_it_has_no_derivative() -> None:
         jax.grad(lambda nutrient: eaten(nutrient).sum())(colony.nutrient)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("boundary", "carbon"), [("dish", "reservoir"), ("reservoir", "reservoir"), ("dish", "dish")])
 @pytest.mark.parametrize("uptake", [0.0, 2.0])
 def test_nitrogen_is_eaten_as_by_the_plain_rule(boundary: Boundary, carbon: Boundary, uptake: float) -> None:

@@ -83,6 +83,7 @@ def test_growth_goes_on_and_comes_to_the_same(
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("change", ["parameters", "keys", "damaged"])
 def test_another_colony_begins_anew(
     change: str, broken_off: pytest.MonkeyPatch, segments: list[int], tmp_path: Path

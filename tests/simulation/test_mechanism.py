@@ -153,6 +153,7 @@ def test_it_goes_on_from_a_saved_colony_as_if_it_had_never_stopped(grown: Simula
         Simulation.load(tmp_path / "run.npz", model=Model())
 
 
+@pytest.mark.thorough
 def test_the_source_s_colony_goes_on_under_another_rule() -> None:
     source = simulate(Parameters(), member_keys(0, 2), times=[1.5], numerics=NUMERICS)
     later = simulate(Parameters(), start=source.colony, times=[1.6], model=MODEL, numerics=NUMERICS)

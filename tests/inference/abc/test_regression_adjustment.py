@@ -98,6 +98,7 @@ def test_few_draws_scatter_as_widely_as_many() -> None:
     assert np.mean(found) == pytest.approx(1.0, abs=0.03)
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("unchecked")
 @pytest.mark.parametrize(
     ("off", "chains", "least"), [(0.0, 0, 0.8), (2.0, 0, 2.0), (0.0, 16, 2.5)], ids=["middle", "edge", "chains"]

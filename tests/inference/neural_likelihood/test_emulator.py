@@ -49,6 +49,7 @@ def test_mean_and_scatter_of_a_curved_simulator(of_curved: Emulator) -> None:
     np.testing.assert_array_equal(success, 1.0)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("statistics", [2, network.FEW_STATISTICS + 1])
 def test_correlations_depend_on_coordinates_where_statistics_are_few(statistics: int) -> None:
     """s_2 has the correlation x with s_1, others none; where there are more, one correlation is learnt, about 0."""
@@ -140,6 +141,7 @@ def test_the_same_seed_gives_the_same_emulator() -> None:
     assert (one.moments(values)[0] != other.moments(values)[0]).all()
 
 
+@pytest.mark.thorough
 def test_members_learn_the_same_together_and_each_on_a_thread(monkeypatch: pytest.MonkeyPatch) -> None:
     """On any number of threads to the last bit, with a probability of success, too; together but for rounding."""
     values = inside(fragile(), 50)

@@ -66,6 +66,7 @@ def compared(
     return (x.mean(axis=0) - mean) / sd, x.std(axis=0) / sd
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("unchecked")
 def test_chains_that_end_with_most_steps_say_so() -> None:
     known = linear()

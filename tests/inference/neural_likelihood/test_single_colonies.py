@@ -164,6 +164,7 @@ def test_moments_of_colonies_of_a_plane_are_exact(plane: tuple[Positive, Emulato
         np.testing.assert_allclose(found, expected, rtol=1e-5, atol=1e-6 * np.abs(expected).max())
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("tau", [0.0, 0.3, 0.8])
 def test_colonies_that_succeed_are_those_at_scattered_parameters(tau: float) -> None:
     """Cubature against sampling through the same emulator, of a probability that falls with a."""

@@ -107,6 +107,7 @@ def test_to_distances_what_lies_beyond_is_at_the_limits() -> None:
     np.testing.assert_array_equal(np.isnan(problem.data_sets(known, 1)(values, seeds)), np.isnan(known(values, seeds)))
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("unchecked")
 def test_what_lies_beyond_counts_as_failed() -> None:
     """The same draws as of a simulator whose outliers come to nothing."""

@@ -174,6 +174,7 @@ def test_photographs_give_the_curves_of_the_true_masks_everywhere(name: str) -> 
     check_against_true_masks(DEMO.parent / name, every=1)
 
 
+@pytest.mark.thorough
 def test_photographs_give_the_curves_of_the_true_masks() -> None:
     """Every fifth photograph of the demo: mean area, radius and compactness of segmented and true masks."""
     check_against_true_masks(DEMO, every=5)

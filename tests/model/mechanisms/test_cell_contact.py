@@ -53,6 +53,7 @@ def test_two_circles_overlap_in_a_lens() -> None:
         assert area == pytest.approx(plain.lens_area(0.5, distance), rel=0.02)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("widths", [(0.1, 0.2), (0.02, 0.08), (0.3, 0.5)])
 def test_slopes_are_the_derivatives_of_the_area(widths: tuple[float, float], double: None) -> None:
     """By the nodes, of pairs that cross, touch, lie apart, share a node, all but coincide, or have no length."""

@@ -202,6 +202,7 @@ def test_births_take_their_nitrogen_from_the_dish(relaxation: Relaxation) -> Non
         assert np.diff(nodes)[-1] < wanted[-1]  # the dish ran out
 
 
+@pytest.mark.thorough
 def test_births_that_cost_nothing_are_those_of_before() -> None:
     """With q = 0 to the last bit, whatever the boundary."""
 
