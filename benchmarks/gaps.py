@@ -2,11 +2,12 @@
 
 Cells of a simulated colony leave gaps between them, thousands of which an outline drawn in a photograph does not show.
 Ellipses are therefore drawn with all gaps closed that are narrower than a width, `--gap`. Here that width is found by
-what real masks show, the 8 of each set of `data/real`: how many holes they have, how rough they are (compactness), how
-long their skeletons are and how many ends these have (smoothed I_B). Colonies are simulated at the means of Li et al.'s
-published posteriors, which were inferred from other drawings, of bins of 4 pixels, and drawn at the areas of the real
-ones. Where a statistic of them falls as wider gaps are closed, it agrees with the real one at some width, found on a
-line between two widths by the statistic's logarithm. Two cells in yeast form are 12 µm wide together.
+what real masks show, the 8 of each set of `data/real`: how many holes they have and, of smoothed outlines, as real ones
+have bumps, how rough they are (compactness), how long their skeletons are and how many ends these have (smoothed I_B).
+Colonies are simulated at the means of Li et al.'s published posteriors, which were inferred from other drawings, of
+bins of 4 pixels, and drawn at the areas of the real ones. Where a statistic of them falls as wider gaps are closed, it
+agrees with the real one at some width, found on a line between two widths by the statistic's logarithm. Two cells in
+yeast form are 12 µm wide together.
 
     python -m benchmarks.gaps [--quick] [--json FILE] [--docs DIR]
 """
@@ -27,7 +28,7 @@ from yeastfit.offlattice.masks.li2024_mask import BinnedOutlines
 from yeastfit.offlattice.placing import PIXELS_PER_UM
 from yeastfit.offlattice.simulator import Picture, statistics_of
 
-FALLING = ("hole_count", "compactness", "branch_length", "smoothed_branch_index")  # with the width
+FALLING = ("hole_count", "smoothed_compactness", "smoothed_branch_length", "smoothed_branch_index")  # with the width
 SHOWN = (*FALLING, "li2024_filament_area_index", "li2024_filament_radius_index")
 WIDTHS = (0.0, 3.0, 6.0, 9.0, 12.0, 15.0, 18.0, 24.0)  # µm
 MORE = 1.2  # times as many cells grow as in Li et al.'s colonies, for their area
