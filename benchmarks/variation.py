@@ -3,7 +3,8 @@
 Synthetic sets of 14 colonies: true λ from the prior; λ_r of colony r from y(λ_r) = y(λ) + τ ξ_r, with y a logarithm, or
 a logit of shares. τ is 0, or |N(0, 0.3²)|, or one parameter scatters alone, with √k times 0.2 for k parameters, which
 the model of one common τ does not have. Each set is inferred twice by one emulator: with τ unknown, from its single
-colonies, and by taking all colonies for those of one λ, from their mean.
+colonies, and by taking all colonies for those of one λ, from their mean. Where one parameter scatters alone, it is
+inferred a third time, told which (`--varying`).
 
 Coverage is the share of the true λ that lie in their 50 and 90 % intervals, of all parameters and sets of a group.
 Posteriors are sampled by population Monte Carlo (adaptive importance sampling; Cappé et al. 2008,
@@ -40,6 +41,7 @@ from yeastfit.seeds import Stream, stream_of
 COLONIES, SD, ALONE, SEED = 14, 0.3, 0.2, 2024
 STEP = 0.01  # of y, by which slopes of the emulator's mean are found
 GROUPS = {"none": "τ = 0", "common": "τ of all parameters", "one": "one parameter scatters"}
+TOLD = "variation of that parameter"
 SHARES = {"q05": 0.05, "q25": 0.25, "median": 0.5, "q75": 0.75, "q95": 0.95}
 DRAWS, ROUNDS, MOST_ROUNDS, FREEDOM, ENOUGH = 1024, 7, 43, 5.0, 100.0  # of population Monte Carlo
 LEVELS = {0.5: ("q25", "q75"), 0.9: ("q05", "q95")}
@@ -90,13 +92,20 @@ class Study:
         each = coordinates.moved(np.tile(values, (COLONIES, 1)), tau * rng.standard_normal((COLONIES, len(values))))
         return self.simulator(each, rng.integers(2**32, size=COLONIES, dtype=np.uint64))
 
+    def ways(self, group: str, tau: Float[np.ndarray, " free"]) -> dict[str, Variation | None]:
+        """How a set is inferred."""
+        found: dict[str, Variation | None] = {"variation": Variation(), "one λ": None}
+        if group == "one":
+            found[TOLD] = Variation(varying=[self.model.prior.free[int(np.argmax(tau))]])
+        return found
+
     def record(self, group: str, number: int) -> dict[str, Any]:
         """Both posteriors of a set."""
         values, tau = self.truth(group, number)
         rows = self.colonies(group, number)
         found = {"group": group, "number": number, "truth": values, "tau": tau}
         rows = rows[np.isfinite(rows).all(axis=1)]
-        for name, variation in (("variation", Variation()), ("one λ", None)):
+        for name, variation in self.ways(group, tau).items():
             problem = Problem.of(self.simulator, self.model.prior, rows, variation=variation)
             found[name] = posterior(LogPosterior(self.emulator, problem), problem, seed=number)
         return found
@@ -172,7 +181,7 @@ def judge(report: Report, study: Study, records: list[dict[str, Any]]) -> None:
     name, rows = study.model.name, []
     for group, what in GROUPS.items():
         own = [one for one in records if one["group"] == group]
-        for how in ("variation", "one λ"):
+        for how in (one for one in ("variation", "one λ", TOLD) if one in own[0]):
             shares = {level: float(np.mean(list(hits(own, how, level)))) for level in LEVELS}
             row: dict[str, Any] = {"data": what, "inferred with": how}
             row |= {f"in {100 * level:g} %, %": 100 * share for level, share in shares.items()}
@@ -196,20 +205,23 @@ def _found(records: list[dict[str, Any]]) -> Iterator[dict[str, Any]]:
     """How τ is found, by its true value."""
     known = [one for one in records if one["group"] != "one"]
     for low, high, what in ((-1, 0, "0"), (0, 0.1, "0 to 0.1"), (0.1, 0.25, "0.1 to 0.25"), (0.25, 9, "above 0.25")):
-        own = [one for one in known if low < one["tau"][0] <= high]
-        if not own:
-            continue
-        posteriors = [one["variation"] for one in own]
-        true = np.array([one["tau"][0] for one in own])
-        middle, q05, q95 = (np.array([one[key][-1] for one in posteriors]) for key in ("median", "q05", "q95"))
-        yield {
-            "true τ": what,
-            "sets": len(own),
-            "P(τ = 0), mean": float(np.mean([one["absent"] for one in posteriors])),
-            "median − truth, mean": float(np.mean(middle - true)),
-            "rms": float(np.sqrt(np.mean((middle - true) ** 2))),
-            "in 90 %, %": 100 * float(np.mean((q05 <= true) & (true <= q95))),
-        }
+        if own := [one for one in known if low < one["tau"][0] <= high]:
+            yield {"true τ": what, **_of_tau(own, "variation")}
+    told = [one for one in records if TOLD in one]
+    yield {"true τ": f"{max(told[0]['tau']):.2g}, of one parameter, told which", **_of_tau(told, TOLD)}
+
+
+def _of_tau(own: list[dict[str, Any]], how: str) -> dict[str, Any]:
+    """How τ is found in these sets."""
+    posteriors, true = [one[how] for one in own], np.array([max(one["tau"]) for one in own])
+    middle, q05, q95 = (np.array([one[key][-1] for one in posteriors]) for key in ("median", "q05", "q95"))
+    return {
+        "sets": len(own),
+        "P(τ = 0), mean": float(np.mean([one["absent"] for one in posteriors])),
+        "median − truth, mean": float(np.mean(middle - true)),
+        "rms": float(np.sqrt(np.mean((middle - true) ** 2))),
+        "in 90 %, %": 100 * float(np.mean((q05 <= true) & (true <= q95))),
+    }
 
 
 def _errors(report: Report, study: Study) -> None:
