@@ -45,6 +45,7 @@ def warnings_of(folder: Path) -> list[str]:
     return json.loads((folder / "manifest.json").read_text())["warnings"]
 
 
+@pytest.mark.thorough
 def test_a_run_does_not_go_on_with_other_simulations_than_it_took_over(
     data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -76,6 +76,7 @@ def simulated(out: Path, variable: str, value: str) -> subprocess.CompletedProce
     )
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("variable", "value", "words"),
     [

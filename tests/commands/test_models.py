@@ -98,6 +98,7 @@ def test_a_colony_is_the_same_whatever_the_number_of_members(grown: Path, tmp_pa
     np.testing.assert_array_equal(one.colonies[0].x, many.colonies[0].x)
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("undrawn", "unchecked")
 def test_fit_of_end_images(table: Path, tmp_path: Path) -> None:
     how = ["--free", "transition", "--statistics", "compactness,radius", "--starts", "1"]

@@ -168,6 +168,7 @@ def test_measured_points_of_colonies_are_columns(estimator: str, names: tuple[st
     np.testing.assert_array_equal(made(HERE, seeds[1:2])[0], rows[1])
 
 
+@pytest.mark.thorough
 def test_what_colonies_run_into_is_counted_once_each() -> None:
     """A copy that fills up a batch is no further colony."""
     made = ColonySimulator.of(targets(("radius",), [3.2]), FREE, resolution=Resolution(0.02, 0.25, 4))

@@ -72,6 +72,7 @@ def test_errors_of_the_regression_are_those_of_many_repetitions() -> None:
     assert np.mean([f.error for f in found]) == pytest.approx(1.0 / (0.2 * np.sqrt(128)), rel=0.03)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("own", "shared"), [(1.0, 0.0), (0.3, 1.0), (0.0, 1.0)])
 def test_scatter_is_that_of_one_colony_whatever_a_pair_has_in_common(own: float, shared: float) -> None:
     """Of one colony the variance is own² + shared²; 200 repetitions tell their mean to 1 or 2 %."""

@@ -71,6 +71,7 @@ def compare(colony: Colony, relaxation: Relaxation, numerics: Numerics, toleranc
     assert np.abs(np.asarray(ours) - np.asarray(colony.nutrient)).max() > 0.01
 
 
+@pytest.mark.thorough
 @LAWS
 @pytest.mark.parametrize("grid", GRIDS)
 def test_it_is_the_step_of_the_medium(grid: str, relaxation: Relaxation, double: None) -> None:

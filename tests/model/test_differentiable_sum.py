@@ -148,6 +148,7 @@ def test_forward_over_reverse_and_over_forward(args: Args) -> None:
     same(ours[0][0][1], ours[0][1][0])  # symmetric
 
 
+@pytest.mark.thorough
 def test_inside_what_a_trajectory_is_made_of(args: Args) -> None:
     """A scan of checkpointed steps, each of which may be left out, with a sum whose number of terms depends on x."""
 

@@ -102,6 +102,7 @@ def grown() -> Simulation:
     )
 
 
+@pytest.mark.thorough
 def test_it_is_simulated_with_the_parameters_that_it_brings(grown: Simulation) -> None:
     """With clocks a well fed colony doubles every ln 2 or a little later, at no common time."""
     assert MODEL.parameters.names == (*Model().parameters.names, "food_bias")

@@ -77,6 +77,7 @@ def test_a_colony_resumed_between_events_is_the_same(segmented: Simulation) -> N
     np.testing.assert_array_equal(whole.statistics["area"][:, 0], segmented.statistics["area"][:, 1])
 
 
+@pytest.mark.thorough
 def test_a_limit_cuts_births_and_says_so() -> None:
     cut = simulate(Parameters(), member_keys(3, 1), times=TIMES, numerics=replace(OPEN, capacity=11))
     assert cut.colony.positions.shape[1] == 11

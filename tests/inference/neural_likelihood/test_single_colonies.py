@@ -128,6 +128,7 @@ def sampled(
     return middle, np.einsum("r,rij->ij", share, scatter) + between, float(success.mean())
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("tau", [0.0, 0.2, 0.5])
 def test_moments_of_colonies_are_those_at_scattered_parameters(tau: float) -> None:
     """Cubature against sampling through the same emulator, of a curved mean, beside first order, which is farther."""

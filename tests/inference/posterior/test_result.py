@@ -144,6 +144,7 @@ def test_diagnostics_that_no_imported_file_defines_are_refused() -> None:
     assert Diagnostics.restored(Diagnostics().asdict()) == Diagnostics()
 
 
+@pytest.mark.thorough
 def test_a_new_process_reads_the_files_of_all_methods(tmp_path: Path) -> None:
     """Where nothing but the posterior is imported."""
     kinds = ("McmcDiagnostics", "SmcDiagnostics", "EmulatorDiagnostics")

@@ -6,6 +6,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pytest
 from helpers import colony_of, context_of, random_tree
 from jaxtyping import Array
 from scipy import stats
@@ -32,6 +33,7 @@ def tree(seed: int) -> Colony:
     return colony_of(rng.uniform(-2, 2, (NODES, 2)), random_tree(rng, NODES), numerics=NUMERICS, seed=seed)
 
 
+@pytest.mark.thorough
 def test_there_is_one_network_and_one_more_for_each_event() -> None:
     """1 + Poisson(k n t), for 400 colonies of 29 cells, which are conserved."""
     parameters = MODEL.complete(Parameters(detachment_rate=0.08))

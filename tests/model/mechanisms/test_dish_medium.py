@@ -58,6 +58,7 @@ def test_a_step_is_the_plain_readings_and_what_is_eaten_is_gone(double: None, me
     assert float(colony.nutrient[0, 6]) < 0.99  # at the wall, too
 
 
+@pytest.mark.thorough
 def test_in_a_wide_dish_the_colony_is_the_sources() -> None:
     wide = dataclasses.replace(NUMERICS, domain=40.0)
     dish = source = scattered_tree(9, 2.5, wide)

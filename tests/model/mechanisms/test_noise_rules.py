@@ -50,6 +50,7 @@ def noisy(dt: float, steps: int, noise: float, elasticity: float) -> np.ndarray:
     return np.array(shaken_cells(colony, numerics, parameters, jnp.asarray(elasticity), jnp.asarray(steps)))
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("substeps", [1, 4])
 def test_substeps_draw_noise_of_their_own(substeps: int) -> None:
     """Mean square displacement 4 D_n Δt in one time step, however many parts it has."""
