@@ -26,13 +26,14 @@ Targets: over all parameters, 50 % intervals contain 45 % to 55 % of the truths 
 smallest p, multiplied by the number of quantities tested (Bonferroni), is at least 0.01. No posterior fails.
 
     python -m benchmarks.calibration [--quick] [--json FILE] [--docs DIR] [--work DIR] [--jobs N] [--method NAME]
-                                     [--model NAME] [--workers N | --scheduler tcp://HOST:PORT]
+                                     [--model NAME] [--again N] [--workers N | --scheduler tcp://HOST:PORT]
 
 Simulations of each group and a line of JSON for each finished data set are kept in the folder given by --work,
 out/calibration by default; an interrupted run continues there with the same version of the code. N groups run at a
 time, each in its own process; by default N is the number of cores, since a chain uses one core. With --workers or
 --scheduler groups follow each other, and worker processes simulate (docs/cluster.md); no result depends on them.
---quick: a few data sets with tiny settings, no targets. --method restricts the run to `emulator` or `abc-smc`. --docs
+--quick: a few data sets with tiny settings, no targets. --method restricts the run to `emulator` or `abc-smc`. --again,
+a number above 0, takes other truths, data and seeds, in a folder of its own: to tell what is chance. --docs
 writes DIR/calibration.md and DIR/calibration.png, or DIR/calibration-NAME for one method or the off-lattice model.
 """
 
@@ -44,7 +45,7 @@ import time
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from contextlib import nullcontext
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
@@ -276,12 +277,14 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("--jobs", type=int, default=available_processors())
     parser.add_argument("--method", choices=[part.method.lower() for part in FULL])
     parser.add_argument("--model", choices=list(STUDIES), default="algebraic")
+    parser.add_argument("--again", type=int, default=0)
     add_workers(parser)
     own, others = parser.parse_known_args(arguments)
 
     def run(report: Report, quick: bool) -> None:
         parts, folder = STUDIES[own.model][quick], "quick" if quick else "full"
-        asked = tuple(part for part in parts if own.method in (None, part.method.lower()))
+        folder += f"-{own.again}" if own.again else ""
+        asked = tuple(replace(part, again=own.again) for part in parts if own.method in (None, part.method.lower()))
         if not asked:
             parser.error(f"--method: {own.method} is not calibrated on the {own.model} model")
         model = () if own.model == "algebraic" else (own.model,)

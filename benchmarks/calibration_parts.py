@@ -39,6 +39,7 @@ class Part:
         settings: Of the sampler.
         judged: Simulations from the prior that train the emulator of the log-likelihood; also ABC's pilot.
         judge: Settings of that emulator.
+        again: Another number, other truths, data and seeds.
     """
 
     method: str
@@ -52,6 +53,7 @@ class Part:
     judged: int = 512
     judge: TrainingSettings = field(default_factory=TrainingSettings)
     limited: bool = False
+    again: int = 0
 
     @property
     def emulator(self) -> bool:
@@ -66,7 +68,7 @@ class Part:
     @property
     def seed(self) -> int:
         """Seed of truths and data, from which those of groups are derived."""
-        return SEED if self.emulator else SEED + 1
+        return SEED + 2 * self.again + (0 if self.emulator else 1)
 
     def group(self, number: int) -> int:
         """Number of the group of a data set, from 0."""

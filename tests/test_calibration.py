@@ -353,3 +353,8 @@ def test_real_posteriors_of_a_small_study_are_calibrated(tmp_path: Path) -> None
             assert 100 * ends.low <= high, f"{name}: {inside} of {len(shares)} inside {level:.0%} intervals"
     assert 32 < found["emulator: inside 50 % intervals"].value < 68  # two standard errors are some 15 %
     assert found["emulator: inside 90 % intervals"].value > 78
+
+
+def test_a_further_study_has_truths_of_its_own() -> None:
+    seeds = [replace(part, again=again).seed for again in (0, 1, 2) for part in FULL]
+    assert len(set(seeds)) == 6
