@@ -100,7 +100,7 @@ class Study:
         return found
 
     def record(self, group: str, number: int) -> dict[str, Any]:
-        """Both posteriors of a set."""
+        """All posteriors of a set."""
         values, tau = self.truth(group, number)
         rows = self.colonies(group, number)
         found = {"group": group, "number": number, "truth": values, "tau": tau}
@@ -157,7 +157,7 @@ def _gathered(x: np.ndarray, log_weights: np.ndarray) -> tuple[np.ndarray, np.nd
 def sets(study: Study, work: Path, count: int, report: Report) -> list[dict[str, Any]]:
     """Records of all groups; missing ones are computed."""
     path = work / f"{study.model.file}.jsonl"
-    there = {(one["group"], one["number"]): one for one in read_lines(path)}
+    there = {(one["group"], one["number"]) for one in read_lines(path) if one["group"] != "one" or TOLD in one}
     for number in range(count):
         for group in GROUPS:
             if (group, number) not in there:
