@@ -33,8 +33,8 @@ out/calibration by default; an interrupted run continues there with the same ver
 time, each in its own process; by default N is the number of cores, since a chain uses one core. With --workers or
 --scheduler groups follow each other, and worker processes simulate (docs/cluster.md); no result depends on them.
 --quick: a few data sets with tiny settings, no targets. --method restricts the run to `emulator` or `abc-smc`. --again,
-a number above 0, takes other truths, data and seeds, in a folder of its own: to tell what is chance. --docs
-writes DIR/calibration.md and DIR/calibration.png, or DIR/calibration-NAME for one method or the off-lattice model.
+a number above 0, takes other truths, data and seeds, in a folder of its own: to tell what is chance. --docs writes
+DIR/calibration.md and DIR/calibration.png, or DIR/calibration-NAME for one method or the off-lattice model.
 """
 
 import argparse
@@ -280,6 +280,8 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("--again", type=int, default=0)
     add_workers(parser)
     own, others = parser.parse_known_args(arguments)
+    if own.again < 0:
+        parser.error(f"--again: {own.again} is below 0")
 
     def run(report: Report, quick: bool) -> None:
         parts, folder = STUDIES[own.model][quick], "quick" if quick else "full"
