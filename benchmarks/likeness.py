@@ -77,9 +77,10 @@ ASKED = (
 )
 FURTHER = ("smoothed_branch_index", "hole_count", "wave_number", "fractal_dimension", "compactness", "branch_count")
 FREE = (*GROWING, MARGIN.name)
-VARYING = "transition"
-MODEL = f"--model offlattice --match each --variation --varying {VARYING}"
-OPTIONS = f"{MODEL} --free {','.join(FREE)} --statistics {','.join(ASKED)}"
+OPTIONS = (
+    "--model offlattice --match each --variation --varying transition "
+    f"--free {','.join(FREE)} --statistics {','.join(ASKED)}"
+)
 HOW = f"{OPTIONS} --leave-out 4 --each 1024 --most-steps 60000 --draws 20 --prior-draws 0"
 QUICK = f"{OPTIONS} --leave-out 2 --most-steps 500 --walkers 32 --simulations 160 --draws 10"
 INSIDE = (0.8, 0.97)
