@@ -39,6 +39,22 @@ def test_places_around_have_the_mean_of_any_cubic() -> None:
     np.testing.assert_allclose(still, np.repeat(values[:, None], 6, axis=1), rtol=1e-15)
 
 
+@pytest.mark.parametrize("varying", [("b",), ("a", "c")])
+def test_places_around_few_parameters_have_the_mean_of_each_fourth_power(varying: tuple[str, ...]) -> None:
+    """E (y_k − y)⁴ = 3 τ⁴, with which the variance of y² is right: six places for one parameter and for two."""
+    coordinates = ColonyCoordinates.of(ClosedForm().parameters, varying)
+    values, tau = np.array([[2.0, 0.3, 0.5], [0.7, 0.6, 1.5]]), np.array([0.4, 0.9])
+    found = coordinates.around(values, tau)
+    away = np.log(found / values[:, None])
+    logit = np.log(found[..., 1] / (1 - found[..., 1]))
+    away[..., 1] = logit - np.log(values[:, 1] / (1 - values[:, 1]))[:, None]
+    assert found.shape == (2, 6, 3)
+    scatters = np.array([name in varying for name in "abc"])
+    for power, moment in ((1, 0.0), (2, 1.0), (3, 0.0), (4, 3.0)):
+        expected = moment * tau[:, None] ** power * scatters
+        np.testing.assert_allclose((away**power).mean(axis=1), expected, atol=1e-12)
+
+
 def test_one_colony_of_each_draw_scatters() -> None:
     """By τ of each draw, no farther than places around it are; λ itself where τ is 0, or colonies are all of one λ.
 
@@ -121,8 +137,8 @@ def test_what_all_colonies_share_does_not_scatter() -> None:
     shared = ClosedForm(ParameterSet((a, replace(b, shared=True), c)))
     values, tau = np.array([[2.0, 0.3, 0.5], [0.7, 0.6, 1.5]]), np.array([0.4, 0.9])
     found = ColonyCoordinates.of(shared.parameters).around(values, tau)
-    assert found.shape == (2, 4, 3)
-    np.testing.assert_array_equal(found[:, :, 1], np.repeat(values[:, None, 1], 4, axis=1))
+    assert found.shape == (2, 6, 3)
+    np.testing.assert_array_equal(found[:, :, 1], np.repeat(values[:, None, 1], 6, axis=1))
     rest = ColonyCoordinates.of(ParameterSet((a, c))).around(values[:, ::2], tau)
     np.testing.assert_array_equal(found[:, :, ::2], rest)
     rows, seeds = np.column_stack([values, tau]), np.arange(2)
@@ -134,8 +150,8 @@ def test_what_all_colonies_share_does_not_scatter() -> None:
     x = np.tile(prior.coordinates(values[:1]), (2000, 1))
     moved = problem.scattered(x, np.full((2000, 1), 5.0), np.random.default_rng(0))
     np.testing.assert_allclose(moved[:, 1], x[:, 1], rtol=1e-12)
-    assert np.abs(moved[:, 0] - x[:, 0]).max() <= 5.0 * np.sqrt(2) * (1 + 1e-12)
-    assert np.abs(moved[:, 0] - x[:, 0]).max() > 5.0 * np.sqrt(2) * 0.99
+    assert np.abs(moved[:, 0] - x[:, 0]).max() <= 5.0 * np.sqrt(3) * (1 + 1e-12)
+    assert np.abs(moved[:, 0] - x[:, 0]).max() > 5.0 * np.sqrt(3) * 0.99
     unbounded = Parameter("d", "d", "d", (0.1, 1.0), 0.5, smallest=-np.inf, shared=True)
     with_it = ColonyCoordinates.of(ParameterSet((a, unbounded))).moved(np.array([[2.0, -3.0]]), np.array([[0.1, 0.1]]))
     np.testing.assert_allclose(with_it, [[2.0 * np.exp(0.1), -3.0]])
@@ -149,7 +165,7 @@ def test_parameters_that_vary_alone() -> None:
     alone = ClosedForm(ParameterSet((replace(a, shared=True), b, replace(c, shared=True))))
     rows, seeds = np.array([[2.0, 0.3, 0.5, 0.4], [0.7, 0.6, 1.5, 0.9]]), np.arange(2)
     found = ColonyCoordinates.of(ClosedForm().parameters, ("b",)).around(rows[:, :3], rows[:, 3])
-    assert found.shape == (2, 2, 3)
+    assert found.shape == (2, 6, 3)
     np.testing.assert_array_equal(found, ColonyCoordinates.of(alone.parameters).around(rows[:, :3], rows[:, 3]))
     grown = Varied(ClosedForm(), ("b",)).scattered(rows, seeds)
     np.testing.assert_array_equal(grown, Varied(alone).scattered(rows, seeds))

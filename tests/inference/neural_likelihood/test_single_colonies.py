@@ -93,7 +93,7 @@ def test_the_likelihood_is_that_of_all_colonies_as_one_vector(
     noise = np.diag([0.02, 0.1, 0.05, 0.01]) + 0.01
     variation = Variation(varying=known.parameters.names[1:] if alone else ())
     problem = Problem.of(known, known.prior, rows, noise=noise, colony_noise=2 * noise, variation=variation)
-    assert len(problem.places(np.ones((1, 2)), np.ones((1, 1)))[0]) == (2 if alone else 4)
+    assert len(problem.places(np.ones((1, 2)), np.ones((1, 1)))[0]) == 6
     places = np.array([[1.3, 0.8], [1.1, 1.0], [1.5, 0.7]])
     tau = np.array([0.0, 0.2, 0.5])
     found = likelihood(emulator, problem, places, tau)

@@ -1,7 +1,7 @@
 """Likelihood of single colonies, whose parameters may scatter, by an emulator.
 
 Colony r has λ_r with y(λ_r) = y(λ) + τ ξ_r (`prior.variation`). With m and V the mean and the covariance of colonies
-that scatter so, by cubature from those of colonies at 2 d places around λ (`Ensemble.moments_around`),
+that scatter so, by cubature from those of colonies at 2 q places around λ (`Ensemble.moments_around`),
 
     o_r | λ, τ, e ~ N(m + e, V + M),    e ~ N(0, E),    E = emulator's error + N:
 
@@ -17,7 +17,8 @@ their mean times that of their scatter about it, which tells τ; a handful of sm
 are.
 
 Where at λ_r the mean is linear in y and the covariance C constant, V = C + τ² J Jᵀ with J = ∂m/∂y, exactly. Where the
-mean has squares of y, m is right, too; what the variance of one y² adds to V is taken (d − 1) / 2 times.
+mean has squares of y, m is right, too, and so is what the variance of one y² adds to V, where up to three parameters
+scatter. Where d of them do, it is taken (d − 1) / 2 times: twice for five.
 """
 
 import equinox as eqx

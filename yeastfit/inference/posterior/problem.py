@@ -232,7 +232,7 @@ class Problem:
             z: Of τ(z); without columns where colonies do not scatter.
 
         Returns:
-            λ, or 2 d places of each (`ColonyCoordinates.around`).
+            λ, or several places of each (`ColonyCoordinates.around`).
         """
         if self.variation is None:
             return values
@@ -270,7 +270,7 @@ class Problem:
         if self.variation is None:
             return x
         coordinates = self.colony_coordinates
-        farthest = np.sqrt(coordinates.scattering)
+        farthest = np.sqrt(coordinates.pairs)
         step = tau * np.clip(rng.standard_normal(x.shape), -farthest, farthest)
         moved = coordinates.moved(self.prior.values(x), step)
         return np.where(self.admits(moved)[:, None], self.prior.coordinates(moved), x)

@@ -133,9 +133,9 @@ class ColonyCoordinates(eqx.Module):
         return ColonyCoordinates(low, high - low, tuple(one not in scattering for one in parameters.values()))
 
     @property
-    def scattering(self) -> int:
-        """How many parameters scatter."""
-        return self.shared.count(False)
+    def pairs(self) -> int:
+        """q: half the number of places `around` λ, which lie at most √q τ from it in each y."""
+        return max(self.shared.count(False), 3)
 
     def moved(self, values: Float[Table, "*row free"], step: Float[Table, "*rows free"]) -> Float[Table, "*rows free"]:
         """λ of y + step; what lies on a bound, or is shared, stays there."""
@@ -146,14 +146,16 @@ class ColonyCoordinates(eqx.Module):
         return library.where(np.array(self.shared), values, moved) if any(self.shared) else moved
 
     def around(self, values: Float[Table, "row free"], tau: Float[Table, " row"]) -> Float[Table, "row place free"]:
-        """2 d places for each λ, over which any cubic in y has the mean that it has over colonies of this scatter.
+        """2 q places for each λ, over which any cubic in y has the mean that it has over colonies of this scatter.
 
-        They are y ± √d τ e_k of the d parameters that scatter (spherical cubature: Arasaratnam & Haykin 2009,
-        doi:10.1109/TAC.2009.2019800). The prior of a share may end before they do: an emulator takes it for that at the
-        prior's end.
+        They are y ± √q τ e_k of the d parameters that scatter, and y itself 2 (q − d) times, q = max(d, 3). From three
+        parameters on that is spherical cubature (Arasaratnam & Haykin 2009, doi:10.1109/TAC.2009.2019800). Of fewer,
+        the weights of places are those of the unscented transform (Julier & Uhlmann 2004,
+        doi:10.1109/JPROC.2003.823141), and the mean of each y⁴ is right, too. The prior of a share may end before the
+        places do: an emulator takes it for that at the prior's end.
         """
-        axes = np.sqrt(self.scattering) * np.eye(len(self.shared))[~np.array(self.shared)]
-        steps = np.concatenate([axes, -axes])
+        axes = math.sqrt(self.pairs) * np.eye(len(self.shared))[~np.array(self.shared)]
+        steps = np.concatenate([axes, -axes, np.zeros((2 * (self.pairs - len(axes)), len(self.shared)))])
         return self.moved(values[:, None], tau[:, None, None] * steps)
 
 
