@@ -207,7 +207,8 @@ def test_infer_with_colonies_of_different_parameters(
     told = json.loads((tmp_path / "diagnostics.json").read_text())["variation_absent"]
     assert told == pytest.approx(np.mean(found.values[:, :, 2] == 0))
     page = (tmp_path / "index.html").read_text()
-    assert "Each colony has parameters of its own" in page
+    assert f"Each colony has its own {'fork' if varying else 'parameters'}, scattered about the condition" in page
+    assert f". Variation{said.removeprefix('variation')}" in page
     assert "simulated at draws of the posterior to the size at which they are compared" in page
     assert (tmp_path / "colonies.png").is_file()
     assert cli.run([*asked, "--resume"]) in (0, 1)

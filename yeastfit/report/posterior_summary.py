@@ -60,11 +60,15 @@ class Summary:
         return absent(self.posterior)
 
     @property
+    def varying(self) -> str:
+        """Names of the parameters that differ between colonies, where some alone do."""
+        return " and ".join(name.replace("_", " ") for name in self.posterior.varying)
+
+    @property
     def variation(self) -> str:
         """What the posterior says of the variation between colonies."""
         before = self.posterior.prior.distributions[NAME].numbers["zero"]
-        names = " and ".join(name.replace("_", " ") for name in self.posterior.varying)
-        alone = f", of {names} alone" if names else ""
+        alone = f", of {self.varying} alone" if self.varying else ""
         return (
             f"variation between colonies{alone}: with probability {self.absent:.2g} there is none ({before:.2g} before "
             "the data)"

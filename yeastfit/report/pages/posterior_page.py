@@ -72,8 +72,8 @@ def posterior_page(
 
 
 _VARIATION = (
-    "Each colony has parameters of its own, which scatter about those of the condition: colony variation is the "
-    "standard deviation of their logarithms, of the logits of shares and probabilities. {}."
+    "Each colony has its own {}, scattered about the condition's: colony variation is the standard deviation of "
+    "logarithms, of the logits of shares and probabilities. {}."
 )
 _PHOTOGRAPHS = (
     "<p>Above, photographs at the last time, with what was taken for the colony; that alone where they are not at "
@@ -107,7 +107,8 @@ def _parameters(summary: Summary) -> str:
         f"interval.{truth}</p>"
     )
     if summary.absent is not None:
-        words = f"<p>{page.text(_VARIATION.format(summary.variation))}</p>{words}"
+        said = _VARIATION.format(summary.varying or "parameters", _sentence(summary.variation))
+        words = f"<p>{page.text(said)}</p>{words}"
     words = f"<p>{page.text(learnt_by_posterior(summary.posterior, summary.model))}</p>{words}"
     return words + page.table("Posterior of every parameter", columns, _cells(rows), ["corner"] * len(rows))
 
@@ -165,7 +166,11 @@ def _left_out(found: LeftOut) -> str:
         "in the predicted interval. Offset: of the observed from the predicted, in predicted standard deviations."
     )
     table = page.table("Statistics of colonies left out", columns, _cells(rows), ["left_out"] * len(rows))
-    return f"<p>{page.text(words[:1].upper() + words[1:])}</p>{table}"
+    return f"<p>{page.text(_sentence(words))}</p>{table}"
+
+
+def _sentence(words: str) -> str:
+    return words[:1].upper() + words[1:]
 
 
 def _chains(summary: Summary) -> str:
