@@ -35,7 +35,10 @@ no posterior: the page is of what is there. --quick: one set, 160 simulations, n
 
 With the masks or photographs that `data/real` was measured on, which are no part of the project, in the folder given by
 --images, a picture of 3 × 6 colonies is written besides: of each set three of them and three simulated ones, mixed,
-all at one scale. Which are real is printed: can you tell?
+all at one scale. Which are real is printed: can you tell? The last table of the page is of these masks, too: how far
+cores are off a circle, of real and simulated colonies and of simulated ones without hairs, whose n* is 1 (a core is
+what a disc of 60 µm reaches), and what of circles 5 to 30 % wider than the largest one inside lies inside the colony,
+in how many pieces.
 """
 
 import argparse
@@ -44,22 +47,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Float
-from matplotlib.figure import Figure
 
+from benchmarks.likeness_masks import FREE, cores, drawn, grid
 from benchmarks.offlattice_runs import real_colonies
 from benchmarks.real_answers import CALLED
-from benchmarks.real_colonies import DATA
 from benchmarks.real_run import CELLS, RealRun
 from benchmarks.report import Report, command
-from yeastfit import measure_file
 from yeastfit.errors import InputError
 from yeastfit.inference.comparison.conditions import ConditionComparison
-from yeastfit.inference.models.offlattice import Offlattice
-from yeastfit.inference.prior.variation import Varied
 from yeastfit.inference.simulator import member_seeds
-from yeastfit.measure.measurements_table import TABLE, read_measurements
-from yeastfit.offlattice.parameters import GROWING, MARGIN
 from yeastfit.plot.style import save
 from yeastfit.results.contents import RUN
 from yeastfit.storage import read_json
@@ -76,7 +72,6 @@ ASKED = (
     "smoothed_filament_width",
 )
 FURTHER = ("smoothed_branch_index", "hole_count", "wave_number", "fractal_dimension", "compactness", "branch_count")
-FREE = (*GROWING, MARGIN.name)
 OPTIONS = (
     "--model offlattice --match each --variation --varying transition "
     f"--free {','.join(FREE)} --statistics {','.join(ASKED)}"
@@ -86,7 +81,6 @@ QUICK = f"{OPTIONS} --leave-out 2 --most-steps 500 --walkers 32 --simulations 16
 INSIDE = (0.8, 0.97)
 COLONIES = 100  # simulated from each posterior
 OF_ONE = 10  # of these have one λ, where variation at one λ is told
-EACH = 3  # real colonies of a set, and simulated ones, in the picture
 
 
 def judge(report: Report, runs: list[RealRun]) -> None:
@@ -138,7 +132,7 @@ def _row(run: RealRun) -> dict[str, Any]:
 def compare(run: RealRun, colonies: int) -> list[dict[str, Any]]:
     """Statistics of the real colonies of a set, and of colonies simulated from its posterior."""
     names = (*ASKED, *FURTHER)
-    simulator, seen, values = _drawn(run, names, colonies)
+    simulator, seen, values = drawn(run, names, colonies)
     alike = np.repeat(values[: max(1, colonies // OF_ONE), :-1], OF_ONE, axis=0)
     of_one = simulator.simulator(alike, member_seeds(1, len(alike))).reshape(-1, OF_ONE, len(names))
     deviation = np.sqrt(np.nanmean(np.nanvar(of_one, axis=1, ddof=1), axis=0))
@@ -164,42 +158,6 @@ def compare(run: RealRun, colonies: int) -> list[dict[str, Any]]:
     ]
 
 
-def _drawn(run: RealRun, names: tuple[str, ...], colonies: int) -> tuple[Varied, Any, Float[np.ndarray, "colony free"]]:
-    """The simulator of colonies that differ, the data that it is made for, and draws of a posterior."""
-    model = Offlattice(cells=CELLS[run.name], match="each", masks="ellipses")
-    table = DATA / run.name / TABLE
-    seen = model.seen(read_measurements(table), table.parent, None, names)
-    inside = seen.model.simulator(seen.targets, FREE, {})
-    draws = run.posterior.flat
-    values = draws[np.random.default_rng(0).integers(len(draws), size=colonies)]
-    return Varied(inside, run.posterior.varying), seen, values
-
-
-def grid(runs: list[RealRun], images: Path) -> tuple[Figure, str]:
-    """Real and simulated colonies of each set, and which are real."""
-    rng, said = np.random.default_rng(0), list[str]()
-    masks = dict[tuple[int, int], Bool[np.ndarray, "row column"]]()
-    for line, run in enumerate(runs):
-        rows = read_measurements(DATA / run.name / TABLE)[:EACH]
-        real = [measure_file(images / str(row["file"]), float(row["um_per_pixel"])).segmentation.mask for row in rows]
-        simulator, seen, values = _drawn(run, ASKED, EACH)
-        scattered = simulator.scattered(values, member_seeds(0, EACH))
-        simulated = seen.model.outlines(simulator.simulator, scattered, seen.targets, 0)[0]
-        order = rng.permutation(EACH + len(simulated)).tolist()
-        masks |= {(line, place): [*real, *simulated][which] for place, which in enumerate(order)}
-        said.append(f"{CALLED[run.name]}: {', '.join(str(k + 1) for k, which in enumerate(order) if which < EACH)}")
-    reach = 0.52 * max(max(np.ptp(one) for one in np.nonzero(mask)) for mask in masks.values())
-    figure = Figure(figsize=(18, 3.1 * len(runs)), layout="constrained")
-    panels = figure.subplots(len(runs), 2 * EACH, squeeze=False)
-    for panel in panels.flat:
-        panel.set_axis_off()
-    for place, mask in masks.items():
-        row, column = (0.5 * (one.min() + one.max()) for one in np.nonzero(mask))
-        panels[place].imshow(mask, cmap="Greys", interpolation="antialiased")
-        panels[place].set(xlim=(column - reach, column + reach), ylim=(row + reach, row - reach))
-    return figure, "; ".join(said)
-
-
 def main(arguments: list[str] | None = None) -> None:
     """Run the command: parse the options of this benchmark, then those of every benchmark."""
     parser = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
@@ -220,8 +178,10 @@ def main(arguments: list[str] | None = None) -> None:
                 one.infer(QUICK if quick else HOW)
         judge(report, runs)
         if own.grid is not None:
-            drawn, real = grid([one for one in runs if one.there], own.images)
-            save(drawn, own.grid)
+            there = [one for one in runs if one.there]
+            report.table("Cores and what surrounds them, medians", cores(there, own.images))
+            picture, real = grid(there, own.images)
+            save(picture, own.grid)
             report.stage(f"{own.grid}: real are {real}")
         if report.docs is not None:
             report.docs.mkdir(parents=True, exist_ok=True)

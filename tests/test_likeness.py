@@ -8,7 +8,7 @@ from made_posteriors import flat_prior, made_posterior
 from PIL import Image
 from test_colony_areas import left_out
 
-from benchmarks import likeness, offlattice_runs
+from benchmarks import likeness, likeness_masks, offlattice_runs
 from benchmarks.real_run import CELLS, RealRun
 from yeastfit.measure.measurements_table import TABLE
 from yeastfit.offlattice import Ellipses, grow
@@ -32,7 +32,7 @@ def work(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         known = {"file": f"{seed}.png", "condition": "", "replicate": seed, "hours": 233.0, "um_per_pixel": PIXEL}
         rows.append({**known, "mask": "", **statistics_of(mask, PIXEL, ("max_radius", "area", *NAMES))})
     write_table(tmp_path / "data" / NAME / TABLE, rows)
-    for one in (likeness, offlattice_runs):
+    for one in (likeness_masks, offlattice_runs):
         monkeypatch.setattr(one, "DATA", tmp_path / "data")
     monkeypatch.setitem(CELLS, NAME, 2500)
     folder = tmp_path / NAME
@@ -72,12 +72,30 @@ def test_the_page_and_the_picture_are_of_what_is_there(
     assert "Not there yet: AWRI 796, 500 µM." in page
     assert "| AWRI 796, 50 µM: left out, inside 90 % | 0.938 |  | ≥ 0.8 | yes |" in page
     assert "| AWRI 796, 50 µM | yes | 100 | 512 | 94 | 94 | -31.7 ± 0.1 | 0.7 (0.7 to 0.7) |" in page
+    assert "## Cores and what surrounds them, medians" in page
+    assert all(f"| AWRI 796, 50 µM | {kind} | " in page for kind in ("real", "simulated", "of sated cells alone"))
     with Image.open(work / "grid.png") as image:
         assert image.width > 1000
     (told,) = (line for line in capsys.readouterr().err.splitlines() if "real are" in line)
     real = {int(one) for one in told.rpartition(": ")[2].split(", ")}
-    assert len(real) == likeness.EACH
+    assert len(real) == likeness_masks.EACH
     assert real < set(range(1, 7))
+
+
+def test_cores_are_as_round_as_they_are_drawn() -> None:
+    """A disc of 150 pixels with twelve spokes to 1.25 times its radius; an ellipse, by its own radius."""
+    y, x = np.mgrid[-260:261, -260:261]
+    radius, angle = np.hypot(x, y), np.arctan2(y, x)
+    spokes = (radius <= 1.25 * 150) & (np.abs((angle * 12 / (2 * np.pi)) % 1 - 0.5) < 0.1)
+    found = likeness_masks.core((radius <= 150) | spokes)
+    assert found["core off a circle, %"] < 0.5
+    assert [found[f"pieces at {wider} %"] for wider in (5, 10, 20, 30)] == [12, 12, 12, 0]
+    assert found["inside at 5 %, %"] == pytest.approx(20, abs=1.5)
+    assert found["inside at 30 %, %"] == 0
+    turn = np.linspace(0, 2 * np.pi, 1000)
+    edge = np.hypot(240 * np.cos(turn), 200 * np.sin(turn))
+    off = likeness_masks.core((x / 240) ** 2 + (y / 200) ** 2 <= 1)["core off a circle, %"]
+    assert off == pytest.approx(100 * edge.std() / edge.mean(), rel=0.05)
 
 
 def test_what_differs_between_sets_is_said(work: Path) -> None:
