@@ -12,10 +12,8 @@ explains their scatter at 500 µM as well as a scatter for each of the five para
 all of them:
 
     cd data/real
-    nine=filament_area_index,filament_radius_index,angular_index,solidity,inscribed_radius
-    nine=$nine,smoothed_compactness,smoothed_branch_length,smoothed_branch_count,smoothed_filament_width
     more="--model offlattice --match each --variation --varying transition --leave-out 4 --each 1024
-        --most-steps 60000 --draws 20 --prior-draws 0 --statistics $nine
+        --most-steps 60000 --draws 20 --prior-draws 0 --statistics texture
         --free transition,sated_from_pseudohyphal,pseudohyphal_from_sated,fork,any_mother,nutrient_exponent,margin"
     yeastfit infer simi-white-50um $more --cells 88000 --out WORK/simi-white-50um
 
@@ -55,26 +53,15 @@ from benchmarks.real_run import CELLS, RealRun
 from benchmarks.report import Report, command
 from yeastfit.errors import InputError
 from yeastfit.inference.comparison.conditions import ConditionComparison
+from yeastfit.inference.models.offlattice_drawing import TEXTURE
 from yeastfit.inference.simulator import member_seeds
 from yeastfit.plot.style import save
 from yeastfit.results.contents import RUN
 from yeastfit.storage import read_json
 
-ASKED = (
-    "filament_area_index",
-    "filament_radius_index",
-    "angular_index",
-    "solidity",
-    "inscribed_radius",
-    "smoothed_compactness",
-    "smoothed_branch_length",
-    "smoothed_branch_count",
-    "smoothed_filament_width",
-)
 FURTHER = ("smoothed_branch_index", "hole_count", "wave_number", "fractal_dimension", "compactness", "branch_count")
 OPTIONS = (
-    "--model offlattice --match each --variation --varying transition "
-    f"--free {','.join(FREE)} --statistics {','.join(ASKED)}"
+    f"--model offlattice --match each --variation --varying transition --free {','.join(FREE)} --statistics texture"
 )
 HOW = f"{OPTIONS} --leave-out 4 --each 1024 --most-steps 60000 --draws 20 --prior-draws 0"
 QUICK = f"{OPTIONS} --leave-out 2 --most-steps 500 --walkers 32 --simulations 160 --draws 10"
@@ -92,7 +79,7 @@ def judge(report: Report, runs: list[RealRun]) -> None:
         report.add(f"{name}: left out, inside 90 %", inside, "", low)
         report.add(f"{name}: the same, at most", inside, "", high, False)
         compared = compare(one, 10 if report.quick else COLONIES)
-        for title, names in (("asked for", ASKED), ("not asked for", FURTHER)):
+        for title, names in (("asked for", TEXTURE), ("not asked for", FURTHER)):
             shares = [row["inside 90 %"] for row in compared if row["statistic"] in names]
             report.add(f"{name}: real colonies inside predicted 90 %, statistics {title}", float(np.mean(shares)), "")
         report.table(f"{name}: real and simulated colonies", compared)
@@ -131,7 +118,7 @@ def _row(run: RealRun) -> dict[str, Any]:
 
 def compare(run: RealRun, colonies: int) -> list[dict[str, Any]]:
     """Statistics of the real colonies of a set, and of colonies simulated from its posterior."""
-    names = (*ASKED, *FURTHER)
+    names = (*TEXTURE, *FURTHER)
     simulator, seen, values = drawn(run, names, colonies)
     alike = np.repeat(values[: max(1, colonies // OF_ONE), :-1], OF_ONE, axis=0)
     of_one = simulator.simulator(alike, member_seeds(1, len(alike))).reshape(-1, OF_ONE, len(names))

@@ -10,6 +10,7 @@ from test_colony_areas import left_out
 
 from benchmarks import likeness, likeness_masks, offlattice_runs
 from benchmarks.real_run import CELLS, RealRun
+from yeastfit.inference.models.offlattice_drawing import TEXTURE
 from yeastfit.measure.measurements_table import TABLE
 from yeastfit.offlattice import Ellipses, grow
 from yeastfit.offlattice.masks.ellipse_mask import PIXEL
@@ -18,7 +19,7 @@ from yeastfit.results.contents import MANIFEST, RUN
 from yeastfit.storage import write_json, write_table
 
 NAME = "awri796-50um"
-NAMES = (*likeness.ASKED, *likeness.FURTHER)
+NAMES = (*TEXTURE, *likeness.FURTHER)
 AT = (0.7, 0.8, 0.24, 0.15, 0.08, 0.0, 2.0, 0.0)
 
 

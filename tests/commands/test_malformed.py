@@ -382,7 +382,7 @@ CASES: list[tuple[str, str]] = [
     ("infer table --out OUT --model offlattice --pixel-size 100 --masks ellipses", "--pixel-size is 100 to 8.4 µm"),
     (
         "infer table --out OUT --model offlattice --statistics nothing",
-        "'nothing' is unknown, expected li2024 or some of",
+        "'nothing' is unknown, expected li2024, texture or some of",
     ),
     ("design --out OUT --model offlattice --statistics radius --pixel-size 100", "--pixel-size is 100 to 8.4 µm"),
     ("design --out OUT --model offlattice --statistics radius --gap -1", "gap (w) is -1"),

@@ -9,6 +9,7 @@ import pytest
 from yeastfit import Targets
 from yeastfit.errors import InputError
 from yeastfit.inference.models.offlattice import Offlattice
+from yeastfit.inference.models.offlattice_drawing import TEXTURE
 from yeastfit.inference.prior.distributions import Distribution
 from yeastfit.measure.outlining.outline_errors import COLONY_ERRORS, OUTLINE_ERRORS
 from yeastfit.offlattice.masks import ellipse_mask
@@ -37,6 +38,8 @@ def test_masks_are_drawn_as_the_statistics_ask_for() -> None:
     """As Li et al. do for their three indices, without the frame for others of theirs, else as ellipses, or as said."""
     whole = Offlattice(cells=100).statistics
     theirs = Offlattice(cells=100).statistics_named(["li2024"])
+    nine = Offlattice(cells=100).statistics_named(["texture", "solidity"])
+    assert (len(nine), nine) == (9, TEXTURE)
 
     def drawn(names: tuple[str, ...], masks: Any = None) -> Any:
         targets, model = Targets.from_means({name: [1.0] for name in names}, [10.0]), Offlattice(cells=100, masks=masks)
@@ -45,7 +48,7 @@ def test_masks_are_drawn_as_the_statistics_ask_for() -> None:
 
     assert drawn(theirs) == BinnedOutlines.of
     assert drawn(whole) == drawn(theirs, "bins") == BinnedOutlines.whole
-    assert drawn((*theirs, "compactness")) == drawn(theirs, "ellipses") == Ellipses.of
+    assert drawn((*theirs, "compactness")) == drawn(theirs, "ellipses") == drawn(nine) == Ellipses.of
     assert drawn((*whole, "compactness"), "li2024") == BinnedOutlines.of
 
 

@@ -41,7 +41,8 @@ def _statistics(default: Callable[[type[ForwardModel]], Sequence[str]]) -> Any:
     by_model = "; ".join(f"{', '.join(default(one))} for {name}" for name, one in FORWARD_MODELS.items())
     words = (
         f"Statistics that are compared, with commas: {SMOOTH}, or any other column of measurements.csv that the model "
-        f"has; li2024 stands for the indices of Li et al. 2024. By default {by_model}."
+        "has; of the off-lattice model li2024 stands for the indices of Li et al. 2024, texture for nine of shape and "
+        f"texture. By default {by_model}."
     )
     return typer.Option(help=words, show_default=False)
 

@@ -20,7 +20,7 @@ from yeastfit.inference.models.forward_model import ForwardModel, Row, Seen
 from yeastfit.inference.models.grown import Outlines
 from yeastfit.inference.models.image_checks import check_comparable, check_images
 from yeastfit.inference.models.last_images import last_images, mean_area, measured
-from yeastfit.inference.models.offlattice_drawing import CELL_LENGTH, COMPARABLE, Drawing, Masks
+from yeastfit.inference.models.offlattice_drawing import CELL_LENGTH, COMPARABLE, TEXTURE, Drawing, Masks
 from yeastfit.inference.posterior.settings import Setting
 from yeastfit.inference.prior.distributions import Distribution
 from yeastfit.inference.prior.prior import Bounded, Prior
@@ -42,7 +42,7 @@ if TYPE_CHECKING:
     from yeastfit.offlattice.simulation import OfflatticeSimulation
     from yeastfit.offlattice.simulator import OfflatticeSimulator
 
-THEIRS = "li2024"
+THEIRS, SHAPE_AND_TEXTURE = "li2024", "texture"  # names of several statistics
 COMPARED = ("fit", "infer", "design")
 COVERED_AREAS = Range(40.0, unit="µm²")  # what a cell in yeast form covers
 TRIED = 16  # colonies that show whether the cells cover the area of the data
@@ -157,16 +157,21 @@ class Offlattice(ForwardModel):
         return INFERRED.subset((*(GROWING if self.match == "each" else PARAMETERS).names, *drawn))
 
     def statistics_named(self, names: Sequence[str]) -> tuple[str, ...]:
-        """Those of `measure`, and those of Li et al.: li2024 stands for the three that they compare colonies in."""
+        """Those of `measure`, and those of Li et al.
+
+        li2024 stands for the three that Li et al. compare colonies in, texture for the nine of `TEXTURE`.
+        """
         from yeastfit.offlattice.simulator import known_statistics
         from yeastfit.offlattice.statistics.li2024_statistics import PUBLISHED
 
-        known, found = known_statistics(), tuple(one for name in names for one in _expanded(name, PUBLISHED))
+        known, several = known_statistics(), {THEIRS: PUBLISHED, SHAPE_AND_TEXTURE: TEXTURE}
+        found = tuple(one for name in names for one in several.get(name, (name,)))
         for name in found:
             check_comparable(name)
             if name not in known:
                 raise InputError(
-                    f"--statistics: {name!r} is unknown, expected {THEIRS} or some of {listed(sorted(known))}"
+                    f"--statistics: {name!r} is unknown, expected {', '.join(several)} or some of "
+                    f"{listed(sorted(known))}"
                 )
         return tuple(dict.fromkeys(found))
 
@@ -369,7 +374,3 @@ class Offlattice(ForwardModel):
             f"colonies are compared at {largest:.3g} µm²{at_most}: give about --cells {rounded}, or --match none to "
             "compare whole colonies of any area"
         )
-
-
-def _expanded(name: str, published: tuple[str, ...]) -> tuple[str, ...]:
-    return published if name == THEIRS else (name,)

@@ -14,6 +14,21 @@ COMPARABLE = ("li2024_filament_area_index", "li2024_filament_radius_index", "smo
 
 Photographing a mask leaves them alone. Without the last a posterior may be of colonies of a few tufts.
 """
+TEXTURE = (
+    "filament_area_index",
+    "filament_radius_index",
+    "angular_index",
+    "solidity",
+    "inscribed_radius",
+    "smoothed_compactness",
+    "smoothed_branch_length",
+    "smoothed_branch_count",
+    "smoothed_filament_width",
+)
+"""Shape, how round a core is and how free of holes, and texture of outlines that are smoothed.
+
+Simulated colonies that agree with real ones in these, with `margin` free, look much like them (`docs/likeness.md`).
+"""
 CELL_LENGTH = 8.4  # µm, of a cell in yeast form
 Masks = Literal["li2024", "bins", "ellipses"]
 
