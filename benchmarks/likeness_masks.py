@@ -3,7 +3,8 @@
 The core of a colony is what a disc of 60 µm, wider than any hair, reaches inside of it (an opening). How far its edge
 is off a circle is the standard deviation of its distance from the core's centre over the mean. Circles around the
 centre of the largest circle inside, 5 to 30 % wider than that, tell where hairs begin and end: how much of them lies
-inside the colony, in how many pieces.
+inside the colony, in how many pieces. How hairs taper tells their width at three distances beyond the core: twice the
+distance of their skeletons from the outline.
 """
 
 from pathlib import Path
@@ -13,6 +14,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 from matplotlib.figure import Figure
 from scipy.ndimage import distance_transform_edt
+from skimage.morphology import skeletonize
 
 from benchmarks.real_answers import CALLED
 from benchmarks.real_colonies import DATA
@@ -30,6 +32,7 @@ Mask = Bool[np.ndarray, "row column"]
 FREE = (*GROWING, MARGIN.name)
 DISC = 60.0  # µm
 WIDER = (1.05, 1.1, 1.2, 1.3)
+BEYOND = ((5.0, 20.0), (60.0, 90.0), (130.0, 180.0))  # µm
 EACH = 3  # real colonies of a set, and simulated ones, in the picture
 
 
@@ -72,13 +75,19 @@ def cores(runs: list[RealRun], images: Path) -> list[dict[str, Any]]:
         }
         for kind, masks in kinds.items():
             found = [core(mask) for mask in masks]
-            medians = {name: float(np.median([one[name] for one in found])) for name in found[0]}
+            medians = {name: median([one[name] for one in found]) for name in found[0]}
             rows.append({"set": CALLED[run.name], "colonies": kind, **medians})
     return rows
 
 
+def median(values: list[float]) -> float:
+    """Of those that are there; nan where none is."""
+    known = [one for one in values if np.isfinite(one)]
+    return float(np.median(known)) if known else np.nan
+
+
 def core(mask: Mask) -> dict[str, float]:
-    """Of one colony: how far its core is off a circle, and what of wider circles lies inside, in how many pieces."""
+    """Of one colony: its core, circles around it, and how wide hairs are, nan where there are none."""
     mask = np.pad(mask, 1)
     depth = distance_transform_edt(mask)
     kept = distance_transform_edt(depth <= DISC / PIXEL) <= DISC / PIXEL
@@ -93,6 +102,10 @@ def core(mask: Mask) -> dict[str, float]:
         reached = within & mask[tuple(np.where(within, at, 0))]
         found[f"inside at {100 * wider - 100:.0f} %, %"] = 100 * float(reached.mean())
         found[f"pieces at {100 * wider - 100:.0f} %"] = float(np.sum(reached & ~np.roll(reached, 1)))
+    beyond, hairs = PIXEL * distance_transform_edt(~kept), skeletonize(mask) & ~kept
+    for near, far in BEYOND:
+        widths = 2 * PIXEL * depth[hairs & (beyond >= near) & (beyond < far)]
+        found[f"µm wide {near:.0f} to {far:.0f} µm out"] = float(widths.mean()) if widths.size else np.nan
     return found
 
 

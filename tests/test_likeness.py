@@ -84,7 +84,7 @@ def test_the_page_and_the_picture_are_of_what_is_there(
 
 
 def test_cores_are_as_round_as_they_are_drawn() -> None:
-    """A disc of 150 pixels with twelve spokes to 1.25 times its radius; an ellipse, by its own radius."""
+    """A disc of 150 pixels with twelve wedges to 1.25 times its radius; an ellipse, by its own radius."""
     y, x = np.mgrid[-260:261, -260:261]
     radius, angle = np.hypot(x, y), np.arctan2(y, x)
     spokes = (radius <= 1.25 * 150) & (np.abs((angle * 12 / (2 * np.pi)) % 1 - 0.5) < 0.1)
@@ -93,6 +93,9 @@ def test_cores_are_as_round_as_they_are_drawn() -> None:
     assert [found[f"pieces at {wider} %"] for wider in (5, 10, 20, 30)] == [12, 12, 12, 0]
     assert found["inside at 5 %, %"] == pytest.approx(20, abs=1.5)
     assert found["inside at 30 %, %"] == 0
+    share = 0.2 * 2 * np.pi / 12
+    assert found["µm wide 5 to 20 µm out"] == pytest.approx(PIXEL * 158 * share, rel=0.1)
+    assert np.isnan(found["µm wide 130 to 180 µm out"])
     turn = np.linspace(0, 2 * np.pi, 1000)
     edge = np.hypot(240 * np.cos(turn), 200 * np.sin(turn))
     off = likeness_masks.core((x / 240) ** 2 + (y / 200) ** 2 <= 1)["core off a circle, %"]
