@@ -35,6 +35,7 @@ def test_there_is_one_example_of_each_kind() -> None:
     assert list(EXAMPLES) == ["gyration_radius", "towards_nutrient", "logistic_growth", "rejection"]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", EXAMPLES)
 def test_it_runs(name: str) -> None:
     exec(compile(EXAMPLES[name], f"{name}.py", "exec"), {"__name__": name})

@@ -33,6 +33,7 @@ def simulator(time: float = 20.0, area: float | None = AREA, **how: Any) -> Colo
     return ColonySimulator.of(targets, free, resolution=resolution, area=area, **how)
 
 
+@pytest.mark.thorough
 def test_they_are_measured_when_they_come_to_it() -> None:
     """The numbers of `simulate` until that area, measured on the mask of its last step."""
     made = simulator()
