@@ -46,7 +46,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.likeness_masks import FREE, cores, drawn, grid
+from benchmarks.likeness_masks import FREE, cores, drawn, grid, real_masks
 from benchmarks.offlattice_runs import real_colonies
 from benchmarks.real_answers import CALLED
 from benchmarks.real_run import CELLS, RealRun
@@ -166,10 +166,11 @@ def main(arguments: list[str] | None = None) -> None:
         judge(report, runs)
         if own.grid is not None:
             there = [one for one in runs if one.there]
-            report.table("Cores and what surrounds them, medians", cores(there, own.images))
-            picture, real = grid(there, own.images)
+            real = [real_masks(one, own.images) for one in there]
+            report.table("Cores and what surrounds them, medians", cores(there, real))
+            picture, said = grid(there, real)
             save(picture, own.grid)
-            report.stage(f"{own.grid}: real are {real}")
+            report.stage(f"{own.grid}: real are {said}")
         if report.docs is not None:
             report.docs.mkdir(parents=True, exist_ok=True)
             missing = [f"Not there yet: {CALLED[one.name]}." for one in runs if not one.there]

@@ -1,7 +1,7 @@
 """Masks of real colonies beside those of colonies simulated from a posterior: a picture of both, and their cores.
 
-The core of a colony is what a disc of 60 µm, wider than any hair, reaches inside of it (an opening). How far its edge
-is off a circle is the standard deviation of its distance from the core's centre over the mean. Circles around the
+The core of a colony is what a disc of radius 60 µm, wider than any hair, reaches inside of it (an opening). How far its
+edge is off a circle is the standard deviation of its distance from the core's centre over the mean. Circles around the
 centre of the largest circle inside, 5 to 30 % wider than that, tell where hairs begin and end: how much of them lies
 inside the colony, in how many pieces. How hairs taper tells their width at three distances beyond the core: twice the
 distance of their skeletons from the outline.
@@ -30,7 +30,7 @@ from yeastfit.offlattice.parameters import GROWING, MARGIN
 Mask = Bool[np.ndarray, "row column"]
 
 FREE = (*GROWING, MARGIN.name)
-DISC = 60.0  # µm
+DISC = 60.0  # µm, its radius
 WIDER = (1.05, 1.1, 1.2, 1.3)
 BEYOND = ((5.0, 20.0), (60.0, 90.0), (130.0, 180.0))  # µm
 EACH = 3  # real colonies of a set, and simulated ones, in the picture
@@ -63,15 +63,17 @@ def simulated_masks(run: RealRun, colonies: int, transition: float | None = None
     return masks
 
 
-def cores(runs: list[RealRun], images: Path) -> list[dict[str, Any]]:
-    """How round cores are and where hairs are, medians of real colonies, simulated ones, and sated cells alone."""
+def cores(runs: list[RealRun], real: list[list[Mask]]) -> list[dict[str, Any]]:
+    """How round cores are and where hairs are, medians of real colonies, simulated ones, and sated cells alone.
+
+    real: The masks of each run's set.
+    """
     rows: list[dict[str, Any]] = []
-    for run in runs:
-        real = real_masks(run, images)
+    for run, own in zip(runs, real, strict=True):
         kinds = {
-            "real": real,
-            "simulated": simulated_masks(run, len(real)),
-            "of sated cells alone": simulated_masks(run, len(real), transition=1.0),
+            "real": own,
+            "simulated": simulated_masks(run, len(own)),
+            "of sated cells alone": simulated_masks(run, len(own), transition=1.0),
         }
         for kind, masks in kinds.items():
             found = [core(mask) for mask in masks]
@@ -109,14 +111,17 @@ def core(mask: Mask) -> dict[str, float]:
     return found
 
 
-def grid(runs: list[RealRun], images: Path) -> tuple[Figure, str]:
-    """Real and simulated colonies of each set, and which are real."""
+def grid(runs: list[RealRun], real: list[list[Mask]]) -> tuple[Figure, str]:
+    """Real and simulated colonies of each set, and which are real.
+
+    real: The masks of each run's set.
+    """
     rng, said = np.random.default_rng(0), list[str]()
     masks = dict[tuple[int, int], Mask]()
-    for line, run in enumerate(runs):
-        real, simulated = real_masks(run, images)[:EACH], simulated_masks(run, EACH)
-        order = rng.permutation(EACH + len(simulated)).tolist()
-        masks |= {(line, place): [*real, *simulated][which] for place, which in enumerate(order)}
+    for line, (run, own) in enumerate(zip(runs, real, strict=True)):
+        both = [*own[:EACH], *simulated_masks(run, EACH)]
+        order = rng.permutation(len(both)).tolist()
+        masks |= {(line, place): both[which] for place, which in enumerate(order)}
         said.append(f"{CALLED[run.name]}: {', '.join(str(k + 1) for k, which in enumerate(order) if which < EACH)}")
     reach = 0.52 * max(max(np.ptp(one) for one in np.nonzero(mask)) for mask in masks.values())
     figure = Figure(figsize=(18, 3.1 * len(runs)), layout="constrained")
