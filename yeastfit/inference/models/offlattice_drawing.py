@@ -27,7 +27,7 @@ TEXTURE = (
 )
 """Shape, how round a core is and how free of holes, and texture of outlines that are smoothed.
 
-Simulated colonies that agree with real ones in these, with `margin` free, look much like them (`docs/likeness.md`).
+Simulated colonies that agree with real ones in these, with `margin` free, look more like them (`docs/likeness.md`).
 """
 CELL_LENGTH = 8.4  # µm, of a cell in yeast form
 Masks = Literal["li2024", "bins", "ellipses"]
