@@ -59,6 +59,11 @@ def listed(names: Sequence[str]) -> str:
     return ", ".join(names[:fit]) + (f" and {more} more" if more else "")
 
 
+def capitalised(text: str) -> str:
+    """With a capital letter first, the rest as it is."""
+    return text[:1].upper() + text[1:]
+
+
 def file_name(text: str) -> str:
     r"""Make a name for a file of any text: visible, without `/ \ < > : " | ? *`, of at most `LONGEST_NAME` bytes.
 

@@ -8,6 +8,7 @@ from yeastfit.inference.models.forward_model import ForwardModel
 from yeastfit.inference.posterior.draws import weighted_quantile
 from yeastfit.inference.posterior.result import Posterior
 from yeastfit.report.html import number
+from yeastfit.text import capitalised
 
 ALIKE = 0.8  # of the prior's standard deviation, from where a parameter is as uncertain as before
 MOVED = 0.2  # of the prior beyond the posterior's median, below which a parameter has moved
@@ -84,5 +85,4 @@ def _listed(parts: list[str]) -> str:
 
 
 def _sentence(said: list[str]) -> str:
-    text = "; ".join(said)
-    return f"{text[:1].upper()}{text[1:]}."
+    return f"{capitalised('; '.join(said))}."

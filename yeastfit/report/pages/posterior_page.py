@@ -8,6 +8,7 @@ from yeastfit.inference.targets import Targets
 from yeastfit.report import html as page
 from yeastfit.report.learnt import learnt_by_posterior
 from yeastfit.report.posterior_summary import FEW, Summary
+from yeastfit.text import capitalised
 
 WIDEST = 8  # statistics side by side in a table
 IN_UNITS = "90 % interval in units"
@@ -107,7 +108,7 @@ def _parameters(summary: Summary) -> str:
         f"interval.{truth}</p>"
     )
     if summary.absent is not None:
-        said = _VARIATION.format(summary.varying or "parameters", _sentence(summary.variation))
+        said = _VARIATION.format(summary.varying or "parameters", capitalised(summary.variation))
         words = f"<p>{page.text(said)}</p>{words}"
     words = f"<p>{page.text(learnt_by_posterior(summary.posterior, summary.model))}</p>{words}"
     return words + page.table("Posterior of every parameter", columns, _cells(rows), ["corner"] * len(rows))
@@ -166,11 +167,7 @@ def _left_out(found: LeftOut) -> str:
         "in the predicted interval. Offset: of the observed from the predicted, in predicted standard deviations."
     )
     table = page.table("Statistics of colonies left out", columns, _cells(rows), ["left_out"] * len(rows))
-    return f"<p>{page.text(_sentence(words))}</p>{table}"
-
-
-def _sentence(words: str) -> str:
-    return words[:1].upper() + words[1:]
+    return f"<p>{page.text(capitalised(words))}</p>{table}"
 
 
 def _chains(summary: Summary) -> str:
