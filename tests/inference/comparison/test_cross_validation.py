@@ -25,6 +25,7 @@ from yeastfit.inference.neural_likelihood.network import TrainingSettings
 from yeastfit.inference.neural_likelihood.sequential import SequentialEmulator
 from yeastfit.inference.posterior.problem import Problem
 from yeastfit.inference.posterior.result import Posterior
+from yeastfit.inference.prior.places import Places
 from yeastfit.inference.prior.variation import Variation
 from yeastfit.inference.simulator import seed_of
 
@@ -49,10 +50,10 @@ class Exact(Emulator):
 
         return of_rows
 
-    def moments(self, values: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    def moments(self, values: np.ndarray | Places[np.ndarray]) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """The known ones; there is no error."""
-        mean, covariance = linear().moments(values)
-        return mean, covariance, np.zeros_like(covariance), np.ones(len(values))
+        mean, covariance = linear().moments(Places.of(values).values[:, 0])
+        return mean, covariance, np.zeros_like(covariance), np.ones(len(mean))
 
 
 @pytest.fixture

@@ -24,35 +24,39 @@ def test_places_around_have_the_mean_of_any_cubic() -> None:
         logit = np.log(one[..., 1] / (1 - one[..., 1]))
         return np.stack([np.log(one[..., 0]), logit, np.log(one[..., 2])], axis=-1)
 
-    found, middle = y(coordinates.around(values, tau)), y(values)
-    np.testing.assert_allclose(found.mean(axis=1), middle, atol=1e-12)
-    squares = np.einsum("rpi,rpj->rij", found, found) / found.shape[1]
+    around = coordinates.around(values, tau)
+    found, middle, shares = y(around.values), y(values), around.shares
+    np.testing.assert_allclose(shares, np.full(6, 1 / 6))
+    np.testing.assert_allclose(np.einsum("p,rpi->ri", shares, found), middle, atol=1e-12)
+    squares = np.einsum("p,rpi,rpj->rij", shares, found, found)
     expected = middle[:, :, None] * middle[:, None] + tau[:, None, None] ** 2 * np.eye(3)
     np.testing.assert_allclose(squares, expected, atol=1e-12)
-    cubes = np.einsum("rpi,rpj,rpk->rijk", found, found, found) / found.shape[1]
+    cubes = np.einsum("p,rpi,rpj,rpk->rijk", shares, found, found, found)
     a, same = middle, tau[:, None, None, None] ** 2 * np.eye(3)[:, :, None]
     exact = np.einsum("ri,rj,rk->rijk", a, a, a)
     exact += same * a[:, None, None, :] + np.moveaxis(same * a[:, None, None, :], 3, 1)
     exact += np.moveaxis(same * a[:, None, None, :], 3, 2)
     np.testing.assert_allclose(cubes, exact, atol=1e-12)
-    still = coordinates.around(values, np.zeros(2))
+    still = coordinates.around(values, np.zeros(2)).values
     np.testing.assert_allclose(still, np.repeat(values[:, None], 6, axis=1), rtol=1e-15)
 
 
-@pytest.mark.parametrize("varying", [("b",), ("a", "c")])
-def test_places_around_few_parameters_have_the_mean_of_each_fourth_power(varying: tuple[str, ...]) -> None:
-    """E (y_k − y)⁴ = 3 τ⁴, with which the variance of y² is right: six places for one parameter and for two."""
+@pytest.mark.parametrize(("varying", "count"), [(("b",), 3), (("a", "c"), 5)])
+def test_places_around_few_parameters_have_the_mean_of_each_fourth_power(varying: tuple[str, ...], count: int) -> None:
+    """E (y_k − y)⁴ = 3 τ⁴, with which the variance of y² is right: three places for one parameter, five for two."""
     coordinates = ColonyCoordinates.of(ClosedForm().parameters, varying)
     values, tau = np.array([[2.0, 0.3, 0.5], [0.7, 0.6, 1.5]]), np.array([0.4, 0.9])
-    found = coordinates.around(values, tau)
+    around = coordinates.around(values, tau)
+    found = around.values
     away = np.log(found / values[:, None])
     logit = np.log(found[..., 1] / (1 - found[..., 1]))
     away[..., 1] = logit - np.log(values[:, 1] / (1 - values[:, 1]))[:, None]
-    assert found.shape == (2, 6, 3)
+    assert found.shape == (2, count, 3)
+    np.testing.assert_allclose(around.shares.sum(), 1.0)
     scatters = np.array([name in varying for name in "abc"])
     for power, moment in ((1, 0.0), (2, 1.0), (3, 0.0), (4, 3.0)):
         expected = moment * tau[:, None] ** power * scatters
-        np.testing.assert_allclose((away**power).mean(axis=1), expected, atol=1e-12)
+        np.testing.assert_allclose(np.einsum("p,rpk->rk", around.shares, away**power), expected, atol=1e-12)
 
 
 def test_one_colony_of_each_draw_scatters() -> None:
@@ -137,10 +141,11 @@ def test_what_all_colonies_share_does_not_scatter() -> None:
     shared = ClosedForm(ParameterSet((a, replace(b, shared=True), c)))
     values, tau = np.array([[2.0, 0.3, 0.5], [0.7, 0.6, 1.5]]), np.array([0.4, 0.9])
     found = ColonyCoordinates.of(shared.parameters).around(values, tau)
-    assert found.shape == (2, 6, 3)
-    np.testing.assert_array_equal(found[:, :, 1], np.repeat(values[:, None, 1], 6, axis=1))
+    assert found.values.shape == (2, 5, 3)
+    np.testing.assert_array_equal(found.values[:, :, 1], np.repeat(values[:, None, 1], 5, axis=1))
     rest = ColonyCoordinates.of(ParameterSet((a, c))).around(values[:, ::2], tau)
-    np.testing.assert_array_equal(found[:, :, ::2], rest)
+    np.testing.assert_array_equal(found.values[:, :, ::2], rest.values)
+    np.testing.assert_array_equal(found.shares, rest.shares)
     rows, seeds = np.column_stack([values, tau]), np.arange(2)
     both, all_scatter = Varied(shared).scattered(rows, seeds), Varied(ClosedForm()).scattered(rows, seeds)
     np.testing.assert_array_equal(both[:, 1], values[:, 1])
@@ -165,8 +170,10 @@ def test_parameters_that_vary_alone() -> None:
     alone = ClosedForm(ParameterSet((replace(a, shared=True), b, replace(c, shared=True))))
     rows, seeds = np.array([[2.0, 0.3, 0.5, 0.4], [0.7, 0.6, 1.5, 0.9]]), np.arange(2)
     found = ColonyCoordinates.of(ClosedForm().parameters, ("b",)).around(rows[:, :3], rows[:, 3])
-    assert found.shape == (2, 6, 3)
-    np.testing.assert_array_equal(found, ColonyCoordinates.of(alone.parameters).around(rows[:, :3], rows[:, 3]))
+    assert found.values.shape == (2, 3, 3)
+    of_alone = ColonyCoordinates.of(alone.parameters).around(rows[:, :3], rows[:, 3])
+    np.testing.assert_array_equal(found.values, of_alone.values)
+    np.testing.assert_array_equal(found.shares, of_alone.shares)
     grown = Varied(ClosedForm(), ("b",)).scattered(rows, seeds)
     np.testing.assert_array_equal(grown, Varied(alone).scattered(rows, seeds))
     np.testing.assert_array_equal(grown[:, ::2], rows[:, :3:2])

@@ -28,6 +28,7 @@ from yeastfit.inference.neural_likelihood.single_colonies import (
 from yeastfit.inference.neural_likelihood.training import train
 from yeastfit.inference.neural_likelihood.training_rounds import proposed
 from yeastfit.inference.posterior.problem import Problem
+from yeastfit.inference.prior.places import Places
 from yeastfit.inference.prior.variation import ColonyCoordinates, Variation, Varied, absent
 from yeastfit.inference.simulator import Simulator
 
@@ -93,7 +94,9 @@ def test_the_likelihood_is_that_of_all_colonies_as_one_vector(
     noise = np.diag([0.02, 0.1, 0.05, 0.01]) + 0.01
     variation = Variation(varying=known.parameters.names[1:] if alone else ())
     problem = Problem.of(known, known.prior, rows, noise=noise, colony_noise=2 * noise, variation=variation)
-    assert len(problem.places(np.ones((1, 2)), np.ones((1, 1)))[0]) == 6
+    around = problem.places(np.ones((1, 2)), np.ones((1, 1)))
+    assert isinstance(around, Places)
+    assert around.values.shape[1] == (3 if alone else 5)
     places = np.array([[1.3, 0.8], [1.1, 1.0], [1.5, 0.7]])
     tau = np.array([0.0, 0.2, 0.5])
     found = likelihood(emulator, problem, places, tau)
@@ -147,6 +150,23 @@ def test_moments_of_colonies_are_those_at_scattered_parameters(tau: float) -> No
             first = one[0] + tau**2 * slopes.T @ slopes
             assert np.abs(mean[0] - exact).max() < 0.2 * np.abs(alone[0] - exact).max()
             assert np.abs(scatter[0] - spread).max() < np.abs(first - spread).max()
+
+
+def test_a_place_counts_by_its_share(plane: tuple[Positive, Emulator]) -> None:
+    """A share of a half is as much as a place that is given twice of four; a success is as likely as its shares say."""
+    values = np.array([[[1.2, 0.9], [0.8, 1.3], [1.5, 0.7]], [[0.4, 1.0], [2.5, 1.1], [0.9, 1.0]]])
+    by_share = Places(values, np.array([0.5, 0.25, 0.25]))
+    repeated = Places(values[:, [0, 0, 1, 2]], np.full(4, 0.25))
+    failing = emulator_of(positive(fragile()))
+    for emulator in (plane[1], failing):
+        for found, expected in zip(emulator.moments(by_share), emulator.moments(repeated), strict=True):
+            np.testing.assert_allclose(found, expected, rtol=1e-5, atol=1e-6 * np.abs(expected).max())
+        np.testing.assert_allclose(emulator.success_error(by_share), emulator.success_error(repeated), rtol=1e-5)
+        rng = np.random.default_rng(0), np.random.default_rng(0)
+        np.testing.assert_allclose(emulator.draw(by_share, rng[0]), emulator.draw(repeated, rng[1]), rtol=1e-3)
+    each = failing.moments(values[0])[3]
+    np.testing.assert_allclose(failing.moments(by_share)[3][0], by_share.shares @ each, rtol=1e-5)
+    assert np.ptp(each) > 0.01
 
 
 def test_moments_of_colonies_of_a_plane_are_exact(plane: tuple[Positive, Emulator]) -> None:

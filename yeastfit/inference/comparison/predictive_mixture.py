@@ -15,6 +15,7 @@ from jaxtyping import Float
 from scipy.special import logsumexp, ndtr
 
 from yeastfit.inference.neural_likelihood.emulator import Emulator, Square
+from yeastfit.inference.prior.places import Places
 
 HALVINGS = 60  # of the bracket of a quantile, which is exact to rounding then
 FAR = 40.0  # standard deviations from the outermost mean, beyond which there is nothing
@@ -37,7 +38,7 @@ class PredictiveMixture:
     @staticmethod
     def of(
         emulator: Emulator,
-        values: Float[np.ndarray, "draw *place free"],
+        values: Float[np.ndarray, "draw free"] | Places[np.ndarray],
         noise: Square | None = None,
         weights: Float[np.ndarray, " draw"] | None = None,
         single: Square | None = None,
@@ -46,14 +47,14 @@ class PredictiveMixture:
 
         Arguments:
             emulator: Of one colony's statistics.
-            values: λ, or several of each draw, as `Emulator.moments` takes them.
+            values: λ, or where colonies of it are.
             noise: N, in the statistics' units.
             weights: w; all equal by default.
             single: M; 0 by default.
         """
         mean, scatter, error, success = emulator.moments(values)
         scatter = scatter + (0.0 if single is None else single)
-        share = np.full(len(values), 1.0 / len(values)) if weights is None else weights / weights.sum()
+        share = np.full(len(mean), 1.0 / len(mean)) if weights is None else weights / weights.sum()
         with np.errstate(divide="ignore"):
             log_weight = np.log(share) + np.log(success)
         return PredictiveMixture(mean, scatter + error + (0.0 if noise is None else noise), log_weight)

@@ -31,7 +31,7 @@ from dataclasses import dataclass
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Array, Float
 
 from yeastfit.inference.neural_likelihood.coordinates import Coordinates
 from yeastfit.inference.neural_likelihood.cross_validation import CrossValidation
@@ -39,8 +39,10 @@ from yeastfit.inference.neural_likelihood.densities import ROWS, densities, in_p
 from yeastfit.inference.neural_likelihood.ensemble import Ensemble, moments_of_rows, success_error_of_rows
 from yeastfit.inference.neural_likelihood.likelihood_of_means import LikelihoodOfMeans
 from yeastfit.inference.neural_likelihood.network import TrainingSettings
+from yeastfit.inference.prior.places import Places
 
 Square = Float[np.ndarray, "statistic statistic"]
+Rows = Float[np.ndarray, "row free"] | Places[np.ndarray]
 
 
 @dataclass(frozen=True)
@@ -102,7 +104,7 @@ class Emulator:
         return LikelihoodOfMeans(self.ensemble, self.coordinates, mean, count, covariance, volume)
 
     def moments(
-        self, values: Float[np.ndarray, "row *place free"]
+        self, values: Rows
     ) -> tuple[
         Float[np.ndarray, "row statistic"],
         Float[np.ndarray, "row statistic statistic"],
@@ -112,31 +114,24 @@ class Emulator:
         """Mean and covariance of one replicate, covariance of the emulator's error, probability of success.
 
         Arguments:
-            values: λ, or several of each row, at which replicates are tried equally often.
+            values: λ, or the places where replicates of it are tried.
         """
-        x = self.coordinates_of_places(values)
-        pieces = in_pieces(x, ROWS)
-        every = zip(*(moments_of_rows(self.ensemble, jnp.asarray(one)) for one in pieces), strict=True)
-        mean, scatter, error, success = (np.concatenate(one).astype(float)[: len(x)] for one in every)
+        x, shares = self._seen(values)
+        pieces = [moments_of_rows(self.ensemble, jnp.asarray(one), shares) for one in in_pieces(x, ROWS)]
+        every = (np.concatenate(one).astype(float)[: len(x)] for one in zip(*pieces, strict=True))
+        mean, scatter, error, success = every
         back = self.root.T
         return self.center + mean @ back, self.root @ scatter @ back, self.root @ error @ back, np.exp(success)
 
-    def coordinates_of_places(
-        self, values: Float[np.ndarray, "row *place free"]
-    ) -> Float[np.ndarray, "row places free"]:
-        """x of λ, of one or several for each row."""
-        free = values.shape[-1]
-        return self.coordinates.of_values(values.reshape(-1, free)).reshape(len(values), -1, free)
-
-    def success_error(self, values: Float[np.ndarray, "row *place free"]) -> Float[np.ndarray, " row"]:
+    def success_error(self, values: Rows) -> Float[np.ndarray, " row"]:
         """Variance of the error of the log probability of success, of λ as for `moments`."""
-        x = self.coordinates_of_places(values)
-        found = [success_error_of_rows(self.ensemble, jnp.asarray(one)) for one in in_pieces(x, ROWS)]
+        x, shares = self._seen(values)
+        found = [success_error_of_rows(self.ensemble, jnp.asarray(one), shares) for one in in_pieces(x, ROWS)]
         return np.concatenate(found).astype(float)[: len(x)]
 
     def draw(
         self,
-        values: Float[np.ndarray, "row *place free"],
+        values: Rows,
         rng: np.random.Generator,
         replicates: int = 1,
         noise: Square | None = None,
@@ -145,20 +140,28 @@ class Emulator:
         """Statistics drawn at each row of λ: means over R replicates, with all errors.
 
         Arguments:
-            values: λ, or several of each row, as for `moments`.
+            values: λ, or places of it, as for `moments`.
             rng: Where randomness comes from.
             replicates: R.
             noise: N.
             single: Covariance of the errors that each replicate has for itself.
         """
-        drawn = rng.standard_normal((len(values), len(self.labels)))
-        for start in range(0, len(values), ROWS):
+        places = Places.of(values)
+        drawn = rng.standard_normal((len(places.values), len(self.labels)))
+        for start in range(0, len(drawn), ROWS):
             rows = slice(start, start + ROWS)
-            mean, scatter, error, _ = self.moments(values[rows])
+            mean, scatter, error, _ = self.moments(places.rows(rows))
             scatter = scatter + (0.0 if single is None else single)
             roots = np.linalg.cholesky(scatter / replicates + error + (0.0 if noise is None else noise))
             drawn[rows] = mean + np.einsum("rij,rj->ri", roots, drawn[rows])
         return drawn
+
+    def _seen(self, values: Rows) -> tuple[Float[np.ndarray, "row place free"], Float[Array, " place"]]:
+        """x of places, and their shares."""
+        places = Places.of(values)
+        shape = places.values.shape
+        x = self.coordinates.of_values(places.values.reshape(-1, shape[-1])).reshape(shape)
+        return x, jnp.asarray(places.shares)
 
     def whiten(self, statistics: Float[np.ndarray, "*row statistic"]) -> Float[np.ndarray, "*row statistic"]:
         """u of s."""

@@ -30,16 +30,18 @@ class Ensemble(eqx.Module):
 
     def moments(self, x: Float[Array, " free"]) -> tuple[Array, Array, Array, Array]:
         """m̄, C̄, the emulator's error W + GΔGᵀ, and the log probability of success."""
-        return self.moments_around(x[None])
+        return self.moments_around(x[None], jnp.ones(1, x.dtype))
 
-    def moments_around(self, places: Float[Array, "place free"]) -> tuple[Array, Array, Array, Array]:
-        """`moments` of replicates that are tried at each of these places equally often.
+    def moments_around(
+        self, places: Float[Array, "place free"], shares: Float[Array, " place"]
+    ) -> tuple[Array, Array, Array, Array]:
+        """`moments` of replicates that are tried at these places.
 
-        With m_k, C_k and P_k those at place k, those that succeed have
+        With m_k, C_k and P_k those at place k, where the share a_k of replicates is tried, those that succeed have
 
-            m̄ = Σ w_k m_k,    C̄ = Σ w_k [C_k + (m_k − m̄)(m_k − m̄)ᵀ],    w_k = P_k / Σ P,
+            m̄ = Σ w_k m_k,    C̄ = Σ w_k [C_k + (m_k − m̄)(m_k − m̄)ᵀ],    w_k = a_k P_k / Σ a P,
 
-        and the probability of success is the mean of P. Errors are common to all places; G is the root of Σ w_k C_k.
+        and the probability of success is Σ a P. Errors are common to all places; G is the root of Σ w_k C_k.
         """
 
         def at(x: Array) -> tuple[Array, Array, Array, Array]:
@@ -54,7 +56,8 @@ class Ensemble(eqx.Module):
             return quadratics, corrections, scatter, self._log_success(features, off)
 
         quadratics, corrections, scatters, successes = jax.vmap(at)(places)
-        share = jax.nn.softmax(successes)
+        joint = jnp.log(shares) + successes
+        share = jax.nn.softmax(joint)
         means = (quadratics + corrections).mean(axis=1)
         mean, scatter = share @ means, jnp.einsum("k,kij->ij", share, scatters)
         quadratics, corrections = (jnp.einsum("k,kms->ms", share, one) for one in (quadratics, corrections))
@@ -62,7 +65,7 @@ class Ensemble(eqx.Module):
         learnt = (count - 1) ** 2 * _covariance(quadratics) + _covariance(corrections)
         error = learnt / count + (root * self.misfit) @ root.T
         between = jnp.einsum("k,ki,kj->ij", share, means - mean, means - mean)
-        return mean, scatter + between, error, jax.nn.logsumexp(successes) - jnp.log(len(places))
+        return mean, scatter + between, error, jax.nn.logsumexp(joint)
 
     def _log_success(self, features: Float[Array, " feature"], off: Float[Array, " member"]) -> Float[Array, ""]:
         """log P where the networks correct the logit by `off`."""
@@ -70,7 +73,9 @@ class Ensemble(eqx.Module):
             return jnp.zeros((), features.dtype)
         return jnp.mean(jax.nn.log_sigmoid(self.odds @ features + off))
 
-    def success_error_around(self, places: Float[Array, "place free"]) -> Float[Array, ""]:
+    def success_error_around(
+        self, places: Float[Array, "place free"], shares: Float[Array, " place"]
+    ) -> Float[Array, ""]:
         """Variance of the error of the log probability of success, of replicates as for `moments_around`.
 
         Errors at these places are taken for one: (Σ w_k √v_k)².
@@ -89,7 +94,7 @@ class Ensemble(eqx.Module):
             return error, self._log_success(features, corrections)
 
         errors, successes = jax.vmap(at)(places)
-        return (jax.nn.softmax(successes) @ jnp.sqrt(errors)) ** 2
+        return (jax.nn.softmax(jnp.log(shares) + successes) @ jnp.sqrt(errors)) ** 2
 
     def log_likelihood(
         self,
@@ -112,12 +117,16 @@ def _covariance(rows: Float[Array, "member statistic"]) -> Float[Array, "statist
 
 
 @eqx.filter_jit
-def moments_of_rows(ensemble: Ensemble, places: Float[Array, "row place free"]) -> tuple[Array, Array, Array, Array]:
+def moments_of_rows(
+    ensemble: Ensemble, places: Float[Array, "row place free"], shares: Float[Array, " place"]
+) -> tuple[Array, Array, Array, Array]:
     """`Ensemble.moments_around` the places of every row; each number of rows and of places is compiled for."""
-    return jax.vmap(ensemble.moments_around)(places)
+    return jax.vmap(ensemble.moments_around, (0, None))(places, shares)
 
 
 @eqx.filter_jit
-def success_error_of_rows(ensemble: Ensemble, places: Float[Array, "row place free"]) -> Float[Array, " row"]:
+def success_error_of_rows(
+    ensemble: Ensemble, places: Float[Array, "row place free"], shares: Float[Array, " place"]
+) -> Float[Array, " row"]:
     """`Ensemble.success_error_around` the places of every row; each number of rows and of places is compiled for."""
-    return jax.vmap(ensemble.success_error_around)(places)
+    return jax.vmap(ensemble.success_error_around, (0, None))(places, shares)

@@ -23,19 +23,20 @@ from jaxtyping import Float
 
 from yeastfit.inference.neural_likelihood.emulator import Emulator
 from yeastfit.inference.posterior.problem import Problem
+from yeastfit.inference.prior.places import Places
 
 
 def error_share(
     emulator: Emulator,
     problem: Problem,
-    places: Float[np.ndarray, "1 *place free"],
+    places: Float[np.ndarray, "1 free"] | Places[np.ndarray],
 ) -> float:
     """The share at one λ.
 
     Arguments:
         emulator: Of the likelihood.
         problem: Whose data it is compared with.
-        places: λ, or where colonies of it are, as `Emulator.moments` takes them.
+        places: λ, or where colonies of it are.
     """
     _, scatter, error, _ = emulator.moments(places)
     one = scatter[0] + (0.0 if problem.single_noise is None else problem.single_noise)

@@ -1,7 +1,7 @@
 """Likelihood of single colonies, whose parameters may scatter, by an emulator.
 
 Colony r has λ_r with y(λ_r) = y(λ) + τ ξ_r (`prior.variation`). With m and V the mean and the covariance of colonies
-that scatter so, by cubature from those of colonies at 2 q places around λ (`Ensemble.moments_around`),
+that scatter so, by cubature from those of colonies at places around λ (`Ensemble.moments_around`),
 
     o_r | λ, τ, e ~ N(m + e, V + M),    e ~ N(0, E),    E = emulator's error + N:
 
@@ -142,14 +142,16 @@ class LikelihoodOfColonies(eqx.Module):
         """Of rows of the prior's coordinates and z, of which τ is a function."""
         x, tau = rows[:, :-1], _tau(self.variation, rows[:, -1])
         logarithmic = self.coordinates.prior.logarithmic
-        around = self.bounds.around(values_of(x, logarithmic), tau)
-        seen = self.coordinates.of_prior(coordinates_of(around, logarithmic))
-        return jax.lax.map(self._of_places, seen.astype(self.data.mean.dtype), batch_size=ROWS) - self.volume
+        around, precision = self.bounds.around(values_of(x, logarithmic), tau), self.data.mean.dtype
+        seen = self.coordinates.of_prior(coordinates_of(around.values, logarithmic))
+        shares = jnp.asarray(around.shares, precision)
+        each = jax.lax.map(lambda one: self._of_places(one, shares), seen.astype(precision), batch_size=ROWS)
+        return each - self.volume
 
-    def _of_places(self, places: Float[Array, "place free"]) -> Float[Array, ""]:
+    def _of_places(self, places: Float[Array, "place free"], shares: Float[Array, " place"]) -> Float[Array, ""]:
         """In the networks' precision, of places around one λ."""
         errors, data = self.errors, self.data
-        mean, scatter, error, success = self.ensemble.moments_around(places)
+        mean, scatter, error, success = self.ensemble.moments_around(places, shares)
         spread = errors.root @ scatter @ errors.root.T + errors.single
         error = errors.root @ error @ errors.root.T + errors.common
         found = log_likelihood_of_patterns(errors.root @ mean, spread, error, data) + data.count.sum() * success

@@ -28,6 +28,7 @@ from yeastfit.errors import InputError
 from yeastfit.inference.curve_covariance import measurement_covariance
 from yeastfit.inference.polynomial import sobol_points
 from yeastfit.inference.posterior.limits import Limits, check_limits, within
+from yeastfit.inference.prior.places import Places
 from yeastfit.inference.prior.prior import Prior
 from yeastfit.inference.prior.variation import ColonyCoordinates, Variation
 from yeastfit.inference.simulator import (
@@ -224,7 +225,7 @@ class Problem:
 
     def places(
         self, values: Float[np.ndarray, "row free"], z: Float[np.ndarray, "row varied"]
-    ) -> Float[np.ndarray, "row *place free"]:
+    ) -> Float[np.ndarray, "row free"] | Places[np.ndarray]:
         """Where colonies of each λ are, for an emulator's moments: at λ, or around it where they scatter.
 
         Arguments:
@@ -232,7 +233,7 @@ class Problem:
             z: Of τ(z); without columns where colonies do not scatter.
 
         Returns:
-            λ, or several places of each (`ColonyCoordinates.around`).
+            λ, or places around it (`ColonyCoordinates.around`).
         """
         if self.variation is None:
             return values

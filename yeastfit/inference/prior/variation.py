@@ -27,6 +27,7 @@ from jaxtyping import Array, Float
 
 from yeastfit.errors import InputError
 from yeastfit.inference.prior.distributions import Distribution, SpikeHalfNormal
+from yeastfit.inference.prior.places import Places
 from yeastfit.inference.prior.prior import Prior, Table
 from yeastfit.inference.simulator import Rows, Seeds, Simulator, Values, Wrapper
 from yeastfit.kinds import check_list
@@ -134,7 +135,7 @@ class ColonyCoordinates(eqx.Module):
 
     @property
     def pairs(self) -> int:
-        """q: half the number of places `around` λ, which lie at most √q τ from it in each y."""
+        """q: places `around` λ lie at most √q τ from it in each y, each with the share 1 / 2 q of its colonies."""
         return max(self.shared.count(False), 3)
 
     def moved(self, values: Float[Table, "*row free"], step: Float[Table, "*rows free"]) -> Float[Table, "*rows free"]:
@@ -145,18 +146,21 @@ class ColonyCoordinates(eqx.Module):
             moved = self.low + above * library.exp(step) / (1.0 - part + part * library.exp(step))
         return library.where(np.array(self.shared), values, moved) if any(self.shared) else moved
 
-    def around(self, values: Float[Table, "row free"], tau: Float[Table, " row"]) -> Float[Table, "row place free"]:
-        """2 q places for each λ, over which any cubic in y has the mean that it has over colonies of this scatter.
+    def around(self, values: Float[Table, "row free"], tau: Float[Table, " row"]) -> Places[Table]:
+        """Places around each λ, over which any cubic in y has the mean that it has over colonies of this scatter.
 
-        They are y ± √q τ e_k of the d parameters that scatter, and y itself 2 (q − d) times, q = max(d, 3). From three
-        parameters on that is spherical cubature (Arasaratnam & Haykin 2009, doi:10.1109/TAC.2009.2019800). Of fewer,
-        the weights of places are those of the unscented transform (Julier & Uhlmann 2004,
-        doi:10.1109/JPROC.2003.823141), and the mean of each y⁴ is right, too. The prior of a share may end before the
-        places do: an emulator takes it for that at the prior's end.
+        They are y ± √q τ e_k of the d parameters that scatter, with a share of 1 / 2 q each, and y itself with the rest
+        of 1 − d / q where that is something; q = max(d, 3). From three parameters on that is spherical cubature
+        (Arasaratnam & Haykin 2009, doi:10.1109/TAC.2009.2019800). Of fewer, it is the unscented transform (Julier &
+        Uhlmann 2004, doi:10.1109/JPROC.2003.823141), and the mean of each y⁴ is right, too. The prior of a share may
+        end before the places do: an emulator takes it for that at the prior's end.
         """
         axes = math.sqrt(self.pairs) * np.eye(len(self.shared))[~np.array(self.shared)]
-        steps = np.concatenate([axes, -axes, np.zeros((2 * (self.pairs - len(axes)), len(self.shared)))])
-        return self.moved(values[:, None], tau[:, None, None] * steps)
+        steps, shares = np.concatenate([axes, -axes]), np.full(2 * len(axes), 0.5 / self.pairs)
+        if len(axes) < self.pairs:
+            steps = np.concatenate([steps, np.zeros((1, len(self.shared)))])
+            shares = np.append(shares, 1.0 - len(axes) / self.pairs)
+        return Places(self.moved(values[:, None], tau[:, None, None] * steps), shares)
 
 
 @dataclass(frozen=True)
