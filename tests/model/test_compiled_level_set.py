@@ -9,8 +9,9 @@ from jaxtyping import Array
 
 from yeastfit.measure.statistics.model_as_mask import HardStatistics
 from yeastfit.measure.statistics.smooth_statistics import SmoothStatistics
-from yeastfit.model.cells import FAR, cells_of
+from yeastfit.model.cells import FAR
 from yeastfit.model.compiled.level_set import CompiledSnapshot
+from yeastfit.model.laws.shape import EllipticalCells
 from yeastfit.model.mechanisms.superelliptical_cells import SuperellipticalCells
 from yeastfit.model.numerics import Numerics
 from yeastfit.model.parameters import Parameters
@@ -28,13 +29,14 @@ LAWS = pytest.mark.parametrize(
 GRIDS = pytest.mark.parametrize("grid", [(0.4, 61), (0.1, 151)], ids=["coarse", "fine"])
 
 
-def snapshot(relaxation: Relaxation, seed: int = 0) -> Snapshot:
-    """A crowd of cells of all lengths, some of less weight and some of none."""
+def snapshot(relaxation: Relaxation, exponent: float = 2.0, seed: int = 0) -> Snapshot:
+    """A crowd of cells of all lengths, some of less weight and some of none; superellipses by another exponent."""
     rng = np.random.default_rng(seed)
     at = rng.normal(0.0, 3.0, (NODES, 2))
     colony = colony_of(at, random_tree(rng, NODES), rng.choice([0.0, 0.4, 1.0], NODES), numerics=NUMERICS)
-    parameters = Parameters(aspect_ratio=0.5)
-    return Snapshot(cells_of(colony, parameters.aspect_ratio), jnp.ones(()), colony, parameters, relaxation)
+    parameters = Parameters(aspect_ratio=0.5, shape_exponent=exponent)
+    cells = (SuperellipticalCells() if exponent > 2 else EllipticalCells()).cells(colony, parameters)
+    return Snapshot(cells, jnp.ones(()), colony, parameters, relaxation)
 
 
 @eqx.filter_jit
@@ -44,9 +46,10 @@ def level_set(one: Snapshot, spacing: float, points: int) -> Array:
 
 @LAWS
 @GRIDS
-def test_it_is_that_of_cells(grid: tuple[float, int], relaxation: Relaxation, double: None) -> None:
+@pytest.mark.parametrize("exponent", [2.0, 2.5, 8.0])
+def test_it_is_that_of_cells(exponent: float, grid: tuple[float, int], relaxation: Relaxation, double: None) -> None:
     """Inside, and outside as far as a cell counts; beyond, cells of the plain one are cut off at other points."""
-    plain = snapshot(relaxation)
+    plain = snapshot(relaxation, exponent)
     expected, found = (np.asarray(level_set(one, *grid)) for one in (plain, CompiledSnapshot.of(plain)))
     assert found.dtype == expected.dtype
     near = expected < (0.0 if relaxation.union is None else 0.25 * (float(relaxation.reach) - 1.0))
@@ -70,10 +73,3 @@ def test_statistics_are_the_same(estimator: type, relaxation: Relaxation) -> Non
     )
     for name in ("area", "compactness"):
         np.testing.assert_allclose(found[name], expected[name], rtol=1e-4)
-
-
-def test_other_shapes_are_joined_as_ever() -> None:
-    plain = snapshot(Relaxation())
-    cells = SuperellipticalCells().cells(plain.colony, Parameters(aspect_ratio=0.5, shape_exponent=4.0))
-    blocky = eqx.tree_at(lambda one: one.cells, plain, cells, is_leaf=lambda leaf: leaf is None)
-    np.testing.assert_array_equal(level_set(blocky, 0.4, 61), level_set(CompiledSnapshot.of(blocky), 0.4, 61))

@@ -12,25 +12,31 @@ from jaxtyping import Array
 
 from yeastfit.model.cells import LARGEST, cells_of
 from yeastfit.model.colony import Colony
-from yeastfit.model.compiled.covering import falling_exponential
 from yeastfit.model.compiled.eating import TILE
+from yeastfit.model.compiled.exponentials import falling_exponential, logarithm
 from yeastfit.model.compiled.medium import CompiledOneNutrient
 from yeastfit.model.compiled.nitrogen import CompiledNitrogenMedium
 from yeastfit.model.compiled.rules import with_compiled_rules
+from yeastfit.model.compiled.superellipses import squared_norms
 from yeastfit.model.laws.medium import Boundary, OneNutrient
+from yeastfit.model.laws.shape import EllipticalCells
 from yeastfit.model.laws.uptake import BiomassUptake
 from yeastfit.model.mechanisms.nitrogen_medium import NitrogenMedium
+from yeastfit.model.mechanisms.superelliptical_cells import SuperellipticalCells
 from yeastfit.model.model import Model
 from yeastfit.model.numerics import Numerics
 from yeastfit.model.parameters import Parameters
 from yeastfit.model.relaxation import HARD, Relaxation
-from yeastfit.model.rules import UptakeRule
+from yeastfit.model.rules import ShapeRule, UptakeRule
 
 pytest.importorskip("numba")
 
 NODES, ROOM = 200, 220
 GRIDS = {"coarse": Numerics(40.0, 0.4, 0.025, ROOM), "fine": Numerics(24.0, 0.15, 0.02, ROOM)}
 LAWS = pytest.mark.parametrize("relaxation", [HARD, Relaxation(), Relaxation(union=0.3)], ids=["hard", "soft", "wide"])
+ELLIPSES = EllipticalCells()
+SHAPES = pytest.mark.parametrize("shape", [ELLIPSES, SuperellipticalCells()], ids=["ellipses", "blocky"])
+EXPONENT = 5.0
 VALUES = {"mobility": 1.3, "metabolic_rate": 3.0, "aspect_ratio": 0.65}
 PLACES: dict[str, Callable[[np.random.Generator], np.ndarray]] = {
     "one heap": lambda rng: rng.normal(0.0, 0.8, (NODES, 2)),
@@ -51,20 +57,34 @@ def crowd(positions: np.ndarray, numerics: Numerics, seed: int = 0) -> Colony:
 
 
 @eqx.filter_jit
-def fed(colony: Colony, relaxation: Relaxation, numerics: Numerics, medium: OneNutrient, uptake: UptakeRule) -> Array:
+def fed(
+    colony: Colony,
+    relaxation: Relaxation,
+    numerics: Numerics,
+    medium: OneNutrient,
+    uptake: UptakeRule,
+    shape: ShapeRule = ELLIPSES,
+) -> Array:
     """The nutrient after three steps."""
-    parameters = Parameters(**VALUES)  # in the precision of the test
+    parameters = Parameters(**VALUES, shape_exponent=EXPONENT)  # in the precision of the test
 
     def one(_: Array, colony: Colony) -> Colony:
         context = context_of(colony, numerics, relaxation, parameters)
-        return medium.stepped(context, cells_of(colony, parameters.aspect_ratio), uptake)
+        return medium.stepped(context, shape.cells(colony, parameters), uptake)
 
     return jax.lax.fori_loop(0, 3, one, colony).nutrient
 
 
-def compare(colony: Colony, relaxation: Relaxation, numerics: Numerics, tolerance: float) -> None:
+def compare(
+    colony: Colony,
+    relaxation: Relaxation,
+    numerics: Numerics,
+    tolerance: float,
+    shape: ShapeRule = ELLIPSES,
+) -> None:
     ours, plain = (
-        fed(colony, relaxation, numerics, medium, BiomassUptake()) for medium in (CompiledOneNutrient(), OneNutrient())
+        fed(colony, relaxation, numerics, medium, BiomassUptake(), shape)
+        for medium in (CompiledOneNutrient(), OneNutrient())
     )
     assert ours.dtype == plain.dtype == colony.nutrient.dtype
     np.testing.assert_allclose(ours, plain, atol=tolerance)
@@ -73,18 +93,20 @@ def compare(colony: Colony, relaxation: Relaxation, numerics: Numerics, toleranc
 
 @pytest.mark.thorough
 @LAWS
+@SHAPES
 @pytest.mark.parametrize("grid", GRIDS)
-def test_it_is_the_step_of_the_medium(grid: str, relaxation: Relaxation, double: None) -> None:
+def test_it_is_the_step_of_the_medium(grid: str, shape: ShapeRule, relaxation: Relaxation, double: None) -> None:
     numerics = GRIDS[grid]
     for seed, places in enumerate(PLACES.values()):
-        compare(crowd(places(np.random.default_rng(seed)), numerics, seed), relaxation, numerics, 1e-10)
+        compare(crowd(places(np.random.default_rng(seed)), numerics, seed), relaxation, numerics, 1e-10, shape)
 
 
 @LAWS
-def test_in_single_precision_the_last_bits_differ(relaxation: Relaxation) -> None:
+@SHAPES
+def test_in_single_precision_the_last_bits_differ(shape: ShapeRule, relaxation: Relaxation) -> None:
     numerics = GRIDS["coarse"]
     for seed, places in enumerate(PLACES.values()):
-        compare(crowd(places(np.random.default_rng(seed)), numerics, seed), relaxation, numerics, 2e-5)
+        compare(crowd(places(np.random.default_rng(seed)), numerics, seed), relaxation, numerics, 2e-5, shape)
 
 
 @pytest.mark.parametrize(("dtype", "tolerance"), [(np.float32, 1.5e-7), (np.float64, 1e-15)])
@@ -94,6 +116,33 @@ def test_exponentials_are_exact_to_the_last_bits(dtype: type, tolerance: float) 
     falling_exponential(found, len(given) - 1)
     np.testing.assert_allclose(found[:-1], np.exp(-given[:-1].astype(float)), rtol=tolerance)
     assert found[-1] == given[-1]
+
+
+@pytest.mark.parametrize(("dtype", "tolerance"), [(np.float32, 2e-7), (np.float64, 1e-15)])
+def test_logarithms_are_exact_to_the_last_bits(dtype: type, tolerance: float) -> None:
+    """Of all sizes, and next to 1, where a logarithm is about as large as the difference."""
+    near = 1.0 + np.linspace(-0.01, 0.01, 20_001)
+    given: np.ndarray = np.concatenate([np.exp(np.linspace(-87.0, 88.0, 100_000)), near, [7.0]]).astype(dtype)
+    found = given.copy()
+    logarithm(found, len(given) - 1)
+    np.testing.assert_allclose(found[:-1], np.log(given[:-1].astype(float)), rtol=tolerance)
+    assert found[-1] == given[-1]
+
+
+@pytest.mark.parametrize(("dtype", "tolerance"), [(np.float32, 3e-6), (np.float64, 1e-14)])
+def test_squared_norms_are_those_of_cells(dtype: type, tolerance: float) -> None:
+    """Down to the axes and the centre, of all exponents and of their duals; of n = 2 that of Pythagoras."""
+    rng = np.random.default_rng(0)
+    u, v = rng.normal(0.0, 2.0, (2, 4000)) * rng.choice([0.0, 1e-6, 1.0], (2, 4000))
+    n = np.concatenate([np.full(1000, 2.0), rng.uniform(2.0, 50.0, 2000), rng.uniform(1.02, 2.0, 1000)])
+    given: list[np.ndarray] = [one.astype(dtype) for one in (u**2, v**2, n)]
+    first, second, exponents = given
+    precision = float(np.finfo(dtype).eps)
+    squared_norms(first, second, exponents, 4000)
+    larger = np.maximum(np.abs(u), np.abs(v))
+    ratio = np.divide(np.minimum(np.abs(u), np.abs(v)), larger, out=np.zeros(4000), where=larger > 0)
+    np.testing.assert_allclose(first, larger**2 * (1.0 + ratio**n) ** (2.0 / n), rtol=tolerance, atol=precision)
+    np.testing.assert_allclose(first[:1000], (u**2 + v**2)[:1000], rtol=tolerance, atol=precision)
 
 
 def test_nothing_is_done_where_nutrient_is_gone_or_untouched() -> None:

@@ -51,13 +51,14 @@ def eating(dtype: Any) -> Call:
     def call(frame: Any) -> int:
         if is_question(frame):
             return NULL
-        origin, spacing, union, reach, metabolic, alpha, rho = argument(frame, 6, 7, dtype)
-        points, cells, patch, count = argument(frame, 7, 4, np.int32)
+        origin, spacing, union, reach, metabolic, alpha, rho = argument(frame, 7, 7, dtype)
+        points, cells, shaped, patch, count = argument(frame, 8, 5, np.int32)
         nutrient = result(frame, 0, (points, points), dtype)  # where the argument was
         centres, directions = argument(frame, 1, (cells, 2), dtype), argument(frame, 2, (cells, 2), dtype)
         halves = argument(frame, 3, cells, dtype), argument(frame, 4, cells, dtype)
-        weights, grid = argument(frame, 5, cells, dtype), (origin, spacing, patch)
-        eat(nutrient, centres, directions, halves, weights, grid, (union, reach), metabolic, (alpha, rho, count))
+        shapes = (*halves, argument(frame, 5, shaped, dtype))
+        weights, grid = argument(frame, 6, cells, dtype), (origin, spacing, patch)
+        eat(nutrient, centres, directions, shapes, weights, grid, (union, reach), metabolic, (alpha, rho, count))
         return NULL
 
     return call
@@ -112,12 +113,13 @@ def covering(dtype: Any) -> Call:
     def call(frame: Any) -> int:
         if is_question(frame):
             return NULL
-        origin, spacing, union, reach = argument(frame, 5, 4, dtype)
-        points, cells, patch = argument(frame, 6, 3, np.int32)
+        origin, spacing, union, reach = argument(frame, 6, 4, dtype)
+        points, cells, shaped, patch = argument(frame, 7, 4, np.int32)
         centres, directions = argument(frame, 0, (cells, 2), dtype), argument(frame, 1, (cells, 2), dtype)
         halves = argument(frame, 2, cells, dtype), argument(frame, 3, cells, dtype)
-        weights, grid = argument(frame, 4, cells, dtype), (origin, spacing, patch)
-        cover_all(result(frame, 0, (points, points), dtype), centres, directions, halves, weights, grid, union, reach)
+        shapes = (*halves, argument(frame, 4, shaped, dtype))
+        weights, grid = argument(frame, 5, cells, dtype), (origin, spacing, patch)
+        cover_all(result(frame, 0, (points, points), dtype), centres, directions, shapes, weights, grid, union, reach)
         return NULL
 
     return call

@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from yeastfit.compiled import array_kernel, kernel
-from yeastfit.model.compiled.covering import boxes_of, cover, tiles_of
+from yeastfit.model.compiled.covering import Shapes, boxes_of, cover, tiles_of
 
 SHIFT = 3
 TILE = 1 << SHIFT  # grid points along a side: wider than a step carries what can be seen
@@ -26,7 +26,7 @@ def eat(
     nutrient: Float[np.ndarray, "x y"],
     centres: Float[np.ndarray, "cell 2"],
     directions: Float[np.ndarray, "cell 2"],
-    halves: tuple[Float[np.ndarray, " cell"], Float[np.ndarray, " cell"]],
+    shapes: Shapes,
     weights: Float[np.ndarray, " cell"],
     grid: tuple[float, float, int],
     union: tuple[float, float],
@@ -39,7 +39,7 @@ def eat(
         nutrient: c.
         centres: Of cells, as in `Cells`.
         directions: Likewise.
-        halves: Half lengths and half widths.
+        shapes: Half lengths, half widths, and exponents or none.
         weights: Cells of weight 0 are none.
         grid: Coordinate of the first point along either axis, spacing, and points along a side of the patches on which
             a cell is evaluated.
@@ -48,14 +48,14 @@ def eat(
         diffusion: α, ρ and the number of sweeps.
     """
     furthest = union[0] * (5.0 - log(np.finfo(nutrient.dtype).eps))  # terms below a hundredth of the precision of 1
-    boxes = boxes_of(nutrient.shape[0], centres, directions, halves, weights, grid, union[1], furthest)
+    boxes = boxes_of(nutrient.shape[0], centres, directions, shapes, weights, grid, union[1], furthest)
     work = _at_work(nutrient, boxes)
     rows = _runs(work, nutrient.shape[0])
     if len(rows) == 0:
         return
     low, shape = _surrounded(rows)
     eaten = np.zeros(shape, nutrient.dtype)
-    cover(eaten, low, (work, SHIFT), boxes, centres, directions, halves, weights, grid, union[0], furthest)
+    cover(eaten, low, (work, SHIFT), boxes, centres, directions, shapes, weights, grid, union[0], furthest)
     _solve(nutrient, low, eaten, rows, union[0], metabolic, diffusion)
 
 

@@ -11,12 +11,12 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from yeastfit.model.cells import FAR, Scalar, patch_of
-from yeastfit.model.compiled.operations import operation
+from yeastfit.model.compiled.operations import operation, shapes_of
 from yeastfit.model.snapshot import Snapshot
 
 
 class CompiledSnapshot(Snapshot):
-    """The same, whose ellipses are joined by a function that numba has compiled."""
+    """The same, whose cells are joined by a function that numba has compiled."""
 
     @staticmethod
     def of(snapshot: Snapshot) -> "CompiledSnapshot":
@@ -26,17 +26,17 @@ class CompiledSnapshot(Snapshot):
     def level_set(self, reach: Scalar, origin: float, spacing: float, points: int) -> Float[Array, "x y"]:
         """g on a square grid; of the hard union where it is below 0."""
         cells, union = self.cells, self.relaxation.union
-        if cells.exponents is not None or (union is None and self.relaxation.boundary is not None):
+        if union is None and self.relaxation.boundary is not None:
             return super().level_set(reach, origin, spacing, points)
         dtype = cells.centres.dtype
         numbers = origin, spacing, 0.0 if union is None else union, reach
-        sizes = points, cells.weights.shape[0], patch_of(spacing)
+        shapes, counts = shapes_of(cells)
+        sizes = points, *counts, patch_of(spacing)
         shape = jax.ShapeDtypeStruct((points, points), dtype)
         covered = jax.ffi.ffi_call(operation("covering", np.dtype(dtype)), shape)(
             cells.centres,
             cells.directions,
-            cells.half_lengths,
-            cells.half_widths,
+            *shapes,
             cells.weights,
             jnp.stack([jnp.asarray(number, dtype) for number in numbers]),
             jnp.asarray(sizes, jnp.int32),

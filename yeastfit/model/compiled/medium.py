@@ -14,7 +14,7 @@ from jaxtyping import Array, Float
 from yeastfit.model.cells import Cells, patch_of, weights_of_cells
 from yeastfit.model.colony import Colony
 from yeastfit.model.compiled.interpolation import compiled_gradient_at, compiled_nutrient_at
-from yeastfit.model.compiled.operations import operation
+from yeastfit.model.compiled.operations import operation, shapes_of
 from yeastfit.model.laws.medium import OneNutrient
 from yeastfit.model.laws.uptake import BiomassUptake
 from yeastfit.model.numerics import Numerics
@@ -25,11 +25,11 @@ from yeastfit.model.rules import Context, UptakeRule
 
 
 class CompiledOneNutrient(OneNutrient):
-    """The same rule, by a function that numba has compiled, where ellipses eat by the source's rule."""
+    """The same rule, by a function that numba has compiled, where cells eat by the source's rule."""
 
     def stepped(self, context: Context, cells: Cells, uptake: UptakeRule) -> Colony:
         """With the nutrient one step later. Not differentiable."""
-        if not ellipses_eat(cells, uptake):
+        if type(uptake) is not BiomassUptake:
             return super().stepped(context, cells, uptake)
         return dataclasses.replace(context.colony, nutrient=compiled_step(context, cells))
 
@@ -44,11 +44,6 @@ class CompiledOneNutrient(OneNutrient):
         return context.parameters.mobility * compiled_gradient_at(context.colony, context.numerics)
 
 
-def ellipses_eat(cells: Cells, uptake: UptakeRule) -> bool:
-    """Whether cells are ellipses that eat by the source's rule, which alone is compiled."""
-    return type(uptake) is BiomassUptake and cells.exponents is None
-
-
 def compiled_step(context: Context, cells: Cells) -> Float[Array, "x y"]:
     """`eaten` of one colony."""
     colony, numerics, relaxation = context.colony, context.numerics, context.relaxation
@@ -58,14 +53,14 @@ def compiled_step(context: Context, cells: Cells) -> Float[Array, "x y"]:
     union = 0.0 if relaxation.union is None else relaxation.union, relaxation.union_reach
     rate = context.parameters.metabolic_rate * numerics.dt
     numbers = -0.5 * numerics.domain, numerics.spacing, *union, rate, alpha, rho
-    sizes = numerics.points, cells.weights.shape[0], patch_of(numerics.spacing), count
+    shapes, counts = shapes_of(cells)
+    sizes = numerics.points, *counts, patch_of(numerics.spacing), count
     name = operation("eating", np.dtype(dtype))
     return jax.ffi.ffi_call(name, jax.ShapeDtypeStruct(colony.nutrient.shape, dtype), input_output_aliases={0: 0})(
         colony.nutrient,
         cells.centres,
         cells.directions,
-        cells.half_lengths,
-        cells.half_widths,
+        *shapes,
         weights_of_cells(context.eating, colony.parents),
         jnp.stack([jnp.asarray(number, dtype) for number in numbers]),
         jnp.stack([jnp.asarray(size, jnp.int32) for size in sizes]),

@@ -13,7 +13,8 @@ from jaxtyping import Array, Float
 from yeastfit.model.cells import Cells
 from yeastfit.model.colony import Colony
 from yeastfit.model.compiled.interpolation import compiled_gradient_at, compiled_nutrient_at
-from yeastfit.model.compiled.medium import compiled_step, ellipses_eat
+from yeastfit.model.compiled.medium import compiled_step
+from yeastfit.model.laws.uptake import BiomassUptake
 from yeastfit.model.mechanisms.nitrogen_medium import NitrogenMedium, eaten_nitrogen, scarcer, with_nitrogen_alone
 from yeastfit.model.numerics import Numerics
 from yeastfit.model.parameters import Parameters
@@ -22,11 +23,11 @@ from yeastfit.model.rules import Context, UptakeRule
 
 
 class CompiledNitrogenMedium(NitrogenMedium):
-    """The same rule, carbon of a reservoir by what numba has compiled, where ellipses eat by the source's rule."""
+    """The same rule, carbon of a reservoir by what numba has compiled, where cells eat by the source's rule."""
 
     def stepped(self, context: Context, cells: Cells, uptake: UptakeRule) -> Colony:
         """Both nutrients one step later; nitrogen that is nowhere eaten is as it was. Not differentiable."""
-        if not ellipses_eat(cells, uptake) or self.carbon_boundary != "reservoir":
+        if type(uptake) is not BiomassUptake or self.carbon_boundary != "reservoir":
             return super().stepped(context, cells, uptake)
         colony = context.colony
         eaten = (context.parameters["nitrogen_uptake"] > 0) | jnp.any(eaten_nitrogen(context) != 0)

@@ -9,6 +9,9 @@ from importlib.util import find_spec
 
 import jax
 import numpy as np
+from jaxtyping import Array
+
+from yeastfit.model.cells import Cells
 
 _REGISTERING = threading.Lock()  # colonies on several devices are traced by a thread each, and XLA takes a name once
 
@@ -27,6 +30,16 @@ def operation(kind: str, dtype: np.dtype) -> str:
     """
     with _REGISTERING:
         return _registered(kind, dtype)
+
+
+def shapes_of(cells: Cells) -> tuple[tuple[Array, Array, Array], tuple[int, int]]:
+    """Half lengths, half widths and exponents of cells, and how many of the first and of the last there are.
+
+    Of ellipses no exponent counts; the one that is handed over is there because XLA hands over no empty array.
+    """
+    exponents = cells.half_lengths[:1] if cells.exponents is None else cells.exponents
+    counts = cells.weights.shape[0], 0 if cells.exponents is None else cells.exponents.shape[0]
+    return (cells.half_lengths, cells.half_widths, exponents), counts
 
 
 @cache
