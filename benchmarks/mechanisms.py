@@ -13,6 +13,9 @@ nutrient reaches all of it; the density of walkers is smoothed on all of it. The
 takes, by NumPy and SciPy where they have it. A rule meets the target only where all that it adds takes at most 0.5
 times the plain step.
 
+Colonies with room for more than 500 nodes grow by compiled loops on a CPU, as far as there are such of their rules. The
+last table is of stars of 1000 and 4000 nodes that take steps by these.
+
 Targets: no rule takes above 1.5 times as long as the plain model, contact between cells at most 10 times at 500 cells.
 
     python -m benchmarks.mechanisms
@@ -35,6 +38,7 @@ from benchmarks.programs import LAMBDA, MIDDLE, SOURCE, STATISTICS, Program, num
 from benchmarks.report import Report, command
 from yeastfit.measure.statistics.smooth_statistics import SmoothStatistics
 from yeastfit.model.colony import Colony, start
+from yeastfit.model.compiled.rules import with_compiled_rules
 from yeastfit.model.mechanisms.morphogen_medium import DIFFUSIVITY
 from yeastfit.model.mechanisms.walker_medium import WalkerMedium
 from yeastfit.model.model import Model
@@ -72,6 +76,7 @@ CASES: dict[str, tuple[Rules, dict[str, float]]] = {
 BETWEEN_CELLS = ("contact of cells", "constrained contact")
 """Those that may take 10 times as long."""
 SIZES = (125, 250, 500, 1000)
+LARGE = (1000, 4000)
 AT = 500  # cells at which contact between them is judged
 TIMES = 10
 STORES = (512, 1024, 2048, 4096)
@@ -86,9 +91,12 @@ def taken_over(rules: Rules, colony: Colony, numerics: Numerics) -> tuple[Model,
     return model, model.resumed(replace(colony, medium=model.medium.store(jax.random.key(0), numerics)))
 
 
-def further(rules: Rules, values: dict[str, float], colony: Colony, numerics: Numerics, steps: int) -> Program:
-    """Further steps of a colony, statistics at the end alone."""
+def further(
+    rules: Rules, values: dict[str, float], colony: Colony, numerics: Numerics, steps: int, compiled: bool = False
+) -> Program:
+    """Further steps of a colony, by compiled loops or without, statistics at the end alone."""
     model, colony = taken_over(rules, colony, numerics)
+    model = with_compiled_rules(model) if compiled else model
     parameters = model.complete(Parameters(**LAMBDA, **values))
     observe = STATISTICS if numerics == SOURCE else SmoothStatistics(numerics.domain, numerics.spacing)
 
@@ -171,6 +179,22 @@ def least(action: Callable[[], Any]) -> float:
     return 1e3 * min(walls)
 
 
+def by_compiled_loops(report: Report, sizes: tuple[int, ...]) -> list[dict[str, Any]]:
+    """A row for each rule: ms a step of stars of several sizes, and times the plain step."""
+    nutrient, steps = np.asarray(grown(MIDDLE).nutrient), 15
+    stars = {nodes: (placed(nodes, 3.0, 1.0, 0.7, nutrient), numerics_for(nodes)) for nodes in sizes}
+    plain = {nodes: further({}, {}, *star, steps, compiled=True) for nodes, star in stars.items()}
+    rows = []
+    for name, (rules, values) in CASES.items():
+        report.stage(f"compiled loops: {name}")
+        found = {n: in_turn(further(rules, values, *stars[n], steps, compiled=True), plain[n], steps) for n in sizes}
+        row: dict[str, Any] = {"rule": name}
+        for n, one in found.items():
+            row |= {f"ms, {n} nodes": one["ms a step"], f"times plain, {n} nodes": one["times plain"]}
+        rows.append(row)
+    return rows
+
+
 def against_nodes(report: Report, sizes: tuple[int, ...]) -> list[dict[str, Any]]:
     """A row for each rule: ms a step of stars of several sizes, the exponent of nodes, and the ratio at `AT`."""
     nutrient, steps = np.asarray(grown(MIDDLE).nutrient), 15
@@ -218,6 +242,8 @@ def run(report: Report, quick: bool) -> None:
     for name in BETWEEN_CELLS:
         ratio = next(row[f"times plain at {AT}"] for row in stars if row["rule"] == name)
         report.add(f"{name} at {AT} cells", ratio, "× plain", 10, False)
+    large = report.part(f"compiled, {quick}", partial(by_compiled_loops, report, LARGE[:1] if quick else LARGE))
+    report.table("ms a step by compiled loops", large)
     if report.docs is not None:
         page = "\n\n".join([report.head(__doc__), *report.sections()])
         (report.docs / "mechanisms-cost.md").write_text(page)

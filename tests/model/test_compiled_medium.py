@@ -210,13 +210,19 @@ def test_it_has_no_derivative() -> None:
 @pytest.mark.thorough
 @pytest.mark.parametrize(("boundary", "carbon"), [("dish", "reservoir"), ("reservoir", "reservoir"), ("dish", "dish")])
 @pytest.mark.parametrize("uptake", [0.0, 2.0])
-def test_nitrogen_is_eaten_as_by_the_plain_rule(boundary: Boundary, carbon: Boundary, uptake: float) -> None:
-    """Both nutrients, drift and supply, with nitrogen lowered by births; nobody eats it where its uptake is 0."""
+@pytest.mark.parametrize("places", ["filaments", "spread, and beyond the dish"])
+def test_nitrogen_is_eaten_as_by_the_plain_rule(
+    places: str, boundary: Boundary, carbon: Boundary, uptake: float
+) -> None:
+    """Both nutrients, drift and supply, with nitrogen lowered by births; nobody eats it where its uptake is 0.
+
+    Filaments do not feel the wall of the dish, cells that are spread do.
+    """
     numerics = Numerics(40.0, 0.4, 0.025, ROOM)
     rules = CompiledNitrogenMedium(boundary, carbon), NitrogenMedium(boundary, carbon)
     given = {**VALUES, "nitrogen_uptake": uptake, "nitrogen_per_birth": 5.0, "nitrogen_mobility": 0.7}
     parameters = Model(medium=rules[1]).complete(Parameters(**given))
-    bare = crowd(PLACES["filaments"](np.random.default_rng(6)), numerics)
+    bare = crowd(PLACES[places](np.random.default_rng(6)), numerics)
     nitrogen = jnp.full_like(bare.nutrient, 0.6)
     colony = eqx.tree_at(lambda one: one.medium, bare, {"nitrogen": nitrogen}, is_leaf=lambda x: x is bare.medium)
 

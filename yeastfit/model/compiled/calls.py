@@ -51,14 +51,15 @@ def eating(dtype: Any) -> Call:
     def call(frame: Any) -> int:
         if is_question(frame):
             return NULL
-        origin, spacing, union, reach, metabolic, alpha, rho = argument(frame, 7, 7, dtype)
+        origin, spacing, union, reach, metabolic, alpha, rho, rest = argument(frame, 7, 8, dtype)
         points, cells, shaped, patch, count = argument(frame, 8, 5, np.int32)
         nutrient = result(frame, 0, (points, points), dtype)  # where the argument was
         centres, directions = argument(frame, 1, (cells, 2), dtype), argument(frame, 2, (cells, 2), dtype)
         halves = argument(frame, 3, cells, dtype), argument(frame, 4, cells, dtype)
         shapes = (*halves, argument(frame, 5, shaped, dtype))
         weights, grid = argument(frame, 6, cells, dtype), (origin, spacing, patch)
-        eat(nutrient, centres, directions, shapes, weights, grid, (union, reach), metabolic, (alpha, rho, count))
+        diffusion = alpha, rho, count
+        eat(nutrient, centres, directions, shapes, weights, grid, (union, reach), metabolic, diffusion, rest)
         return NULL
 
     return call

@@ -1,9 +1,9 @@
 """The nutrient one step later, compiled by numba, where there is anything to do: the numbers of `medium`.
 
 The grid is cut into tiles of `TILE`² points. A tile is at work if it, or one of the eight around it, holds nutrient
-that is neither 1 nor 0, or nutrient and a cell; a difference below the precision of 1 is none. In all others a step
-would change nothing: outside nothing eats, and inside nothing is left. So the work follows the rim of a colony and not
-its area.
+that is neither at rest nor 0, or nutrient and a cell; a difference below the precision of 1 is none. In all others a
+step would change nothing: outside nothing eats, and inside nothing is left. So the work follows the rim of a colony and
+not its area.
 
 Uptake is λ6 s log max(Σ_k w_k exp(−f_k / s), 1), or hard λ6 max(−f_k, 0), f and the sum as in `cells`; the step is that
 of `nutrient`, by as many sweeps.
@@ -32,6 +32,7 @@ def eat(
     union: tuple[float, float],
     metabolic: float,
     diffusion: tuple[float, float, int],
+    rest: float,
 ) -> None:
     """Advance c by one time step, in place.
 
@@ -46,10 +47,11 @@ def eat(
         union: s, 0 for the hard union, and r² up to which a cell counts.
         metabolic: Δt λ6.
         diffusion: α, ρ and the number of sweeps.
+        rest: c where nothing has eaten.
     """
     furthest = union[0] * (5.0 - log(np.finfo(nutrient.dtype).eps))  # terms below a hundredth of the precision of 1
     boxes = boxes_of(nutrient.shape[0], centres, directions, shapes, weights, grid, union[1], furthest)
-    work = _at_work(nutrient, boxes)
+    work = _at_work(nutrient, boxes, rest)
     rows = _runs(work, nutrient.shape[0])
     if len(rows) == 0:
         return
@@ -60,10 +62,12 @@ def eat(
 
 
 @array_kernel
-def _at_work(nutrient: Float[np.ndarray, "x y"], boxes: Int[np.ndarray, "cell 4"]) -> Bool[np.ndarray, "i j"]:
+def _at_work(
+    nutrient: Float[np.ndarray, "x y"], boxes: Int[np.ndarray, "cell 4"], rest: float
+) -> Bool[np.ndarray, "i j"]:
     """Which tiles are at work."""
     points, kind = nutrient.shape[0], nutrient.dtype.type
-    count, precision, full = (points + TILE - 1) // TILE, kind(np.finfo(nutrient.dtype).eps), kind(1)
+    count, precision, full = (points + TILE - 1) // TILE, kind(np.finfo(nutrient.dtype).eps), kind(rest)
     some, changed = np.zeros((count, count), np.bool_), np.zeros((count, count), np.bool_)
     here, other = np.empty(count * TILE, np.bool_), np.empty(count * TILE, np.bool_)
     for tile in range(count):

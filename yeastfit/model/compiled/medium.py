@@ -31,7 +31,7 @@ class CompiledOneNutrient(OneNutrient):
         """With the nutrient one step later. Not differentiable."""
         if type(uptake) is not BiomassUptake:
             return super().stepped(context, cells, uptake)
-        return dataclasses.replace(context.colony, nutrient=compiled_step(context, cells))
+        return dataclasses.replace(context.colony, nutrient=compiled_carbon(context, cells))
 
     def supply(
         self, colony: Colony, parameters: Parameters, relaxation: Relaxation, numerics: Numerics
@@ -44,20 +44,41 @@ class CompiledOneNutrient(OneNutrient):
         return context.parameters.mobility * compiled_gradient_at(context.colony, context.numerics)
 
 
-def compiled_step(context: Context, cells: Cells) -> Float[Array, "x y"]:
+def compiled_carbon(context: Context, cells: Cells) -> Float[Array, "x y"]:
     """`eaten` of one colony."""
+    diffusivity, rate = context.parameters.diffusivity, context.parameters.metabolic_rate
+    return compiled_step(context, cells, context.colony.nutrient, diffusivity, rate)
+
+
+def compiled_step(
+    context: Context,
+    cells: Cells,
+    field: Float[Array, "x y"],
+    diffusivity: Float[Array, ""],
+    rate: Float[Array, ""],
+    rest: Float[Array, ""] | float = 1.0,
+) -> Float[Array, "x y"]:
+    """∂c/∂t = D ∇²c − r max(−g, 0) c one step later, what is on the boundary being as it was.
+
+    Arguments:
+        context: The colony before the step.
+        cells: Of its living and its dead.
+        field: c.
+        diffusivity: D.
+        rate: r.
+        rest: c where nothing has eaten.
+    """
     colony, numerics, relaxation = context.colony, context.numerics, context.relaxation
-    dtype = colony.nutrient.dtype
-    alpha = context.parameters.diffusivity * numerics.dt / numerics.spacing**2
+    dtype = field.dtype
+    alpha = diffusivity * numerics.dt / numerics.spacing**2
     count, rho = sweeps(alpha)
     union = 0.0 if relaxation.union is None else relaxation.union, relaxation.union_reach
-    rate = context.parameters.metabolic_rate * numerics.dt
-    numbers = -0.5 * numerics.domain, numerics.spacing, *union, rate, alpha, rho
+    numbers = -0.5 * numerics.domain, numerics.spacing, *union, rate * numerics.dt, alpha, rho, rest
     shapes, counts = shapes_of(cells)
     sizes = numerics.points, *counts, patch_of(numerics.spacing), count
     name = operation("eating", np.dtype(dtype))
-    return jax.ffi.ffi_call(name, jax.ShapeDtypeStruct(colony.nutrient.shape, dtype), input_output_aliases={0: 0})(
-        colony.nutrient,
+    return jax.ffi.ffi_call(name, jax.ShapeDtypeStruct(field.shape, dtype), input_output_aliases={0: 0})(
+        field,
         cells.centres,
         cells.directions,
         *shapes,
