@@ -63,7 +63,7 @@ FURTHER = ("smoothed_branch_index", "hole_count", "wave_number", "fractal_dimens
 OPTIONS = (
     f"--model offlattice --match each --variation --varying transition --free {','.join(FREE)} --statistics texture"
 )
-HOW = f"{OPTIONS} --leave-out 4 --each 1024 --most-steps 60000 --draws 20 --prior-draws 0"
+HOW = f"{OPTIONS} --leave-out 4 --each 1024 --simulations 20480 --most-steps 60000 --draws 20 --prior-draws 0"
 QUICK = f"{OPTIONS} --leave-out 2 --most-steps 500 --walkers 32 --simulations 160 --draws 10"
 INSIDE = (0.8, 0.97)
 COLONIES = 100  # simulated from each posterior
