@@ -3,7 +3,7 @@
 import math
 import re
 from dataclasses import KW_ONLY, dataclass
-from numbers import Real
+from numbers import Integral, Real
 from typing import Any
 
 import numpy as np
@@ -140,6 +140,23 @@ class Range:
         if isinstance(value, str):
             raise InputError(f"{what} is {quoted(value)}, it must be {self}, without quotation marks")
         return self.read(value, what)
+
+    def check_whole(self, value: Any, what: str) -> int:
+        """Like `read_whole`, but text is no number, and neither is one of another type than whole numbers have.
+
+        Arguments:
+            value: A whole number.
+            what: What the message begins with.
+
+        Returns:
+            The number.
+
+        Raises:
+            InputError: It is none, or not admissible.
+        """
+        if isinstance(value, bool) or not isinstance(value, Integral):
+            raise InputError(f"{what} is {quoted(value)}, it must be {self.whole}")
+        return self.read_whole(value, what)
 
     def read_whole(self, value: Any, what: str) -> int:
         """Read a whole number, strictly and to its last digit.

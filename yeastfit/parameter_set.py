@@ -12,6 +12,7 @@ import numpy as np
 
 from yeastfit.errors import InputError
 from yeastfit.kinds import check_list
+from yeastfit.text import quoted
 
 SMALLEST, LARGEST = float(np.finfo(np.float32).tiny), float(np.finfo(np.float32).max)  # simulations compute with
 
@@ -79,7 +80,10 @@ class Parameter:
 
     def check(self, value: float | np.ndarray) -> None:
         """Raise `InputError` where a value is not admissible."""
-        values = np.asarray(value, dtype=float)
+        try:
+            values = np.asarray(value, dtype=float)
+        except ValueError:
+            raise InputError(f"{self.name} ({self.symbol}) is {quoted(value)}, it must be {self.limits}") from None
         size = np.abs(values)
         beyond = np.isfinite(size) & (size != 0) & ((size > LARGEST) | (size < SMALLEST))
         if beyond.any():

@@ -55,6 +55,23 @@ def check_seed(seed: Any) -> int:
     return int(seed)
 
 
+def check_seeds(seeds: Any) -> list[int]:
+    """Check a list of seeds, one a colony.
+
+    Arguments:
+        seeds: Anything.
+
+    Returns:
+        The seeds.
+
+    Raises:
+        InputError: They are no list, or one of them is no seed.
+    """
+    if isinstance(seeds, str) or np.ndim(seeds) != 1:
+        raise InputError(f"seeds is {quoted(seeds)}, it must be a list of them, such as [0, 1, 2]")
+    return [check_seed(one) for one in seeds]
+
+
 def stream_of(seed: int, stream: Stream, *key: int) -> np.random.SeedSequence:
     """Where the random numbers of a named stream come from; further numbers say which of it, such as a step."""
     if not key:

@@ -13,6 +13,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int, Integer
 
 from yeastfit.errors import InputError
+from yeastfit.numbers import AT_LEAST_ONE
 from yeastfit.offlattice.cell_sets import empty_sets
 from yeastfit.offlattice.growth import grow_cells
 from yeastfit.offlattice.mothers import RETIRED
@@ -22,6 +23,7 @@ from yeastfit.offlattice.random_numbers import seeded, streamed
 from yeastfit.offlattice.status import Status
 from yeastfit.offlattice.transition import last_sated
 from yeastfit.processors import available_processors
+from yeastfit.seeds import check_seeds
 from yeastfit.text import quoted
 
 DELAY = 0.02
@@ -116,8 +118,7 @@ def grow(
     """
     rates = rates_of(parameters)
     for name, count in (("cells", cells), ("most_attempts", most_attempts)):
-        if not isinstance(count, Integral) or count < 1:
-            raise InputError(f"{name} is {quoted(count)}, it must be a whole number of at least 1")
+        AT_LEAST_ONE.check_whole(count, name)
     if not isfinite(delay) or delay < 0:
         raise InputError(f"delay is {delay}, it must be a share of all cells of at least 0")
     numbers = seeded(seed) if stream is None else streamed(stream)
@@ -166,11 +167,12 @@ def grow_many(
     Raises:
         InputError: As `grow`; or there are not as many seeds as rows.
     """
-    if len(values) != len(seeds):
-        raise InputError(f"got {len(values)} rows of values and {len(seeds)} seeds, need a seed for each row")
+    each = check_seeds(seeds)
+    if len(values) != len(each):
+        raise InputError(f"got {len(values)} rows of values and {len(each)} seeds, need a seed for each row")
 
     def one(row: int) -> OfflatticeColony:
-        return grow(values[row], cells=cells, seed=int(seeds[row]), delay=delay, most_attempts=most_attempts)
+        return grow(values[row], cells=cells, seed=each[row], delay=delay, most_attempts=most_attempts)
 
     return in_threads(one, range(len(values)), threads)
 

@@ -15,8 +15,10 @@ import numpy as np
 from jaxtyping import Bool, Float, Int, Integer
 
 from yeastfit.errors import InputError, SimulationError
+from yeastfit.kinds import check_list
 from yeastfit.measure.statistics.registry import recorded
 from yeastfit.memory import check_count
+from yeastfit.numbers import AT_LEAST_ONE, Range
 from yeastfit.offlattice.colony import BYTES_PER_CELL, DELAY, OfflatticeColony, grow, in_threads
 from yeastfit.offlattice.masks.ellipse_mask import PIXEL, Ellipses, TooWide
 from yeastfit.offlattice.masks.li2024_mask import BinnedOutlines
@@ -25,6 +27,7 @@ from yeastfit.offlattice.simulator import OF_BINS, Picture, known_statistics, st
 from yeastfit.offlattice.statistics.li2024_statistics import PUBLISHED
 from yeastfit.offlattice.status import Status
 from yeastfit.panel import Panel
+from yeastfit.seeds import check_seeds
 from yeastfit.storage import as_json, from_json, reads_saved, written_whole
 from yeastfit.text import listed
 
@@ -180,20 +183,20 @@ def simulate_offlattice(
         All of it; show its `warnings()` to users.
 
     Raises:
-        InputError: A name or value is not admissible, filaments reach too far for an image, or numba is missing.
-        SimulationError: So many cells do not fit into memory.
+        InputError: A name or value is not admissible, there is no seed, so many cells do not fit into memory, filaments
+            reach too far for an image, or numba is missing.
     """
     DRAWN.check(parameters)
-    if cells < 1:
-        raise InputError(f"cells is {cells}, it must be at least 1")
-    check_count("cells", cells, BYTES_PER_CELL)
+    check_count("cells", AT_LEAST_ONE.check_whole(cells, "cells"), BYTES_PER_CELL)
+    if not (each := check_seeds(seeds)):
+        raise InputError("seeds: there are none, need one for each colony")
+    check_list("statistics", [] if statistics is None else statistics)
     entries = known_statistics()
     names = [*(one for one in recorded("mask") if one in entries), *PUBLISHED] if statistics is None else statistics
     if unknown := [name for name in names if name not in entries]:
         raise InputError(f"statistics: got {unknown[0]!r}, need some of {listed(list(entries))}")
-    values, between = DRAWN.defaults | dict(parameters), max(1, cells // 20) if every is None else every
-    if not 1 <= between <= cells:
-        raise InputError(f"every is {between}, it must be at least 1 and at most the number of cells, {cells}")
+    values = DRAWN.defaults | dict(parameters)
+    between = max(1, cells // 20) if every is None else Range(1, cells).check_whole(every, "every")
     regular = np.arange(between, cells + 1, between)
     samples = regular if regular[-1] == cells else np.append(regular, cells)
 
@@ -202,7 +205,7 @@ def simulate_offlattice(
         return colony, _measured(colony, samples, names, {name: values[name] for name in DRAWING})
 
     began = clock.perf_counter()
-    grown = in_threads(one, [int(seed) for seed in seeds], None)
+    grown = in_threads(one, each, None)
     measured = {name: np.stack([found[name] for _, found in grown]) for name in grown[0][1]}
     colonies = tuple(colony for colony, _ in grown)
     return OfflatticeSimulation(samples, measured, colonies, values, clock.perf_counter() - began)
