@@ -124,6 +124,10 @@ def test_rules_take_the_place_of_those_of_a_recipe(leaning: list[str]) -> None:
     assert again.parameters == {"mobility": 2.0, "lean": 4.0, "aspect_ratio": 0.5}
     with pytest.raises(InputError, match="--lean is a parameter of --budding leaning: choose that rule"):
         RecipeOptions().read({"lean": 4.0})(recipe)
+    with pytest.raises(
+        InputError, match=r"the recipe has lean, a parameter of --budding leaning: choose that rule, or"
+    ):
+        RecipeOptions().read({"budding": "uniform"})(changed)
 
 
 def test_help_explains_rules_settings_and_parameters(leaning: list[str], capsys: pytest.CaptureFixture[str]) -> None:

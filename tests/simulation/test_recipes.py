@@ -53,6 +53,7 @@ BAD = {
     GOOD.replace("mobility = 2", "mobility = nan"): "parameters: mobility is nan",
     GOOD.replace("mobility = 2", "mobility = -2"): "mobility",
     GOOD.replace("mobility = 2", "colour = 2"): "'colour'",
+    GOOD.replace("mobility = 2", "budding_bias = 2"): "[a]: budding_bias is a parameter of budding 'biased' or budding",
     GOOD + "replicates = 0": "replicates is 0, it must be a number from 1 to 10000",
     GOOD + "replicates = 2.5": "replicates is 2.5, it must be a whole number from 1 to 10000",
     GOOD + "replicates = '2'": "replicates is '2'",

@@ -44,7 +44,7 @@ def synthesize(
     recipes = read_recipes(recipe)
     unknown = sorted(set(only or ()) - set(recipes))
     if unknown:
-        raise InputError(f"{recipe}: no data set {unknown[0]!r}, there are {', '.join(recipes)}")
+        raise InputError(f"{recipe}: no data set {unknown[0]!r}, need some of {', '.join(recipes)}")
     recipes = {name: changed(recipes[name]) for name in only or recipes}
     for name, each in recipes.items():
         each.truth()  # with what is given here

@@ -161,11 +161,15 @@ class Model(eqx.Module):
         Raises:
             InputError: A value belongs to no rule of this model, or is not admissible.
         """
-        for name in parameters.values:
+        self.check_brought(parameters.values)
+        return parameters.within(self.parameters)
+
+    def check_brought(self, names: Iterable[str]) -> None:
+        """Raise `InputError` for a parameter that other rules bring."""
+        for name in names:
             owners = [] if name in self.parameters else bringing(name)
             if owners:
                 raise InputError(f"{name} is a parameter of {' or '.join(owners)}: choose that rule, or leave it out")
-        return parameters.within(self.parameters)
 
     def node_state(self) -> dict[str, float]:
         """What the rules keep for each node: values of a newborn, by name."""

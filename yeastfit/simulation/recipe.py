@@ -189,6 +189,7 @@ def _recipe(table: Any, where: str) -> Recipe:
         values = {name: Range().check(value, f"parameters: {short(name)}") for name, value in values.items()}
         hours = tuple(_checked(table["hours"], list, "hours", "a list of numbers"))
         model = Model.of(rules)
+        model.check_brought(values)
         model.parameters.check(values)
         recipe = Recipe(**{**table, **made, "model": model, "parameters": values, "hours": hours})
         recipe.check()

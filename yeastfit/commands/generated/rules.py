@@ -37,6 +37,10 @@ class RecipeOptions:
         def changed(recipe: Recipe) -> Recipe:
             model = rules_from(given, recipe.model)
             check_brought(values, model)
+            for name in recipe.parameters:
+                if name not in model.parameters:
+                    owners = " or ".join(rule_parameters()[name][1])
+                    raise InputError(f"the recipe has {name}, a parameter of {owners}: choose that rule, or edit it")
             return replace(recipe, model=model, parameters={**recipe.parameters, **values})
 
         return changed
