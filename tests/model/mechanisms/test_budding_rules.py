@@ -55,6 +55,13 @@ def slopes() -> np.ndarray:
 angle_from = jax.jit(angle_of)
 
 
+@pytest.mark.parametrize("concentration", [0.0, 5.0, 1000.0])
+def test_no_angle_lies_beyond_a_turn(concentration: float) -> None:
+    """In single precision, at the ends of what is uniform."""
+    found = angle_from(jnp.array([0.0, 1e-8, 0.5, 1.0]), jnp.float32(concentration))
+    assert jnp.abs(found).max() <= np.float32(np.pi)
+
+
 def circle(a: np.ndarray, b: np.ndarray) -> float:
     """Largest difference of two sets of angles."""
     return float(np.abs(np.angle(np.exp(1j * (a - b)))).max())

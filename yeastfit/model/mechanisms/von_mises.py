@@ -53,6 +53,7 @@ def angle_of(
     slope = jax.lax.stop_gradient(jnp.maximum(density(phi), tiny))
     # one more Newton step, whose derivative is that of the exact solution
     found = phi - (distribution(interval, phi) - wanted) / slope
+    found += jax.lax.stop_gradient(jnp.clip(found, 0.0, jnp.pi) - found)
     return jnp.where(uniform < 0.5, -found, found)
 
 
