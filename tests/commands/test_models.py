@@ -155,14 +155,14 @@ def test_colonies_too_large_to_grow_by_the_hundred_are_told_of() -> None:
     assert Algebraic().seen(small, data, None, ("compactness", "radius")).notes == ()
 
 
-@pytest.mark.parametrize("masks", ["li2024", "bins", "ellipses"])
+@pytest.mark.parametrize(("masks", "cells"), [("li2024", 500), ("bins", 500), ("ellipses", 500), ("ellipses", 30)])
 def test_cells_that_do_not_cover_the_area_are_refused(
-    table: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], masks: str
+    table: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], masks: str, cells: int
 ) -> None:
-    """With a number that covers it."""
+    """With a number that covers it, also from far fewer, which cover more area each."""
     few = ["infer", str(table), "--model", "offlattice", "--masks", masks, "--out", str(tmp_path / "out")]
-    line = said(capsys, *few, "--cells", "500")
-    assert "--cells is 500, which cover" in line
+    line = said(capsys, *few, "--cells", str(cells))
+    assert f"--cells is {cells}, which cover" in line
     assert not (tmp_path / "out").exists()
     (enough,) = re.findall(r"give about --cells (\d+),", line)
     assert 900 < int(enough) < 1700

@@ -45,6 +45,8 @@ def check_groups(
     """
     if not groups:
         return
+    if len(names) == 1:
+        raise InputError(f"--leave-out is {groups}, the data have a single {nouns[0]}: leave out --leave-out")
     if len(names) < groups:
         raise InputError(
             f"--leave-out is {groups}, the data have {len(names)} single {nouns[1]}: give at most as many, or 0"

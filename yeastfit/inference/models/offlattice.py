@@ -45,6 +45,7 @@ if TYPE_CHECKING:
 THEIRS, SHAPE_AND_TEXTURE = "li2024", "texture"  # names of several statistics
 COMPARED = ("fit", "infer", "design")
 COVERED_AREAS = Range(40.0, unit="µm²")  # what a cell in yeast form covers
+MANY = 300_000  # cells, from where it is not tried whether so many cover an area: that would take minutes
 TRIED = 16  # colonies that show whether the cells cover the area of the data
 COVERED = 0.75  # share of it that is enough; below 1 a warning counts the colonies that do not cover it
 UNEQUAL = 1.5  # times as large as the smallest is the largest colony of data whose areas differ much
@@ -165,6 +166,8 @@ class Offlattice(ForwardModel):
         from yeastfit.offlattice.statistics.li2024_statistics import PUBLISHED
 
         known, several = known_statistics(), {THEIRS: PUBLISHED, SHAPE_AND_TEXTURE: TEXTURE}
+        if twice := [name for name in names if list(names).count(name) > 1]:
+            raise InputError(f"--statistics: {twice[0]!r} appears twice, expected each once")
         found = tuple(one for name in names for one in several.get(name, (name,)))
         for name in found:
             check_comparable(name)
@@ -362,13 +365,19 @@ class Offlattice(ForwardModel):
         if largest is None:
             return
         values = self.prior(simulator.parameters).sample(TRIED, np.random.default_rng(0))
-        covered = simulator.covered(values, member_seeds(0, TRIED))
-        reached = float(np.median(covered[np.isfinite(covered)])) if np.isfinite(covered).any() else np.inf
-        if reached >= COVERED * largest:
+
+        def reach(cells: int) -> float:
+            """Area that colonies of so many cover, in the median."""
+            covered = replace(simulator, cells=cells).covered(values, member_seeds(0, TRIED))
+            return float(np.median(covered[np.isfinite(covered)])) if np.isfinite(covered).any() else np.inf
+
+        if (reached := reach(self.cells)) >= COVERED * largest:
             return
-        at_most = " at most" if self.areas else ""
-        enough = ROOM * self.cells * largest / reached
-        rounded = ceil(enough / (step := 10 ** max(0, floor(log10(enough) - 1)))) * step
+        at_most, rounded, now = " at most" if self.areas else "", self.cells, reached
+        while now < largest:  # of twice the cells colonies are less than twice as large
+            enough = ROOM * rounded * largest / now
+            rounded = ceil(enough / (step := 10 ** max(0, floor(log10(enough) - 1)))) * step
+            now = reach(rounded) if rounded <= MANY else np.inf
         raise InputError(
             f"--cells is {self.cells}, which cover {reached:.3g} µm² (median of {TRIED} colonies of the prior), and "
             f"colonies are compared at {largest:.3g} µm²{at_most}: give about --cells {rounded}, or --match none to "
