@@ -112,9 +112,9 @@ def test_what_differs_between_sets_is_said(work: Path) -> None:
         made_posterior(draws, prior=flat_prior(*likeness.FREE, "colony_variation")).save(folder / "posterior.npz")
         (folder / MANIFEST).write_text("{}")
     first, *rest = likeness.differences([RealRun(one, work / one) for one in (NAME, "awri796-500um", other.name)])
-    assert first.startswith("margin is smaller in AWRI 796, 50 µM than in Simi White, 50 µM by a factor of 0.6")
+    assert first.startswith("margin is smaller in AWRI 796, 50 µM than in Simi White, 50 µM by a factor of 1.5")
     (same,) = rest
     assert same.startswith(
         "transition, sated from pseudohyphal, pseudohyphal from sated, fork, any mother, nutrient exponent, "
-        "colony variation do"
+        "colony variation: AWRI 796, 50 µM and Simi White, 50 µM are not told apart"
     )

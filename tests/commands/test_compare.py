@@ -65,7 +65,7 @@ def test_models_and_conditions(tmp_path: Path, capsys: pytest.CaptureFixture[str
     assert cli.run(["compare", *runs, "--out", str(out)]) == 0
     said = " ".join(capsys.readouterr().out.split())
     assert "new predicts colonies left out better than old, log density +8.0 ± 0.0 over 8 colonies" in said
-    assert "mobility is smaller in new than in rich by a factor of 0.50" in said
+    assert "mobility is smaller in new than in rich by a factor of 2.00" in said
     with (out / "models.csv").open() as file:
         assert [(row["run"], row["worse"]) for row in csv.DictReader(file)] == [("new", "no"), ("old", "yes")]
     with (out / "conditions.csv").open() as file:

@@ -32,7 +32,7 @@ pytest.importorskip("numba")
     ],
 )
 def test_wrong_calls(wrong: dict[str, Any], words: str, unchecked: None) -> None:
-    call = {"parameters": {}, "seeds": [1], "cells": 50} | wrong
+    call: dict[str, Any] = {"parameters": {}, "seeds": [1], "cells": 50} | wrong
     with pytest.raises(InputError, match=words):
         simulate_offlattice(call.pop("parameters"), call.pop("seeds"), **call)
 

@@ -17,7 +17,9 @@ from yeastfit.inference.posterior.result import Posterior
 from yeastfit.report.files.comparison_files import write_comparison
 from yeastfit.results.contents import MANIFEST, RUN, check_finished, check_unchanged
 from yeastfit.results.folder import results_folder
+from yeastfit.text_files import read_csv
 
+OBSERVED = "colonies.csv"
 OF_THE_RUN = ("settings", "prior", "draws", "prior_draws", "condition", "model", "reuse", "method", "leave_out", "free")
 
 
@@ -71,11 +73,20 @@ def _read(path: Path, name: str) -> ComparedRun:
     if not (path / RUN).is_file():
         raise InputError(f"{path} holds no {RUN}, need the folder of a run of yeastfit infer")
     check_finished(path)
-    check_unchanged(path, (RUN, POSTERIOR, LEFT_OUT))
+    check_unchanged(path, (RUN, POSTERIOR, LEFT_OUT, OBSERVED))
     known: dict[str, Any] = read_run(path / RUN)
     configuration = known["configuration"]
     left_out = LeftOut.load(path / LEFT_OUT) if (path / LEFT_OUT).is_file() else None
     data = (str(configuration.get("condition") or ""), *sorted(known["inputs"].values()))
     settings = {name: value for name, value in configuration.items() if name not in OF_THE_RUN}
     posterior = Posterior.load(path / POSTERIOR)
-    return ComparedRun(name, str(configuration.get("model", "")), data, settings, posterior, left_out)
+    observed = _observed(path / OBSERVED)
+    return ComparedRun(name, str(configuration.get("model", "")), data, settings, posterior, left_out, observed)
+
+
+def _observed(path: Path) -> tuple[dict[str, float], ...]:
+    """What a run's table of single colonies has of each; nothing where there is no table."""
+    found: dict[str, dict[str, float]] = {}
+    for _, row in read_csv(path)[1] if path.is_file() else ():
+        found.setdefault(row["colony"], {})[f"{row['statistic']} at {row['hours']}"] = float(row["value"])
+    return tuple(found.values())

@@ -134,7 +134,7 @@ def test_models_and_conditions_together() -> None:
     assert [(one.first, one.second) for one in found.conditions] == [("new-p", "new-q"), ("old-p", "old-q")]
     assert found.settled
     assert found.doubts == ()
-    assert "mobility is smaller in new-p than in new-q by a factor of 0.50" in " ".join(found.sentences())
+    assert "mobility is smaller in new-p than in new-q by a factor of 2.00" in " ".join(found.sentences())
 
 
 def test_the_same_numbers_are_the_same_data() -> None:
@@ -187,6 +187,17 @@ def test_the_density_of_some_colonies_is_said_to_be_of_those() -> None:
     density = np.where(np.arange(COLONIES) < 2, np.nan, -3.0)
     words = "12 colonies left out in 4 groups: log predictive density of 10 of them -30.0 ± 0.0; "
     assert predicted(density).sentence().startswith(words)
+
+
+def test_colonies_are_known_without_any_left_out() -> None:
+    """By what is observed of both, other statistics besides; whole numbers alone are no colony's own."""
+    rows = [{"area at 9": 11.5 + k, "holes at 9": 3.0} for k in range(5)]
+    others = [{"area at 9": 12.5, "solidity at 9": 0.9}, {"area at 9": 99.5, "holes at 9": 3.0}, {"holes at 9": 3.0}]
+    runs = [
+        replace(run("a", "m", "p", 1.0), colonies=tuple(rows)),
+        replace(run("b", "m", "q", 1.0), colonies=tuple(others)),
+    ]
+    assert Comparison.of(runs).doubts == ("a and b have 1 colony in common, and are compared as if all were others",)
 
 
 @pytest.mark.parametrize("level", [90, -0.1, np.nan, "half"])

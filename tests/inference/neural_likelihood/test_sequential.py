@@ -74,7 +74,7 @@ def test_chains_that_end_with_most_steps_say_so() -> None:
         settings = replace(SMALL, settle=10.0, walkers=4, most_steps=most)
         found = emulated(known, known, known.observed(TRUTH, 1, seed=4), settings, seed=7)
         assert found.status is status
-        ended = f"chains ended after {most} steps, which is all that most_steps allows: allow more"
+        ended = f"chains ended after {most} steps, which is all that --most-steps (most_steps) allows: allow more"
         assert (ended in found.warnings) == (status is Status.CHAINS_TOO_SHORT)
 
 

@@ -115,12 +115,14 @@ class ConditionComparison:
                 same.append(name)
                 continue
             side, sure = ("larger", one.larger) if one.larger > 0.5 else ("smaller", 1 - one.larger)
-            low, middle, high = one.ratio
+            low, middle, high = one.ratio if side == "larger" else 1 / one.ratio[::-1]
             by = f" by a factor of {middle:.2f} ({low:.2f} to {high:.2f})" if np.isfinite(middle) else ""
             said.append(f"{name} is {side} in {self.first} than in {self.second}{by}, with probability {sure:.3f}")
         if same:
-            one_of = "does not differ" if len(same) == 1 else "do not differ"
-            said.append(f"{', '.join(same)} {one_of} between {self.first} and {self.second} as far as these data tell")
+            said.append(
+                f"{', '.join(same)}: {self.first} and {self.second} are not told apart, in neither is it larger with "
+                f"probability {SURE:g}"
+            )
         return said
 
 

@@ -97,7 +97,7 @@ def cross_validate(
         walk = Walk.start(posterior_of_kept.program, starts, walkers=how.walkers, most_steps=how.most_steps, seed=seed)
         chains = walk.until(ROUGHLY)
         if chains.steps < ROUGHLY * chains.times.max():
-            doubts.append(f"colonies left out: chains without group {k + 1} are too short, allow more most_steps")
+            doubts.append(f"colonies left out: chains without group {k + 1} are too short, raise --most-steps")
         x, z = posterior_of_kept.parts(chains.flat[:: -(-len(chains.flat) // MOST_DRAWS)])
         places = problem.places(problem.prior.values(x), z)
         mixture = PredictiveMixture.of(emulator, places, problem.noise, single=problem.single_noise)

@@ -3,10 +3,8 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
-from math import isclose
+from math import isclose, isfinite
 from typing import Any
-
-import numpy as np
 
 from yeastfit.errors import InputError
 from yeastfit.inference.comparison.conditions import ConditionComparison
@@ -14,6 +12,7 @@ from yeastfit.inference.comparison.left_out import LeftOut
 from yeastfit.inference.comparison.models import ModelComparison, difference_of_data
 from yeastfit.inference.posterior.result import Posterior
 from yeastfit.inference.prior.distributions import Distribution
+from yeastfit.text import quoted
 
 ROUNDING = 1e-12  # relative difference of means over the same colonies in another order
 
@@ -29,6 +28,7 @@ class ComparedRun:
         settings: Of model and data: statistics, held parameters, and the like.
         posterior: Its draws.
         left_out: Its predictions of colonies left out, where it has made some.
+        colonies: What was observed of each, by name; those left out where they are not given.
     """
 
     name: str
@@ -37,6 +37,14 @@ class ComparedRun:
     settings: Mapping[str, Any]
     posterior: Posterior
     left_out: LeftOut | None = None
+    colonies: tuple[Mapping[str, float], ...] = ()
+
+    def observed(self) -> list[dict[str, float]]:
+        """What is known of each colony."""
+        given: Sequence[Mapping[str, float]] = self.colonies
+        if not given and self.left_out is not None:
+            given = [dict(zip(self.left_out.labels, row, strict=True)) for row in self.left_out.observed.tolist()]
+        return [{name: value for name, value in one.items() if isfinite(value)} for one in given]
 
 
 @dataclass(frozen=True)
@@ -147,12 +155,14 @@ def _conditions(runs: Sequence[ComparedRun]) -> tuple[tuple[ConditionComparison,
             doubts.append(f"{one.name} and {other.name} are not compared: no parameter is free in both")
             continue
         found.append(ConditionComparison.of(one.name, one.posterior, other.name, other.posterior))
-        if shared := _shared(one.left_out, other.left_out):
+        if shared := _shared(one.observed(), other.observed()):
+            noun = "colony" if shared == 1 else "colonies"
             doubts.append(
-                f"{one.name} and {other.name} have {shared} colonies in common, and are compared as if all were others"
+                f"{one.name} and {other.name} have {shared} {noun} in common, and are compared as if all were others"
             )
         doubts += [
-            f"{name} is {one.settings.get(name)} in {one.name} and {other.settings.get(name)} in {other.name}: "
+            f"{name} is {_said(one.settings.get(name))} in {one.name} and {_said(other.settings.get(name))} in "
+            f"{other.name}: "
             "parameters may differ by that alone"
             for name in sorted({*one.settings, *other.settings})
             if one.settings.get(name) != other.settings.get(name)
@@ -167,13 +177,20 @@ def _conditions(runs: Sequence[ComparedRun]) -> tuple[tuple[ConditionComparison,
     return tuple(found), doubts
 
 
-def _shared(one: LeftOut | None, other: LeftOut | None) -> int:
-    """How many colonies have the same numbers in both, as far as they are known."""
-    if one is None or other is None or one.labels != other.labels:
-        return 0
-    apart = np.abs(one.observed[:, None] - other.observed) > ROUNDING * np.abs(other.observed)
-    known = np.isfinite(one.observed)[:, None] & np.isfinite(other.observed)
-    return int((known.any(axis=2) & ~(apart & known).any(axis=2)).any(axis=1).sum())
+def _shared(colonies: Sequence[Mapping[str, float]], others: Sequence[Mapping[str, float]]) -> int:
+    """How many colonies have the same numbers in both, as far as they are known; counts alone tell none."""
+
+    def alike(one: Mapping[str, float], other: Mapping[str, float]) -> bool:
+        names = [name for name in one if name in other]
+        same = all(isclose(one[name], other[name], rel_tol=ROUNDING) for name in names)
+        return same and not all(float(one[name]).is_integer() for name in names)
+
+    return sum(any(alike(one, other) for other in others) for one in colonies)
+
+
+def _said(setting: Any) -> str:
+    """A setting, as files write it."""
+    return "not given" if setting is None else quoted(setting)
 
 
 def _words(distribution: Distribution) -> str:

@@ -72,7 +72,9 @@ def posterior_of(
         backend=last.walk.backend,
     )
     if posterior.status is Status.CHAINS_TOO_SHORT and chains.steps >= most_steps:
-        ended = f"chains ended after {chains.steps} steps, which is all that most_steps allows: allow more"
+        ended = (
+            f"chains ended after {chains.steps} steps, which is all that --most-steps (most_steps) allows: allow more"
+        )
         return posterior.warned(ended)
     return posterior
 

@@ -85,7 +85,7 @@ class ChainDiagnostics:
         sentences = []
         for name, time, length in zip(self.free, self.times, self.lengths, strict=True):
             if not length >= LONG:
-                more = f"run at least {int(np.ceil(LONG * time))} draws" if np.isfinite(time) else "it does not move"
+                more = f"make them {LONG / length:.2g} times as long" if np.isfinite(time) else "it does not move"
                 sentences.append(
                     f"chains are too short for {name}: {self.draws} draws are {length:.1f} autocorrelation times of "
                     f"{time:.1f} draws each, {LONG:g} are wanted: {more}"

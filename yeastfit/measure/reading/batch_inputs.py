@@ -78,7 +78,7 @@ def find_images(
             raise InputError(f"{path}: there is no such file or folder, need micrographs or a data set")
     found = [folder for path in paths if (folder := dataset_folder(path))]
     if found and len(paths) > 1:
-        raise InputError(f"{found[0]}: is a data set, measure it by itself and not beside {len(paths) - 1} others")
+        raise InputError(f"{found[0]}: is a data set, measure it by itself and not beside others")
     if found:
         dataset = read_dataset(found[0])
         return dataset_images(dataset, pixel_size, options), dataset, []

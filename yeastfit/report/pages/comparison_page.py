@@ -31,7 +31,10 @@ def comparison_page(comparison: Comparison, pictures: Mapping[str, bytes], made:
         [
             (page.number(len(comparison.runs)), "runs"),
             (page.number(len(comparison.models)), "sets of colonies seen by several runs"),
-            (page.number(len(comparison.conditions)), "pairs of conditions"),
+            (
+                page.number(len(comparison.conditions)),
+                "pairs of conditions" if len(comparison.conditions) != 1 else "pair of conditions",
+            ),
         ]
     )
     verdicts = "".join(f"<li>{page.text(one)}</li>" for one in comparison.sentences())
