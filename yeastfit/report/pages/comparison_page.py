@@ -15,7 +15,7 @@ MODELS = (
 )
 CONDITIONS = (
     "Median and interval of 90 % of the difference and of the ratio, first over second; first larger: probability that "
-    "the first run's parameter is the larger one."
+    "the first run's parameter is the larger one, ± error; told apart: that is at least 97.5 % or at most 2.5 %."
 )
 
 
