@@ -35,8 +35,8 @@ With the masks or photographs that `data/real` was measured on, which are no par
 --images, a picture of 3 × 6 colonies is written besides: of each set three of them and three simulated ones, mixed,
 all at one scale. Which are real is printed: can you tell? The last table of the page is of these masks, too: how far
 cores are off a circle, of real and simulated colonies and of simulated ones without hairs, whose n* is 1 (a core is
-what a disc of 60 µm reaches), what of circles 5 to 30 % wider than the largest one inside lies inside the colony, in
-how many pieces, and how wide hairs are at three distances beyond the core.
+what a disc of radius 60 µm reaches), what of circles 5 to 30 % wider than the largest one inside lies inside the
+colony, in how many pieces, and how wide hairs are at three distances beyond the core.
 """
 
 import argparse
