@@ -14,7 +14,7 @@ from jaxtyping import Bool, Float, Int
 from yeastfit.compiled import Index, array_kernel, kernel
 from yeastfit.model.cells import LARGEST
 from yeastfit.model.compiled.exponentials import falling_exponential
-from yeastfit.model.compiled.superellipses import squared_norms
+from yeastfit.model.compiled.superellipses import axes_over_sizes, squared_norms, terms_within
 
 COLLECTED = 512
 LARGEST_SHIFT = 30  # tiles of 2³⁰ points along a side: the whole grid is one
@@ -168,7 +168,7 @@ def cover(
     for begin in range(0, len(weights), COLLECTED):
         some = slice(begin, min(begin + COLLECTED, len(weights)))
         if blocky:
-            _axes(forms, directions[some], shapes[0][some], shapes[1][some])
+            axes_over_sizes(forms, directions[some], shapes[0][some], shapes[1][some])
         else:
             _quadratic_forms(forms, directions[some], shapes[0][some], shapes[1][some])
         for k in range(some.start, some.stop):
@@ -194,14 +194,14 @@ def cover(
                 found += f < beyond  # otherwise the next one takes its place
                 if found == COLLECTED:
                     if blocky:
-                        found = _within(place, value, other, whose, shapes[2], found, beyond, scale)
+                        found = terms_within(place, value, other, whose, shapes[2], found, beyond, scale)
                     _add(flat, place, value, whose, weights, found, hard)
                     found = 0
                 j += Index(1)
                 if j == right:
                     i, j = i + Index(1), left
     if blocky:
-        found = _within(place, value, other, whose, shapes[2], found, beyond, scale)
+        found = terms_within(place, value, other, whose, shapes[2], found, beyond, scale)
     _add(flat, place, value, whose, weights, found, hard)
 
 
@@ -220,46 +220,6 @@ def _quadratic_forms(
         part = cos * sin * (along - across)
         forms[0, m], forms[1, m] = cos * cos * along + sin * sin * across, part + part
         forms[2, m] = sin * sin * along + cos * cos * across
-
-
-@kernel
-def _axes(
-    forms: Float[np.ndarray, "part cell"],
-    directions: Float[np.ndarray, "cell 2"],
-    half_lengths: Float[np.ndarray, " cell"],
-    half_widths: Float[np.ndarray, " cell"],
-) -> None:
-    """Coefficients of dx and dy in u / p, then in v / q."""
-    for m in range(len(half_lengths)):
-        cos, sin = directions[m, 0], directions[m, 1]
-        forms[0, m], forms[1, m] = cos / half_lengths[m], sin / half_lengths[m]
-        forms[2, m], forms[3, m] = -sin / half_widths[m], cos / half_widths[m]
-
-
-@kernel
-def _within(
-    place: Int[np.ndarray, " term"],
-    value: Float[np.ndarray, " term"],
-    other: Float[np.ndarray, "2 term"],
-    whose: Int[np.ndarray, " term"],
-    exponents: Float[np.ndarray, " cell"],
-    found: int,
-    beyond: float,
-    scale: float,
-) -> int:
-    """How many terms of superellipses have an f below `beyond`: these, f / s, take the first places.
-
-    Before, `value` is (u/p)² and the first of `other` (v/q)².
-    """
-    one, kept = value.dtype.type(1), 0
-    for m in range(found):
-        other[1, m] = exponents[whose[m]]
-    squared_norms(value, other[0], other[1], found)
-    for m in range(found):
-        f = value[m] - one
-        value[kept], place[kept], whose[kept] = f * scale, place[m], whose[m]
-        kept += f < beyond
-    return kept
 
 
 @kernel

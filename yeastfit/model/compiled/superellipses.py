@@ -1,7 +1,7 @@
-"""Squared radii of superellipses, compiled by numba: `squared_norm` of `cells`, many at a time."""
+"""Squared radii of superellipses, compiled by numba: `squared_norm` of `cells`, many at a time, for `covering`."""
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from yeastfit.compiled import kernel
 from yeastfit.model.compiled.exponentials import falling_exponential, logarithm
@@ -37,3 +37,43 @@ def squared_norms(
     falling_exponential(second, count)
     for m in range(count):
         first[m] *= second[m]
+
+
+@kernel
+def axes_over_sizes(
+    forms: Float[np.ndarray, "part cell"],
+    directions: Float[np.ndarray, "cell 2"],
+    half_lengths: Float[np.ndarray, " cell"],
+    half_widths: Float[np.ndarray, " cell"],
+) -> None:
+    """Coefficients of dx and dy in u / p, then in v / q."""
+    for m in range(len(half_lengths)):
+        cos, sin = directions[m, 0], directions[m, 1]
+        forms[0, m], forms[1, m] = cos / half_lengths[m], sin / half_lengths[m]
+        forms[2, m], forms[3, m] = -sin / half_widths[m], cos / half_widths[m]
+
+
+@kernel
+def terms_within(
+    place: Int[np.ndarray, " term"],
+    value: Float[np.ndarray, " term"],
+    other: Float[np.ndarray, "2 term"],
+    whose: Int[np.ndarray, " term"],
+    exponents: Float[np.ndarray, " cell"],
+    found: int,
+    beyond: float,
+    scale: float,
+) -> int:
+    """How many terms of superellipses have an f below `beyond`: these, f / s, take the first places.
+
+    Before, `value` is (u/p)² and the first of `other` (v/q)².
+    """
+    one, kept = value.dtype.type(1), 0
+    for m in range(found):
+        other[1, m] = exponents[whose[m]]
+    squared_norms(value, other[0], other[1], found)
+    for m in range(found):
+        f = value[m] - one
+        value[kept], place[kept], whose[kept] = f * scale, place[m], whose[m]
+        kept += f < beyond
+    return kept
