@@ -12,7 +12,7 @@ explains their scatter at 500 µM as well as a scatter for each of the five para
 all of them:
 
     cd data/real
-    more="--model offlattice --match each --variation --varying transition --leave-out 4 --each 1024
+    more="--model offlattice --match each --variation --varying transition --leave-out 4 --each 1024 --simulations 20480
         --most-steps 60000 --draws 20 --prior-draws 0 --statistics texture
         --free transition,sated_from_pseudohyphal,pseudohyphal_from_sated,fork,any_mother,nutrient_exponent,margin"
     yeastfit infer simi-white-50um $more --cells 88000 --out WORK/simi-white-50um
