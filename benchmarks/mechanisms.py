@@ -179,15 +179,22 @@ def least(action: Callable[[], Any]) -> float:
     return 1e3 * min(walls)
 
 
-def by_compiled_loops(report: Report, sizes: tuple[int, ...]) -> list[dict[str, Any]]:
-    """A row for each rule: ms a step of stars of several sizes, and times the plain step."""
+def in_stars(report: Report, sizes: tuple[int, ...], compiled: bool) -> dict[str, dict[int, dict[str, float]]]:
+    """`in_turn` of each rule in stars of several sizes, by compiled loops or without."""
     nutrient, steps = np.asarray(grown(MIDDLE).nutrient), 15
     stars = {nodes: (placed(nodes, 3.0, 1.0, 0.7, nutrient), numerics_for(nodes)) for nodes in sizes}
-    plain = {nodes: further({}, {}, *star, steps, compiled=True) for nodes, star in stars.items()}
-    rows = []
+    plain = {nodes: further({}, {}, *star, steps, compiled) for nodes, star in stars.items()}
+    found = {}
     for name, (rules, values) in CASES.items():
-        report.stage(f"compiled loops: {name}")
-        found = {n: in_turn(further(rules, values, *stars[n], steps, compiled=True), plain[n], steps) for n in sizes}
+        report.stage(f"stars of {sizes[0]} to {sizes[-1]} nodes{', compiled loops' if compiled else ''}: {name}")
+        found[name] = {n: in_turn(further(rules, values, *stars[n], steps, compiled), plain[n], steps) for n in sizes}
+    return found
+
+
+def by_compiled_loops(report: Report, sizes: tuple[int, ...]) -> list[dict[str, Any]]:
+    """A row for each rule: ms a step of stars of several sizes, and times the plain step."""
+    rows = []
+    for name, found in in_stars(report, sizes, compiled=True).items():
         row: dict[str, Any] = {"rule": name}
         for n, one in found.items():
             row |= {f"ms, {n} nodes": one["ms a step"], f"times plain, {n} nodes": one["times plain"]}
@@ -197,13 +204,8 @@ def by_compiled_loops(report: Report, sizes: tuple[int, ...]) -> list[dict[str, 
 
 def against_nodes(report: Report, sizes: tuple[int, ...]) -> list[dict[str, Any]]:
     """A row for each rule: ms a step of stars of several sizes, the exponent of nodes, and the ratio at `AT`."""
-    nutrient, steps = np.asarray(grown(MIDDLE).nutrient), 15
-    stars = {nodes: (placed(nodes, 3.0, 1.0, 0.7, nutrient), numerics_for(nodes)) for nodes in sizes}
-    plain = {nodes: further({}, {}, *star, steps) for nodes, star in stars.items()}
     rows = []
-    for name, (rules, values) in CASES.items():
-        report.stage(f"stars of {sizes[0]} to {sizes[-1]} nodes: {name}")
-        found = {n: in_turn(further(rules, values, *stars[n], steps), plain[n], steps) for n in sizes}
+    for name, found in in_stars(report, sizes, compiled=False).items():
         times = {f"{n} nodes": found[n]["ms a step"] for n in sizes}
         exponent = float(np.polyfit(np.log(sizes), np.log(list(times.values())), 1)[0])
         rows.append({"rule": name, **times, "exponent": exponent, f"times plain at {AT}": found[AT]["times plain"]})
