@@ -15,11 +15,11 @@ from yeastfit.inference.comparison.left_out import LeftOut
 from yeastfit.inference.comparison.runs import ComparedRun, Comparison
 from yeastfit.inference.posterior.result import Posterior
 from yeastfit.report.files.comparison_files import write_comparison
+from yeastfit.report.files.fit_files import OBSERVED
 from yeastfit.results.contents import MANIFEST, RUN, check_finished, check_unchanged
 from yeastfit.results.folder import results_folder
 from yeastfit.text_files import read_csv
 
-OBSERVED = "colonies.csv"
 OF_THE_RUN = ("settings", "prior", "draws", "prior_draws", "condition", "model", "reuse", "method", "leave_out", "free")
 
 

@@ -108,10 +108,14 @@ def _told_apart(runs: Sequence[ComparedRun]) -> list[ComparedRun]:
 
 def _same_numbers(one: Posterior, other: Posterior) -> bool:
     """Whether all statistics that both have seen are the same, and not all of them counts."""
-    values, others = (dict(zip(each.labels, each.observed.tolist(), strict=True)) for each in (one, other))
-    shared = [name for name in values if name in others]
-    same = all(isclose(values[name], others[name], rel_tol=ROUNDING) for name in shared)
-    return same and not all(float(values[name]).is_integer() for name in shared)
+    return _alike(*(dict(zip(each.labels, each.observed.tolist(), strict=True)) for each in (one, other)))
+
+
+def _alike(one: Mapping[str, float], other: Mapping[str, float]) -> bool:
+    """Whether all numbers that both have are the same, and not all of them counts."""
+    names = [name for name in one if name in other]
+    same = all(isclose(one[name], other[name], rel_tol=ROUNDING) for name in names)
+    return same and not all(float(one[name]).is_integer() for name in names)
 
 
 def _models(runs: Sequence[ComparedRun]) -> tuple[tuple[ModelComparison, ...], list[str]]:
@@ -178,14 +182,8 @@ def _conditions(runs: Sequence[ComparedRun]) -> tuple[tuple[ConditionComparison,
 
 
 def _shared(colonies: Sequence[Mapping[str, float]], others: Sequence[Mapping[str, float]]) -> int:
-    """How many colonies have the same numbers in both, as far as they are known; counts alone tell none."""
-
-    def alike(one: Mapping[str, float], other: Mapping[str, float]) -> bool:
-        names = [name for name in one if name in other]
-        same = all(isclose(one[name], other[name], rel_tol=ROUNDING) for name in names)
-        return same and not all(float(one[name]).is_integer() for name in names)
-
-    return sum(any(alike(one, other) for other in others) for one in colonies)
+    """How many colonies have the same numbers in both, as far as they are known."""
+    return sum(any(_alike(one, other) for other in others) for one in colonies)
 
 
 def _said(setting: Any) -> str:

@@ -11,6 +11,8 @@ from yeastfit.inference.fit.result import Fit
 from yeastfit.inference.targets import Targets
 from yeastfit.storage import write_table
 
+OBSERVED = "colonies.csv"
+
 
 def write_targets(folder: Path, targets: Mapping[str, Targets]) -> None:
     """Write targets.csv, the curves to be fitted, and colonies.csv, what single colonies have, where that is known.
@@ -50,7 +52,7 @@ def write_targets(folder: Path, targets: Mapping[str, Targets]) -> None:
         for row, column in np.argwhere(np.isfinite(curve))
     ]
     if single:
-        write_table(folder / "colonies.csv", single)
+        write_table(folder / OBSERVED, single)
 
 
 def write_fit(folder: Path, result: Fit, truth: Mapping[str, float] | None = None) -> None:
